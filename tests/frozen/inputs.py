@@ -39,8 +39,8 @@ def _bad(out: Path) -> None:
     from formats.test_checks_cases import ALL
 
     out.mkdir(parents=True)
-    for number, (check, data, _) in enumerate(ALL):
-        (out / f"{number:03}_{check.__name__}.crd").write_bytes(data)
+    for number, (data, _) in enumerate(ALL):
+        (out / f"{number:03}.crd").write_bytes(data)
 
 
 def _stated(out: Path) -> None:

@@ -62,29 +62,17 @@ def test_any_damage_to_a_listing_can_be_compared():
 
 def test_any_listing_can_be_held_against_a_record():
     record = {
-        "points": [{"point": "1", "position": [1e300, None, "x"], "sigma": 3, "bathymetric": 0}],
-        "solution": 3,
-    }
-    record |= {
-        "stations": {"x": 1},
-        "analyses": {"ground_point": [{"size": 3}]},
-        "plates": [3, {"photo": {}}],
-        "cameras": None,
-    }
-    record |= {"bathymetric_points": [{"predicted": []}], "control": [[]], "equal_elevations": [{"points": 3}]}
+        "points": [{"point": "1", "position": [1e300, None, "x"], "sigma": 3, "bathymetric": 0}], "solution": 3,
+        "stations": {"x": 1}, "analyses": {"ground_point": [{"size": 3}]}, "plates": [3, {"photo": {}}],
+        "cameras": None, "bathymetric_points": [{"predicted": []}], "control": [[]],
+        "equal_elevations": [{"points": 3}],
+    }  # fmt: skip
     rng = random.Random(3)
     titles = [
-        "Adjusted Ground Points",
-        "Solution Summary",
-        "Ground Point Analysis",
-        "Size Of The Job",
-        "Input: Cameras",
-        "Bathymetric Points",
-        "Input: Plate Measurements",
-        "Input: Control",
-        "Equal Elevation Points",
+        "Adjusted Ground Points", "Solution Summary", "Ground Point Analysis", "Size Of The Job", "Input: Cameras",
+        "Bathymetric Points", "Input: Plate Measurements", "Input: Control", "Equal Elevation Points",
         "Plate Residuals",
-    ]
+    ]  # fmt: skip
     for _ in range(100):
         head = "Point        Latitude      Elevation\n              D  M  S              m\n"
         head += "-----  -------------  -------------\n"

@@ -154,7 +154,7 @@ class _Gaps:
             return []
         kept = _increasing(_unique_pairs(keys[0], keys[1], a, b))
         place_a, place_b = ({row: n for n, row in enumerate(rows)} for rows in (a, b))
-        marks = [(-1, -1), *((place_a[one], place_b[other]) for one, other in kept), (len(a), len(b))]
+        marks = [(-1, -1), *((place_a[row_a], place_b[row_b]) for row_a, row_b in kept), (len(a), len(b))]
         pairs = list(kept)
         for (a0, b0), (a1, b1) in pairwise(marks):
             pairs += otherwise(a[a0 + 1 : a1], b[b0 + 1 : b1])
@@ -169,7 +169,7 @@ class _Gaps:
         if len(a) * len(b) > _DENSE:
             return [pair for pair in zip(a, b, strict=False) if self._score(*pair) > 0.0]
         best = [[0.0] * (len(b) + 1) for _ in range(len(a) + 1)]
-        score = [[self._score(one, other) for other in b] for one in a]
+        score = [[self._score(row_a, row_b) for row_b in b] for row_a in a]
         for i in reversed(range(len(a))):
             for j in reversed(range(len(b))):
                 with_both = best[i + 1][j + 1] + score[i][j] if score[i][j] > 0.0 else 0.0
@@ -189,10 +189,10 @@ class _Gaps:
         ids = [self.ids[0][n] for n in a]
         return all(ids) and ids == [self.ids[1][n] for n in b]
 
-    def _score(self, one: int, other: int) -> float:
+    def _score(self, row_a: int, row_b: int) -> float:
         """Return how much two rows have in common; 0 where they are no partners."""
-        id_a, id_b = self.ids[0][one], self.ids[1][other]
-        fields_a, fields_b = self.texts[0][one].split(), self.texts[1][other].split()
+        id_a, id_b = self.ids[0][row_a], self.ids[1][row_b]
+        fields_a, fields_b = self.texts[0][row_a].split(), self.texts[1][row_b].split()
         common = sum(x == y for x, y in zip(fields_a, fields_b, strict=False))
         alike = common / max(len(fields_a), len(fields_b), 1)
         if id_a and id_a == id_b:

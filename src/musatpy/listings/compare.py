@@ -36,13 +36,12 @@ def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Di
     judge = Judge(rules)
     both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
     tallies = [_Sections(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
-    notes = [f"{tally.title}: {_asterisks(tally.untold)}" for tally in tallies if tally.untold]
-    return Difference.of(names, tallies, judge.uses(), notes)
-
-
-def _asterisks(count: int) -> str:
-    fields = "1 field" if count == 1 else f"{count} fields"
-    return f"{fields} of asterisks in both, whose numbers are not known"
+    counts = [(tally.title, tally.overflowed) for tally in tallies if tally.overflowed]
+    notes = [
+        f"{title}: {count} field{'s' * (count > 1)} of asterisks in both, whose numbers are not known"
+        for title, count in counts
+    ]
+    return Difference.of(names, tallies, judge.rules, notes)
 
 
 def _coarse(text: str) -> tuple[str, ...]:
@@ -60,7 +59,7 @@ class _Sections(Comparison):
     """One section of both listings, or of one only."""
 
     def __init__(self, judge: Judge, pair: SectionPair) -> None:
-        self.pair = pair
+        self.sections = pair
         self.a, self.b = pair.a or Section(""), pair.b or Section("")
         title = (pair.a or self.b).title
         titles = [section.title for section in (pair.a, pair.b) if section]
@@ -72,26 +71,26 @@ class _Sections(Comparison):
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
-        if self.pair.columns is None:
+        if self.sections.columns is None:
             self.around_rows()
-        if not self.pair.lonely:
+        if not self.sections.lonely:
             self.all_rows()
         return self.result
 
     def around_rows(self) -> None:
         """Compare titles and headings, and where the sections stand."""
-        if self.pair.lonely:
-            self.only_here(self.pair.lonely)
+        if self.sections.lonely:
+            self.only_here(self.sections.lonely)
             return
-        if self.pair.moved and not self.allows(spot_of(self.a), "order"):
+        if self.sections.moved and not self.allows(spot_of(self.a), "order"):
             places = [
                 place_of(section.titles or [line for line, _ in section.lines[:1]]) for section in (self.a, self.b)
             ]
-            self.found("order", Where("(the section)", *places))
+            self.finding("order", Where("(the section)", *places))
         common = min(len(self.a.titles), len(self.b.titles))
         rows = [[Row(line, ("(title)",), -1) for line in section.titles] for section in (self.a, self.b)]
-        for one, other in zip(*rows, strict=False):
-            self.rows(one, other, False)
+        for a, b in zip(*rows, strict=False):
+            self.rows(a, b, False)
         for row in rows[0][common:]:
             self.only(row, "A")
         for row in rows[1][common:]:
@@ -128,7 +127,7 @@ class _Sections(Comparison):
         Of a table whose columns stand in other tables there, what is left are the columns that do not.
         """
         section = self.a if side == "A" else self.b
-        if self.pair.elsewhere:
+        if self.sections.elsewhere:
             self.only_columns(side, section.columns)
         elif not self.allows(spot_of(section), side):
             text = "1 row" if len(section.lines) == 1 else f"{len(section.lines)} rows"
@@ -138,10 +137,9 @@ class _Sections(Comparison):
         """Report columns that only one listing has, in any of its tables, once."""
         section = self.a if side == "A" else self.b
         for column in columns:
-            if column.name in self.pair.elsewhere:
+            if column.name in self.sections.elsewhere:
                 continue
-            spot = spot_of(section)
-            both = RowPair(Where(), spot, self.judge.of_row(self.rules, spot))
+            both = self.pair(Where(), spot_of(section))
             field = Field(0, section.columns.index(column) + 1, column.name)
             decider = self.rule(both, field, None, None)
             if decider is None or not decider.rule.skip:
@@ -150,7 +148,7 @@ class _Sections(Comparison):
 
     def only(self, row: Row, side: str) -> None:
         """Take a row that the other listing has not."""
-        if self.pair.columns is None:
+        if self.sections.columns is None:
             spot = spot_of(self.a if side == "A" else self.b, row)
             self.only_row(spot, side, squeezed(row.line.text), Where(name_of(row), place_of([row.line])))
 
@@ -159,22 +157,19 @@ class _Sections(Comparison):
         self.result.rows += 1
         texts = a.line.text, b.line.text
         if "**" in texts[0] and "**" in texts[1]:
-            self.result.untold += _overflows_in_both(self.a, a, b)
+            self.result.overflowed += _overflows_in_both(self.a, a, b)
         same = texts[0] == texts[1]
         if not same and not (self.a.grouped and self.b.grouped):
             same = texts[0].split() == texts[1].split()
         if same and not moved and not self.pending:
             return
         where = Where(name_of(a), place_of([a.line]), place_of([b.line]))
-        both = RowPair(where)
-        if self.rules:
-            spot = spot_of(self.a, a, b)
-            both = RowPair(where, spot, self.judge.of_row(self.rules, spot))
-        if moved and not self.judge.about_row(both.among, both.spot, "order"):
-            self.found("order", where)
+        both = self.pair(where, spot_of(self.a, a, b)) if self.rules else RowPair(where)
+        if moved:
+            self.elsewhere(both)
         if not same:
-            for field, unit, ones, others in self.cells(a, b, both.among):
-                self.cell(field, unit, ones, others, both)
+            for field, unit, fields_a, fields_b in self.cells(a, b, both.among):
+                self.cell(field, unit, fields_a, fields_b, both)
         elif still_open(both.among):
             self.touch(a, both)
             self.pending = still_open(self.pending)
@@ -183,8 +178,8 @@ class _Sections(Comparison):
         """Let the rules of a row that does not differ decide about its values, so that it is known that they do."""
         for column, placed in self.a.cells(row.line.text, angles=self.reads_angles(row, both.among)):
             field = Field(column, column + 1, self.a.columns[column].name if column >= 0 else "")
-            for n, one in enumerate(placed, start=1):
-                self.rule(both, _spanning(field, [one], n), one.token, one.token)
+            for n, piece in enumerate(placed, start=1):
+                self.rule(both, _spanning(field, [piece], n), piece.token, piece.token)
         self.judge.touch_rows(both.among, both.spot)
 
     def reads_angles(self, row: Row, among: RuleSet) -> bool:
@@ -196,11 +191,11 @@ class _Sections(Comparison):
         angles = self.reads_angles(a, among)
         sides = [section.cells(row.line.text, angles=angles) for section, row in ((self.a, a), (self.b, b))]
         if not (self.a.columns and self.b.columns) or a.block < 0:
-            ones, others = ([placed for _, inside in cells for placed in inside] for cells in sides)
-            yield _NO_FIELD, "", ones, others
+            fields_a, fields_b = ([placed for _, inside in cells for placed in inside] for cells in sides)
+            yield _NO_FIELD, "", fields_a, fields_b
             return
         cells = dict(sides[0]), dict(sides[1])
-        if self.pair.columns is None:
+        if self.sections.columns is None:
             yield _NO_FIELD, "", cells[0].get(-1, []), cells[1].get(-1, [])
         for n, other in self.columns:
             column = self.a.columns[n]
@@ -211,9 +206,9 @@ class _Sections(Comparison):
         if len(a) != len(b):
             self.unequal(field, a, b, both)
             return
-        for n, (one, other) in enumerate(_pairs_of_fields(a, b), start=1):
-            if one.token.text != other.token.text:
-                self.weigh(both, _spanning(field, [one, other], n), unit, one.token, other.token)
+        for n, (of_a, of_b) in enumerate(_pairs_of_fields(a, b), start=1):
+            if of_a.token.text != of_b.token.text:
+                self.weigh(both, _spanning(field, [of_a, of_b], n), unit, of_a.token, of_b.token)
 
     def unequal(self, field: Field, a: Sequence[Placed], b: Sequence[Placed], both: RowPair) -> None:
         """Take a cell with more tokens in one listing: what is left of it without those equal at both ends."""
@@ -223,12 +218,8 @@ class _Sections(Comparison):
         while min(ends) > start and a[ends[0] - 1].token.text == b[ends[1] - 1].token.text:
             ends = [end - 1 for end in ends]
         rest = a[start : ends[0]], b[start : ends[1]]
-        span = _spanning(field, [*rest[0], *rest[1]], start + 1)
-        decider = self.rule(both, span, None, None)
-        if decider is None or not decider.rule.skip:
-            ones, others = (" ".join(placed.token.text for placed in part) or None for part in rest)
-            name = decider.rule.name if decider else "exact"
-            self.found("text", both.where, (ones, others), column=self.name_of(span), rule=name)
+        text_a, text_b = (" ".join(placed.token.text for placed in part) or None for part in rest)
+        self.unpaired(both, _spanning(field, [*rest[0], *rest[1]], start + 1), (text_a, text_b))
 
     def name_of(self, field: Field) -> str:
         """Return the heading of a field, or its number in the row."""
@@ -253,7 +244,7 @@ def _pairs_of_columns(
 
 def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
     """Return a field with its columns of print; in no column its number counts the fields of the row."""
-    start, end = min(one.start for one in placed), max(one.end for one in placed)
+    start, end = min(field.start for field in placed), max(field.end for field in placed)
     return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
 
 
@@ -261,13 +252,13 @@ def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Pla
     """Return tokens in pairs, words that differ one after the other put together."""
     pairs: list[tuple[Placed, Placed]] = []
     joins = False  # the pair before is of words that differ
-    for one, other in zip(a, b, strict=True):
-        words = one.token.kind == other.token.kind == "word" and one.token.text != other.token.text
-        if words and joins:
-            pairs[-1] = _joined(pairs[-1][0], one), _joined(pairs[-1][1], other)
+    for of_a, of_b in zip(a, b, strict=True):
+        differ = of_a.token.kind == of_b.token.kind == "word" and of_a.token.text != of_b.token.text
+        if differ and joins:
+            pairs[-1] = _joined(pairs[-1][0], of_a), _joined(pairs[-1][1], of_b)
         else:
-            pairs.append((one, other))
-        joins = words
+            pairs.append((of_a, of_b))
+        joins = differ
     return pairs
 
 

@@ -28,21 +28,17 @@ def compare_bytes(
 ) -> Difference:
     """Return what `compare_files` does of the contents of two files; their names say which are JSON."""
     texts = text_of(a, names[0]), text_of(b, names[1])
+    rules, json = rules or Rules(), [name.lower().endswith(".json") for name in names]
     with localcontext(EXACTLY):
-        return _compared(texts, rules or Rules(), names)
+        if all(json):
+            from musatpy.listings.records import compare_records
 
+            return compare_records(*texts, rules, names)
+        if any(json):
+            from musatpy.listings.mixed import compare_with_record
 
-def _compared(texts: tuple[str, str], rules: Rules, names: tuple[str, str]) -> Difference:
-    json = [name.lower().endswith(".json") for name in names]
-    if all(json):
-        from musatpy.listings.records import compare_records
-
-        return compare_records(*texts, rules, names)
-    if any(json):
-        from musatpy.listings.mixed import compare_with_record
-
-        return compare_with_record(*texts, rules, names, listing=json.index(False))
-    return compare_listings(*texts, rules, names)
+            return compare_with_record(*texts, rules, names, listing=json.index(False))
+        return compare_listings(*texts, rules, names)
 
 
 def compare_texts(a: str, b: str, rules: Rules | None = None, names: tuple[str, str] = ("A", "B")) -> Difference:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any, Literal, NamedTuple
 
+from musatpy.listings.rules import Rule
+
 FindingKind = Literal["number", "angle", "text", "overflow", "only in A", "only in B", "order", "column", "section"]
 
 
@@ -57,12 +59,12 @@ class Tally:
     title: str
     rows: int = 0
     passed: int = 0
-    untold: int = 0  # fields of asterisks in both files
+    overflowed: int = 0  # fields of asterisks in both files
     findings: list[Finding] = field(default_factory=list)
     largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
     sizes: dict[tuple[str, bool], Any] = field(default_factory=dict)  # of these, a key has numbers of one type
 
-    def found(self, finding: Finding, *, passes: bool = False) -> None:
+    def add(self, finding: Finding, *, passes: bool = False) -> None:
         """Take a difference, which a rule lets pass or not."""
         if passes:
             self.passed += 1
@@ -89,14 +91,19 @@ class Tally:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(eq=False)
 class RuleUse:
     """What became of one rule: whether it selected anything, and how many differences it let pass."""
 
-    name: str
-    matched: bool
-    applied: bool  # False where a later rule always won
-    passed: int
+    rule: Rule
+    matched: bool = False
+    applied: bool = False  # False where a later rule always won
+    passed: int = 0
+
+    @property
+    def name(self) -> str:
+        """The name of the rule."""
+        return self.rule.name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +125,7 @@ class Difference:
         cls,
         names: tuple[str, str],
         tallies: Sequence[Tally],
-        rules: tuple[RuleUse, ...],
+        rules: Iterable[RuleUse],
         not_compared: Iterable[str] = (),
     ) -> Difference:
         """Return the result of all sections of two files."""
@@ -127,7 +134,7 @@ class Difference:
             b=names[1],
             findings=tuple(finding for tally in tallies for finding in tally.findings),
             sections=tuple(tally.summary() for tally in tallies),
-            rules=rules,
+            rules=tuple(rules),
             not_compared=tuple(not_compared),
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any
@@ -29,7 +29,7 @@ class Number(str):
 
 
 @dataclass(eq=False)
-class Table:
+class RecordTable:
     """Rows of a record: of a list of objects, or one row of what stands in an object."""
 
     name: str
@@ -42,13 +42,9 @@ class Table:
         for name in _ID_FIELDS:
             if self.rows and all(name in row for row in self.rows):
                 names = (*names, name)
-                if self._tell_apart(names):
+                if len({repr([row[name] for name in names]) for row in self.rows}) == len(self.rows):
                     break
         return names
-
-    def _tell_apart(self, names: Sequence[str]) -> bool:
-        """Tell whether no two rows have the same in all of some fields."""
-        return len({repr([row[name] for name in names]) for row in self.rows}) == len(self.rows)
 
     @cached_property
     def ids(self) -> list[tuple[str, ...]]:
@@ -62,11 +58,11 @@ class Table:
         return f"row {n + 1}" if len(self.rows) > 1 else "values"
 
 
-def tables_of(content: Any) -> dict[str, Table]:
+def tables_of(content: Any) -> dict[str, RecordTable]:
     """Return the tables of a file by their paths, in their order."""
-    tables: dict[str, Table] = {}
+    tables: dict[str, RecordTable] = {}
     for path, rows in _tables(content, ""):
-        tables.setdefault(path or TOP, Table(path or TOP)).rows.extend(rows)
+        tables.setdefault(path or TOP, RecordTable(path or TOP)).rows.extend(rows)
     return tables
 
 
@@ -103,7 +99,7 @@ def _is_table(value: Any) -> bool:
 
 def texts_of(value: Any) -> list[str]:
     """Return the texts of a list, or that of a value."""
-    return [str(one) for one in value] if isinstance(value, list) else [str(value)]
+    return [str(entry) for entry in value] if isinstance(value, list) else [str(value)]
 
 
 def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:

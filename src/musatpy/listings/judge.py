@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from decimal import Context, Decimal
 from functools import lru_cache
 from typing import NamedTuple
@@ -62,76 +61,59 @@ class Verdict(NamedTuple):
     unit: str = ""
 
 
-@dataclass(eq=False)
-class Applied:
-    """A rule, and what became of it."""
-
-    rule: Rule
-    matched: bool = False
-    applied: bool = False
-    passed: int = 0
-
-
-RuleSet = Sequence[Applied]  # in the order of their file
+RuleSet = Sequence[RuleUse]  # in the order of their file
 
 
 class Judge:
     """All rules of a comparison, and what was used of them."""
 
     def __init__(self, rules: Rules) -> None:
-        self.rules: RuleSet = [Applied(rule) for rule in rules.rules]
+        self.rules: RuleSet = [RuleUse(rule) for rule in rules.rules]
 
     def of_section(self, titles: Sequence[str]) -> RuleSet:
         """Return the rules that select something in a section."""
         return [
-            one
-            for one in self.rules
-            if one.rule.section is None or any(one.rule.section.search(title) for title in titles)
+            use
+            for use in self.rules
+            if use.rule.section is None or any(use.rule.section.search(title) for title in titles)
         ]
 
     def of_row(self, among: RuleSet, spot: Spot) -> RuleSet:
         """Return the rules among those of a section that select something in a row."""
-        return [one for one in among if _selects_row(one.rule, spot)]
+        return [use for use in among if _selects_row(use.rule, spot)]
 
     def of_field(self, among: RuleSet, spot: Spot, field: Field) -> RuleSet:
         """Return the rules among those of a row that select a field."""
-        return [one for one in among if _selects_field(one.rule, spot, field)]
+        return [use for use in among if _selects_field(use.rule, spot, field)]
 
-    def uses(self) -> tuple[RuleUse, ...]:
-        """Return what became of every rule."""
-        return tuple(
-            RuleUse(name=one.rule.name, matched=one.matched, applied=one.applied, passed=one.passed)
-            for one in self.rules
-        )
-
-    def about_row(self, among: RuleSet, spot: Spot, side: str) -> str:
-        """Return the name of the rule that allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
-        name = ""
-        for one in self.of_field(among, spot, _WHOLE_ROW):
-            rule = one.rule
+    def allows(self, among: RuleSet, spot: Spot, side: str) -> bool:
+        """Tell whether rules allow a row in one file only (`A`, `B`), or elsewhere (`order`): the last decides."""
+        allowed = False
+        for use in self.of_field(among, spot, _WHOLE_ROW):
+            rule = use.rule
             if rule.skip or (rule.order if side == "order" else rule.only):
-                one.matched = one.applied = True
-                name = rule.name if rule.skip or rule.order or rule.only in (side, "either") else ""
-                one.passed += bool(name)
-        return name
+                use.matched = use.applied = True
+                allowed = rule.skip or side == "order" or rule.only in (side, "either")
+                use.passed += allowed
+        return allowed
 
-    def about_value(self, among: RuleSet, a: Token | None, b: Token | None) -> Applied | None:
+    def about_value(self, among: RuleSet, a: Token | None, b: Token | None) -> RuleUse | None:
         """Return the last of the rules of a field that decides about two tokens, None for exactly equal."""
         last = None
-        for one in among:
-            if one.rule.decides_values and _fits(one.rule, a, b):
-                one.matched, last = True, one
+        for use in among:
+            if use.rule.decides_values and _fits(use.rule, a, b):
+                use.matched, last = True, use
         if last:
             last.applied = True
         return last
 
     def touch_rows(self, among: RuleSet, spot: Spot) -> None:
         """Mark the rules about order, and rows in one only, that speak of a row."""
-        for one in self.of_field(among, spot, _WHOLE_ROW):
-            if one.rule.order or one.rule.only:
-                one.matched = one.applied = True
+        for use in self.of_field(among, spot, _WHOLE_ROW):
+            if use.rule.order or use.rule.only:
+                use.matched = use.applied = True
 
-    def weigh(self, decider: Applied | None, a: Token, b: Token, sigma: float | None = None) -> Verdict:
+    def weigh(self, decider: RuleUse | None, a: Token, b: Token, sigma: float | None = None) -> Verdict:
         """Return the verdict on two tokens of different texts; within the context `EXACTLY`."""
         rule = decider.rule if decider else None
         name = rule.name if rule else "exact"
@@ -158,12 +140,12 @@ class Judge:
 
 def still_open(among: RuleSet) -> RuleSet:
     """Return the rules of which it is not known yet that they match, and decide about something."""
-    return [one for one in among if not (one.matched and one.applied)]
+    return [use for use in among if not (use.matched and use.applied)]
 
 
 def read_angles(among: RuleSet) -> bool:
     """Tell whether rules are about degrees, minutes and seconds."""
-    return any(one.rule.arcsec is not None and one.rule.angle == "dms" for one in among)
+    return any(use.rule.arcsec is not None and use.rule.angle == "dms" for use in among)
 
 
 def _selects_row(rule: Rule, spot: Spot) -> bool:

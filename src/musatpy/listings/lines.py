@@ -11,10 +11,10 @@ from musatpy.errors import Problem, ProblemsError
 from musatpy.listings.rules import Layout
 
 _PAGE_NUMBER = re.compile(r"(?:^|\s)\(?PAGE(?: +NO\.?)?[ .:#]*\d+(?: *(?:OF|/) *\d+)?\)?\s*$", re.IGNORECASE)
+CUT = re.compile(r"Only the worst \d+ of \d+ rows ")  # below a table of a brief listing
 _REFERENCE = re.compile(r"(?:^| )\(page \d+\)$")  # behind what another page shows
 _NUMBER_IN_FRONT = re.compile(r"[-+1]\.?\d|0\.\d")  # "0" and a row that begins with a number are no number
-_CONTROL = frozenset(" 01-+")
-_SKIPPED = {"0": 1, "-": 2}  # blank lines before
+SKIPPED = {" ": 0, "0": 1, "-": 2, "1": 0, "+": 0}  # blank lines that a carriage control character asks for
 
 
 class CannotCompareError(ProblemsError):
@@ -61,7 +61,7 @@ def paper_of(text: str, layout: Layout) -> Paper:
 def has_carriage_control(lines: Sequence[str]) -> bool:
     """Tell whether column 1 is ASA carriage control: a page of text begins there, and no number."""
     written = [line for line in lines if line]
-    if not written or written[0][0] != "1" or not all(line[0] in _CONTROL for line in written):
+    if not written or written[0][0] != "1" or not all(line[0] in SKIPPED for line in written):
         return False
     if not any(character.isalpha() for character in written[0]) or all(line[0] != " " for line in written):
         return False
@@ -79,7 +79,7 @@ def _controlled(lines: Sequence[str]) -> list[list[Line]]:
             below = pages[-1][-1]
             pages[-1][-1] = below._replace(text=_overprinted(below.text, text))
             continue
-        pages[-1] += [Line("", len(pages), number)] * _SKIPPED.get(control, 0)
+        pages[-1] += [Line("", len(pages), number)] * SKIPPED.get(control, 0)
         pages[-1].append(Line(text, len(pages), number))
     return pages
 
@@ -96,13 +96,13 @@ def _fed(lines: Sequence[str]) -> list[list[Line]]:
     pages: list[list[Line]] = [[]]
     page = 1
     for number, line in enumerate(lines, start=1):
-        first, *others = line.split("\f")
+        first, *rest = line.split("\f")
         pages[-1].append(Line(first.expandtabs().rstrip(), page, number))
-        for other in others:
-            if any(one.text for one in pages[-1]):
+        for part in rest:
+            if any(line.text for line in pages[-1]):
                 pages.append([])
                 page += 1
-            pages[-1].append(Line(other.expandtabs().rstrip(), page, number))
+            pages[-1].append(Line(part.expandtabs().rstrip(), page, number))
     return pages
 
 
@@ -118,9 +118,9 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
         for line in page:
             text = line[0]
             if (patterns or "age" in text or "AGE" in text) and _is_header(
-                text, layout, at_top=not any(one.text for one in kept[-1])
+                text, layout, at_top=not any(line.text for line in kept[-1])
             ):
-                if any(one.text for one in kept[-1]):
+                if any(line.text for line in kept[-1]):
                     kept.append([])
                     number += 1
                 title = " ".join(_PAGE_NUMBER.sub("", text).split())
@@ -130,7 +130,7 @@ def _without_headers(pages: Sequence[Sequence[Line]], layout: Layout) -> Paper:
             if text.endswith(")") and _REFERENCE.search(text):
                 line = line._replace(text=_REFERENCE.sub("", text))
             kept[-1].append(line if line[1] == number else line._replace(page=number))
-        if not any(one.text for one in kept[-1]) and len(kept) > 1:
+        if not any(line.text for line in kept[-1]) and len(kept) > 1:
             kept.pop()
             number -= 1
     return Paper(pages=tuple(tuple(page) for page in kept), headers=tuple(headers.values()))

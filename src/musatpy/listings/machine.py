@@ -43,7 +43,7 @@ def json_parts(difference: Difference) -> Iterator[str]:
                 "rows": section.rows,
                 "different": section.different,
                 "passed": section.passed,
-                "largest": [_finding(finding) for finding in section.largest],
+                "largest": [dict(zip(_KEYS, _values(finding), strict=True)) for finding in section.largest],
             }
             for section in difference.sections
         ],
@@ -62,14 +62,13 @@ def json_parts(difference: Difference) -> Iterator[str]:
     yield ("\n ],\n" if findings else "],\n") + json.dumps(tail, indent=1).removeprefix("{\n") + "\n"
 
 
-def _finding(finding: Finding) -> dict[str, object]:
-    return dict(zip(_KEYS, _values(finding), strict=True))
-
-
 def _finding_text(finding: Finding) -> str:
     """Return a difference as `json.dumps` lays it out with an indent of one, which takes eight times as long."""
     return _TEMPLATE % tuple(
-        [_quoted(one) if type(one) is str else "null" if one is None else repr(one) for one in _values(finding)]
+        [
+            _quoted(value) if type(value) is str else "null" if value is None else repr(value)
+            for value in _values(finding)
+        ]
     )
 
 

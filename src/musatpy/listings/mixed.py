@@ -13,7 +13,7 @@ from musatpy.listings.align import Alignment, align
 from musatpy.listings.findings import Difference, Place, Tally
 from musatpy.listings.json_tables import at, read_json
 from musatpy.listings.judge import Field, Judge, Spot
-from musatpy.listings.lines import CannotCompareError, paper_of
+from musatpy.listings.lines import CUT, CannotCompareError, paper_of
 from musatpy.listings.recorded import (
     entries_of,
     id_text,
@@ -30,7 +30,6 @@ from musatpy.listings.weighing import Comparison, RowPair, Where
 from musatpy.reports.origin import Mapped, Origin
 
 _MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
-_CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
 
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
@@ -52,7 +51,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
         notes += comparison.notes()
     if not tallies:
         raise CannotCompareError([Problem(file=names[listing], message="has no section with numbers of a record")])
-    return Difference.of(names, tallies, judge.uses(), notes)
+    return Difference.of(names, tallies, judge.rules, notes)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,7 +85,7 @@ class _Cells:
 
     def tokens(self, column: int) -> list[Token]:
         """Return the tokens in a column."""
-        return [one.token for one in self.placed.get(column, [])]
+        return [placed.token for placed in self.placed.get(column, [])]
 
     def is_zero(self, column: int) -> bool:
         """Tell whether the number in a column is zero as printed."""
@@ -129,14 +128,16 @@ class _Shown(Comparison):
         entries = entries_of(self.mapped, self.content)
         rows = list(self.rows_of(ids, {entry.ids for entry in entries}))
         columns = self.columns(names)
-        self.leave_out({*ids, *(one.field.column for one in columns), *(one.unit_in for one in columns)})
+        self.leave_out(
+            {*ids, *(column.field.column for column in columns), *(column.unit_in for column in columns)}
+        )
         alignment = self.alignment([key for *_, key in rows], [entry.ids for entry in entries])
         partner = dict(alignment.pairs)
         for n, (row, cells, _) in enumerate(rows):
             if n not in partner:
                 self.only_listed(row)
                 continue
-            both = self.pair(row, entries[partner[n]].fields)
+            both = self.row_pair(row, entries[partner[n]].fields)
             for column in columns:
                 if column.unless < 0 or not cells.is_zero(column.unless):
                     unit = self.unit(column, row, cells)
@@ -152,7 +153,7 @@ class _Shown(Comparison):
         for row in self.section.rows:
             cells = _Cells(self.section, row)
             key = tuple([cells.text(n) for n in ids])
-            is_cut = bool(_CUT.match(row.line.text) or _MORE.match(row.line.text))
+            is_cut = bool(CUT.match(row.line.text) or _MORE.match(row.line.text))
             self.cut = self.cut or is_cut
             if is_cut or -1 in cells.placed or (row.line.number == after_note and key not in known):
                 self.unknown["notes"] += 1
@@ -213,7 +214,7 @@ class _Shown(Comparison):
             if source is None:
                 self.unknown[row.ids[0]] += 1
                 continue
-            both, cells = self.pair(row, {}), _Cells(self.section, row)
+            both, cells = self.row_pair(row, {}), _Cells(self.section, row)
             for n, column in enumerate(self.section.columns):
                 entry = by_id.get(column.name) if by_id else (entries[n] if n < len(entries) else None)
                 if entry is None:
@@ -232,33 +233,32 @@ class _Shown(Comparison):
         for row in self.section.rows:
             entry, letter = entries.get(row.ids[0]), row.ids[-1]
             if entry is None or letter not in ("X", "Y", "Z"):
-                if any(one.token.kind == "number" for one in tokens_of(row.line.text)):
+                if any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
                     self.only_listed(row)
                 else:
                     self.unknown["notes"] += 1
                 continue
-            both, cells = self.pair(row, entry), dict(self.section.cells(row.line.text, angles=False))
+            both, cells = self.row_pair(row, entry), _Cells(self.section, row)
             for n, column in enumerate(self.section.columns):
                 if source := self.mapped.columns.get(column.name):
                     path = Origin(field=f"{source.field}[{'XYZ'.index(letter)}]")
-                    tokens = [one.token for one in cells.get(n, [])]
-                    self.value(both, Field(n, n + 1, column.name), "", tokens, path)
+                    self.value(both, Field(n, n + 1, column.name), "", cells.tokens(n), path)
 
     def labels(self) -> None:
         """Compare lines of a label and a value."""
         for row in self.section.rows:
-            numbers = [one for one in tokens_of(row.line.text) if one.token.kind in ("number", "overflow")]
+            numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
             source = self.mapped.source_of(row.ids[0])
             if not numbers or source is None:
                 self.unknown[row.ids[0] if numbers else "words"] += 1
                 continue
-            sources = [source, *(dataclasses.replace(source, field=one) for one in source.then)]
+            sources = [source, *(dataclasses.replace(source, field=path) for path in source.then)]
             if len(numbers) > len(sources):
                 self.unknown[f"{row.ids[0]}, all but the first number"] += 1
-            both = self.pair(row, self.content)
-            for n, (one, of) in enumerate(zip(numbers, sources, strict=False), start=1):
-                field = Field(-1, n, "sigma" if n > 1 else "", one.start, one.end)
-                self.value(both, field, of.unit, [one.token], of)
+            both = self.row_pair(row, self.content)
+            for n, (number, of) in enumerate(zip(numbers, sources, strict=False), start=1):
+                field = Field(-1, n, "sigma" if n > 1 else "", number.start, number.end)
+                self.value(both, field, of.unit, [number.token], of)
 
     def texts(self) -> None:
         """Compare sentences, however their lines are broken."""
@@ -288,7 +288,7 @@ class _Shown(Comparison):
                 texts.append(id_text(entry.get("text") if isinstance(entry, dict) else entry))
         return texts
 
-    def pair(self, row: Row, fields: Mapping[str, Any]) -> _RowPair:
+    def row_pair(self, row: Row, fields: Mapping[str, Any]) -> _RowPair:
         """Return a row of the listing with what the record has of it, and the rules that select something in it."""
         self.result.rows += 1
         places = [Place(), Place()]
@@ -298,7 +298,7 @@ class _Shown(Comparison):
 
     def value(self, both: _RowPair, field: Field, unit: str, printed: Sequence[Token], source: Origin) -> None:
         """Weigh one printed value against the record's."""
-        token = printed[0] if len(printed) == 1 else Token("word", " ".join([one.text for one in printed]))
+        token = printed[0] if len(printed) == 1 else Token("word", " ".join([token.text for token in printed]))
         recorded = token_of(value_of(source, both.fields), token, unit)
         may_be_blank = source.blank or recorded.text == ""
         if (not token.text and may_be_blank) or (

@@ -27,13 +27,13 @@ def mapped_sections() -> tuple[Mapped, ...]:
     """Return all sections that have numbers in the record, as the reports state them."""
     from musatpy.reports.statements import statements  # two listings need them not
 
-    mapped = (one if isinstance(one, Mapped) else mapped_of(one) for one in statements())
-    return tuple(one for one in mapped if one.table or one.layout == "labels")
+    mapped = (statement if isinstance(statement, Mapped) else mapped_of(statement) for statement in statements())
+    return tuple(section for section in mapped if section.table or section.layout == "labels")
 
 
 def mapped_section(title: str) -> Mapped | None:
     """Return what is known of the section of a title, None where it has no numbers in the record."""
-    return next((one for one in mapped_sections() if re.fullmatch(one.title, title)), None)
+    return next((section for section in mapped_sections() if re.fullmatch(section.title, title)), None)
 
 
 def mapped_of(report: Report[Any]) -> Mapped:
@@ -129,7 +129,7 @@ def value_of(source: Origin, fields: Mapping[str, Any]) -> Any:
         return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
     if source.sum:
         counts = recorded.values() if isinstance(recorded, dict) else ()
-        return float(sum(number_of(one) or 0.0 for one in counts))
+        return float(sum(number_of(count) or 0.0 for count in counts))
     if source.norm:
         return math.hypot(*components) if (components := _numbers(recorded)) else None
     if source.ellipse:
@@ -148,8 +148,8 @@ def value_of(source: Origin, fields: Mapping[str, Any]) -> Any:
 
 def _numbers(values: Any) -> list[float]:
     """Return a list of numbers, an empty one where any of them is none."""
-    numbers = [number_of(one) for one in values] if isinstance(values, list) else []
-    return [] if None in numbers else [one for one in numbers if one is not None]
+    numbers = [number_of(number) for number in values] if isinstance(values, list) else []
+    return [] if None in numbers else [number for number in numbers if number is not None]
 
 
 def _ellipse(part: str, covariance: Any) -> float | None:
@@ -197,7 +197,7 @@ def _angle(value: float, printed: Token) -> Token:
     size = Decimal(round(abs(value) / ARC_SECOND * 10.0**decimals)).scaleb(-decimals).copy_sign(Decimal(value))
     if size == printed.value:
         return printed
-    degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, decimals + _SHOWN_DIGITS))
+    degrees, minutes, seconds = (float(part) for part in dms_from_radians(value, decimals + _SHOWN_DIGITS))
     sign = "-" if size.is_signed() else ""
     text = f"{sign}{abs(degrees):.0f} {minutes:.0f} {seconds:.{decimals + _SHOWN_DIGITS}f}"
     return Token("angle", text, size, printed.step)

@@ -15,7 +15,7 @@ from musatpy.listings.findings import Difference, Tally
 from musatpy.listings.json_tables import (
     TOP,
     Number,
-    Table,
+    RecordTable,
     at,
     keys_of,
     leaves,
@@ -51,14 +51,14 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     axes = _axes_of(contents[1]) if geographic else None
     titles = list(dict.fromkeys([*tables[0], *tables[1]]))
     tallies = [_Tables(judge, title, tables, _Statements(title, geographic, axes)).tally() for title in titles]
-    return Difference.of(names, tallies, judge.uses())
+    return Difference.of(names, tallies, judge.rules)
 
 
 def _axes_of(content: Any) -> tuple[float, float] | None:
     """Return the axes (m) of the ellipsoid of a record, None where it does not say."""
     from musatpy.geometry.geodesy import Ellipsoid  # most comparisons need none
 
-    name, *sizes = (at(content, f"ellipsoid.{one}") for one in ("name", "semi_major_axis", "inverse_flattening"))
+    name, *sizes = (at(content, f"ellipsoid.{part}") for part in ("name", "semi_major_axis", "inverse_flattening"))
     try:
         return Ellipsoid(str(name or ""), *(number_of(size) for size in sizes)).axes
     except (ValueError, RuntimeError):  # no name that PROJ knows, no size
@@ -71,10 +71,10 @@ class _Tables(Comparison):
     counts_digits = False
 
     def __init__(
-        self, judge: Judge, title: str, tables: Sequence[Mapping[str, Table]], statements: _Statements
+        self, judge: Judge, title: str, tables: Sequence[Mapping[str, RecordTable]], statements: _Statements
     ) -> None:
         super().__init__(judge, title, [title])
-        self.a, self.b = (side.get(title, Table(title)) for side in tables)
+        self.a, self.b = (side.get(title, RecordTable(title)) for side in tables)
         self.names = {*tables[0], *tables[1]}
         self.statements = statements
 
@@ -99,23 +99,23 @@ class _Tables(Comparison):
     def texts(self, ids: tuple[Sequence[Hashable], Sequence[Hashable]]) -> tuple[list[str], list[str]]:
         """Return the rows as texts, which tell rows without ids apart."""
         if len(set(ids[0])) == len(ids[0]) and len(set(ids[1])) == len(ids[1]):
-            return [str(one) for one in ids[0]], [str(one) for one in ids[1]]
+            return [str(names) for names in ids[0]], [str(names) for names in ids[1]]
         return [json.dumps(row) for row in self.a.rows], [json.dumps(row) for row in self.b.rows]
 
     def only_here(self, side: str) -> None:
         """Take a table that the other record has not: one finding, unless it is empty there or rules allow it."""
         rows = (self.a if side == "A" else self.b).rows
-        fields = [one for row in rows for one in leaves(row)]
+        fields = [field for row in rows for field in leaves(row)]
         if fields and all(self.is_empty_table(path, _token(value)) for path, value in fields):
             return
         if not self.allows(_spot({}, (), ""), side):
             self.lonely("section", side, f"{len(rows)} rows", Where())
 
-    def only(self, table: Table, n: int, side: str) -> None:
+    def only(self, table: RecordTable, n: int, side: str) -> None:
         """Take a row that the other record has not."""
         self.only_row(self.spot(table, n), side, json.dumps(table.rows[n]), Where(table.label(n)))
 
-    def spot(self, table: Table, n: int) -> Spot:
+    def spot(self, table: RecordTable, n: int) -> Spot:
         """Return a row as rules see it."""
         return _spot(table.rows[n], table.ids[n], table.label(n))
 
@@ -126,30 +126,29 @@ class _Tables(Comparison):
         same = a == b
         if same and not moved and not self.rules:
             return
-        spot = self.spot(self.a, n) if self.rules else NO_SPOT
-        both = RowPair(Where(self.a.label(n)), spot, self.judge.of_row(self.rules, spot))
-        if moved and not self.judge.about_row(both.among, spot, "order"):
-            self.found("order", both.where)
+        both = self.pair(Where(self.a.label(n)), self.spot(self.a, n) if self.rules else NO_SPOT)
+        if moved:
+            self.elsewhere(both)
         unused = still_open(both.among)
         if same and not unused:
             return
-        for number, (path, one, two) in enumerate(_fields(a, b), start=1):
+        for number, (path, of_a, of_b) in enumerate(_fields(a, b), start=1):
             field = Field(-1, number, path)
-            if one != two:
-                self.field(both, field, _token(one), _token(two), (a, b))
+            if of_a != of_b:
+                self.field(both, field, _token(of_a), _token(of_b), (a, b))
             elif unused:
-                self.rule(both, field, _token(one), _token(two))
+                self.rule(both, field, _token(of_a), _token(of_b))
         if unused:
-            self.judge.touch_rows(unused, spot)
+            self.judge.touch_rows(unused, both.spot)
 
     def field(self, both: RowPair, field: Field, a: Token | None, b: Token | None, rows: tuple[Row, Row]) -> None:
         """Weigh a field that differs, or that one row has not."""
         path = field.heading
         if a is None or b is None:
-            decider = self.rule(both, field, a, b)
-            if not self.is_empty_table(path, a or b) and (decider is None or not decider.rule.skip):
-                name = decider.rule.name if decider else "exact"
-                self.found("text", both.where, (a and a.text, b and b.text), column=path, rule=name)
+            if self.is_empty_table(path, a or b):
+                self.rule(both, field, a, b)  # of use, though there is nothing to decide
+            else:
+                self.unpaired(both, field, (a and a.text, b and b.text))
             return
         sigmas = None
         if a.value is not None and b.value is not None:
@@ -164,23 +163,23 @@ class _Tables(Comparison):
 
 def _spot(row: Row, ids: tuple[str, ...], label: str) -> Spot:
     def named(*keys: str) -> tuple[str, ...]:
-        return tuple(one for key in keys if key in row for one in texts_of(row[key]))
+        return tuple(name for key in keys if key in row for name in texts_of(row[key]))
 
     return Spot((), (label,), ids, lambda column: named("photo", "photos"), lambda column: named("point", "points"))
 
 
 def _fields(a: Row, b: Row) -> list[Both]:
     """Return all fields of two rows."""
-    ones, others = leaves(a), leaves(b)
-    if [path for path, _ in ones] == [path for path, _ in others]:
-        return [(path, one, other) for (path, one), (_, other) in zip(ones, others, strict=True)]
+    fields_a, fields_b = leaves(a), leaves(b)
+    if [path for path, _ in fields_a] == [path for path, _ in fields_b]:
+        return [(path, of_a, of_b) for (path, of_a), (_, of_b) in zip(fields_a, fields_b, strict=True)]
     return [both for key in {**a, **b} for both in _merged(key, a, b)]
 
 
 def _merged(key: str, a: Row, b: Row) -> list[Both]:
     """Return the fields in one entry of two rows, which need not be made alike."""
-    one, other = (dict(leaves(row[key], key)) if key in row else {} for row in (a, b))
-    return [(path, one.get(path, _ABSENT), other.get(path, _ABSENT)) for path in {**one, **other}]
+    of_a, of_b = (dict(leaves(row[key], key)) if key in row else {} for row in (a, b))
+    return [(path, of_a.get(path, _ABSENT), of_b.get(path, _ABSENT)) for path in {**of_a, **of_b}]
 
 
 def _token(value: Any) -> Token | None:

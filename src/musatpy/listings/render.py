@@ -122,7 +122,7 @@ def _summary(sections: Sequence[SectionSummary], style: Style) -> list[str]:
         lead = f"{title:<{_SUMMARY_TITLE}}  {section.rows:>7}  {section.different:>9}"
         lines.append(f"{lead}  {section.passed:>7}  {largest[0]}".rstrip())
         indent = " " * (_SUMMARY_TITLE + 31)
-        lines += [f"{indent}{one}" for one in largest[1:]]
+        lines += [f"{indent}{line}" for line in largest[1:]]
     return [*lines, ""]
 
 

@@ -43,14 +43,16 @@ def _pattern(value: Any) -> re.Pattern[str]:
 
 def _patterns(value: Any) -> tuple[re.Pattern[str], ...]:
     """Return a regular expression, or a list of them."""
-    return tuple(_pattern(one) for one in (value if isinstance(value, list) else [value]))
+    return tuple(_pattern(entry) for entry in (value if isinstance(value, list) else [value]))
 
 
 def _ids(value: Any) -> re.Pattern[str]:
     """Return a regular expression of ids, which may be a list of them, or integers."""
     require(value != [], "names at least one")
-    texts = [str(one) if type(one) is int else one for one in (value if isinstance(value, list) else [value])]
-    return re.compile("|".join(f"(?:{_pattern(one).pattern})" for one in texts))
+    texts = [
+        str(entry) if type(entry) is int else entry for entry in (value if isinstance(value, list) else [value])
+    ]
+    return re.compile("|".join(f"(?:{_pattern(entry).pattern})" for entry in texts))
 
 
 def _limit(value: Any) -> Decimal:
@@ -70,7 +72,7 @@ def _true(value: Any) -> bool:
 def _span(value: Any) -> tuple[int, int]:
     """Return first and last of pages, or of columns of print."""
     both = value if isinstance(value, list) else [value, value]
-    wrong = len(both) != 2 or any(type(one) is not int or one < 1 for one in both) or both[0] > both[1]
+    wrong = len(both) != 2 or any(type(end) is not int or end < 1 for end in both) or both[0] > both[1]
     require(not wrong, "is a number from 1, or [first, last]")
     return both[0], both[1]
 
@@ -99,10 +101,6 @@ def _one_of(*values: str) -> Callable[[Any], str]:
     return convert
 
 
-def _any(value: Any) -> bool:
-    return bool(_one_of("any")(value))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Rule:
     """One rule: selectors, all of which must fit, and what is allowed."""
@@ -128,18 +126,18 @@ class Rule:
     angle: AngleUnit = key("dms", convert=_one_of("dms", *ARC_SECONDS))
     skip: bool = key(False, convert=_true)
     exact: bool = key(False, convert=_true)
-    order: bool = key(False, "the order of rows does not count", convert=_any)
+    order: str = key("", "the order of rows does not count", convert=_one_of("any"))
     only: str = key("", "rows may be in one of them only", convert=_one_of("A", "B", "either"))
 
     @staticmethod
     def faults(table: dict[str, Any]) -> Iterator[tuple[str, str]]:
         """Yield what is wrong with what a rule says as a whole."""
         limits = [name for name in _LIMITS if name in table]
-        whats = [*limits, *(name for name in ("skip", "exact", "order", "only") if name in table)]
-        if not whats:
+        effects = [*limits, *(name for name in ("skip", "exact", "order", "only") if name in table)]
+        if not effects:
             yield "", f"allows nothing; give one of {', '.join((*_LIMITS, 'skip, exact, order, only'))}"
         if ("skip" in table) + ("exact" in table) + bool(limits) > 1:
-            yield whats[-1], "contradicts: a rule skips, is exact, or has limits"
+            yield effects[-1], "contradicts: a rule skips, is exact, or has limits"
         if "angle" in table and "arcsec" not in table:
             yield "angle", "goes with arcsec"
         if ("order" in table or "only" in table) and ("column" in table or "at" in table):

@@ -124,17 +124,10 @@ class Section:
         return tuple(n for n, is_named in enumerate(named) if is_named)
 
     @cached_property
-    def photo_ids(self) -> tuple[int, ...]:
-        """Which of the ids of a row of the table name photos."""
-        return self._ids_headed(PHOTO)
-
-    @cached_property
-    def point_ids(self) -> tuple[int, ...]:
-        """Which of the ids of a row of the table name points."""
-        return self._ids_headed(POINT)
-
-    def _ids_headed(self, pattern: re.Pattern[str]) -> tuple[int, ...]:
-        return tuple(place for place, n in enumerate(self.id_columns) if pattern.match(self.columns[n].name))
+    def named_ids(self) -> dict[re.Pattern[str], list[int]]:
+        """Which of the ids of a row of the table name photos, and which points."""
+        headings = [self.columns[n].name for n in self.id_columns]
+        return {kind: [n for n, name in enumerate(headings) if kind.match(name)] for kind in (PHOTO, POINT)}
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -178,8 +171,8 @@ class Section:
         if not self.grouped:
             return self._cells_by_right_edge(with_angles(placed) if angles else placed, text)
         cells: dict[int, list[Placed]] = {}
-        for one in placed:
-            cells.setdefault(max(bisect_right(self.starts, one.end - 1) - 1, 0), []).append(one)
+        for piece in placed:
+            cells.setdefault(max(bisect_right(self.starts, piece.end - 1) - 1, 0), []).append(piece)
         if not angles:
             return sorted(cells.items())
         return [(column, self._as_angle(column, inside)) for column, inside in sorted(cells.items())]
@@ -187,7 +180,7 @@ class Section:
     def _as_angle(self, column: int, inside: list[Placed]) -> list[Placed]:
         if len(inside) != 3 or (self.angles and not self.columns[column].angle):
             return inside
-        angle = angle_of([one.token for one in inside])
+        angle = angle_of([placed.token for placed in inside])
         return inside if angle is None else [Placed(angle, inside[0].start, inside[-1].end)]
 
     def _cells_by_right_edge(self, placed: list[Placed], text: str) -> list[tuple[int, list[Placed]]]:
@@ -195,12 +188,12 @@ class Section:
         first = _CELL.match(text)
         label = first.end() if first else 0
         cells: dict[int, list[Placed]] = {}
-        for one in placed:
+        for piece in placed:
             column = -1
-            before = one.end <= self.columns[0].start and one.token.kind != "number"
-            if one.start >= label and not before:
-                column = min(range(len(self.columns)), key=lambda n: abs(self.columns[n].end - one.end))
-            cells.setdefault(column, []).append(one)
+            before = piece.end <= self.columns[0].start and piece.token.kind != "number"
+            if piece.start >= label and not before:
+                column = min(range(len(self.columns)), key=lambda n: abs(self.columns[n].end - piece.end))
+            cells.setdefault(column, []).append(piece)
         return sorted(cells.items())
 
 
@@ -277,16 +270,13 @@ def _sharing_ids(rows: list[Row]) -> list[Row]:
         heads = [row for row in block if row.line.text[:1].strip()]
         if len(block) > 1 and len(heads) == 1:
             name = heads[0].line.text.split(None, 1)[0]
-            shared += [row._replace(ids=(name, _indented_label(row.line.text))) for row in block]
+            for row in block:
+                words = row.line.text.split()
+                label = next((word for word in reversed(words) if word.isalpha()), words[0])
+                shared.append(row._replace(ids=(name, label)))
         else:
             shared += block
     return shared
-
-
-def _indented_label(text: str) -> str:
-    words = text.split()
-    letters = [word for word in words if word.isalpha()]
-    return letters[-1] if letters else words[0]
 
 
 def sections_of(paper: Paper, layout: Layout) -> list[Section]:
@@ -436,7 +426,7 @@ _REAL = re.compile(r"\d\.\d|(?<!\w)\.\d")
 
 
 def _has_number(text: str) -> bool:
-    return any(one.token.kind != "word" for one in tokens_of(text))
+    return any(placed.token.kind != "word" for placed in tokens_of(text))
 
 
 def _is_title(text: str) -> bool:
@@ -457,7 +447,7 @@ def place_of(lines: Sequence[Line]) -> Place:
 
 def name_of(row: Row) -> str:
     """Return what a row is called: its ids, or how it begins."""
-    return " ".join([one for one in row.ids if one]) or squeezed(row.line.text)[:40]
+    return " ".join([name for name in row.ids if name]) or squeezed(row.line.text)[:40]
 
 
 def spot_of(section: Section, row: Row | None = None, other: Row | None = None) -> Spot:
@@ -478,20 +468,14 @@ def spot_of(section: Section, row: Row | None = None, other: Row | None = None) 
 
 def _about(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
     """Return the photos, or the points, that a field of a row is about."""
-    if not section.grouped:
-        return _headed(section, row, column, pattern)
-    places = section.photo_ids if pattern is PHOTO else section.point_ids
-    return _with_parts([row.ids[place] for place in places if place < len(row.ids)])
+    if section.grouped:
+        return _with_parts([row.ids[place] for place in section.named_ids[pattern] if place < len(row.ids)])
+    if not pattern.match(section.label_heading):  # which says what the headings of columns, or the labels, name
+        return ()
+    across = column >= 0 and section.columns[column].name
+    return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]
 
 
 def _with_parts(ids: Sequence[str]) -> tuple[str, ...]:
     """Return ids, and the parts of those of several words."""
     return (*ids, *(part for name in ids if " " in name for part in name.split()))
-
-
-def _headed(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
-    """Return the heading of a column, or the id of the row, where the heading of the labels says what they name."""
-    if not pattern.match(section.label_heading):
-        return ()
-    across = column >= 0 and section.columns[column].name
-    return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]

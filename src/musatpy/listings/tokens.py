@@ -144,7 +144,7 @@ def with_angles(placed: Sequence[Placed]) -> list[Placed]:
     place = 0
     while place < len(placed):
         three = placed[place : place + 3]
-        angle = angle_of([one.token for one in three]) if "." in three[-1].token.text else None
+        angle = angle_of([placed.token for placed in three]) if "." in three[-1].token.text else None
         if angle is None:
             tokens.append(three[0])
             place += 1

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from musatpy.listings.findings import Finding, FindingKind, Place, Tally
-from musatpy.listings.judge import NO_SPOT, Applied, Field, Judge, RuleSet, Spot
+from musatpy.listings.findings import Finding, FindingKind, Place, RuleUse, Tally
+from musatpy.listings.judge import NO_SPOT, Field, Judge, RuleSet, Spot
 from musatpy.listings.tokens import Token
 
 
@@ -38,7 +38,7 @@ class Comparison:
         self.result = Tally(title)
         self.rules = judge.of_section(titles)
 
-    def rule(self, both: RowPair, field: Field, a: Token | None, b: Token | None) -> Applied | None:
+    def rule(self, both: RowPair, field: Field, a: Token | None, b: Token | None) -> RuleUse | None:
         """Return the rule that decides about two values of a field, None for exactly equal."""
         if not both.among:
             return None
@@ -54,7 +54,7 @@ class Comparison:
         kind: FindingKind = "angle" if a.kind == "angle" else "number"
         if verdict.difference is None:
             kind = "overflow" if "overflow" in (a.kind, b.kind) else "text"
-        self.result.found(
+        self.result.add(
             Finding(
                 kind=kind,
                 section=self.result.title,
@@ -77,7 +77,7 @@ class Comparison:
         """Return what findings call a field."""
         return field.heading
 
-    def found(
+    def finding(
         self,
         kind: FindingKind,
         where: Where,
@@ -87,7 +87,7 @@ class Comparison:
         rule: str = "exact",
     ) -> None:
         """Take a finding that is no difference of two values; `texts` are those of A and of B."""
-        self.result.found(
+        self.result.add(
             Finding(
                 kind=kind,
                 section=self.result.title,
@@ -104,9 +104,25 @@ class Comparison:
     def lonely(self, kind: FindingKind, side: str, text: str, where: Where, column: str = "") -> None:
         """Take what only one file has: side `A` or `B`, where it stands as place of A."""
         if side == "A":
-            self.found(kind, where, (text, None), column=column)
+            self.finding(kind, where, (text, None), column=column)
         else:
-            self.found(kind, where._replace(a=where.b, b=where.a), (None, text), column=column)
+            self.finding(kind, where._replace(a=where.b, b=where.a), (None, text), column=column)
+
+    def pair(self, where: Where, spot: Spot) -> RowPair:
+        """Return two rows with the rules that select something in them."""
+        return RowPair(where, spot, self.judge.of_row(self.rules, spot))
+
+    def elsewhere(self, both: RowPair) -> None:
+        """Take two rows that do not stand in the same order, unless rules allow it."""
+        if not self.judge.allows(both.among, both.spot, "order"):
+            self.finding("order", both.where)
+
+    def unpaired(self, both: RowPair, field: Field, texts: tuple[str | None, str | None]) -> None:
+        """Take a field whose values cannot be paired, unless rules leave it out."""
+        decider = self.rule(both, field, None, None)
+        if decider is None or not decider.rule.skip:
+            name = decider.rule.name if decider else "exact"
+            self.finding("text", both.where, texts, column=self.name_of(field), rule=name)
 
     def only_row(self, spot: Spot, side: str, text: str, where: Where) -> None:
         """Take a row that the other file has not, unless rules allow it."""
@@ -115,4 +131,4 @@ class Comparison:
 
     def allows(self, spot: Spot, side: str) -> bool:
         """Tell whether a rule allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
-        return bool(self.judge.about_row(self.judge.of_row(self.rules, spot), spot, side))
+        return self.judge.allows(self.judge.of_row(self.rules, spot), spot, side)

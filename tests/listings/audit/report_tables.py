@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from musatpy.listings.audit.listing_numbers import numbers_of
+
 FIXTURES = Path(__file__).resolve().parents[3] / "fixtures"
 LEGACY = FIXTURES / "legacy"
 SHARED = Path(__file__).resolve().parents[4] / "shared"
@@ -35,6 +37,6 @@ def _shared(name: str) -> Path:
     return path
 
 
-def cleaned(number: int) -> Path:
-    """Return the cleaned Table 6-`number`, or skip the test."""
-    return _shared(f"tables/etl0306/table_6_{number}.csv")
+def statistics_of(listing):
+    """Return what can be compared of a listing."""
+    return numbers_of(listing)[0]

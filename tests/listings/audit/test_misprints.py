@@ -91,16 +91,12 @@ def test_the_scan_has_the_same_misprints_and_one_doubtful_id():
     ]
 
 
-@pytest.mark.parametrize("item", SCANNED, ids=lambda item: " ".join(item))
-def test_a_broken_id_of_the_scan_is_a_repair(item):
-    repairs = {(one.kind, one.found, one.read) for one in read_listing(scan()).repairs}
-    assert SCANNED[item] in repairs
-
-
-def test_noise_above_a_title_of_the_scan_does_not_hide_it():
+def test_broken_ids_of_the_scan_are_repaired_and_noise_above_a_title_does_not_hide_it():
     path = scan()
+    listing = read_listing(path)
+    assert set(SCANNED.values()) <= {(one.kind, one.found, one.read) for one in listing.repairs}
     lines = path.read_text(encoding="utf-8").splitlines()
-    title = next(one.line for one in read_listing(path).analyses if one.name == "ground point analysis, refraction")
+    title = next(one.line for one in listing.analyses if one.name == "ground point analysis, refraction")
     assert any("The shall be a start" in line for line in lines[title - 3 : title])
 
 

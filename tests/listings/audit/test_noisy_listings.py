@@ -7,8 +7,7 @@ import re
 
 import pytest
 
-from listings.audit.report_tables import FIXTURES, table
-from musatpy.listings.audit.listing_numbers import statistics_of
+from listings.audit.report_tables import FIXTURES, statistics_of, table
 from musatpy.listings.audit.reading import listing_of
 from musatpy.listings.audit.structures import RepairKind
 

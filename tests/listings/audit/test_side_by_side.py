@@ -7,19 +7,18 @@ import json
 
 import pytest
 
-from listings.audit.report_tables import FIXTURES, table
+from listings.audit.report_tables import FIXTURES, statistics_of, table
+from listings.runs import run_of
 from musatpy.campaign.baseline_index import load_baseline
 from musatpy.errors import MusatError
 from musatpy.listings.audit.against import Pair, side_by_side
 from musatpy.listings.audit.audit_text import side_text
-from musatpy.listings.audit.listing_numbers import statistics_of
 from musatpy.listings.audit.quantities import Key, Quantity
 from musatpy.listings.audit.reading import listing_of, read_listing
 from musatpy.listings.audit.record_numbers import statistics_of_record
 from musatpy.model import CoordinateSystem, SystemSpec
 from musatpy.reports.listing import listing as listing_text
 from musatpy.reports.record import dumps, record
-from musatpy.runs import run_deck
 from musatpy.units import AngleUnit
 from sample_solutions import sample_solution
 
@@ -36,7 +35,7 @@ def test_a_listing_is_like_itself():
 @pytest.mark.parametrize("system", CoordinateSystem)
 def test_a_listing_is_like_the_record_of_its_run(system, tmp_path):
     solution = sample_solution(system)
-    (path := tmp_path / "job.json").write_text(dumps(record(solution)))
+    path = saved(solution, tmp_path)
     listing = listing_of(listing_text(solution), "job.lst")
     found = side_by_side(listing, path)
     assert found.only_old == () and len(found.pairs) == len(statistics_of(listing))
@@ -95,14 +94,8 @@ def test_coordinates_of_another_system_are_left_out_and_the_rest_compared(tmp_pa
     listing = listing_of(listing_text(stated(SPECS["feet"])), "job.lst")
     found = side_by_side(listing, saved(sample_solution(), tmp_path))
     assert all(pair.alike for pair in found.pairs)
-    assert {key.statistic.removeprefix("Sigma ") for key in found.only_old} == {
-        "E",
-        "N",
-        "h",
-        "Omega",
-        "Phi",
-        "Kappa",
-    }
+    left_out = {key.statistic.removeprefix("Sigma ") for key in found.only_old}
+    assert left_out == {"E", "N", "h", "Omega", "Phi", "Kappa"}
     assert {"control residuals", "plate measurements", "depths", "plate residuals"} <= {
         pair.key.report for pair in found.pairs
     }
@@ -138,9 +131,9 @@ def test_a_changed_sigma_attitude_or_residual_is_a_difference(tmp_path):
 
 @pytest.mark.parametrize("deck", sorted(GOLDEN.entries))
 def test_a_golden_listing_is_like_the_record_of_a_fresh_run(deck, tmp_path):
-    outcome = run_deck(FIXTURES / deck, out_dir=tmp_path)
+    (path := tmp_path / "new.json").write_text(run_of(deck).record)
     listing = read_listing(GOLDEN.kept(deck)["lst"])
-    found = side_by_side(listing, outcome.record)
+    found = side_by_side(listing, path)
     assert found.only_old == () and [pair.key for pair in found.pairs if not pair.alike] == []
     # What the record has besides is what it says in other words than a stated listing.
     twice = {key for key in found.only_new if key.words or key.statistic.startswith("Sigma ")}

@@ -6,15 +6,14 @@ import re
 
 import pytest
 
-from listings.audit.report_tables import FIXTURES, table
+from listings.audit.report_tables import FIXTURES, statistics_of, table
 from musatpy.listings.audit.checks import audit
-from musatpy.listings.audit.headings import AUDITED, Title
-from musatpy.listings.audit.listing_numbers import statistics_of
+from musatpy.listings.audit.headings import AUDITED, Title, audited_tables
 from musatpy.listings.audit.reading import listing_of
 from musatpy.listings.audit.structures import RepairKind
-from musatpy.reports.statements import table_titles
 
 OWN = (FIXTURES / "st_thomas" / "st_thomas.lst").read_text()
+STATISTICS = statistics_of(listing_of(OWN, "x"))
 K = RepairKind
 
 
@@ -51,11 +50,10 @@ def seen(text):
 )
 def test_noise_in_what_the_audit_uses_is_put_right(title, old, new, kinds):
     text, line = spoiled(title, old, new)
-    repairs, unreadable = seen(text)
-    assert [kind for _, kind in repairs] == kinds and unreadable == []
-    assert {one for one, _ in repairs} <= {line + old.startswith("\n")}
-    assert statistics_of(listing_of(text, "x")) == statistics_of(listing_of(OWN, "x"))
-    assert audit(listing_of(text, "x")) == []
+    listing = listing_of(text, "x")
+    assert [one.kind for one in listing.repairs] == kinds and listing.unreadable == ()
+    assert {one.line for one in listing.repairs} <= {line + old.startswith("\n")}
+    assert statistics_of(listing) == STATISTICS and audit(listing) == []
 
 
 @pytest.mark.parametrize(
@@ -74,7 +72,7 @@ def test_what_the_audit_needs_is_noted_where_it_is_not_legible(title, old, new, 
     assert [said in one for one in unreadable] == [True]
 
 
-@pytest.mark.parametrize("title", [one for one in AUDITED if f"\n{one}\n" in OWN])
+@pytest.mark.parametrize("title", [title for title in audited_tables() if f"\n{title}\n" in OWN])
 def test_a_table_whose_rule_is_torn_is_noted(title):
     rule = re.compile(r"^-+(?:  -+)+$", re.MULTILINE).search(OWN, after(title))
     torn = rule[0][:2] + "." + rule[0][3:]
@@ -83,8 +81,8 @@ def test_a_table_whose_rule_is_torn_is_noted(title):
 
 
 def test_titles_that_the_audit_uses_are_stated_by_reports():
-    assert set(AUDITED) <= set(table_titles())
-    assert all(any(title.startswith(one) for title in AUDITED) for one in Title)
+    assert [table.title for table in AUDITED] == list(Title)
+    assert sorted(table.title for table in audited_tables().values()) == sorted(Title)
 
 
 def test_two_cells_without_a_heading_are_no_split_number():

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from listings.audit.report_tables import FIXTURES, table
+from listings.audit.report_tables import FIXTURES, statistics_of, table
 from musatpy.listings.audit.against import side_by_side
 from musatpy.listings.audit.checks import audit
-from musatpy.listings.audit.listing_numbers import several_in, statistics_of
+from musatpy.listings.audit.listing_numbers import numbers_of
 from musatpy.listings.audit.reading import listing_of, read_listing
 from musatpy.listings.audit.structures import RepairKind
 
@@ -67,7 +67,7 @@ def test_what_two_runs_say_otherwise_is_not_compared(tmp_path):
         key for key in statistics_of(read_listing(MODIFIED)) if key.refracted
     }
     assert compared.isdisjoint(found.several) and "adjusted points" in {key.report for key in found.several}
-    assert set(found.several) == several_in(read_listing(both))
+    assert set(found.several) == numbers_of(read_listing(both))[1]
 
 
 def test_upper_case_is_no_noise():

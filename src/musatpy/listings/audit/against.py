@@ -10,20 +10,11 @@ from pathlib import Path
 
 from musatpy.errors import MusatError
 from musatpy.json_files import read_record
-from musatpy.listings.audit.listing_numbers import several_in, statistics_of
-from musatpy.listings.audit.quantities import Key, Quantity
+from musatpy.listings.audit.listing_numbers import numbers_of
+from musatpy.listings.audit.quantities import Key, Quantity, within_half_circle
 from musatpy.listings.audit.reading import read_listing
 from musatpy.listings.audit.record_numbers import NEEDS, statistics_of_record
 from musatpy.listings.audit.structures import Listing
-
-_OF_RUNS = (  # reports that say their run
-    "station position analysis",
-    "station attitude analysis",
-    "ground point analysis",
-    "check point analysis",
-    "plate residuals",
-)
-_FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,9 +31,7 @@ class Pair:
         if self.old.value is None or self.new.value is None:
             return None
         difference = self.new.value - self.old.value
-        if self.old.unit == "arcsec":
-            difference -= _FULL_CIRCLE * round(difference / _FULL_CIRCLE)
-        return difference
+        return within_half_circle(difference) if self.old.unit == "arcsec" else difference
 
     @property
     def alike(self) -> bool:
@@ -67,11 +56,11 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
 
     Raises `MusatError` where the file has nothing to compare with, `OSError` where it cannot be read.
     """
-    first, (second, several) = statistics_of(old), _statistics_in(Path(path))
+    (first, several_old), (second, several_new) = numbers_of(old), _statistics_in(Path(path))
     runs = {key.refracted for key in second if key.refracted is not None}
     if len(runs) == 1:
         first = _of_run(first, next(iter(runs)))
-    several |= several_in(old)
+    several = several_old | several_new
     common = [key for key in first if key in second]
     if not common:
         raise MusatError(f"{path}: has no statistic that is in {old.name} too")
@@ -88,15 +77,16 @@ def _of_run(statistics: dict[Key, Quantity], refracted: bool) -> dict[Key, Quant
     if any(key.refracted is not None for key in statistics):
         return statistics
     return {
-        replace(key, refracted=refracted) if key.report in _OF_RUNS else key: quantity
+        replace(key, refracted=refracted)
+        if key.report.endswith((" analysis", "plate residuals"))
+        else key: quantity
         for key, quantity in statistics.items()
     }
 
 
 def _statistics_in(path: Path) -> tuple[dict[Key, Quantity], set[Key]]:
     if path.suffix.lower() != ".json":
-        listing = read_listing(path)
-        return statistics_of(listing), several_in(listing)
+        return numbers_of(read_listing(path))
     record = read_record(path, NEEDS)
     try:
         return statistics_of_record(record), set()

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from musatpy.listings.audit.cells import Kind, printed, read_cells, words_of
 from musatpy.listings.audit.notes import Notes
-from musatpy.listings.audit.scan import Line, Section
+from musatpy.listings.audit.scan import Line, StandardReport
 from musatpy.listings.audit.spelling import required
 from musatpy.listings.audit.structures import Analysis, Component, Printed
 
@@ -30,18 +30,18 @@ _METRIC = re.compile(r"\b(East|North|Up|Elev|X|Y|Z)\b\.?\s*\(M\)", re.I)
 _FULL = {"Elev": "Elevation"}
 
 
-def read_analysis(section: Section, notes: Notes) -> Analysis | None:
-    """Return the analysis of a section; None where no row of one is below the title."""
-    rows = _rows(section, notes)
+def read_analysis(report: StandardReport, notes: Notes) -> Analysis | None:
+    """Return the analysis of a report; None where no row of one is below the title."""
+    rows = _rows(report, notes)
     if not rows:
         return None
     for statistic in LABELS:
         if statistic not in rows:
-            notes.missing(section.line, statistic)
-    names = _components(section)
+            notes.missing(report.line, statistic)
+    names = _components(report)
     if names is None:
         notes.titled.update(line.number for line, _ in rows.values())
-        notes.missing(section.line, "Latitude, Longitude, Elevation or X, Y, Z or East, North, Up (M)")
+        notes.missing(report.line, "Latitude, Longitude, Elevation or X, Y, Z or East, North, Up (M)")
         return None
     sizes = _sizes(rows, notes)
     columns: list[dict[str, Printed]] = [{}, {}, {}]
@@ -54,14 +54,14 @@ def read_analysis(section: Section, notes: Notes) -> Analysis | None:
     )
     lines = {statistic: line.number for statistic, (line, _) in rows.items()}
     return Analysis(
-        kind=section.kind, refracted=section.refracted, line=section.line, components=components, lines=lines
+        kind=report.kind, refracted=report.refracted, line=report.line, components=components, lines=lines
     )
 
 
-def _rows(section: Section, notes: Notes) -> dict[str, tuple[Line, str]]:
+def _rows(report: StandardReport, notes: Notes) -> dict[str, tuple[Line, str]]:
     """Return statistic -> its line and what stands right of the label."""
     rows: dict[str, tuple[Line, str]] = {}
-    for line in section.lines:
+    for line in report.lines:
         for statistic, label in LABELS.items():
             rest = notes.after(label, line) if required(label) in line.canonical else None
             if rest is None:
@@ -73,13 +73,13 @@ def _rows(section: Section, notes: Notes) -> dict[str, tuple[Line, str]]:
     return rows
 
 
-def _components(section: Section) -> Sequence[tuple[str, str]] | None:
+def _components(report: StandardReport) -> Sequence[tuple[str, str]] | None:
     """Return name and unit of each column; None where neither the title nor the headings tell."""
-    if section.kind == "station attitude":
+    if report.kind == "station attitude":
         return _ATTITUDE
-    if section.sexagesimal:
+    if report.sexagesimal:
         return _GEOGRAPHIC
-    for line in section.lines:
+    for line in report.lines:
         if {"latitude", "longitude"} <= set(re.findall(r"[a-z]+", line.text.lower())):
             return _GEOGRAPHIC
         headings = [match.capitalize() for match in _METRIC.findall(line.text)]
@@ -133,11 +133,8 @@ def _decimals(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> tuple[int
         if reading and not reading.repairs(0):
             for column, place in zip(columns, places, strict=True):
                 column[place] += 1
-    return _most(numbers), [_most(column) for column in columns]
-
-
-def _most(counts: Counter[int]) -> int | None:
-    return counts.most_common(1)[0][0] if counts else None
+    most, *by_column = (counts.most_common(1)[0][0] if counts else None for counts in (numbers, *columns))
+    return most, by_column
 
 
 def _ids(
@@ -148,7 +145,8 @@ def _ids(
 ) -> list[str]:
     """Return whose the maxima are; where a maximum prints as zero, the listing names no one."""
     ids = ["", "", ""]
-    named = [column for column in _filled(sizes, 1) if not _is_zero(columns[column].get("maximum"))]
+    maxima = [column.get("maximum") for column in columns]
+    named = [n for n in _filled(sizes, 1) if (maximum := maxima[n]) is None or maximum.value]
     if MAXIMUM_ID not in rows or not named:
         return ids
     line, rest = rows[MAXIMUM_ID]
@@ -157,7 +155,3 @@ def _ids(
         for column, text in zip(named, reading.texts, strict=True):
             ids[column] = text
     return ids
-
-
-def _is_zero(cell: Printed | None) -> bool:
-    return cell is not None and cell.value == 0.0

@@ -19,9 +19,9 @@ def audit_text(listing: Listing, findings: Sequence[Misprint]) -> str:
     lines = [f"{listing.name}: {_contents(listing)}"]
     if listing.repairs:
         lines += ["", f"Repairs of the text: {len(listing.repairs)}"]
-    for one in listing.repairs:
-        outcome = f"read as '{one.read}'" if one.read else "left out"
-        lines.append(f"{listing.name}:{one.line}: {one.kind.value}: '{one.found}' {outcome}")
+    for repair in listing.repairs:
+        outcome = f"read as '{repair.read}'" if repair.read else "left out"
+        lines.append(f"{listing.name}:{repair.line}: {repair.kind.value}: '{repair.found}' {outcome}")
     if listing.unreadable:
         lines += ["", f"Rows that cannot be read: {len(listing.unreadable)}"]
         lines += [problem.headline() for problem in listing.unreadable]
@@ -40,7 +40,10 @@ def _contents(listing: Listing) -> str:
         (len(listing.submerged), "table of bathymetric points", "tables of bathymetric points"),
         (len(listing.tables), "other table", "other tables"),
     )
-    return ", ".join(f"{count} {one if count == 1 else many}" for count, one, many in counts if count) or "nothing"
+    return (
+        ", ".join(f"{count} {noun if count == 1 else plural}" for count, noun, plural in counts if count)
+        or "nothing"
+    )
 
 
 def side_text(beside: SideBySide, listed: int) -> str:
@@ -104,7 +107,7 @@ def audit_json(listing: Listing, findings: Sequence[Misprint], beside: SideBySid
         "listing": listing.name,
         "consistent": not findings and not listing.unreadable,
         "repairs": [dataclasses.asdict(repair) for repair in listing.repairs],
-        "unreadable": [{"line": one.line, "message": one.headline()} for one in listing.unreadable],
+        "unreadable": [{"line": problem.line, "message": problem.headline()} for problem in listing.unreadable],
         "contradictions": [dataclasses.asdict(finding) for finding in findings],
     }
     if beside is not None:

@@ -8,7 +8,7 @@ division of the words into cells is taken.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import Literal, NamedTuple
@@ -33,20 +33,32 @@ _UNEVEN = 2  # per character that an id or a count is longer or shorter than tho
 _CHEAP, _DEAR = 1, 3  # joining words one of which is a fragment, or two whole ones
 
 
+Change = tuple[RepairKind, str, str]  # what stood there, and what is read
+
+
 class Cell(NamedTuple):
     """One cell: its text with blanks between fields, the repairs, and what they cost."""
 
     text: str
-    repairs: tuple[tuple[RepairKind, str, str], ...] = ()
+    repairs: tuple[Change, ...] = ()
     cost: int = 0
+
+    def after(self, before: Cell) -> Cell:
+        """Return a cell that was repaired before, with all its repairs."""
+        return Cell(self.text, (*before.repairs, *self.repairs), before.cost + self.cost)
 
 
 class Reading(NamedTuple):
     """A row divided into cells."""
 
     cells: tuple[Cell, ...]
-    dropped: tuple[tuple[RepairKind, str, str], ...]
-    cost: int
+    dropped: tuple[Change, ...] = ()
+    cost: int = 0
+
+    @classmethod
+    def of(cls, words: Iterable[str]) -> Reading:
+        """Return words that are cells as they stand."""
+        return cls(tuple(map(Cell, words)))
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -56,7 +68,7 @@ class Reading(NamedTuple):
     def repairs(self, line: int) -> list[Repair]:
         """Return all repairs of the row."""
         changes = [*self.dropped, *(repair for cell in self.cells for repair in cell.repairs)]
-        return [Repair(line=line, kind=kind, found=old, read=new) for kind, old, new in changes]
+        return [Repair(line, *change) for change in changes]
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -66,7 +78,7 @@ def words_of(text: str) -> tuple[str, ...]:
 
 def markup_of(text: str, line: int) -> list[Repair]:
     """Return the mark-up that `words_of` leaves out."""
-    return [Repair(line=line, kind=RepairKind.STRAY, found=tag, read="") for tag in _TAGS.findall(text)]
+    return [Repair(line, RepairKind.STRAY, tag, "") for tag in _TAGS.findall(text)]
 
 
 def read_cells(
@@ -84,7 +96,7 @@ def read_cells(
     """
     places = tuple(places or [None] * len(kinds))
     if _is_whole(words, kinds, places):
-        return Reading(tuple([Cell(word) for word in words]), (), 0)
+        return Reading.of(words)
     best = _readings(tuple(words), tuple(kinds), decimals, places, width)
     if not best or (len(best) > 1 and best[0].cost == best[1].cost):
         return None
@@ -111,7 +123,7 @@ def _readings(
     if len(words) > _MOST_WORDS * len(kinds) + 6:
         return []
     # (words used, cells read) -> partial readings; a handful of the cheapest of each is kept.
-    states: dict[tuple[int, int], list[Reading]] = {(0, 0): [Reading((), (), 0)]}
+    states: dict[tuple[int, int], list[Reading]] = {(0, 0): [Reading(())]}
     for used in range(len(words) + 1):
         for done in range(len(kinds) + 1):
             for reading in states.get((used, done), ()):
@@ -180,26 +192,22 @@ def _cells(words: tuple[str, ...], kind: Kind, decimals: int | None) -> tuple[Ce
     joined = _join(words)
     if kind == "id":
         return tuple(_ids(joined))
-    cleaned = _clean(joined.text, kind)
-    text, repairs = cleaned.text, (*joined.repairs, *cleaned.repairs)
-    cost = joined.cost + cleaned.cost
-    if kind == "number" and decimals and re.fullmatch(rf"-?\d{{{decimals}}}", text):
-        sign, digits = ("-", text[1:]) if text.startswith("-") else ("", text)
-        pointed = f"{sign}.{digits}"
-        return (Cell(pointed, (*repairs, (RepairKind.POINT, text, pointed)), cost + 2),)
+    cell = _clean(joined.text, kind).after(joined)
+    if kind == "number" and decimals and re.fullmatch(rf"-?\d{{{decimals}}}", cell.text):
+        pointed = re.sub(r"(?=\d)", ".", cell.text, count=1)
+        return (Cell(pointed, ((RepairKind.POINT, cell.text, pointed),), 2).after(cell),)
     pattern = {"count": _COUNT, "number": _NUMBER}[kind]
-    return (Cell(text, repairs, cost),) if pattern.fullmatch(text) else ()
+    return (cell,) if pattern.fullmatch(cell.text) else ()
 
 
 def _ids(joined: Cell) -> Iterator[Cell]:
     """Yield what an id can be: a bar at its end is a ruling, or a 1."""
     ended = re.sub(_EDGE, "1", joined.text)
-    repair = (RepairKind.ONE, joined.text, ended)
-    barred = Cell(ended, (*joined.repairs, repair), joined.cost + 1)
+    barred = Cell(ended, ((RepairKind.ONE, joined.text, ended),), 1).after(joined)
     for cell in (joined, barred) if ended != joined.text else (joined,):
         cleaned = _clean(cell.text, "id")
         if _ID.fullmatch(cleaned.text):
-            yield Cell(cleaned.text, (*cell.repairs, *cleaned.repairs), cell.cost + cleaned.cost)
+            yield cleaned.after(cell)
 
 
 def _join(words: tuple[str, ...]) -> Cell:

@@ -7,28 +7,16 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import repeat
 
-from musatpy.listings.audit.headings import Title
+from musatpy.listings.audit.headings import KEYS, Title
 from musatpy.listings.audit.job_options import CONTROL_COUNT, MEASUREMENT_COUNT, PHOTO_COUNT, POINT_COUNT
 from musatpy.listings.audit.misprints import Misprint
 from musatpy.listings.audit.structures import Listing, Table
 
-# Title of a table, the columns that name its rows: none of these twice.
-_KEYS = {
-    Title.INITIAL_POSITIONS: ("Photo",),
-    Title.POSITIONS: ("Photo",),
-    Title.ATTITUDES: ("Photo", "Row"),
-    Title.POINTS: ("Point",),
-    Title.DEPTHS: ("Point",),
-    Title.CHECKS: ("Point",),
-    Title.GIVEN_PLATES: ("Photo", "Point"),
-    Title.RESIDUALS: ("Photo", "Point"),
-}
-_PHOTOS = (  # tables of all photos
-    Title.INITIAL_POSITIONS,
-    Title.GIVEN_ATTITUDES,
-    Title.POSITIONS,
-    Title.ATTITUDES,
+_UNIQUE = (  # tables without a row that is there twice
+    *(Title.INITIAL_POSITIONS, Title.POSITIONS, Title.ATTITUDES, Title.POINTS, Title.DEPTHS, Title.CHECKS),
+    *(Title.GIVEN_PLATES, Title.RESIDUALS),
 )
+_PHOTOS = (Title.INITIAL_POSITIONS, Title.GIVEN_ATTITUDES, Title.POSITIONS, Title.ATTITUDES)  # tables of all photos
 _ROWS = (  # title of a table, and what the size of the job calls the number of its rows
     (Title.GIVEN_PLATES, MEASUREMENT_COUNT),
     (Title.RESIDUALS, MEASUREMENT_COUNT),
@@ -38,24 +26,19 @@ _ROWS = (  # title of a table, and what the size of the job calls the number of 
 
 def check_counts(listing: Listing) -> Iterator[Misprint]:
     """Yield rows that are missing or there twice."""
-    for title, key in _KEYS.items():
+    for title in _UNIQUE:
         table = listing.table(title)
         if table is not None:
-            yield from _twice(table, key)
-    yield from _frames(listing)
+            yield from _twice(table, KEYS[title])
+    for plates in listing.plates:
+        for frame, count in Counter(plates.frames).items():
+            if count > 1:
+                yield Misprint(plates.line, plates.name, f"frame {frame}", f"is there {count} times")
     yield from _photos(listing)
     yield from _row_counts(listing)
     yield from _control_count(listing)
     yield from _points(listing)
     yield from _submerged(listing)
-
-
-def _finding(table: str, line: int, item: str, message: str) -> Misprint:
-    return Misprint(line=line, table=table, item=item, message=message)
-
-
-def _name(table: Table) -> str:
-    return table.title.partition(": Adjusted Minus")[0].lower()
 
 
 def _ids(table: Table | None, heading: str) -> list[str]:
@@ -73,43 +56,27 @@ def _twice(table: Table, key: Sequence[str]) -> Iterator[Misprint]:
     seen: dict[tuple[str, ...], int] = {}
     for line, ids in zip(table.lines, zip(*columns, strict=True) if columns else repeat(()), strict=False):
         if seen.setdefault(ids, line) != line:
-            item = ", ".join(f"{name.lower()} {one}" for name, one in zip(names, ids, strict=True))
-            yield _finding(_name(table), line, item, f"is there twice, in line {seen[ids]} before")
-
-
-def _frames(listing: Listing) -> Iterator[Misprint]:
-    for plates in listing.plates:
-        for frame, count in Counter(plates.frames).items():
-            if count > 1:
-                yield _finding(plates.name, plates.line, f"frame {frame}", f"is there {count} times")
+            item = ", ".join(f"{name.lower()} {cell}" for name, cell in zip(names, ids, strict=True))
+            yield Misprint(line, table.name, item, f"is there twice, in line {seen[ids]} before")
 
 
 def _photos(listing: Listing) -> Iterator[Misprint]:
     """Yield photos that are in some of the tables of all photos and not in others, or too few of them."""
-    tables = [
-        (_name(table), table.line, _ids(table, "Photo"))
-        for title in _PHOTOS
-        if (table := listing.table(title)) is not None
-    ]
+    tables = [(table.name, table.line, _ids(table, "Photo")) for table in listing.tables_titled(*_PHOTOS)]
     if not tables or (Title.POSITIONS not in {table.title for table in listing.tables} and not listing.plates):
         return
     tables += [(plates.name, plates.line, list(plates.frames)) for plates in listing.plates[:1]]
-    yield from _sets(tables, "photo", _size(listing, PHOTO_COUNT))
-
-
-def _sets(tables: Sequence[tuple[str, int, list[str]]], what: str, size: int | None) -> Iterator[Misprint]:
-    """Yield ids that most tables have and some have not, or the other way round; then whether there are `size`."""
     counts = Counter(name for _, _, names in tables for name in set(names))
     common = {name for name, count in counts.items() if 2 * count > len(tables)}
     for table, line, names in tables:
         for name in sorted(common - set(names)):
-            yield _finding(table, line, f"{what} {name}", "is missing here")
+            yield Misprint(line, table, f"photo {name}", "is missing here")
         for name in sorted(set(names) - common):
-            yield _finding(table, line, f"{what} {name}", "is in no other table")
+            yield Misprint(line, table, f"photo {name}", "is in no other table")
+    size = _size(listing, PHOTO_COUNT)
     if size is not None and size != len(common):
-        yield _finding(
-            "size of the job", tables[0][1], f"{what}s", f"the job has {size}, the tables have {len(common)}"
-        )
+        message = f"the job has {size}, the tables have {len(common)}"
+        yield Misprint(tables[0][1], "size of the job", "photos", message)
 
 
 def _row_counts(listing: Listing) -> Iterator[Misprint]:
@@ -117,16 +84,16 @@ def _row_counts(listing: Listing) -> Iterator[Misprint]:
         table, size = listing.table(title), _size(listing, name)
         if table is not None and size is not None and size != len(table.lines):
             message = f"the job has {size} of them, the table {len(table.lines)}"
-            yield _finding(_name(table), table.line, name.lower(), message)
+            yield Misprint(table.line, table.name, name.lower(), message)
 
 
 def _control_count(listing: Listing) -> Iterator[Misprint]:
     """Yield residuals of control and differences of check points that are not as many as the job has."""
-    tables = [table for title in (Title.CONTROL, Title.CHECKS) if (table := listing.table(title))]
+    tables = listing.tables_titled(Title.CONTROL, Title.CHECKS)
     size, rows = _size(listing, CONTROL_COUNT), sum(len(table.lines) for table in tables)
     if tables and not listing.cut and size is not None and size != rows:
         message = f"the job has {size}, {rows} have residuals"
-        yield _finding(_name(tables[0]), tables[0].line, CONTROL_COUNT.lower(), message)
+        yield Misprint(tables[0].line, tables[0].name, CONTROL_COUNT.lower(), message)
 
 
 def _points(listing: Listing) -> Iterator[Misprint]:
@@ -135,17 +102,13 @@ def _points(listing: Listing) -> Iterator[Misprint]:
     if adjusted is None:
         return
     known = {*_ids(adjusted, "Point"), *listing.undetermined}
-    for title in (Title.RESIDUALS, Title.CONTROL, Title.CHECKS, Title.DEPTHS):
-        table = listing.table(title)
-        if table is None:
-            continue
+    for table in listing.tables_titled(Title.RESIDUALS, Title.CONTROL, Title.CHECKS, Title.DEPTHS):
         for line, point in zip(table.lines, _ids(table, "Point") or repeat(""), strict=False):
             if point not in known:
-                message = "is not among the adjusted points"
-                yield _finding(_name(table), line, f"point {point}", message)
+                yield Misprint(line, table.name, f"point {point}", "is not among the adjusted points")
     if size is not None and size != len(known):
         message = f"the job has {size}, {len(known)} are adjusted or said to have no position"
-        yield _finding(_name(adjusted), adjusted.line, "points", message)
+        yield Misprint(adjusted.line, adjusted.name, "points", message)
 
 
 def _submerged(listing: Listing) -> Iterator[Misprint]:
@@ -153,11 +116,11 @@ def _submerged(listing: Listing) -> Iterator[Misprint]:
     adjusted, depths = listing.table(Title.POINTS), listing.table(Title.DEPTHS)
     tables = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
     if depths is not None:
-        tables.append((_name(depths), depths.line, _ids(depths, "Point")))
+        tables.append((depths.name, depths.line, _ids(depths, "Point")))
     if adjusted is not None and {"Point", "Bath"} <= set(adjusted.headings):
         columns = adjusted.columns
         wet = [point for point, bath in zip(columns["Point"], columns["Bath"], strict=True) if bath == "B"]
-        tables.append((_name(adjusted), adjusted.line, wet))
+        tables.append((adjusted.name, adjusted.line, wet))
     if len(tables) < 2:
         return
     counts = Counter(name for _, _, names in tables for name in dict.fromkeys(names))
@@ -167,4 +130,4 @@ def _submerged(listing: Listing) -> Iterator[Misprint]:
         for name in counts:
             if name not in known:
                 message = "is missing here" if 2 * counts[name] > len(tables) else "is submerged elsewhere"
-                yield _finding(table, line, f"point {name}", message)
+                yield Misprint(line, table, f"point {name}", message)

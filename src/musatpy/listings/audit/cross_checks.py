@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 from musatpy.listings.audit.analysis_checks import NAMES
 from musatpy.listings.audit.analysis_tables import MAXIMUM_ID, SIZE
@@ -15,6 +16,7 @@ from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.job_options import INITIAL
 from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
 from musatpy.listings.audit.plate_tables import AXES, GROUPS
+from musatpy.listings.audit.quantities import within_half_circle
 from musatpy.listings.audit.structures import Analysis, Component, Listing, PlateTable, Printed, Table
 from musatpy.units import MICROMETRE
 
@@ -23,20 +25,19 @@ _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # column
 _NUMBER = re.compile(r"(?:-?\d{1,9} +\d{1,9} +)?-?(?:\d+\.?\d*|\.\d+)")
 _FIXED = r"-?\d*\.\d+"
 _OVERFLOW = re.compile(r"^\*{2,}$", re.M)  # one star is a mark
-_FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 _LARGE = 3.0  # sigmas: beyond, a residual is starred
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Difference:
+class Discrepancy:
     """One difference of a sample, or one residual, with half the roundings that went into it."""
 
     value: float
     half: float
 
 
-Sample = Mapping[str, Difference]  # by id
+Sample = Mapping[str, Discrepancy]  # by id
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +159,7 @@ def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sampl
 
 
 def _direct(cells: Mapping[str, Printed]) -> Sample | None:
-    return {name: Difference(cell.value, cell.half) for name, cell in cells.items()} or None
+    return {name: Discrepancy(cell.value, cell.half) for name, cell in cells.items()} or None
 
 
 def _differences(
@@ -172,8 +173,8 @@ def _differences(
     for name in (name for name in before if name in after):
         value = after[name].value - before[name].value
         if component.unit == "arcsec":
-            value -= _FULL_CIRCLE * round(value / _FULL_CIRCLE)
-        sample[name] = Difference(value, after[name].half + before[name].half)
+            value = within_half_circle(value)
+        sample[name] = Discrepancy(value, after[name].half + before[name].half)
     return sample or None
 
 
@@ -181,7 +182,8 @@ def _statistics(analysis: Analysis, component: Component, sample: Sample) -> Ite
     N = len(sample)
     if component.size != N:
         line = analysis.lines.get(SIZE, analysis.line)
-        yield _finding(analysis, component, line, f"a sample of {component.size}, the tables have {N} differences")
+        message = f"a sample of {component.size}, the tables have {N} differences"
+        yield Misprint(line, analysis.name, component.name, message)
         return
     half = max(difference.half for difference in sample.values())
     for name, value in _computed(sample).items():
@@ -189,14 +191,10 @@ def _statistics(analysis: Analysis, component: Component, sample: Sample) -> Ite
         # The error of a mean, RMS or deviation is at most that of a difference; the deviation's divisor is N - 1.
         reach = half * (N if name == "sum" else math.sqrt(N / (N - 1)) if name == "deviation" else 1.0)
         values = _largest(sample) if name == "maximum" else [value]
-        if cell is not None and all(abs(cell.value - one) > cell.half + reach + _ROUNDING for one in values):
-            suspect = Suspect(
-                item=NAMES[name],
-                line=cell.line,
-                found=cell.text,
-                expected=range_like(value - reach, value + reach, cell),
-            )
-            yield _finding(analysis, component, cell.line, "is not that of the tables", suspect)
+        if cell is not None and all(abs(cell.value - x) > cell.half + reach + _ROUNDING for x in values):
+            suspect = Suspect.of(NAMES[name], cell, range_like(value - reach, value + reach, cell))
+            message = "is not that of the tables"
+            yield Misprint(cell.line, analysis.name, component.name, message, (suspect,))
     yield from _maximum_id(analysis, component, sample)
 
 
@@ -207,35 +205,29 @@ def _computed(sample: Sample) -> dict[str, float]:
     statistics = {
         "sum": math.fsum(d),
         "mean": mean,
-        "rms": math.sqrt(math.fsum(one**2 for one in d) / N),
+        "rms": math.sqrt(math.fsum(value**2 for value in d) / N),
         "maximum": max(d, key=abs),
     }
     if N > 1:
-        statistics["deviation"] = math.sqrt(math.fsum((one - mean) ** 2 for one in d) / (N - 1))
+        statistics["deviation"] = math.sqrt(math.fsum((value - mean) ** 2 for value in d) / (N - 1))
     return statistics
 
 
 def _largest(sample: Sample) -> list[float]:
     """Return the differences each of which may be the largest, as far as they are printed: of either sign."""
     least = max(abs(difference.value) - difference.half for difference in sample.values())
-    return [one.value for one in sample.values() if abs(one.value) + one.half >= least]
+    return [d.value for d in sample.values() if abs(d.value) + d.half >= least]
 
 
 def _maximum_id(analysis: Analysis, component: Component, sample: Sample) -> Iterator[Misprint]:
     name = component.maximum_id
     if not name:
         return
-    line = analysis.lines[MAXIMUM_ID]
-    largest = max(sample, key=lambda one: abs(sample[one].value))
+    largest = max(sample, key=lambda point: abs(sample[point].value))
     named = sample.get(name)
     if named is None or abs(named.value) + named.half < abs(sample[largest].value) - sample[largest].half:
-        yield _finding(
-            analysis, component, line, f"the maximum is said to be at {name}, by the tables at {largest}"
-        )
-
-
-def _finding(analysis: Analysis, component: Component, line: int, message: str, *suspects: Suspect) -> Misprint:
-    return Misprint(line=line, table=analysis.name, item=component.name, message=message, suspects=suspects)
+        message = f"the maximum is said to be at {name}, by the tables at {largest}"
+        yield Misprint(analysis.lines[MAXIMUM_ID], analysis.name, component.name, message)
 
 
 def _plates(table: PlateTable, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
@@ -256,17 +248,18 @@ def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint
     for along in residuals:
         if table is None or not along.is_whole:
             return
-        column, what = f"RMS {along.axis}", table.title.lower()
+        column = f"RMS {along.axis}"
         for line, cells in table.rows():
             points = cells.get("Points", "")
             group, item = _GROUPS.get(points, ""), f"{points} points"
-            squares = [one for (_, kind), ones in along.squares.items() if kind == group for one in ones]
+            by_frame = (squares for (_, kind), squares in along.squares.items() if kind == group)
+            squares = list(chain.from_iterable(by_frame))
             count, cell = (number(cells.get(name, ""), line) for name in ("Number", column))
             if group and along.axis == AXES[0] and count is not None and count.value != len(squares):
                 message = f"a number of {count.text}, the table of residuals has {len(squares)}"
-                yield Misprint(line=line, table=what, item=item, message=message)
+                yield Misprint(line, table.name, item, message)
             if group and cell is not None:
-                yield from _rms(what, item, column, cell, squares, along.half, 1.0)
+                yield from _rms(table.name, item, column, cell, squares, along.half, 1.0)
 
 
 def _rms(
@@ -275,10 +268,8 @@ def _rms(
     """Yield an RMS that is not that of residuals: their squares and rounding in um, `scale` the unit of the RMS."""
     value, reach = math.sqrt(math.fsum(squares) / len(squares)) * scale if squares else 0.0, half * scale
     if abs(cell.value - value) > cell.half + reach + _ROUNDING:
-        expected = range_like(max(value - reach, 0.0), value + reach, cell)
-        suspect = Suspect(item=what, line=cell.line, found=cell.text, expected=expected)
-        message = "is not the RMS of the residuals"
-        yield Misprint(line=cell.line, table=table, item=item, message=message, suspects=(suspect,))
+        suspect = Suspect.of(what, cell, range_like(max(value - reach, 0.0), value + reach, cell))
+        yield Misprint(cell.line, table, item, "is not the RMS of the residuals", (suspect,))
 
 
 def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
@@ -291,12 +282,9 @@ def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
         starred = mark == "*"
         low, high = map(max, zip(*along, strict=True))
         if (high < _LARGE if starred else low > _LARGE) and line not in table.illegible_cells:
-            yield Misprint(
-                line=line,
-                table=Title.RESIDUALS.lower(),
-                item=f"photo {photos[row]}, point {points[row]}",
-                message="starred, though within three sigmas" if starred else "beyond three sigmas, not starred",
-            )
+            message = "starred, though within three sigmas" if starred else "beyond three sigmas, not starred"
+            item = f"photo {photos[row]}, point {points[row]}"
+            yield Misprint(line, table.name, item, message)
 
 
 def _ratios(residual: Printed | None, sigma: Printed | None, text: str) -> tuple[float, float]:
@@ -323,11 +311,9 @@ def _depths(listing: Listing) -> Iterator[Misprint]:
             # The roundings of the six coordinates, all in one direction, and of the two depths.
             half = math.sqrt(3.0) * (pairs[0][0].half + pairs[0][1].half) + 2.0 * predicted[point.name].half
             if abs(moved - by_depth) > half:
-                line = pairs[0][0].line
-                message = (
-                    f"predicted {moved:.1f} m from the position without refraction, by the depths {by_depth:.1f} m"
-                )
-                yield Misprint(line=line, table=table.name, item=f"point {point.name}", message=message)
+                message = f"predicted {moved:.1f} m from the position without refraction, by the depths "
+                message += f"{by_depth:.1f} m"
+                yield Misprint(pairs[0][0].line, table.name, f"point {point.name}", message)
 
 
 def _submerged_heights(listing: Listing) -> Iterator[Misprint]:
@@ -341,4 +327,4 @@ def _submerged_heights(listing: Listing) -> Iterator[Misprint]:
         if depths is not None and abs(by_depth - height[point].value) > sum(cell.half for cell in cells):
             message = f"height {height[point].text}, by water level and depth {by_depth:.3f}"
             line = depths.lines[depths.columns["Point"].index(point)]
-            yield Misprint(line=line, table="depths of bathymetric points", item=f"point {point}", message=message)
+            yield Misprint(line, depths.name, f"point {point}", message)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 
@@ -43,22 +44,50 @@ DEPTH_COLUMNS = (
 )
 
 _COORDINATES = (*PLACES, *SIGMAS)
-_ANGLES = ("Row", *TURNS, *MATRIX_AXES, "Sigma", *SIGMAS, *TURN_SIGMAS)
-# The tables that the audit uses, with the headings of coordinates and attitudes in the words of systems.
-AUDITED: Mapping[str, tuple[str, ...]] = {
-    Title.INITIAL_POSITIONS: _COORDINATES,
-    Title.GIVEN_ATTITUDES: _ANGLES,
-    Title.GIVEN_CONTROL: _COORDINATES,
-    Title.GIVEN_PLATES: (),
-    Title.POSITIONS: _COORDINATES,
-    Title.ATTITUDES: _ANGLES,
-    Title.POINTS: _COORDINATES,
-    f"{Title.CONTROL}: Adjusted Minus Given, With The Sigmas Given": SIGMAS,
-    f"{Title.CHECKS}: Adjusted Minus Given, With The Sigmas Of The Adjusted Position": SIGMAS,
-    Title.DEPTHS: (),
-    Title.JOB: (),
-    f"{Title.RESIDUALS}: Adjusted Minus Measured": (),
-}
+_ANGLES = (*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS)
+
+
+@dataclass(frozen=True)
+class Audited:
+    """A table of ours that the audit uses."""
+
+    title: Title
+    key: tuple[str, ...]  # the columns that name its rows
+    report: str = ""  # what a comparison with another run calls it; nothing where it is not compared
+    compared: tuple[str, ...] = ()  # columns of numbers
+    others: tuple[str, ...] = ()  # headings of coordinates and attitudes in the words of systems
+
+    @property
+    def stated(self) -> bool:
+        """True where coordinates and attitudes are in the words of the answer."""
+        return self.report.startswith("adjusted")
+
+
+AUDITED = (
+    Audited(Title.INITIAL_POSITIONS, ("Photo",), others=_COORDINATES),
+    Audited(Title.GIVEN_ATTITUDES, ("Photo", "Row"), others=(*_ANGLES, "Sigma")),
+    Audited(Title.GIVEN_CONTROL, ("Point",), others=_COORDINATES),
+    Audited(Title.GIVEN_PLATES, ("Photo", "Point")),
+    Audited(Title.POSITIONS, ("Photo",), "adjusted stations", _COORDINATES),
+    Audited(Title.ATTITUDES, ("Photo", "Row"), "adjusted stations", _ANGLES, ("Sigma",)),
+    Audited(Title.POINTS, ("Point",), "adjusted points", _COORDINATES),
+    Audited(Title.CONTROL, ("Point",), "control residuals", DIFFERENCES, SIGMAS),
+    Audited(Title.CHECKS, ("Point",), "check points", (*DIFFERENCES, *SIGMAS)),
+    Audited(Title.DEPTHS, ("Point",), "depths", DEPTH_COLUMNS),
+    Audited(Title.JOB, ("Points",), "plate residuals of the job", ("Number", "RMS x", "RMS y")),
+    Audited(
+        Title.RESIDUALS, ("Photo", "Point"), "plate measurements", ("Resid. x", "Resid. y", "Refr. x", "Refr. y")
+    ),
+)
+KEYS = {table.title: table.key for table in AUDITED}
+
+
+@cache
+def audited_tables() -> dict[str, Audited]:
+    """Return the tables that the audit uses by their whole titles."""
+    from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
+
+    return {title: table for title in table_titles() for table in AUDITED if title.startswith(table.title)}
 
 
 def names_of(parts: Sequence[Sequence[str]]) -> tuple[str, ...]:
@@ -76,12 +105,13 @@ def known_headings(title: str) -> tuple[str, ...]:
     """Return all headings that there may be in a table that the audit uses."""
     from musatpy.reports.statements import headings  # a listing is read before it is known to be ours
 
-    stated = [name for heads in headings(title) for name in names_of([_lines(head) for head in heads])]
-    return tuple(dict.fromkeys([*stated, *AUDITED[title]]))
-
-
-def _lines(heading: str) -> list[str]:
-    return [line.strip() for line in heading.split("\n") if line.strip()]
+    stated = [
+        name
+        for heads in headings(title)
+        for name in names_of([[line.strip() for line in head.split("\n") if line.strip()] for head in heads])
+    ]
+    table = audited_tables()[title]
+    return tuple(dict.fromkeys([*stated, *table.key, *table.compared, *table.others]))
 
 
 def put_right(title: str, line: Line, headings: tuple[str, ...], notes: Notes) -> tuple[str, ...]:
@@ -89,7 +119,7 @@ def put_right(title: str, line: Line, headings: tuple[str, ...], notes: Notes) -
 
     Those of other reports are returned as they are.
     """
-    if title not in AUDITED:
+    if title not in audited_tables():
         return headings
     return tuple(_headings(title, line, headings, known_headings(title), notes))
 
@@ -111,5 +141,5 @@ def _known(heading: str, known: tuple[str, ...]) -> str | None:
     for plain in (heading, re.sub(r"^[\W_]+|[\W_]+$", "", heading)):
         if plain in known:
             return plain
-    alike = [one for one in known if canonical(one) == canonical(heading)]
+    alike = [name for name in known if canonical(name) == canonical(heading)]
     return alike[0] if len(alike) == 1 else None

@@ -42,7 +42,10 @@ def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
     for line in lines:
         text = line.text.expandtabs() if "\t" in line.text else line.text
         dotted = " .." in text and bool(line.canonical)
-        row = (_ROW.match(text) if dotted else None) or _noisy(line, text)
+        row = _ROW.match(text) if dotted else None
+        if row is None and line.canonical.startswith(_BEGINNINGS):
+            noisy = _NOISY_ROW.match(text)
+            row = noisy if noisy and canonical(noisy["name"]) in _KNOWN else None
         empty = _EMPTY_ROW.match(text) if dotted and not row else None
         if empty:
             name = empty["name"]
@@ -59,12 +62,6 @@ def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
         else:
             name = ""
     return options
-
-
-def _noisy(line: Line, text: str) -> re.Match[str] | None:
-    """Return a row whose points are not whole, where its name is known."""
-    row = _NOISY_ROW.match(text) if line.canonical.startswith(_BEGINNINGS) else None
-    return row if row and canonical(row["name"]) in _KNOWN else None
 
 
 def _value(line: Line, name: str, text: str, notes: Notes) -> str:

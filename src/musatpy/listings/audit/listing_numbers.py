@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from musatpy.listings.audit.cross_checks import number
-from musatpy.listings.audit.headings import (
-    DEPTH_COLUMNS,
-    DIFFERENCES,
-    MATRIX_AXES,
-    OWN_SIGMAS,
-    PLACES,
-    SIGMAS,
-    TURN_SIGMAS,
-    TURNS,
-    Title,
-)
+from musatpy.listings.audit.headings import AUDITED, MATRIX_AXES, OWN_SIGMAS, PLACES, TURNS, Audited
 from musatpy.listings.audit.job_options import FREEDOM, SIGMA0
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
-from musatpy.listings.audit.structures import Analysis, Listing, PlateTable, SubmergedTable, Table
+from musatpy.listings.audit.structures import Analysis, Listing, PlateTable, Printed, SubmergedTable, Table
 from musatpy.units import ARC_SECOND, DEGREE, GON
 
-Found = Iterator[tuple[Key, Quantity]]
+Quantities = Iterator[tuple[Key, Quantity]]
 # Arc seconds in what the lower line of a heading calls the unit of angles.
 _ANGLES = {
     "deg": DEGREE / ARC_SECOND,
@@ -35,86 +24,24 @@ _ANGLES = {
 _SEXAGESIMAL = "D  M"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Spec:
-    """A ruled table that can be compared: how its title begins, its report, the columns that name a row."""
-
-    title: str
-    report: str
-    key: tuple[str, ...]
-    columns: tuple[str, ...]
-
-    @property
-    def stated(self) -> bool:
-        """True where coordinates and attitudes are in the words of the answer."""
-        return self.report.startswith("adjusted")
-
-
-RULED = (
-    Spec(
-        title=Title.POSITIONS,
-        report="adjusted stations",
-        key=("Photo",),
-        columns=(*PLACES, *SIGMAS),
-    ),
-    Spec(
-        title=Title.ATTITUDES,
-        report="adjusted stations",
-        key=("Photo", "Row"),
-        columns=(*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS),
-    ),
-    Spec(title=Title.POINTS, report="adjusted points", key=("Point",), columns=(*PLACES, *SIGMAS)),
-    Spec(
-        title=Title.CONTROL,
-        report="control residuals",
-        key=("Point",),
-        columns=DIFFERENCES,
-    ),
-    Spec(
-        title=Title.CHECKS,
-        report="check points",
-        key=("Point",),
-        columns=(*DIFFERENCES, *SIGMAS),
-    ),
-    Spec(title=Title.DEPTHS, report="depths", key=("Point",), columns=DEPTH_COLUMNS),
-    Spec(
-        title=Title.JOB,
-        report="plate residuals of the job",
-        key=("Points",),
-        columns=("Number", "RMS x", "RMS y"),
-    ),
-    Spec(
-        title=Title.RESIDUALS,
-        report="plate measurements",
-        key=("Photo", "Point"),
-        columns=("Resid. x", "Resid. y", "Refr. x", "Refr. y"),
-    ),
-)
 _NUMBERS = {FREEDOM: "degrees of freedom", SIGMA0: "sigma0"}
 
 
-def statistics_of(listing: Listing) -> dict[Key, Quantity]:
-    """Return all that can be compared of a listing: what stands there once, or the same wherever it stands."""
-    quantities, several = _gathered(listing)
-    return {key: quantity for key, quantity in quantities.items() if key not in several}
+def numbers_of(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
+    """Return all that can be compared of a listing, and what stands there more than once with different numbers.
 
-
-def several_in(listing: Listing) -> set[Key]:
-    """Return what stands more than once in a listing, and not the same: of two runs with refraction, say."""
-    return _gathered(listing)[1]
-
-
-def _gathered(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
+    The latter, of two runs with refraction, say, is not compared.
+    """
     quantities: dict[Key, Quantity] = {}
     several: set[Key] = set()
     for run in listing.runs:
         for key, quantity in _numbers(run):
             if quantities.setdefault(key, quantity).text != quantity.text:
                 several.add(key)
-    return quantities, several
+    return {key: quantity for key, quantity in quantities.items() if key not in several}, several
 
 
-def _numbers(listing: Listing) -> Found:
+def _numbers(listing: Listing) -> Quantities:
     """Yield all that can be compared of a run."""
     for analysis in listing.analyses:
         yield from _analysis(analysis)
@@ -122,63 +49,53 @@ def _numbers(listing: Listing) -> Found:
         yield from _plates(table)
     for submerged in listing.submerged:
         yield from _submerged(submerged)
-    words = Words.of(listing)
-    for spec in RULED:
-        ruled = listing.table(spec.title)
-        if ruled is not None:
-            yield from _ruled(ruled, spec, words)
+    output = OutputSystem.of(listing)
+    for audited in AUDITED:
+        printed = listing.table(audited.title)
+        if printed is not None and audited.report:
+            yield from _ruled(printed, audited, output)
     for label, name in _NUMBERS.items():
         cell = number(listing.options.get(label, ""), 0)
         if cell is not None:
-            key = Key(report="solution", refracted=None, item="all", statistic=name)
-            yield key, Quantity(value=cell.value, unit="", text=cell.text, half=cell.half * ("." in cell.text))
+            yield Key("solution", None, "all", name), Quantity(cell.value, "", cell.text, _half(cell))
 
 
-def _analysis(analysis: Analysis) -> Found:
-    report = f"{analysis.kind} analysis"
+def _analysis(analysis: Analysis) -> Quantities:
     for component in analysis.components:
-
-        def key(statistic: str, item: str = component.name) -> Key:
-            return Key(report=report, refracted=analysis.refracted, item=item, statistic=statistic)
-
+        place = f"{analysis.kind} analysis", analysis.refracted, component.name
         if component.size is not None:
-            yield key("size"), Quantity(value=component.size, unit="", text=str(component.size))
+            yield Key(*place, "size"), Quantity(component.size, "", str(component.size))
         for statistic, cell in component.statistics.items():
-            yield (
-                key(statistic),
-                Quantity(value=cell.value, unit=component.unit, text=cell.text, half=cell.half),
-            )
+            yield Key(*place, statistic), Quantity.printed(cell, component.unit)
         if component.maximum_id:
-            yield key("maximum at"), Quantity(value=None, unit="", text=component.maximum_id)
+            yield Key(*place, "maximum at"), Quantity(None, "", component.maximum_id)
 
 
-def _plates(table: PlateTable) -> Found:
+def _plates(table: PlateTable) -> Quantities:
+    report = "plate residuals", table.refracted
     for (group, axis), row in table.rms.items():
         for frame, cell in row.items():
-            key = Key(report="plate residuals", refracted=table.refracted, item=frame, statistic=f"{group}, {axis}")
-            yield key, Quantity(value=cell.value, unit="mm", text=cell.text, half=cell.half)
+            yield Key(*report, frame, f"{group}, {axis}"), Quantity.printed(cell, "mm")
     for group, stars in table.stars.items():
         if len(stars) == 1:
-            key = Key(report="plate residuals", refracted=table.refracted, item=group, statistic="largest at")
-            yield key, Quantity(value=None, unit="", text=stars[0][0])
+            yield Key(*report, group, "largest at"), Quantity(None, "", stars[0][0])
 
 
-def _submerged(table: SubmergedTable) -> Found:
+def _submerged(table: SubmergedTable) -> Quantities:
     for point in table.points:
         for (column, axis), cell in point.xyz.items():
-            key = Key(report=table.name, refracted=None, item=point.name, statistic=f"{axis}, {column}")
-            yield key, Quantity(value=cell.value, unit="m", text=cell.text, half=cell.half)
+            yield Key(table.name, None, point.name, f"{axis}, {column}"), Quantity.printed(cell, "m")
 
 
 @dataclass(frozen=True)
-class Words:
-    """In which words a listing has coordinates and attitudes."""
+class OutputSystem:
+    """The system in which a listing has coordinates and attitudes."""
 
     places: str
     turns: str
 
     @classmethod
-    def of(cls, listing: Listing) -> Words:
+    def of(cls, listing: Listing) -> OutputSystem:
         """Return those of its options: of the SYS card, or of the adjustment."""
         system = listing.options.get("Coordinate system", "")[:4]
         return cls(
@@ -205,27 +122,23 @@ def named_turns(turns: str, places: str) -> str:
     return turns.replace("the axes of the system", f"the axes of {places}")
 
 
-def _ruled(table: Table, spec: Spec, words: Words) -> Found:
+def _ruled(table: Table, audited: Audited, output: OutputSystem) -> Quantities:
     """Yield the numbers of the columns of a table that can be compared, in arc seconds where they are angles."""
     units = dict(zip(table.headings, table.units, strict=True))
     for line, cells in table.rows():
-        item = " ".join(cells[name] for name in spec.key if cells.get(name))
-        for heading in (name for name in spec.columns if name in units):
+        item = " ".join(cells[name] for name in audited.key if cells.get(name))
+        for heading in (name for name in audited.compared if name in units):
             cell = number(cells[heading], line)
             if cell is None or not item:
                 continue
-            name, system = words.name_of(heading) if spec.stated else (heading, "")
-            unit, factor = _unit(units[heading])
-            half = 0.0 if re.fullmatch(r"-?\d+", cell.text) else cell.half * factor
-            yield (
-                Key(report=spec.report, refracted=None, item=item, statistic=name, words=system),
-                Quantity(value=cell.value * factor, unit=unit, text=cell.text, half=half),
-            )
+            name, system = output.name_of(heading) if audited.stated else (heading, "")
+            unit = units[heading]
+            factor = 1.0 if unit.startswith(_SEXAGESIMAL) else _ANGLES.get(unit)
+            unit, factor = (unit, 1.0) if factor is None else ("arcsec", factor)
+            key = Key(audited.report, None, item, name, system)
+            yield key, Quantity(cell.value * factor, unit, cell.text, _half(cell) * factor)
 
 
-def _unit(printed: str) -> tuple[str, float]:
-    if printed.startswith(_SEXAGESIMAL):
-        return "arcsec", 1.0
-    if printed in _ANGLES:
-        return "arcsec", _ANGLES[printed]
-    return printed, 1.0
+def _half(cell: Printed) -> float:
+    """Return the rounding of a number, none of a count."""
+    return cell.half if "." in cell.text else 0.0

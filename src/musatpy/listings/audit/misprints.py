@@ -7,17 +7,22 @@ from dataclasses import dataclass
 from musatpy.listings.audit.structures import Printed
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Suspect:
     """A cell that, were it another number, would leave no contradiction."""
 
     item: str
     line: int
     found: str
-    expected: str  # a number, `A to B`, or empty where the others do not tell
+    expected: str = ""  # a number, `A to B`, or empty where the others do not tell
+
+    @classmethod
+    def of(cls, item: str, cell: Printed, expected: str = "") -> Suspect:
+        """Return a printed cell as one."""
+        return cls(item, cell.line, cell.text, expected)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Misprint:
     """One contradiction in a listing."""
 

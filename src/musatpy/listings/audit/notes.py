@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from musatpy.errors import Problem
-from musatpy.listings.audit.cells import Cell, Kind, Reading, markup_of, read_cells, words_of
+from musatpy.listings.audit.cells import Kind, Reading, markup_of, read_cells, words_of
 from musatpy.listings.audit.scan import Line
 from musatpy.listings.audit.spelling import noisy_pattern, pattern, plain, required, respelt
 from musatpy.listings.audit.structures import Repair, RepairKind
@@ -38,7 +38,7 @@ class Notes:
         """Return the cells right of the label of a row; None, and a problem noted, where they are unreadable."""
         words = words_of(rest)
         if set(kinds) == {"id"} and len(words) == len(kinds) and self.ids.issuperset(words):
-            return _as_printed(words)
+            return Reading.of(words)
         reading = read_cells(words, kinds, decimals, places)
         if reading is None:
             expected = f"the {len(kinds)} {'cell' if len(kinds) == 1 else 'cells'} of '{what}'"
@@ -53,8 +53,12 @@ class Notes:
     def id_of(self, words: Sequence[str], width: int | None) -> Reading | None:
         """Return the id that words are, as it is where the listing has it elsewhere too; most have a `width`."""
         if len(words) == 1 and words[0] in self.ids:
-            return _as_printed(words)
+            return Reading.of(words)
         return read_cells(words, ["id"], width=width)
+
+    def repair(self, line: int, kind: RepairKind, printed: str, read: str = "") -> None:
+        """Note a repair of a line; with nothing to be read, what is left out."""
+        self.repairs.append(Repair(line, kind, printed, read))
 
     def missing(self, line: int, what: str) -> None:
         """Note a row that a report must have and that is not there, or has no legible label."""
@@ -70,7 +74,7 @@ class Notes:
             return None
         noise = match["noise"].strip()
         if noise:
-            self.repairs.append(Repair(line=line.number, kind=RepairKind.BORDER, found=noise, read=""))
+            self.repair(line.number, RepairKind.BORDER, noise)
         if read is not None:
             self.repairs.extend(respelt(line.number, match["label"], read))
         return match["rest"]
@@ -78,10 +82,6 @@ class Notes:
     def lost(self, line: Line, message: str) -> None:
         """Note a line that must mean something, but whose meaning is not legible."""
         self.unreadable.append(Problem(file=self.file, line=line.number, message=message, text=line.text))
-
-
-def _as_printed(words: Sequence[str]) -> Reading:
-    return Reading(tuple(Cell(word) for word in words), (), 0)
 
 
 def labelled(label: str, line: Line) -> tuple[re.Match[str] | None, str | None]:

@@ -37,12 +37,8 @@ def _negative(table: PlateTable, frame: str) -> Iterator[Misprint]:
     for (group, axis), row in table.rms.items():
         cell = row.get(frame)
         if cell and cell.high < 0.0:
-            item = f"{_NAMES[group]}, {axis}"
-            suspect = Suspect(item=item, line=cell.line, found=cell.text, expected="")
-            message = "an RMS is never negative"
-            yield Misprint(
-                line=cell.line, table=table.name, item=f"frame {frame}", message=message, suspects=(suspect,)
-            )
+            suspect = Suspect.of(f"{_NAMES[group]}, {axis}", cell)
+            yield Misprint(cell.line, table.name, f"frame {frame}", "an RMS is never negative", (suspect,))
 
 
 def _frame(table: PlateTable, frame: str) -> Iterator[Misprint]:
@@ -51,7 +47,10 @@ def _frame(table: PlateTable, frame: str) -> Iterator[Misprint]:
         cells = [_cell(table, group, axis, frame) for group in GROUPS]
         if all(cell and cell.high >= 0.0 for cell in cells):
             shares[axis] = _share(*[cell for cell in cells if cell])
-    if all(shares.values()) and _common([share for share in shares.values() if share]):
+    known = [share for share in shares.values() if share]
+    if len(known) == len(shares) and max([0.0, *(low for low, _ in known)]) <= min(
+        [1.0, *(high for _, high in known)]
+    ):
         return
     doubtful = [axis for axis in shares if not shares[axis]] or list(shares)
     suspects = []
@@ -61,15 +60,9 @@ def _frame(table: PlateTable, frame: str) -> Iterator[Misprint]:
             cell = _cell(table, group, axis, frame)
             if cell:
                 expected = _expected(table, axis, frame, others) if group == "all" else ""
-                item = f"{_NAMES[group]}, {axis}"
-                suspects.append(Suspect(item=item, line=cell.line, found=cell.text, expected=expected))
-    yield Misprint(
-        line=suspects[0].line,
-        table=table.name,
-        item=f"frame {frame}",
-        message=f"the RMS of all points, {' and '.join(doubtful)}, is no mean of the two parts",
-        suspects=tuple(suspects),
-    )
+                suspects.append(Suspect.of(f"{_NAMES[group]}, {axis}", cell, expected))
+    message = f"the RMS of all points, {' and '.join(doubtful)}, is no mean of the two parts"
+    yield Misprint(suspects[0].line, table.name, f"frame {frame}", message, tuple(suspects))
 
 
 def _share(trig: Printed, nontrig: Printed, together: Printed) -> Interval | None:
@@ -89,10 +82,6 @@ def _share(trig: Printed, nontrig: Printed, together: Printed) -> Interval | Non
         elif room < 0.0:
             return None
     return (low, high) if low <= high else None
-
-
-def _common(shares: list[Interval]) -> bool:
-    return not shares or max(low for low, _ in shares) <= min(high for _, high in shares)
 
 
 def _expected(table: PlateTable, axis: str, frame: str, others: list[Interval]) -> str:
@@ -128,5 +117,4 @@ def _stars(table: PlateTable, group: str) -> Iterator[Misprint]:
     elif stars and bounds[stars[0][0]][1] * (1.0 + _SLACK) < bounds[largest][0]:
         message = f"frame {stars[0][0]} is starred, the largest RMS is that of {largest}"
     if message:
-        line = stars[0][1] if stars else table.line
-        yield Misprint(line=line, table=table.name, item=item, message=message)
+        yield Misprint(stars[0][1] if stars else table.line, table.name, item, message)

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 from musatpy.listings.audit.cells import printed, words_of
 from musatpy.listings.audit.notes import Notes, labelled
-from musatpy.listings.audit.scan import Line, Section
+from musatpy.listings.audit.scan import Line, StandardReport
 from musatpy.listings.audit.spelling import canonical
-from musatpy.listings.audit.structures import PlateTable, Printed, Repair, RepairKind
+from musatpy.listings.audit.structures import PlateTable, Printed, RepairKind
 
 _POINTS = "(?:Points|Pts)"
 GROUPS = {
@@ -19,6 +19,8 @@ GROUPS = {
     "all": f"All {_POINTS}",
 }
 AXES = ("x", "y")
+# Labels of the rows of RMS by group and axis.
+RMS_LABELS = {(group, axis): f"RMS of {points} {axis}" for group, points in GROUPS.items() for axis in AXES}
 _FRAME, _WITH = "Frame", canonical("With")
 _PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings
@@ -26,20 +28,11 @@ _TORN_STAR = re.compile(r"\*{1,3}")
 _PUNCTUATION = ",;:.'\"`_-"
 
 
-def rms_labels() -> list[str]:
-    """Return the labels of the rows of RMS."""
-    return [_rms_label(group, axis) for group in GROUPS for axis in AXES]
-
-
-def _rms_label(group: str, axis: str) -> str:
-    return f"RMS of {GROUPS[group]} {axis}"
-
-
-def read_plates(sections: list[Section], notes: Notes) -> list[PlateTable]:
+def read_plates(reports: list[StandardReport], notes: Notes) -> list[PlateTable]:
     """Return the tables; those of the same run that follow one another are one, ten frames on each."""
     tables: list[PlateTable] = []
-    for section in sections:
-        table = _read(section, notes)
+    for report in reports:
+        table = _read(report, notes)
         if table is None:
             continue
         last = tables[-1] if tables else None
@@ -60,26 +53,24 @@ def _together(first: PlateTable, second: PlateTable) -> PlateTable:
     )
 
 
-def _read(section: Section, notes: Notes) -> PlateTable | None:
-    """Return the table of a section; None where no row of one is below the title, or its frames are not legible."""
-    heading = next((line for line in section.lines if _is_heading(line)), None)
-    if heading is None:
-        if _count(section):
-            notes.missing(section.line, _FRAME)
-        rest = None
-    else:
-        rest = notes.after(_FRAME, heading)
-    notes.titled.update(line.number for line in section.lines if _is_rms(line))
+def _read(report: StandardReport, notes: Notes) -> PlateTable | None:
+    """Return the table of a report; None where no row of one is below the title, or its frames are not legible."""
+    heading = next((line for line in report.lines if _is_heading(line)), None)
+    rest = notes.after(_FRAME, heading) if heading else None
+    if heading is None and _count(report):
+        notes.missing(report.line, _FRAME)
+    labels = RMS_LABELS.values()
+    notes.titled.update(line.number for line in report.lines if any(labelled(label, line)[0] for label in labels))
     if heading is None or rest is None:
         return None
-    reading = notes.cells(heading, rest, ["id"] * (_count(section) or len(_ids(rest))), _FRAME)
+    reading = notes.cells(heading, rest, ["id"] * (_count(report) or len(_ids(rest))), _FRAME)
     if reading is None:
         return None
     frames = reading.texts
-    rms = dict(_rms(section, frames, notes))
-    starred = {group: _starred(section, group, heading, frames, notes) for group in GROUPS}
+    rms = dict(_rms(report, frames, notes))
+    starred = {group: _starred(report, group, heading, frames, notes) for group in GROUPS}
     stars = {group: places for group, places in starred.items() if places is not None}
-    return PlateTable(refracted=section.refracted, line=section.line, frames=frames, rms=rms, stars=stars)
+    return PlateTable(refracted=report.refracted, line=report.line, frames=frames, rms=rms, stars=stars)
 
 
 def _is_heading(line: Line) -> bool:
@@ -88,65 +79,58 @@ def _is_heading(line: Line) -> bool:
     return bool(match and re.search(r"\w", match["rest"]) and not canonical(match["rest"]).startswith(_WITH))
 
 
-def _is_rms(line: Line) -> bool:
-    return any(labelled(label, line)[0] for label in rms_labels())
-
-
 def _ids(rest: str) -> list[str]:
     return [word for word in words_of(rest) if re.search(r"\w", word)]
 
 
-def _count(section: Section) -> int:
+def _count(report: StandardReport) -> int:
     """Return how many frames the rows of RMS have, by most of them; 0 where none is legible."""
-    rests = (labelled(label, line)[0] for line in section.lines for label in rms_labels())
+    rests = (labelled(label, line)[0] for line in report.lines for label in RMS_LABELS.values())
     counts = Counter(len(_ids(match["rest"])) for match in rests if match)
     return counts.most_common(1)[0][0] if counts else 0
 
 
 def _rms(
-    section: Section, frames: tuple[str, ...], notes: Notes
+    report: StandardReport, frames: tuple[str, ...], notes: Notes
 ) -> Iterator[tuple[tuple[str, str], dict[str, Printed]]]:
-    for group in GROUPS:
-        for axis in AXES:
-            label = _rms_label(group, axis)
-            for line in section.lines:
-                rest = notes.after(label, line)
-                if rest is None:
-                    continue
-                reading = notes.cells(
-                    line, rest, ["number"] * len(frames), f"RMS, {group}, {axis}", places=[_PLACES] * len(frames)
-                )
-                if reading is not None:
-                    cells = (printed(text, line.number) for text in reading.texts)
-                    yield (group, axis), dict(zip(frames, cells, strict=True))
-                break
-            else:
-                notes.missing(section.line, f"RMS, {group}, {axis}")
+    for (group, axis), label in RMS_LABELS.items():
+        row, what = _row(report, label, notes), f"RMS, {group}, {axis}"
+        if row is None:
+            notes.missing(report.line, what)
+            continue
+        reading = notes.cells(*row, ["number"] * len(frames), what, places=[_PLACES] * len(frames))
+        if reading is not None:
+            cells = (printed(text, row[0].number) for text in reading.texts)
+            yield (group, axis), dict(zip(frames, cells, strict=True))
+
+
+def _row(report: StandardReport, label: str, notes: Notes) -> tuple[Line, str] | None:
+    """Return the first row of a label, and what stands right of it."""
+    rows = ((line, notes.after(label, line)) for line in report.lines)
+    return next(((line, rest) for line, rest in rows if rest is not None), None)
 
 
 def _starred(
-    section: Section, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
+    report: StandardReport, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
 ) -> tuple[tuple[str, int], ...] | None:
     """Return the starred frames of one kind, None without such a row, or with one that is not legible."""
-    label = f"Frame With Max RMS {GROUPS[group]}"
-    for line in section.lines:
-        rest = notes.after(label, line)
-        if rest is None:
-            continue
-        grid = _is_grid(heading)
-        places = list(_frame_places(heading, frames, grid))
-        stars = []
-        for place, word in _placed(line, grid, len(line.text) - len(rest)):
-            if _is_star(line, word, notes):
-                stars.append((_frame_at(place, line, places, grid, notes), line.number))
-            elif re.search(r"\w", word) or re.fullmatch(_TORN_STAR, word):
-                notes.lost(line, f"'{word}' in a row of stars")
-                return None
-            else:
-                notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=""))
-        return tuple((frame, number) for frame, number in stars if frame)
-    notes.missing(section.line, f"Frame With Max. RMS, {group}")
-    return None
+    row = _row(report, f"Frame With Max RMS {GROUPS[group]}", notes)
+    if row is None:
+        notes.missing(report.line, f"Frame With Max. RMS, {group}")
+        return None
+    line, rest = row
+    grid = _is_grid(heading)
+    places = list(_frame_places(heading, frames, grid))
+    stars = []
+    for place, word in _placed(line, grid, len(line.text) - len(rest)):
+        if _is_star(line, word, notes):
+            stars.append((_frame_at(place, line, places, grid, notes), line.number))
+        elif re.search(r"\w", word) or re.fullmatch(_TORN_STAR, word):
+            notes.lost(line, f"'{word}' in a row of stars")
+            return None
+        else:
+            notes.repair(line.number, RepairKind.STRAY, word)
+    return tuple((frame, number) for frame, number in stars if frame)
 
 
 def _is_star(line: Line, word: str, notes: Notes) -> bool:
@@ -154,7 +138,7 @@ def _is_star(line: Line, word: str, notes: Notes) -> bool:
     if word.strip(_PUNCTUATION) != _STAR:
         return False
     if word != _STAR:
-        notes.repairs.append(Repair(line=line.number, kind=RepairKind.STRAY, found=word, read=_STAR))
+        notes.repair(line.number, RepairKind.STRAY, word, _STAR)
     return True
 
 

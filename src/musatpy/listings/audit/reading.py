@@ -5,28 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from musatpy.errors import MusatError
 from musatpy.listings.audit.analysis_tables import read_analysis
-from musatpy.listings.audit.headings import Title
+from musatpy.listings.audit.headings import Title, audited_tables
 from musatpy.listings.audit.job_options import MEASUREMENT_COUNT, missing_in, options_of, undetermined_in
 from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.page_headers import note_pages
 from musatpy.listings.audit.plate_tables import read_plates
 from musatpy.listings.audit.ruled import JOB_HEADING, JOB_ROWS, tables_of, whole_tables
-from musatpy.listings.audit.scan import Line, lines_of, runs_of, sections, starts_ours
+from musatpy.listings.audit.scan import Line, lines_of, runs_of, standard_reports, starts_ours
 from musatpy.listings.audit.spelling import canonical
 from musatpy.listings.audit.structures import Listing
 from musatpy.listings.audit.submerged_tables import read_submerged
 from musatpy.listings.audit.untitled import note_untitled
 
 _BRIEF = canonical("Brief Listing")  # a title: residuals are left out, and tables cut
-_WHOLE = (
-    Title.POSITIONS,
-    Title.ATTITUDES,
-    Title.POINTS,
-    f"{Title.RESIDUALS}: Adjusted Minus Measured",
-)
+_WHOLE = (Title.POSITIONS, Title.ATTITUDES, Title.POINTS, Title.RESIDUALS)  # tables of each whole listing
 
 
 def read_listing(path: Path | str) -> Listing:
@@ -62,15 +58,15 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
     """Return what one run says; its repairs and problems are noted."""
     notes.ids.clear()
     tables = tables_of(lines, notes)  # first: it knows the ids
-    reports = list(sections(lines, notes.repairs))
-    analyses = [read_analysis(one, notes) for one in reports if one.kind not in ("plates", "submerged")]
-    plates = read_plates([one for one in reports if one.kind == "plates"], notes)
-    submerged = read_submerged([one for one in reports if one.kind == "submerged"], notes)
+    reports = list(standard_reports(lines, notes.repairs))
+    analyses = [read_analysis(report, notes) for report in reports if report.kind not in ("plates", "submerged")]
+    plates = read_plates([report for report in reports if report.kind == "plates"], notes)
+    submerged = read_submerged([report for report in reports if report.kind == "submerged"], notes)
     whole = whole_tables(tables, lines)
     listing = Listing(
         name=notes.file,
         options=options_of(lines, notes),
-        analyses=tuple(one for one in analyses if one),
+        analyses=tuple(analysis for analysis in analyses if analysis),
         plates=tuple(plates),
         submerged=tuple(submerged),
         tables=whole,
@@ -89,15 +85,9 @@ def _together(runs: Sequence[Listing]) -> Listing:
     """Return the runs of a listing as one: all that they have, and the options of the first."""
     if len(runs) == 1:
         return runs[0]
-    return replace(
-        runs[0],
-        analyses=tuple(one for run in runs for one in run.analyses),
-        plates=tuple(one for run in runs for one in run.plates),
-        submerged=tuple(one for run in runs for one in run.submerged),
-        tables=tuple(one for run in runs for one in run.tables),
-        undetermined=tuple(one for run in runs for one in run.undetermined),
-        parts=tuple(runs),
-    )
+    lists = ("analyses", "plates", "submerged", "tables", "undetermined")
+    joined: dict[str, Any] = {name: tuple(entry for run in runs for entry in getattr(run, name)) for name in lists}
+    return replace(runs[0], parts=tuple(runs), **joined)
 
 
 def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None:
@@ -112,6 +102,6 @@ def _note_missing(listing: Listing, lines: Sequence[Line], notes: Notes) -> None
             notes.missing(job.line, name)
     if any(line.canonical == _BRIEF for line in lines):
         return
-    for title in _WHOLE:
-        if listing.table(title) is None:
+    for title, table in audited_tables().items():
+        if table.title in _WHOLE and listing.table(title) is None:
             notes.lost(lines[-1], f"the table '{title}' is missing: the listing is not whole")

@@ -8,7 +8,8 @@ from itertools import chain
 from typing import Any
 
 from musatpy.listings.audit.analysis_tables import STATISTICS
-from musatpy.listings.audit.listing_numbers import RULED, Found, Spec, Words, named_turns
+from musatpy.listings.audit.headings import AUDITED, MATRIX_AXES, Audited
+from musatpy.listings.audit.listing_numbers import OutputSystem, Quantities, named_turns
 from musatpy.listings.audit.plate_tables import AXES, GROUPS
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity
 from musatpy.listings.audit.submerged_tables import COLUMNS
@@ -32,12 +33,7 @@ NEEDS = {
     "plates": ("photo", "point", "residual", "refraction"),
 }
 _ANGLES = ("arc sec", "degrees")  # units of headings
-_KINDS = {
-    "camera_station_position": "station position",
-    "camera_station_attitude": "station attitude",
-    "ground_point": "ground point",
-    "check_point": "check point",
-}
+_ANALYSES = ("camera_station_position", "camera_station_attitude", "ground_point", "check_point")
 _POINT_FIELDS = ("no_refraction", "predicted", "refraction")
 _REFRACTED = ("depth", "depth_sigma", "height", "residual")  # that a listing without refraction does not print
 _OF_SYSTEM = "SYST"  # sigmas of the coordinates of the answer
@@ -48,100 +44,87 @@ def statistics_of_record(record: Record) -> dict[Key, Quantity]:
     refracted = record["options"]["refraction"] != "NONE"
     return dict(
         chain(
-            _solution(record["solution"]),
-            *(_analyses(kind, refracted, record["analyses"][name]) for name, kind in _KINDS.items()),
+            _number("solution", "all", "degrees of freedom", record["solution"]["degrees_of_freedom"], ""),
+            _number("solution", "all", "sigma0", record["solution"]["sigma0"], ""),
+            *(_analysis(name, refracted, record["analyses"][name]) for name in _ANALYSES),
             _plates(record["plate_statistics"], refracted),
             _bathymetric(record["bathymetric_points"], refracted),
-            *(_ruled(spec, record) for spec in RULED),
+            *(_ruled(table, record) for table in AUDITED if table.report),
             _stated(record["stated"]) if record["stated"] is not None else (),
         )
     )
 
 
-def _one(
-    report: str,
-    item: str,
-    statistic: str,
-    value: Any,
-    unit: str,
-    *,
-    words: str = "",
-    refracted: bool | None = None,
-) -> Found:
+def _number(
+    report: str, item: str, statistic: str, value: Any, unit: str, words: str = "", refracted: bool | None = None
+) -> Quantities:
     """Yield a number where there is one, angles (rad) in arc seconds."""
     if value is not None:
         if unit == "arcsec":
             value /= ARC_SECOND
         elif unit in PRINTED:
             value *= 1.0 / PRINTED[unit]
-        key = Key(report=report, refracted=refracted, item=item, statistic=statistic, words=words)
-        yield key, Quantity(value=value, unit=unit, text="")
+        yield Key(report, refracted, item, statistic, words), Quantity(value, unit, "")
 
 
-def _many(
+def _numbers(
     report: str, item: str, names: Sequence[str], values: Sequence[float | None] | None, units: str, words: str = ""
-) -> Found:
+) -> Quantities:
     for name, value in zip(names, values or (), strict=False):
-        yield from _one(report, item, name, value, units, words=words)
+        yield from _number(report, item, name, value, units, words=words)
 
 
-def _solution(row: Record) -> Found:
-    yield from _one("solution", "all", "degrees of freedom", row["degrees_of_freedom"], "")
-    yield from _one("solution", "all", "sigma0", row["sigma0"], "")
-
-
-def _analyses(kind: str, refracted: bool, rows: Sequence[Record]) -> Found:
-    report = f"{kind} analysis"
-    for row in rows:
+def _analysis(name: str, refracted: bool, rows: Sequence[Record]) -> Quantities:
+    report = f"{name.removeprefix('camera_').replace('_', ' ')} analysis"
+    for row in rows if any(row["size"] for row in rows) else ():  # an analysis of nothing is not printed
         item, unit = row["component"], "arcsec" if row["unit"] == "rad" else "m"
-        if not any(other["size"] for other in rows):
-            return  # nor does it print an analysis of nothing
-        yield from _one(report, item, "size", row["size"], "", refracted=refracted)
+        yield from _number(report, item, "size", row["size"], "", refracted=refracted)
         for statistic in STATISTICS:
-            yield from _one(report, item, statistic, row[statistic], unit, refracted=refracted)
+            yield from _number(report, item, statistic, row[statistic], unit, refracted=refracted)
         if row["maximum_id"]:
-            key = Key(report=report, refracted=refracted, item=item, statistic="maximum at")
-            yield key, Quantity(value=None, unit="", text=row["maximum_id"])
+            yield Key(report, refracted, item, "maximum at"), Quantity(None, "", row["maximum_id"])
 
 
-def _plates(table: Record, refracted: bool) -> Found:
+def _plates(table: Record, refracted: bool) -> Quantities:
     report = "plate residuals"
     for frame in table["frames"]:
         for group, pair in zip(GROUPS, frame["rms"], strict=True):
             for axis, value in zip(AXES, pair, strict=True):
                 # A listing prints .000 for none.
-                yield from _one(report, frame["photo"], f"{group}, {axis}", value or 0.0, "mm", refracted=refracted)
+                yield from _number(
+                    report, frame["photo"], f"{group}, {axis}", value or 0.0, "mm", refracted=refracted
+                )
     for group, photo in zip(GROUPS, table["largest"], strict=True):
         if photo is not None:
-            key = Key(report=report, refracted=refracted, item=group, statistic="largest at")
-            yield key, Quantity(value=None, unit="", text=photo)
+            yield Key(report, refracted, group, "largest at"), Quantity(None, "", photo)
 
 
-def _bathymetric(rows: Sequence[Record], refracted: bool) -> Found:
+def _bathymetric(rows: Sequence[Record], refracted: bool) -> Quantities:
     columns = 3 if refracted else 2  # coordinates without refraction, predicted, with it
     for row in rows:
         for column, field in zip(COLUMNS[:columns], _POINT_FIELDS[:columns], strict=True):
             names = [f"{axis}, {column}" for axis in "XYZ"]
-            yield from _many("bathymetric points", row["point"], names, row[field], "m")
+            yield from _numbers("bathymetric points", row["point"], names, row[field], "m")
 
 
-def _ruled(spec: Spec, record: Record) -> Found:
+def _ruled(audited: Audited, record: Record) -> Quantities:
     """Yield the numbers of a ruled table, in the words of the adjustment, from where the reports state them."""
     system, refracted = record["options"]["system"], record["options"]["refraction"] != "NONE"
-    report = next(one for one in statements() if isinstance(one, Report) and one.title.startswith(spec.title))
-    columns = list(_columns(report, system, spec))
-    words = Words(NATIVE[system], LOCAL_VERTICAL)
+    reports = (statement for statement in statements() if isinstance(statement, Report))
+    report = next(report for report in reports if report.title.startswith(audited.title))
+    columns = list(_columns(report, system, audited))
+    output = OutputSystem(NATIVE[system], LOCAL_VERTICAL)
     submerged = {row["point"] for row in record["points"] if row["bathymetric"]}
     for ids, fields in entries_of(mapped_of(report), record):
-        item = " ".join(ids[: len(spec.key)])
+        item = " ".join(ids[: len(audited.key)])
         for heading, unit, origin in columns:
             is_dry = origin.blank and fields["point"] not in submerged
             if not (is_dry or (origin.field in _REFRACTED and not refracted)):
-                name, system_words = words.name_of(heading) if spec.stated else (heading, "")
-                yield from _one(spec.report, item, name, value_of(origin, fields), unit, words=system_words)
+                name, system_words = output.name_of(heading) if audited.stated else (heading, "")
+                yield from _number(audited.report, item, name, value_of(origin, fields), unit, words=system_words)
 
 
-def _columns(report: Report[Any], system: str, spec: Spec) -> Iterator[tuple[str, str, Origin]]:
+def _columns(report: Report[Any], system: str, audited: Audited) -> Iterator[tuple[str, str, Origin]]:
     """Yield heading, unit and origin of the columns of a job that can be compared."""
     layouts = report.layouts()
     columns = [
@@ -149,12 +132,12 @@ def _columns(report: Report[Any], system: str, spec: Spec) -> Iterator[tuple[str
         for first, last in zip(layouts[0], layouts[-1], strict=True)
     ]
     for heading, column in zip(columns_of(Table(tuple(columns)).head()), columns, strict=True):
-        if heading.name in spec.columns and column.origin:
+        if heading.name in audited.compared and column.origin:
             unit = column.origin.unit or heading.unit
             yield heading.name, "arcsec" if heading.angle or unit in _ANGLES else unit, column.origin
 
 
-def _stated(stated: Record) -> Found:
+def _stated(stated: Record) -> Quantities:
     """Yield stations and points in the words of the SYS card."""
     answer = stated["answer"]
     places, turns, _ = answer["text"].split("; ")
@@ -169,7 +152,7 @@ def _stated(stated: Record) -> Found:
     ):
         for row in rows:
             for name, unit, value in zip(names, units, row["position"] or (), strict=False):
-                yield from _one(report, row[key], name, value, unit, words=places)
+                yield from _number(report, row[key], name, value, unit, words=places)
             if answer["sigmas"] == _OF_SYSTEM:
                 yield from _stated_sigmas(report, row[key], names, units, row["covariance"], places, turns)
     for row in stated["stations"]:
@@ -184,29 +167,28 @@ def _stated_sigmas(
     covariance: Sequence[Sequence[float | None]] | None,
     places: str,
     turns: str,
-) -> Found:
+) -> Quantities:
     """Yield the sigmas of coordinates and, of stations, attitudes, from the diagonal of their covariance."""
     variances = [(row or [None] * (n + 1))[n] for n, row in enumerate(covariance or ())]
-    sigmas = [None if one is None else math.sqrt(max(one, 0.0)) for one in variances]
+    sigmas = [None if variance is None else math.sqrt(max(variance, 0.0)) for variance in variances]
     short = {"Latitude": "Lat", "Longitude": "Long", "Elevation": "h"}
     for name, unit, sigma in zip(names, units, sigmas, strict=False):
-        yield from _one(report, item, f"Sigma {short.get(name, name)}", sigma, unit, words=places)
+        yield from _number(report, item, f"Sigma {short.get(name, name)}", sigma, unit, words=places)
     angles = [f"Sigma {name}" for name in _angles(turns)] or ["Sigma"] * 3
-    yield from _many(report, item, angles, sigmas[3:], "arcsec", turns)
+    yield from _numbers(report, item, angles, sigmas[3:], "arcsec", turns)
 
 
 def _angles(turns: str) -> list[str]:
     """Return the names of the angles of attitudes in the words of a statement; none of matrices."""
     first, second, rest = [*turns.split(", "), "", ""][:3]
-    return [one.capitalize() for one in (first, second, rest.split(" ")[0])] if second else []
+    return [angle.capitalize() for angle in (first, second, rest.split(" ")[0])] if second else []
 
 
-def _turned(row: Record, turns: str) -> Found:
+def _turned(row: Record, turns: str) -> Quantities:
     names = _angles(turns)
     if names:
         names = [SAME.get(name, name) for name in names] if turns == LOCAL_VERTICAL else names
-        yield from _many("adjusted stations", row["photo"], names, row["angles"], "arcsec", turns)
+        yield from _numbers("adjusted stations", row["photo"], names, row["angles"], "arcsec", turns)
         return
     for number, line in enumerate(row["matrix"] or (), start=1):
-        axes = ("First axis", "Second axis", "Third axis")
-        yield from _many("adjusted stations", f"{row['photo']} {number}", axes, line, "", turns)
+        yield from _numbers("adjusted stations", f"{row['photo']} {number}", MATRIX_AXES, line, "", turns)

@@ -16,13 +16,13 @@ from itertools import chain, pairwise, zip_longest
 
 from musatpy.errors import Problem
 from musatpy.listings.audit.cells import Kind, all_are, read_cells
-from musatpy.listings.audit.headings import AUDITED, names_of, put_right
+from musatpy.listings.audit.headings import audited_tables, names_of, put_right
 from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.scan import Line
 from musatpy.listings.audit.spelling import canonical, lookalike, noisy_pattern, respelt
-from musatpy.listings.audit.structures import Repair, RepairKind, Table
+from musatpy.listings.audit.structures import RepairKind, Table
+from musatpy.listings.lines import CUT
 
-_CUT = re.compile(r"Only the worst \d+ of \d+ rows ")
 _RULE = re.compile(r"^-+(?:  -+)+$")
 _CONTINUED = " (continued)"
 _CONTINUES = re.compile(rf"[\W_]*{noisy_pattern('continued')}\W*$", re.I)
@@ -52,7 +52,7 @@ def titles() -> tuple[str, ...]:
     """Return the titles of the tables of our listings that are more than a beginning."""
     from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
 
-    return tuple(title for title in table_titles() if title in AUDITED or not title.startswith(BEGINNINGS))
+    return tuple(title for title in table_titles() if title in audited_tables() or not title.startswith(BEGINNINGS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,15 +119,16 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
         headings = put_right(table.title, table.head, table.headings, notes)
         tables.append(replace(table, headings=headings))
     _note_without_rule(lines, titles, notes)
-    columns = [_columns(raw) for raw in tables]
-    words = _Words(list(zip(tables, columns, strict=True)))
+    columns = [tuple(map(_column, raw.headings, raw.units, raw.right, raw.columns)) for raw in tables]
+    with_columns = list(zip(tables, columns, strict=True))
+    words = _Words(with_columns)
     notes.ids.update(words.ids())
-    return [_table(raw, one, words, notes) for raw, one in zip(tables, columns, strict=True)]
+    return [_table(*table, words, notes) for table in with_columns]
 
 
 def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table, ...]:
     """Return the tables without those that a brief listing has cut to their worst rows."""
-    cuts = [line.number for line in lines if _CUT.match(line.text)]
+    cuts = [line.number for line in lines if CUT.match(line.text)]
     ends = [table.line for table in tables[1:]] + [lines[-1].number + 1]
     return tuple(
         table
@@ -138,7 +139,7 @@ def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table,
 
 def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) -> None:
     """Note titles that no table belongs to: the rule below its headings is not legible."""
-    wanted = {canonical(title) + end: title for title in AUDITED for end in ("", canonical(_CONTINUED))}
+    wanted = {canonical(title) + end: title for title in audited_tables() for end in ("", canonical(_CONTINUED))}
     for line in lines:
         title = wanted.get(line.canonical)
         if title and line.number not in titles:
@@ -162,16 +163,13 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         headings=names_of(parts),
         units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
         right=tuple(
-            _right([line.text[slice(*span)].ljust(span[1] - span[0]) for line in lines[top:at]]) for span in spans
+            any(re.match(r" .*\S$", line.text[start:end].ljust(end - start)) for line in lines[top:at])
+            for start, end in spans
         ),
         rows=rows,
         cells=cells,
         loose=loose,
     )
-
-
-def _right(head: Sequence[str]) -> bool:
-    return any(text.startswith(" ") and not text.endswith(" ") for text in head)
 
 
 def _rows(lines: Sequence[Line], first: int, spans: Spans) -> Iterator[Line]:
@@ -193,7 +191,10 @@ def _ends(line: Line, before: Line, spans: Spans) -> bool:
     """Tell whether a line is no row but prose behind a table."""
     if before.text and not _RULE.match(before.text):
         return False
-    return not _in_columns(spans).match(line.text.ljust(spans[-1][1]) + "\n") and _prose(line.text)
+    if _in_columns(spans).match(line.text.ljust(spans[-1][1]) + "\n"):
+        return False
+    words = line.text.split()
+    return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
 
 
 def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[int]]:
@@ -211,12 +212,6 @@ def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[in
     return [list(map(str.strip, column)) for column in zip(*cells, strict=True)] or [[] for _ in spans], loose
 
 
-def _prose(text: str) -> bool:
-    """Tell whether a line has more words than numbers."""
-    words = text.split()
-    return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
-
-
 @lru_cache(maxsize=64)
 def _in_columns(spans: Spans) -> re.Pattern[str]:
     """Return the pattern of a row, blanks behind it, that stands in columns: nothing is between them."""
@@ -230,7 +225,7 @@ def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
     """Return a table with its title put right, and whether it continues one; a title that is unknown is noted."""
     title = _CONTINUES.sub("", raw.title)
     continued = title != raw.title
-    read = next((one for one in titles() if canonical(one) == canonical(title)), None)
+    read = next((known for known in titles() if canonical(known) == canonical(title)), None)
     for beginning in BEGINNINGS if read is None else ():
         noisy = re.match(rf"{noisy_pattern(beginning)}\W*", title, re.I)
         if noisy:
@@ -278,22 +273,19 @@ class _Words:
         return {word for name in ("Photo", "Point") for word, n in self._counts.get(name, {}).items() if n > 1}
 
 
-def _columns(raw: _Raw) -> tuple[_Column, ...]:
-    """Return what the columns of a table hold."""
-    return tuple(
-        _column(heading, unit, right, [cell for cell in column if cell])
-        for heading, unit, right, column in zip(raw.headings, raw.units, raw.right, raw.columns, strict=True)
-    )
-
-
-def _column(heading: str, unit: str, right: bool, cells: Sequence[str]) -> _Column:
+def _column(heading: str, unit: str, right: bool, column: Sequence[str]) -> _Column:
+    """Return what a column of a table holds."""
+    cells = [cell for cell in column if cell]
     if heading.split(" ")[0] in _NAMES:
         return _Column(heading=heading, kind=None, decimals=None)
-    kinds = [name for name, one in _KINDS.items() if cells and all_are(one.pattern, cells)]
+    kinds = [name for name, pattern in _KINDS.items() if cells and all_are(pattern.pattern, cells)]
     if not kinds:
         counts = Counter(cells)
-        shares = {name: sum(counts[cell] for cell in counts if one.fullmatch(cell)) for name, one in _KINDS.items()}
-        kinds = sorted(shares, key=lambda one: -shares[one])
+        shares = {
+            name: sum(counts[cell] for cell in counts if pattern.fullmatch(cell))
+            for name, pattern in _KINDS.items()
+        }
+        kinds = sorted(shares, key=lambda kind: -shares[kind])
         if shares[kinds[0]] < _MOST * len(cells) or not cells:
             by_unit: Kind | None = "angle" if unit.startswith("D  M") else "number" if right else None
             return _Column(heading=heading, kind=by_unit, decimals=None)
@@ -370,7 +362,7 @@ def _cell(line: int, column: _Column, text: str, words: _Words, notes: Notes) ->
     if not text or text in _MARKS or (column.kind and _legible(column, text)):
         return text
     if not re.search(r"[^\W_]|\*", text):
-        notes.repairs.append(Repair(line=line, kind=RepairKind.STRAY, found=text, read=""))
+        notes.repair(line, RepairKind.STRAY, text)
         return ""
     if column.kind is None:
         read = words.put_right(column, text)
@@ -394,7 +386,7 @@ def _number(line: int, text: str, notes: Notes) -> str | None:
         return text
     kinds: tuple[Kind, ...] = ("number", "angle") if "." in text else ("number", "count", "angle")
     readings = [read_cells(tuple(text.split()), [kind]) for kind in kinds]
-    reading = next((one for one in readings if one), None)
+    reading = next((reading for reading in readings if reading), None)
     if reading is not None:
         notes.repairs.extend(reading.repairs(line))
     return reading.texts[0] if reading else text

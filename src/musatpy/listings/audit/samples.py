@@ -40,7 +40,8 @@ def implied(N: int, name: str, cells: Mapping[str, Interval]) -> Interval | None
     if m is None:
         return None
     if name in ("sum", "mean"):
-        return _of_mean(N, name, m)
+        times = N if name == "sum" else 1
+        return None if math.isinf(m[1]) else (m[0] * times, m[1] * times)
     if name == "rms":
         return _rms(N, m, others) if "deviation" in others else None
     R = _rms(N, m, others)
@@ -62,12 +63,6 @@ def sizes_implied(cells: Mapping[str, Interval]) -> range:
         return range(0)
     low, high = _smallest(S) / _largest(m), _largest(S) / _smallest(m)
     return range(max(1, math.ceil(low)), math.floor(high) + 1) if high - low < 3.0 else range(0)
-
-
-def _of_mean(N: int, name: str, m: Interval) -> Interval | None:
-    if math.isinf(m[1]):
-        return None
-    return (m[0] * N, m[1] * N) if name == "sum" else m
 
 
 def _mean(N: int, cells: Mapping[str, Interval]) -> Interval | None:

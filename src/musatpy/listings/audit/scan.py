@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import count, pairwise
+from itertools import chain, count, pairwise
 from typing import NamedTuple
 
 from musatpy.listings.audit.spelling import canonical, canonical_row, noisy_pattern, pattern, required, respelt
 from musatpy.listings.audit.structures import Repair
+from musatpy.listings.lines import SKIPPED
 
 PAGE_HEADER = re.compile(r"\bPAGE\s+(?P<page>[\dlI|!Oo]+)\s*$")
-_SKIPPED = {" ": 0, "0": 1, "-": 2, "1": 0, "+": 0}  # blank lines that a control character asks for
 
 _TITLES = (
     ("station position", "Camera Station Position Analysis", ""),
@@ -25,6 +25,7 @@ _TITLES = (
 _REQUIRED = {title: required(title) for _, title, _ in _TITLES}
 _ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
 _OURS = canonical("AEROTRIANGULATION")  # the first title behind it
+_RUNS = ((False, ("No Refraction Correction", "Standard")), (True, ("Refraction Correction Applied", "Modified")))
 WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
 _NEAR = 6  # lines below a title that still belong to it
 
@@ -38,7 +39,7 @@ class Line(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
+class StandardReport:
     """A standard report: its lines from the title to the next title."""
 
     kind: str
@@ -56,14 +57,15 @@ def lines_of(text: str) -> list[Line]:
     # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
     rows = text.replace("\f", "").replace("\r\n", "\n").split("\n")
     printed = [row for row in rows if row]
-    controlled = bool(printed) and printed[0].startswith("1") and all(row[0] in _SKIPPED for row in printed)
-    skipped = [_SKIPPED[row[0]] if row else 0 for row in rows] if controlled else []
+    controlled = bool(printed) and printed[0].startswith("1") and all(row[0] in SKIPPED for row in printed)
+    skipped = [SKIPPED[row[0]] if row else 0 for row in rows] if controlled else []
     rows = [row[controlled:].rstrip() for row in rows]
     rows = ["" if len(row) > WIDEST or ("PAGE" in row and PAGE_HEADER.search(row)) else row for row in rows]
     lines = list(map(Line, count(1), rows, map(canonical_row, rows)))
     if not controlled:
         return lines
-    return [one for line, n in zip(lines, skipped, strict=True) for one in (*[Line(line.number, "")] * n, line)]
+    spaced = ([*[Line(line.number, "")] * n, line] for line, n in zip(lines, skipped, strict=True))
+    return list(chain.from_iterable(spaced))
 
 
 def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
@@ -95,7 +97,7 @@ def starts_ours(line: Line) -> bool:
     return line.canonical == _OURS
 
 
-def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
+def standard_reports(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[StandardReport]:
     """Yield the standard reports in their order; a title without a report below it makes an empty section.
 
     Repairs of titles are added to `repairs`.
@@ -103,10 +105,10 @@ def sections(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[Section]:
     starts = [(at, kind) for at, line in enumerate(lines) if line.canonical and (kind := _kind(line, repairs))]
     for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
         title = lines[at : min(at + _NEAR, end)]
-        yield Section(
+        yield StandardReport(
             kind=kind,
             line=lines[at].number,
-            refracted=_refracted(title, repairs),
+            refracted=next((run for run, phrases in _RUNS if _says(title, phrases, repairs)), None),
             sexagesimal=_says(title, ("Degrees Minutes",), repairs),
             lines=tuple(lines[at:end]),
         )
@@ -126,15 +128,9 @@ def _kind(line: Line, repairs: list[Repair]) -> str:
     return ""
 
 
-def _refracted(title: Sequence[Line], repairs: list[Repair]) -> bool | None:
-    if _says(title, ("No Refraction Correction", "Standard"), repairs):
-        return False
-    return True if _says(title, ("Refraction Correction Applied", "Modified"), repairs) else None
-
-
 def _says(title: Sequence[Line], phrases: Sequence[str], repairs: list[Repair]) -> bool:
     """Tell whether one of the lines has one of the phrases, none of them under noise where one has it plainly."""
-    if any(re.search(rf"\b{pattern(one)}\b", line.text, re.I) for one in phrases for line in title):
+    if any(re.search(rf"\b{pattern(phrase)}\b", line.text, re.I) for phrase in phrases for line in title):
         return True
     for phrase in phrases:
         for line in title:

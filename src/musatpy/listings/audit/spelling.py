@@ -78,19 +78,19 @@ def required(phrase: str) -> str:
     return canonical(max(phrase.split(), key=len)[:_LEAST])
 
 
-def respelt(line: int, found: str, read: str) -> Iterator[Repair]:
+def respelt(line: int, printed: str, read: str) -> Iterator[Repair]:
     """Yield the repairs that make a text another one, one of each kind; upper case is no noise."""
-    found = found.strip()
-    if found.casefold() == read.casefold():
+    printed = printed.strip()
+    if printed.casefold() == read.casefold():
         return
-    bare, goal = (re.sub(r"[\W_]", "", text.replace("|", "1").replace("!", "1")) for text in (found, read))
+    bare, goal = (re.sub(r"[\W_]", "", text.replace("|", "1").replace("!", "1")) for text in (printed, read))
     changed = {(a, b) for a, b in zip(bare, goal, strict=False) if a.casefold() != b.casefold()}
     if any({a, b} & set("0oO") for a, b in changed):
-        yield Repair(line=line, kind=RepairKind.ZERO, found=found, read=read)
-    if any({a, b} & set("1lIi") for a, b in changed) or ({"|", "!"} & set(found)) - set(read):
-        yield Repair(line=line, kind=RepairKind.ONE, found=found, read=read)
-    marks, wanted = (re.findall(r"[^\w\s]|_", text) for text in (found, read))
+        yield Repair(line, RepairKind.ZERO, printed, read)
+    if any({a, b} & set("1lIi") for a, b in changed) or ({"|", "!"} & set(printed)) - set(read):
+        yield Repair(line, RepairKind.ONE, printed, read)
+    marks, wanted = (re.findall(r"[^\w\s]|_", text) for text in (printed, read))
     if set(marks) - {"|", "!"} and len(marks) > len(wanted):
-        yield Repair(line=line, kind=RepairKind.STRAY, found=found, read=read)
-    elif not changed and not ({"|", "!"} & set(found)):
-        yield Repair(line=line, kind=RepairKind.SPLIT, found=found, read=read)
+        yield Repair(line, RepairKind.STRAY, printed, read)
+    elif not changed and not ({"|", "!"} & set(printed)):
+        yield Repair(line, RepairKind.SPLIT, printed, read)

@@ -26,7 +26,7 @@ class RepairKind(StrEnum):
     LABEL = "axis by its place"  # the X, Y or Z of a row is not legible
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Repair:
     """One repair: what stood in the text, and what was read."""
 
@@ -128,6 +128,11 @@ class Table:
     columns: dict[str, list[str]]  # cells of all rows by heading, stripped; blank where they are not legible
     illegible_cells: dict[int, frozenset[str]]  # line -> headings, where there are any
 
+    @property
+    def name(self) -> str:
+        """How messages call it."""
+        return self.title.partition(": Adjusted Minus")[0].lower()
+
     def rows(self) -> Iterator[tuple[int, dict[str, str]]]:
         """Yield the line and the cells of each row by heading: of large tables, `columns` are at hand sooner."""
         for line, row in zip(self.lines, zip(*self.columns.values(), strict=True), strict=True):
@@ -163,7 +168,7 @@ class Listing:
     @property
     def rows(self) -> set[int]:
         """Lines of the rows of the standard reports."""
-        numbers = {line for one in self.analyses for line in one.lines.values()}
+        numbers = {line for analysis in self.analyses for line in analysis.lines.values()}
         numbers |= {cell.line for table in self.plates for row in table.rms.values() for cell in row.values()}
         points = (point for table in self.submerged for point in table.points)
         return numbers | {cell.line for point in points for cell in point.xyz.values()}
@@ -176,6 +181,10 @@ class Listing:
     def table(self, title: str) -> Table | None:
         """Return the ruled table whose title starts with `title`."""
         return next((table for table in self.tables if table.title.startswith(title)), None)
+
+    def tables_titled(self, *titles: str) -> list[Table]:
+        """Return the ruled tables of several titles, as far as the listing has them."""
+        return [table for title in titles if (table := self.table(title))]
 
 
 def run_name(refracted: bool | None) -> str:

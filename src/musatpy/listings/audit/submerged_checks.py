@@ -44,21 +44,13 @@ def _outliers(table: SubmergedTable, column: str, axis: str) -> Iterator[Misprin
         if abs(shift) <= limit:
             continue
         cell, straight = point.xyz[column, axis], point.xyz["none", axis]
-        others = (one for other, one in shifts if other is not point)
+        others = (size for other, size in shifts if other is not point)
         near = text_like(straight.value + median(others), cell)
-        first = Suspect(item=f"{axis}, {column}", line=cell.line, found=cell.text, expected=f"about {near}")
-        suspects = [first]
+        suspects = [Suspect.of(f"{axis}, {column}", cell, f"about {near}")]
         if _all_off(point, axis, limit):
-            suspects.append(
-                Suspect(item=f"{axis}, no refraction", line=cell.line, found=straight.text, expected="")
-            )
-        yield Misprint(
-            line=cell.line,
-            table=table.name,
-            item=f"point {point.name}",
-            message=f"{axis}, {column}, is {abs(shift):.1f} m from where it seems to be: more than {limit:.0f} m",
-            suspects=tuple(suspects),
-        )
+            suspects.append(Suspect.of(f"{axis}, no refraction", straight))
+        message = f"{axis}, {column}, is {abs(shift):.1f} m from where it seems to be: more than {limit:.0f} m"
+        yield Misprint(cell.line, table.name, f"point {point.name}", message, tuple(suspects))
 
 
 def _median_without(ordered: Sequence[float], value: float) -> float:

@@ -7,11 +7,10 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from musatpy.errors import Problem
 from musatpy.listings.audit.cells import Kind, Reading, printed, read_cells, words_of
 from musatpy.listings.audit.notes import Notes
-from musatpy.listings.audit.scan import Line, Section
-from musatpy.listings.audit.structures import Printed, Repair, RepairKind, SubmergedPoint, SubmergedTable
+from musatpy.listings.audit.scan import Line, StandardReport
+from musatpy.listings.audit.structures import Printed, RepairKind, SubmergedPoint, SubmergedTable
 
 COLUMNS = ("none", "predicted", "refraction")
 AXES = "XYZ"
@@ -22,6 +21,9 @@ _AXIS = re.compile(r"^\W*+(?:\S*\w\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
 _FIRST = re.compile(rf"(?:-|(?<!\d))\d{{{_DIGITS},}}+\s?[.\u2022\u00b7-]\d")  # of the numbers of a row
 _RULING = re.compile(r".|[\W_]+")  # what an edge of the table is read as
 _END = re.compile(r"^\W*+Point (?:not|is)\b", re.I)
+
+
+_MISSING = "the row of {} of a point is missing here"
 
 
 @dataclass(frozen=True)
@@ -39,27 +41,27 @@ class Labelled:
         return last if last in ("X", "Y", "Z") else ""
 
 
-def read_submerged(sections: list[Section], notes: Notes) -> list[SubmergedTable]:
+def read_submerged(reports: list[StandardReport], notes: Notes) -> list[SubmergedTable]:
     """Return the tables; pages that follow one another without a point twice are of one."""
     tables: list[tuple[int, list[SubmergedPoint]]] = []
     names: set[str] = set()  # in the last of them
-    for section in sections:
-        table = _read(section, notes)
+    for report in reports:
+        table = _read(report, notes)
         if table is None:
             continue
-        here = {point.name for point in table.points}
-        if tables and names.isdisjoint(here):
+        points = {point.name for point in table.points}
+        if tables and names.isdisjoint(points):
             tables[-1][1].extend(table.points)
-            names |= here
+            names |= points
         else:
             tables.append((table.line, list(table.points)))
-            names = here
+            names = points
     return [SubmergedTable(line=line, points=tuple(points)) for line, points in tables]
 
 
-def _read(section: Section, notes: Notes) -> SubmergedTable | None:
+def _read(report: StandardReport, notes: Notes) -> SubmergedTable | None:
     """Return the table; None where no coordinates are below the title."""
-    rows = list(_rows(section))
+    rows = list(_rows(report))
     notes.titled.update(line.number for line, *_ in rows)
     columns: tuple[str, ...] = COLUMNS
     if rows and all(_count(rest) == 2 for *_, rest in rows):
@@ -73,7 +75,7 @@ def _read(section: Section, notes: Notes) -> SubmergedTable | None:
         row = Labelled(line, label.replace("*", " * ").split(), reading)
         if row.axis and row.axis != AXES[len(group)]:
             if not broken:
-                _missing(row.line, AXES[len(group)], notes)
+                notes.lost(line, _MISSING.format(AXES[len(group)]))
             group, broken = [], True
             if row.axis != "X":
                 continue
@@ -83,18 +85,13 @@ def _read(section: Section, notes: Notes) -> SubmergedTable | None:
             points += _point(group, columns, width, notes)
             group = []
     if group:
-        _missing(group[-1].line, AXES[len(group)], notes)
-    return SubmergedTable(line=section.line, points=tuple(points)) if points else None
+        notes.lost(group[-1].line, _MISSING.format(AXES[len(group)]))
+    return SubmergedTable(line=report.line, points=tuple(points)) if points else None
 
 
-def _missing(line: Line, axis: str, notes: Notes) -> None:
-    message = f"the row of {axis} of a point is missing here"
-    notes.unreadable.append(Problem(file=notes.file, line=line.number, message=message, text=line.text))
-
-
-def _rows(section: Section) -> Iterator[tuple[Line, str, str]]:
+def _rows(report: StandardReport) -> Iterator[tuple[Line, str, str]]:
     """Yield line, label, and the text right of it."""
-    for line in (line for line in section.lines if line.text):
+    for line in (line for line in report.lines if line.text):
         if _END.match(line.text):
             return
         first, axis = _FIRST.search(line.text), _AXIS.match(line.text)
@@ -132,10 +129,7 @@ def _point(
     words = [word for word in named.words[:-1] if word != "*"]
     name = notes.id_of(words, width)
     if name is None:
-        problem = f"a point with no legible number: '{' '.join(words)}'"
-        notes.unreadable.append(
-            Problem(file=notes.file, line=named.line.number, message=problem, text=named.line.text)
-        )
+        notes.lost(named.line, f"a point with no legible number: '{' '.join(words)}'")
         return
     notes.repairs.extend(name.repairs(named.line.number))
     for axis, row in zip(AXES, group, strict=True):
@@ -147,12 +141,12 @@ def _note_repairs(axis: str, row: Labelled, others: Sequence[str], notes: Notes)
     """Note what is left out beside the letter of a row, and where its place tells its axis."""
     for word in others:
         if re.fullmatch(_RULING, word):
-            notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.BORDER, found=word, read=""))
+            notes.repair(row.line.number, RepairKind.BORDER, word)
         else:
             notes.lost(row.line, f"'{word}' beside the {axis} of a point")
     last = row.words[-1] if row.words else ""
     left = re.sub(row.axis, "", last, count=1, flags=re.I) if last != axis else ""
     if row.axis and left:
-        notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.BORDER, found=left, read=""))
+        notes.repair(row.line.number, RepairKind.BORDER, left)
     if not row.axis:
-        notes.repairs.append(Repair(line=row.line.number, kind=RepairKind.LABEL, found=last, read=axis))
+        notes.repair(row.line.number, RepairKind.LABEL, last, axis)

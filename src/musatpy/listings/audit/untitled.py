@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from musatpy.listings.audit.analysis_tables import LABELS
 from musatpy.listings.audit.notes import Notes, labelled
-from musatpy.listings.audit.plate_tables import rms_labels
+from musatpy.listings.audit.plate_tables import RMS_LABELS
 from musatpy.listings.audit.scan import Line
 from musatpy.listings.audit.spelling import required
 from musatpy.listings.audit.submerged_tables import AXES
@@ -18,7 +18,7 @@ _BROKEN = 5  # lines: a row so near to one that was read belongs to its report, 
 _CELLS = r"(?:-?[\d.]++(?:\s++|$)){%d,}$"
 _COORDINATES = re.compile(r"^\s*+(?:\S++\s++)?\**+\s*+[XYZ]\s++" + _CELLS % 2)
 
-_LABELS = (*LABELS.values(), *rms_labels())
+_LABELS = (*LABELS.values(), *RMS_LABELS.values())
 _REQUIRED = {required(label) for label in _LABELS}
 _DIGIT, _LETTERS = re.compile(r"\d"), re.compile("[A-Za-z]{2}")
 

@@ -1,0 +1,334 @@
+"""A listing against the record of its run."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import random
+from decimal import ROUND_HALF_EVEN, Decimal, localcontext
+
+import pytest
+
+from listings.runs import RAW, SEA, ST_THOMAS, edited, entry_of, moved, printed, run_of
+from musatpy.listings import CannotCompareError, compare_texts, parse_rules, recorded
+from musatpy.listings.judge import EXACTLY
+from musatpy.listings.lines import paper_of
+from musatpy.listings.recorded import mapped_section, mapped_sections
+from musatpy.listings.rules import Layout
+from musatpy.listings.sections import sections_of
+from musatpy.listings.tokens import Token, parse
+from musatpy.units import dms_from_radians
+from sample_solutions import sample_solution
+
+MIXED, REVERSED = ("a.lst", "b.json"), ("a.json", "b.lst")
+
+
+@pytest.fixture
+def text():
+    return run_of(ST_THOMAS).record
+
+
+@pytest.fixture
+def listing():
+    return run_of(ST_THOMAS).listing
+
+
+def compared(a, b, rules="", names=MIXED):
+    return compare_texts(a, b, parse_rules(rules), names)
+
+
+def held(run, change):
+    """Return what differs between the listing of a run and its record with a change."""
+    return compared(run.listing, edited(run.record, change))
+
+
+def test_a_heading_that_is_not_legible_is_no_error(text, listing):
+    assert "Largest translation" in listing
+    found = compared(listing.replace("Largest translation", "Largest transl tion"), text)
+    assert {one.section for one in found.findings} <= {"Iterations", "Solution Summary"}
+
+
+@pytest.mark.parametrize("deck", [ST_THOMAS, "cayman/cayman_standard.crd", "cayman/cayman_modified.crd", SEA, RAW])
+def test_a_listing_shows_the_numbers_of_its_record(deck):
+    _, listing, text = run_of(deck)
+    found = compared(listing, text)
+    assert found.same, found.findings[:5]
+    assert found.counts["rows compared"] > 250
+    assert "Page headers" in found.not_compared
+    left_out = [note.partition(":")[0] for note in found.not_compared if "column" not in note]
+    assert not any("Ellipses" in title or "Warnings" in title for title in left_out)
+    assert not any("How Well" in note and "column" in note for note in found.not_compared)
+    reduction = {
+        note.split(": column")[0].split(": words")[0] for note in found.not_compared if "Reduction" in note
+    }
+    parts = {"Plate Reduction", "Plate Reduction: Plates", "Plate Reduction: Steps And Parameters"}
+    assert reduction == (parts if deck == RAW else set())
+
+
+def test_a_local_listing_with_all_kinds_of_rows_shows_the_numbers_of_its_record():
+    run = printed(sample_solution())
+    found = compared(run.listing, run.record)
+    assert found.same, found.findings[:5]
+
+
+ATTITUDES, RESIDUALS = (
+    "Adjusted Exposure Stations: Attitudes",
+    "Residuals Of Plate Measurements: Adjusted Minus Measured",
+)
+ELLIPSES, WAVES = "Statistics: Error Ellipses Of Stations", "Water: How Well The Waves Are Known"
+MARKS = "Plate Reduction: Residuals Of Fiducial Marks: Transformed Minus Calibrated"
+_PARAMETERS = ("adjusted_water", "waves", "parameters")
+MOVES = {
+    ST_THOMAS: [
+        (("points", 2, "position", 2), 0.001, "Adjusted Ground Points", "203", {"Elevation"}),
+        (("points", 2, "position", 0), 1e-9, "Adjusted Ground Points", "203", {"Latitude"}),
+        (("stations", 0, "attitude", 0), 1e-8, ATTITUDES, "21", {"X-Tilt"}),
+        (("stations", 0, "attitude_sigma", 1), 1e-7, ATTITUDES, "21", {"Sigma Y-T"}),
+        (("solution", "sigma0"), 1e-6, "Solution Summary", "Sigma0 (standard deviation of unit weight)", {""}),
+        (("plates", 3, "residual", 1), 2e-5, RESIDUALS, "21 204", {"Resid. y"}),
+        (("analyses", "ground_point", 2, "rms"), 0.01, "Ground Point Analysis", "RMS of Differences",
+         {"Elev. (M)"}),
+        (("bathymetric_points", 0, "predicted", 1), 0.1, "Bathymetric Points", "203 Y", {"Predicted"}),
+        (("plate_statistics", "frames", 1, "rms", 0, 1), 0.001, "Plate Residuals", "RMS of Trig. Points - y",
+         {"22"}),
+        (("dependence", "stations", 1, "inflation", 5), 0.1, "Statistics: Variance Inflation Of Stations", "22",
+         {"Heading"}),
+    ],
+    SEA: [
+        (("stations", 1, "covariance", 0, 0), 1.0, ELLIPSES, "2", {"Major", "Minor", "Bearing"}),
+        (("stations", 1, "position_sigma", 2), 0.1, ELLIPSES, "2", {"Sigma Up"}),
+        ((*_PARAMETERS, 2, "adjusted"), 0.01, WAVES, "SW", {"Adjusted", "Adjusted - given"}),
+        ((*_PARAMETERS, 1, "sigma"), 0.01, WAVES, "SW", {"Sigma"}),
+        (("dependence", "globals", 2, "sigma"), 1e-4, "Statistics: Global Unknowns", "wave SW azimuth",
+         {"Sigma m, arc sec, 1"}),
+        (("waves", 0, "given_period"), 0.1, "Input: Waves", "SW", {"Period s"}),
+        (("wave_origin", 0), 0.001, "Input: Origin Of The Waves", "5000.0000", {"X"}),
+    ],
+    RAW: [
+        (("comparator", "non_orthogonality"), 1e-6, "Input: Comparator", ".999985000", {"Lean"}),
+        (("distortion", 3, "values", 1), 1e-6, "Input: Distortion", "RC8", {"K2, P2 or distortion mm"}),
+        (("lenses", 0, "centre", 1), 1e-4, "Input: Principal Points Of Best Symmetry", "RC8", {"y"}),
+        (("reduction", "readings", 4, "xy", 1), 1e-6, "Input: Plate Readings", "21 205", {"v unit"}),
+        (("reduction", "options", "residual_limit"), 1e-4, "Plate Reduction", "Limit of residuals of marks", {""}),
+        (("reduction", "plates", 1, "sigma0"), 0.01, "Plate Reduction: Plates", "22", {"Sigma0"}),
+        (("reduction", "plates", 1, "marks", 2, "residual", 0), 1e-4, MARKS, "22 3", {"Resid. x"}),
+        (("reduction", "plates", 2, "spreads", 1, "sigma", 1), 1e-4, "Plate Reduction: Repeated Readings", "23",
+         {"Sigma v unit"}),
+        (("plates", 0, "xy", 0), 1e-6, "Input: Plate Measurements, Refined", "21 102", {"x"}),
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("deck", MOVES)
+def test_numbers_of_the_record_that_move_a_printed_digit_are_found(deck):
+    _, listing, text = run_of(deck)
+    expected = {(section, row, column) for *_, section, row, columns in MOVES[deck] for column in columns}
+    for path, step, *_ in MOVES[deck]:
+        text = moved(text, path, step)
+    sections = {section for section, *_ in expected}
+    found = [one for one in compared(listing, text).findings if one.section in sections]
+    assert {(one.section, one.row, one.column) for one in found} == expected
+    assert all(one.last_digits is None or abs(one.last_digits) >= 1 for one in found)
+
+
+def test_a_variance_of_heights_is_in_no_ellipse():
+    _, listing, text = run_of(SEA)
+    found = compared(listing, moved(text, ("stations", 1, "covariance", 2, 2), 0.1)).findings
+    assert ELLIPSES not in {one.section for one in found}
+
+
+def test_a_record_before_its_listing_differs_the_other_way_round(listing, text):
+    other = moved(text, ("points", 2, "position", 2), 0.001)
+    (there,) = compared(listing, other).findings
+    (back,) = compared(other, listing, names=REVERSED).findings
+    assert back.difference == -there.difference
+    assert compared(listing, other, "[[rule]]\nlast_digits = 99\n").same
+
+
+def test_rows_without_a_partner_are_found():
+    def change(content):
+        del content["points"][2]
+
+    found = held(run_of(ST_THOMAS), change)
+    assert {(one.kind, one.section, one.row) for one in found.findings} == {
+        ("only in A", "Adjusted Ground Points", "203"),
+        ("only in A", "Statistics: Error Ellipses Of Ground Points, The 20 Largest", "203"),
+        ("number", "Size Of The Job", "Ground points"),
+        ("number", "Size Of The Job", "Submerged points"),
+        ("number", "Run", "Photos, points, images, submerged points"),
+    }
+
+
+def test_an_overflow_is_no_number_of_the_record(text, listing):
+    line = "203       B     triangulated       2    18 19 42.98665   -64 56 36.29588       -5.134"
+    assert line in listing
+    found = compared(listing.replace(line, line[:-6] + "******"), text)
+    assert [(one.kind, one.column) for one in found.findings] == [("overflow", "Elevation")]
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "message"),
+    [("x 1.5\n", "[1, 2]", "no record"), ("x 1.5\n", "3", "no record"), ("x 1.5\n", "{}", "no section")],
+)
+def test_what_is_no_record_or_no_listing_of_ours_is_refused(a, b, message):
+    with pytest.raises(CannotCompareError, match=message):
+        compared(a, b)
+
+
+def test_the_map_names_sections_and_fields_that_there_are(listing):
+    """Every heading of a mapped section of the fixtures is mapped, or said to be left out."""
+    printed = {section.title: section for section in sections_of(paper_of(listing, Layout()), Layout())}
+    mapped = {title: mapped_section(title) for title in printed}
+    assert sum(one is not None for one in mapped.values()) >= 25
+    left_out = {"Bath", "Trig", "Test", "Large", "Fails", "Unit", ""}
+    for title, one in mapped.items():
+        if one and one.layout == "rows":
+            names = {column.name for column in printed[title].columns}
+            assert names - set(one.columns) - set(one.ids) <= left_out, title
+    assert len({one.title for one in mapped_sections()}) == len(mapped_sections())
+
+
+def test_rows_of_words_and_sections_without_numbers_are_said_not_to_be_compared(text, listing):
+    found = compared(listing, text)
+    assert "Options: words (6 rows)" in found.not_compared
+    worst = "Statistics: Observations, The Worst First: notes (2 rows), a column without a heading"
+    assert {"Page headers", worst} <= set(found.not_compared)
+
+
+OBSERVATIONS, PAGE_1 = "Statistics: Observations, The Worst First", "Worst Observations"
+
+
+def test_the_worst_observations_are_held_against_the_record():
+    columns = {
+        "residual": "Residual", "sigma": "Sigma", "redundancy": "Redund.", "standardised": "Stand. residual",
+        "test": "Test value", "detectable": "Detectable error",
+    }  # fmt: skip
+    on_page_1 = {"residual": "Residual", "normal_test": "Normal test", "estimated_error": "Estimated error"}
+
+    def change(content):
+        worst = max(content["observations"], key=lambda one: abs(one["test"] or 0.0))
+        for key in columns | on_page_1:
+            worst[key] += 0.001 if key in ("residual", "sigma", "detectable", "estimated_error") else 0.1
+
+    found = held(run_of(SEA), change).findings
+    expected = {(OBSERVATIONS, column) for column in columns.values()}
+    assert {(one.section, one.column) for one in found} == expected | {
+        (PAGE_1, name) for name in on_page_1.values()
+    }
+    assert all(one.row.split() == ["plate", "3", "14", "y"] for one in found)
+
+
+def test_sentences_are_held_against_the_record():
+    warning = "point ROCK is flagged as submerged and stands 1.5 m above the water"
+    run = printed(dataclasses.replace(run_of(ST_THOMAS).solution, warnings=(warning,)))
+
+    def change(content):
+        content["solution"]["warnings"].append("a new warning of 3.5 m")
+
+    found = held(run, change)
+    assert [(one.kind, one.section, one.b) for one in found.findings] == [
+        ("only in B", "Warnings In Short", "a new warning of 3.5 m"),
+        ("only in B", "Warnings", "a new warning of 3.5 m"),
+    ]
+    first, _, rest = run.listing.partition("\f")
+    broken = first + "\f" + rest.replace("is flagged as submerged and", "is flagged as submer-\n  ged and", 1)
+    found = compared(broken, run.record)
+    assert [(one.kind, one.section) for one in found.findings] == [
+        ("only in A", "Warnings"),
+        ("only in B", "Warnings"),
+    ]
+    assert compared(broken.replace("submer-", "submer", 1), run.record).same
+
+
+def test_points_without_a_position_are_held_against_the_record():
+    def change(content):
+        (point,) = [one for one in content["points"] if one["point"] == "1301"]
+        point["reason"] = None
+
+    found = held(run_of("cayman/cayman_standard.crd"), change)
+    assert [(one.kind, one.a or one.b) for one in found.findings] == [
+        ("only in A", "1301 intersected kept out by its flags"),
+        ("only in B", "1301 intersected no reason given"),
+    ]
+
+
+def test_the_frame_of_the_largest_residuals_is_held_against_the_record():
+    def change(content):
+        content["plate_statistics"]["largest"][0] = "22"
+
+    found = held(run_of(ST_THOMAS), change)
+    row = "Frame With Max. RMS Trig. Points"
+    assert [(one.row, one.column, one.a, one.b) for one in found.findings] == [
+        (row, "21", "****", None),
+        (row, "22", None, "****"),
+    ]
+
+
+def test_both_numbers_of_a_line_are_held_against_the_record():
+    def change(content):
+        content["adjusted_water"]["tilt"][0] += 1e-7
+        content["adjusted_water"]["tilt_sigma"][1] += 1e-7
+        content["water"]["sigma"] += 1e-4
+
+    found = held(printed(sample_solution()), change)
+    assert [(one.row, one.column) for one in found.findings] == [
+        ("Refractive index of water", "sigma"),
+        ("Tilt towards east", ""),
+        ("Tilt towards north", "sigma"),
+    ]
+
+
+def places(value, path=()):
+    """Yield the path of everything in a record."""
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, entry in entries:
+        yield (*path, key)
+        yield from places(entry, (*path, key))
+
+
+@pytest.mark.parametrize("deck", [SEA, RAW])
+def test_a_listing_can_be_held_against_a_record_that_is_not_as_ours_are(deck):
+    _, listing, text = run_of(deck)
+    chance = random.Random(5)
+    by_table = {}
+    for path in places(json.loads(text)):
+        by_table.setdefault(tuple(key for key in path if isinstance(key, str)), []).append(path)
+    for _ in range(8):  # many at once: one comparison takes a tenth of a second
+        content = json.loads(text)
+        for paths in chance.sample(list(by_table.values()), 30):
+            *above, last = chance.choice(paths)
+            try:
+                entry_of(content, above)[last] = chance.choice(
+                    [None, "x", -1.5, True, [], {}, [None, {}], {"z": [1]}]
+                )
+            except (KeyError, IndexError, TypeError):  # another change took it away
+                continue
+        assert compared(listing, json.dumps(content)).sections
+
+
+def test_a_number_is_rounded_as_decimals_are():
+    chance = random.Random(3)
+    with localcontext(EXACTLY):
+        for _ in range(2000):
+            value = chance.choice([chance.uniform(-1e6, 1e6), chance.gauss(0, 1e-5), round(chance.gauss(0, 9)) / 8])
+            step = -chance.randrange(8)
+            token = Token("number", "1", Decimal(1), step)
+            found = recorded.token_of(value, token, "mm")
+            assert found.value == Decimal(value).quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN)
+            assert parse(found.text)[0].value == Decimal(value).quantize(
+                Decimal(1).scaleb(step - 4), ROUND_HALF_EVEN
+            )
+
+
+def test_an_angle_is_rounded_as_it_is_printed():
+    chance = random.Random(4)
+    for _ in range(2000):
+        decimals = chance.randrange(7)
+        value = chance.choice([1.0, -1.0]) * math.radians(chance.randrange(3600 * 360) / 3600 - 1e-12)
+        degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, decimals))
+        size = 3600 * int(abs(degrees)) + 60 * int(minutes) + Decimal(f"{seconds:.{decimals}f}")
+        token = Token("angle", "", Decimal(0), -decimals)
+        with localcontext(EXACTLY):
+            found = recorded.token_of(value, token, "")
+        assert found.value == (size if value > 0.0 else -size)
