@@ -138,10 +138,10 @@ def test_an_own_family_may_be_of_cards(tmp_path):
     own = tmp_path / "own"
     shutil.copytree(ROOT / "card_formats" / "musat", own)
     att = own / "att.toml"
-    att.write_text(att.read_text().replace('"ATT', '"ORI'))
+    att.write_text(att.read_text().replace('"ATT', '"ANG'))
     result = convert(DECK, tmp_path / "job.crd", "--formats", own, "--from", "musat", "--to", "own")
     assert result.exit_code == 0
-    assert (tmp_path / "job.crd").read_text() == DECK.read_text().replace("ATT ", "ORI ")
+    assert (tmp_path / "job.crd").read_text() == DECK.read_text().replace("ATT ", "ANG ")
     back = convert(tmp_path / "job.crd", tmp_path / "back.crd", "--formats", own, "--to", "musat")
     assert back.exit_code == 0 and (tmp_path / "back.crd").read_bytes() == DECK.read_bytes()
 

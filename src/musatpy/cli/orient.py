@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of
+from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, tell
 from musatpy.cli.options import decks_argument, formats_option, out_option
 from musatpy.errors import MusatError
 
@@ -79,7 +79,7 @@ def _tell(result: OrientResult, quiet: bool) -> None:
         complain(f"{name}: {reason.grade.lower()}: {reason.text}")
     if not quiet:
         plane, share = answer.plane
-        click.echo(
+        tell(
             f"{name}: {answer.verdict.grade}, {answer.scene.spec.method} of {', '.join(answer.photos.tolist())}, "
             f"sigma0 {answer.oriented.sigma0:.4f}, plane of water {plane} ({share:.3g} of the depth), "
             f"listing {name_of(result.files[0])}"
