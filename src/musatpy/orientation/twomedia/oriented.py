@@ -16,6 +16,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import MusatError
 from musatpy.geometry.intersection import nearest_point
 from musatpy.orientation.twomedia.conditions import refracted
+from musatpy.orientation.twomedia.diagnosis import Direction, free, inflation, weakest
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits
 from musatpy.orientation.twomedia.outliers import outlying
 from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
@@ -32,6 +33,7 @@ from musatpy.orientation.twomedia.sights import (
 LIMIT = 0.1  # sigma of the level over the mean depth, up to which the water is determined
 _CHECKED = 1e-6  # redundancy number from which a residual says anything
 _SIGNIFICANCE = 0.001  # of the global test
+_MOVED = 0.01  # part of a free direction, of 1, from which it moves the water
 _TRIED = (1, 6)  # starts that are adjusted: at first, and where these do not fit
 
 
@@ -111,6 +113,21 @@ class Oriented:
         return float(np.linalg.cond(N * np.outer(scale, scale)))
 
     @property
+    def inflation(self) -> FloatArray:
+        """(6 m + 4,) variance inflation factors, NaN for what is held."""
+        return inflation(self.adjusted, self.problem.unknown)
+
+    @property
+    def weakest(self) -> list[Direction]:
+        """The two weakest directions of the normals, scaled to unit diagonal."""
+        return weakest(self.adjusted, self.problem.unknown, self.sights.photos)
+
+    @property
+    def free(self) -> list[Direction]:
+        """What the images, the control and the priors leave free; no sigma speaks of it."""
+        return free(self.problem, self.adjusted, self.sights.photos, priors=True)
+
+    @property
     def points(self) -> FloatArray:
         """(p, 3) control as adjusted, other points where their rays meet, NaN with fewer than two rays."""
         points = np.where(np.isfinite(self.sights.control), self.adjusted.control[0], np.nan)
@@ -146,13 +163,14 @@ class Oriented:
         """Return whether the water is determined: sigma of its level over the points to their mean depth."""
         if not self.problem.unknown[-WATER:-1].any():
             return Verdict.HELD, 0.0
-        share = self._level_share(self.covariance)
+        share = np.inf if _of_water(self.free) else self._level_share(self.covariance)
         if not np.isfinite(self.problem.prior).any():
             return (Verdict.DETERMINED if share <= limit else Verdict.NOT), share
-        free = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
-        alone = self._level_share(_covariance(free, self.adjusted))
-        if alone <= limit:
-            return Verdict.DETERMINED, alone
+        unaided = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
+        if not _of_water(free(self.problem, self.adjusted, self.sights.photos, priors=False)):
+            alone = self._level_share(_covariance(unaided, self.adjusted))
+            if alone <= limit:
+                return Verdict.DETERMINED, alone
         return (Verdict.BY_PRIOR if share <= limit else Verdict.NOT), share
 
     def _level_share(self, covariance: FloatArray) -> float:
@@ -198,6 +216,11 @@ def _require_enough(problem: Problem, method: Method) -> None:
 def _fits(squares: float, redundancy: int) -> bool:
     """Return whether weighted squares pass the test of the variance of unit weight."""
     return redundancy == 0 or bool(chdtrc(redundancy, squares) > _SIGNIFICANCE)
+
+
+def _of_water(directions: list[Direction]) -> bool:
+    """Return whether any of these directions moves the plane of water."""
+    return any(np.abs(direction.parts[-WATER:-1]).max() > _MOVED for direction in directions)
 
 
 def _best(adjusted: Adjusted) -> Adjusted | None:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, linearised, misfits, sampled
+from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits, sampled
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import (
     Method,
@@ -23,6 +23,7 @@ from musatpy.orientation.twomedia.sights import (
 )
 
 CRITICAL = 3.29  # normal deviate from which a point is an outlier, one of as little chance in more dimensions
+_BACK = 2.5  # sigmas of a misclosure under which a point comes back, whether the others can check it or not
 _CHECKED = 1e-6  # redundancy from which a misclosure says anything
 _SAMPLES = 120  # of points
 _NEAR = 3  # starts that they are adjusted from
@@ -71,7 +72,7 @@ def _samples(sights: Sights, problem: Problem) -> FloatArray:
 def _tested(
     sights: Sights, method: Method, plane: Plane, outliers: BoolArray, start: Orientation
 ) -> tuple[BoolArray, Adjusted] | None:
-    """Return outliers and solution when none of the points in fails its test, and none of those out passes it."""
+    """Return outliers and solution when no point fails its test, and none that is out is within `_BACK`."""
     whole, last = problem_of(sights, method, plane), None
     point, seen = conditioned(whole), set()
     while outliers.tobytes() not in seen:
@@ -83,39 +84,34 @@ def _tested(
         if not adjusted.converged[0]:
             break
         last, start = (outliers, adjusted), adjusted.at
-        out = outliers[point]
-        size = deviations(whole, adjusted, out)
-        worst = int(np.argmax(np.where(out, 0.0, size)))
+        size = deviations(adjusted)
+        worst = int(np.argmax(size))
         outliers = outliers.copy()
-        if not out[worst] and size[worst] > 1.0:
-            outliers[point[worst]] = True
+        if size[worst] > 1.0:
+            outliers[conditioned(problem)[worst]] = True
         else:
-            outliers[point[out & (size < 1.0)]] = False
+            outliers[point[misfits(whole, start)[0] < _BACK]] = False
     return last
 
 
-def deviations(problem: Problem, adjusted: Adjusted, out: BoolArray) -> FloatArray:
-    """Return the test values (k,) of the points of the conditions, over their critical value.
+def deviations(adjusted: Adjusted) -> FloatArray:
+    """Return the test values (k,) of the points of the conditions in one solution, over their critical value.
 
-    `adjusted` is the solution of those that are not `out` (k,). A misclosure has the covariance (A Q A') - B C B'
-    of a point that takes part in C, and (A Q A') + B C B' of one that does not.
+    The square of a misclosure after the adjustment in its covariance A Q A' - B C B': that of the misclosure in the
+    solution of all other points.
     """
     T = adjusted.directions[0]
     C = T @ np.linalg.pinv(adjusted.normals[0], hermitian=True) @ T.T
-    linear, _ = linearised(problem, adjusted.at, problem.image[None], problem.control[None])
-    values, row = [], 0
-    for part in linear:
-        k, q = part.misclosure.shape[1:]
-        eigenvalues, axes = np.linalg.eigh(part.weight[0])
-        root = np.sqrt(np.maximum(eigenvalues, 0.0))[..., None] * np.swapaxes(axes, -1, -2)
+    values = []
+    for part in adjusted.linear:
+        weights, axes = np.linalg.eigh(part.weight[0])
+        root = np.sqrt(np.maximum(weights, 0.0))[..., None] * np.swapaxes(axes, -1, -2)
         B = root @ part.by_unknown[0]
-        spread, axes = np.linalg.eigh(B @ C @ np.swapaxes(B, -1, -2))
+        taken, axes = np.linalg.eigh(B @ C @ np.swapaxes(B, -1, -2))
         along = np.einsum("kpi,kpq,kq->ki", axes, root, part.misclosure[0])
-        variance = 1.0 + np.where(out[row : row + k, None], spread, -spread)
-        checked = variance > _CHECKED
-        square = np.sum(np.square(along) / np.where(checked, variance, np.inf), axis=1)
-        unknown = q - np.count_nonzero(eigenvalues > _CHECKED * eigenvalues[:, -1:], axis=1)
-        freedom = np.maximum(checked.sum(axis=1) - unknown, 1)
+        checked = taken < 1.0 - _CHECKED
+        square = np.sum(np.square(along) / np.where(checked, 1.0 - taken, np.inf), axis=1)
+        held = np.count_nonzero(weights > _CHECKED * weights[:, -1:], axis=1)  # less what control leaves open
+        freedom = np.maximum(held - np.count_nonzero(~checked, axis=1), 1)
         values.append(np.sqrt(square / chdtri(freedom, chdtrc(1, CRITICAL**2))))
-        row += k
     return np.concatenate(values)
