@@ -33,36 +33,58 @@ def contaminated(sights: Sights, seed: int, focal_length: float) -> Sights:
     return replace(sights, image=image, control=control)
 
 
-def recovered(method: str, control: int, seed: int, largest: float) -> bool:
-    """Return whether all whose conditions the errors touch are named, and the unknowns within `largest` sigmas.
+def checked(method: str, control: int) -> np.ndarray:
+    """Return the points (p,) that the others check: an error shows at a third of its size at least."""
+    result = orient(
+        sights_of(geometry("lab", method), control), METHODS[method], Plane(), geometry("lab", method).kind.B
+    )
+    least = np.full(len(result.sights.points), np.inf)
+    np.minimum.at(least, result.sights.point, 2.0 * result.image_redundancy.max(axis=1))
+    return least > 0.1
 
-    An error along the epipolar line of a pair moves only its point.
+
+def recovered(method: str, control: int, seed: int) -> tuple[set[int], bool]:
+    """Return the points whose conditions the errors touch, and whether all are named and the unknowns are right.
+
+    An error along the epipolar line of a pair moves its point alone. Right is the largest error of up to 15
+    unknowns, correlated, within 3.5 of its sigmas.
     """
     true = geometry("lab", method)
     sights = contaminated(sights_of(true, control), seed, true.kind.c)
     problem = problem_of(sights, METHODS[method], Plane())
-    touched = conditioned(problem)[misfits(problem, truth_of(true))[0] > _TOUCHED]
+    touched = set(conditioned(problem)[misfits(problem, truth_of(true))[0] > _TOUCHED].tolist())
     try:
         result = orient(sights, METHODS[method], Plane(), true.kind.B)
     except OrientationError:
-        return False
+        return touched, False
     unknown = result.problem.unknown
     errors = (result.at.vector - truth_of(true).vector[0])[unknown] / result.sigma[unknown]
-    return set(touched) <= set(np.flatnonzero(result.outliers)) and bool(np.abs(errors).max() < largest)
+    return touched, touched <= set(np.flatnonzero(result.outliers)) and bool(np.abs(errors).max() < 3.5)
 
 
-@pytest.mark.parametrize("method", [name for name in METHODS if name != "TRIPLET"])
+@pytest.mark.parametrize("method", ["COMBINED", "SINGLE-RAY", "PAIR-SUCCESSIVE"])
 def test_wrong_images_and_control_are_named(method):
-    """The largest error of up to 15 unknowns, correlated, is within 3.5 sigmas."""
-    assert recovered(method, control_of(METHODS[method]), 10, 3.5)
+    touched, right = recovered(method, control_of(METHODS[method]), 10)
+    assert touched
+    assert right
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_of_a_hundred_contaminated_orientations_95_are_recovered(method):
-    """COMBINED with eight control points: of five, errors in three leave two, and nothing to choose them by."""
+    """Of those whose errors the other points check at all, as one in the laboratory's pair is not (4 %).
+
+    COMBINED with eight control points: of five, errors in three leave two, and nothing to choose them by.
+    """
     control = 8 if method == "COMBINED" else control_of(METHODS[method])
-    assert sum(recovered(method, control, seed, 3.5) for seed in range(100)) >= 95
+    beyond = set(np.flatnonzero(~checked(method, control)).tolist())
+    results = [
+        right
+        for touched, right in (recovered(method, control, seed) for seed in range(100))
+        if not touched & beyond
+    ]
+    assert len(results) > 85
+    assert np.mean(results) >= 0.95
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -20,6 +20,8 @@ from musatpy.orientation.twomedia.diagnosis import Direction, free, inflation, w
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits
 from musatpy.orientation.twomedia.outliers import outlying
 from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
+from musatpy.orientation.twomedia.rejections import REASONS, rejections
+from musatpy.orientation.twomedia.roots import STARTS, exact_roots
 from musatpy.orientation.twomedia.sights import (
     Method,
     Plane,
@@ -127,6 +129,12 @@ class Oriented:
         """What the images, the control and the priors leave free; no sigma speaks of it."""
         return free(self.problem, self.adjusted, self.sights.photos, priors=True)
 
+    def other_roots(self, starts: int = STARTS) -> Orientation:
+        """Return the other exact solutions (r,) of a minimum set that random starts lead to."""
+        if self.redundancy:
+            return self.adjusted.at[:0]
+        return exact_roots(self.problem, self.adjusted, starts)[1:]
+
     @property
     def points(self) -> FloatArray:
         """(p, 3) control as adjusted, other points where their rays meet, NaN with fewer than two rays."""
@@ -196,7 +204,7 @@ def orient(sights: Sights, method: Method, plane: Plane, base: float = 1.0, equa
     order = np.argsort(np.median(misfits(problem, starts), axis=-1))
     for count in _TRIED:
         adjusted = adjust(problem, starts[order[:count]])
-        best = _best(adjusted)
+        best = _best(problem, adjusted)
         if best is not None and _fits(float(best.squares[0]), redundancy_of(problem)):
             return _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
     return _without_outliers(sights, method, plane, equal, starts[order])
@@ -223,9 +231,10 @@ def _of_water(directions: list[Direction]) -> bool:
     return any(np.abs(direction.parts[-WATER:-1]).max() > _MOVED for direction in directions)
 
 
-def _best(adjusted: Adjusted) -> Adjusted | None:
-    """Return the converged solution of least squares, None where there is none."""
-    squares = np.where(adjusted.converged, adjusted.squares, np.inf)
+def _best(problem: Problem, adjusted: Adjusted) -> Adjusted | None:
+    """Return the converged solution of least squares that is not to be rejected, None where there is none."""
+    possible = adjusted.converged & ~rejections(problem, adjusted).any(axis=1)
+    squares = np.where(possible, adjusted.squares, np.inf)
     row = int(np.argmin(squares))
     return adjusted[row] if np.isfinite(squares[row]) else None
 
@@ -237,8 +246,11 @@ def _without_outliers(sights: Sights, method: Method, plane: Plane, equal: bool,
         outliers, near = tested
         left = without(sights, outliers)
         problem = problem_of(left, method, plane, equal)
-        adjusted = _best(adjust(problem, near.at) if equal else near)
-        if adjusted is not None:
+        adjusted = adjust(problem, near.at) if equal else near
+        reasons = [reason for reason, holds in zip(REASONS, rejections(problem, adjusted)[0], strict=True) if holds]
+        if reasons:
+            raise OrientationError(f"{method.name}: no solution is possible; of the best {', and '.join(reasons)}")
+        if adjusted.converged[0]:
             return _described(left, method, problem, adjusted, outliers)
     raise OrientationError(f"{method.name}: the adjustment does not converge from any start")
 
