@@ -14,17 +14,16 @@ from musatpy.geometry.similarity import fit
 from musatpy.orientation.twomedia.axes import paper_partials
 from musatpy.orientation.twomedia.helmert import Adjusted, adjust
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
-from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights, problem_of, without
 from musatpy.units import ARC_SECOND
 from orientation.twomedia.geometries import (
     ANGLES,
     HOUSE,
     KINDS,
-    Scene,
     dry,
     geometry,
     points_of,
+    scaled_errors,
     scene,
     sights_of,
     stations_of,
@@ -61,13 +60,6 @@ def noisy(sights: Sights, seed: int) -> Sights:
     """Return sights with errors of their sigmas."""
     rng = np.random.default_rng(seed)
     return replace(sights, image=sights.image + rng.normal(size=sights.image.shape) * sights.image_sigma)
-
-
-def scaled_errors(at: Orientation, true: Scene) -> np.ndarray:
-    """Return the errors of an orientation, of lengths in flying heights."""
-    lengths = [1.0] * 3 + [true.kind.H] * 3
-    unit = np.array(lengths * at.photos + [1.0, 1.0, true.kind.H, 1.0])
-    return np.abs(at.vector - truth_of(true).vector[0]) / unit
 
 
 @pytest.mark.parametrize(("name", "method"), CASES)
