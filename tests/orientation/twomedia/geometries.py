@@ -156,6 +156,13 @@ def truth_of(scene: Scene) -> Orientation:
     )
 
 
+def scaled_errors(at: Orientation, true: Scene) -> FloatArray:
+    """Return the errors of an orientation, of lengths in flying heights."""
+    lengths = [1.0] * 3 + [true.kind.H] * 3
+    unit = np.array(lengths * at.photos + [1.0, 1.0, true.kind.H, 1.0])
+    return np.abs(at.vector - truth_of(true).vector[0]) / unit
+
+
 def geometry(name: str, method: str) -> Scene:
     """Return the geometry of a method, by the names of both."""
     kind = KINDS[name]

@@ -96,3 +96,12 @@ def test_a_ray_as_the_paper_prints_it():
         bent = (ray - normal * (cos_i - np.sqrt(N * N - 1.0 + cos_i**2))) / N
         np.testing.assert_allclose(rays.origin[0, row] * HOUSE, C + k * ray, atol=1e-12)
         np.testing.assert_allclose(rays.direction[0, row] * HOUSE, bent, atol=1e-12)
+
+
+def test_only_wet_rays_need_water_below_them():
+    """A photo turned to the sky shows dry points as any other, and no wet ones."""
+    at = truth_of(geometry("lab", "SINGLE-RAY"))
+    at = replace(at, attitude=at.attitude + np.radians([120.0, 0.0, 0.0]))
+    wet = np.array([True, False])
+    rays = image_rays(at, np.zeros(2, dtype=int), np.zeros((1, 2, 2)), wet, np.zeros(2))
+    np.testing.assert_array_equal(rays.real, [~wet])

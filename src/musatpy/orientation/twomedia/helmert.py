@@ -143,7 +143,10 @@ def _approached(problem: Problem, starts: Orientation, trust: FloatArray | None)
 def misfits(problem: Problem, at: Orientation) -> FloatArray:
     """Return the misclosures (s, k) of all points at the measured values, in their sigmas; infinite if unreal."""
     linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
-    points = [np.sqrt(part.squares / part.misclosure.shape[-1]) for part in linear]
+    squares = [
+        part.squares / part.misclosure.shape[-1] for part in linear
+    ]  # rounding: near a plane through a camera
+    points = [np.sqrt(np.where(square >= 0.0, square, np.inf)) for square in squares]
     return np.where(real[:, None], np.concatenate(points, axis=-1), np.inf)
 
 

@@ -16,26 +16,27 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import MusatError
 from musatpy.geometry.intersection import nearest_point
 from musatpy.orientation.twomedia.conditions import refracted
-from musatpy.orientation.twomedia.helmert import (
-    Adjusted,
-    Problem,
-    adjust,
-    misfits,
-    sampled,
-)
+from musatpy.orientation.twomedia.diagnosis import Direction, free, inflation, weakest
+from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits
+from musatpy.orientation.twomedia.outliers import outlying
 from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
-from musatpy.orientation.twomedia.sights import Method, Plane, Sights, problem_of, without
+from musatpy.orientation.twomedia.rejections import REASONS, rejections
+from musatpy.orientation.twomedia.roots import STARTS, exact_roots
+from musatpy.orientation.twomedia.sights import (
+    Method,
+    Plane,
+    Sights,
+    conditions_of,
+    problem_of,
+    redundancy_of,
+    without,
+)
 
-CRITICAL = 4.0  # normalised residual from which an image is an outlier
 LIMIT = 0.1  # sigma of the level over the mean depth, up to which the water is determined
 _CHECKED = 1e-6  # redundancy number from which a residual says anything
 _SIGNIFICANCE = 0.001  # of the global test
+_MOVED = 0.01  # part of a free direction, of 1, from which it moves the water
 _TRIED = (1, 6)  # starts that are adjusted: at first, and where these do not fit
-_SAMPLES = 60  # of points, to find a solution among gross errors
-_SPARE = 3  # conditions of a sample beyond the unknowns
-_FEWEST = 4  # control points, or others, of a sample
-_SUSPECT = 3.3  # robust scales of a misclosure from which a point is left out at first
-_TO_SIGMA = 1.4826  # of the median absolute deviation
 
 
 class Verdict(StrEnum):
@@ -114,6 +115,27 @@ class Oriented:
         return float(np.linalg.cond(N * np.outer(scale, scale)))
 
     @property
+    def inflation(self) -> FloatArray:
+        """(6 m + 4,) variance inflation factors, NaN for what is held."""
+        return inflation(self.adjusted, self.problem.unknown)
+
+    @property
+    def weakest(self) -> list[Direction]:
+        """The two weakest directions of the normals, scaled to unit diagonal."""
+        return weakest(self.adjusted, self.problem.unknown, self.sights.photos)
+
+    @property
+    def free(self) -> list[Direction]:
+        """What the images, the control and the priors leave free; no sigma speaks of it."""
+        return free(self.problem, self.adjusted, self.sights.photos, priors=True)
+
+    def other_roots(self, starts: int = STARTS) -> Orientation:
+        """Return the other exact solutions (r,) of a minimum set that random starts lead to."""
+        if self.redundancy:
+            return self.adjusted.at[:0]
+        return exact_roots(self.problem, self.adjusted, starts)[1:]
+
+    @property
     def points(self) -> FloatArray:
         """(p, 3) control as adjusted, other points where their rays meet, NaN with fewer than two rays."""
         points = np.where(np.isfinite(self.sights.control), self.adjusted.control[0], np.nan)
@@ -149,13 +171,14 @@ class Oriented:
         """Return whether the water is determined: sigma of its level over the points to their mean depth."""
         if not self.problem.unknown[-WATER:-1].any():
             return Verdict.HELD, 0.0
-        share = self._level_share(self.covariance)
+        share = np.inf if _of_water(self.free) else self._level_share(self.covariance)
         if not np.isfinite(self.problem.prior).any():
             return (Verdict.DETERMINED if share <= limit else Verdict.NOT), share
-        free = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
-        alone = self._level_share(_covariance(free, self.adjusted))
-        if alone <= limit:
-            return Verdict.DETERMINED, alone
+        unaided = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
+        if not _of_water(free(self.problem, self.adjusted, self.sights.photos, priors=False)):
+            alone = self._level_share(_covariance(unaided, self.adjusted))
+            if alone <= limit:
+                return Verdict.DETERMINED, alone
         return (Verdict.BY_PRIOR if share <= limit else Verdict.NOT), share
 
     def _level_share(self, covariance: FloatArray) -> float:
@@ -181,34 +204,17 @@ def orient(sights: Sights, method: Method, plane: Plane, base: float = 1.0, equa
     order = np.argsort(np.median(misfits(problem, starts), axis=-1))
     for count in _TRIED:
         adjusted = adjust(problem, starts[order[:count]])
-        best = _best(adjusted)
+        best = _best(problem, adjusted)
         if best is not None and _fits(float(best.squares[0]), redundancy_of(problem)):
             return _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
-    return _without_outliers(sights, method, plane, equal, starts[order[:1]])
-
-
-def redundancy_of(problem: Problem) -> int:
-    """Return the number of conditions and priors less that of the unknowns."""
-    unknowns = int(problem.unknown.sum()) - int((np.isfinite(problem.prior) & problem.unknown).sum())
-    return _conditions(problem) - unknowns
-
-
-def _conditions(problem: Problem) -> int:
-    """Return the number of conditions; components of control that are not known take one each."""
-    count = 0
-    for group in problem.groups:
-        each = 2 * len(group.photos) if group.control is not None else 2 * len(group.photos) - 3
-        count += each * len(group.images)
-        if group.control is not None:
-            count -= int(np.isinf(problem.control_sigma[group.control]).sum())
-    return count
+    return _without_outliers(sights, method, plane, equal, starts[order])
 
 
 def _require_enough(problem: Problem, method: Method) -> None:
     """Raise `OrientationError` where there are fewer conditions than unknowns."""
     lacking = -redundancy_of(problem)
     if lacking > 0:
-        have = _conditions(problem)
+        have = conditions_of(problem)
         what = "points that the photos share" if method.in_model else "control points, of two components at least"
         raise OrientationError(
             f"{method.name}: {have} conditions for {have + lacking} unknowns; {lacking} more are needed: {what}"
@@ -220,65 +226,33 @@ def _fits(squares: float, redundancy: int) -> bool:
     return redundancy == 0 or bool(chdtrc(redundancy, squares) > _SIGNIFICANCE)
 
 
-def _best(adjusted: Adjusted) -> Adjusted | None:
-    """Return the converged solution of least squares, None where there is none."""
-    squares = np.where(adjusted.converged, adjusted.squares, np.inf)
+def _of_water(directions: list[Direction]) -> bool:
+    """Return whether any of these directions moves the plane of water."""
+    return any(np.abs(direction.parts[-WATER:-1]).max() > _MOVED for direction in directions)
+
+
+def _best(problem: Problem, adjusted: Adjusted) -> Adjusted | None:
+    """Return the converged solution of least squares that is not to be rejected, None where there is none."""
+    possible = adjusted.converged & ~rejections(problem, adjusted).any(axis=1)
+    squares = np.where(possible, adjusted.squares, np.inf)
     row = int(np.argmin(squares))
     return adjusted[row] if np.isfinite(squares[row]) else None
 
 
-def _without_outliers(sights: Sights, method: Method, plane: Plane, equal: bool, near: Orientation) -> Oriented:
-    """Return the orientation without the points that do not fit that of the others, and snooping after it.
-
-    The samples of points of which the solution has the least median misclosure decide who the others are.
-    """
-    problem = problem_of(sights, method, plane, equal)
-    solutions = sampled(problem, near[np.zeros(_SAMPLES, dtype=int)], _samples(sights, problem))
-    size = misfits(problem, solutions)
-    best = int(np.argmin(np.median(size, axis=1)))
-    scale = max(1.0, _TO_SIGMA * float(np.median(size[best])))
-    point = np.concatenate([problem.point[group.images[:, 0]] for group in problem.groups])
-    outliers = np.zeros(len(sights.points), dtype=bool)
-    outliers[point[size[best] > _SUSPECT * scale]] = True
-    start, last = solutions[best : best + 1], None
-    for _ in range(len(sights.points)):
+def _without_outliers(sights: Sights, method: Method, plane: Plane, equal: bool, starts: Orientation) -> Oriented:
+    """Return the orientation without the points that do not fit that of the others."""
+    tested = outlying(sights, method, plane, starts)
+    if tested is not None:
+        outliers, near = tested
         left = without(sights, outliers)
         problem = problem_of(left, method, plane, equal)
-        if redundancy_of(problem) < 0:
-            break
-        adjusted = _best(adjust(problem, start))
-        if adjusted is None:
-            break
-        last, start = _described(left, method, problem, adjusted, outliers), adjusted.at
-        worst = _worst(last)
-        if worst is None or redundancy_of(problem) <= 1:
-            break
-        outliers = outliers.copy()
-        outliers[worst] = True
-    if last is None:
-        raise OrientationError(f"{method.name}: the adjustment does not converge from any start")
-    return last
-
-
-def _samples(sights: Sights, problem: Problem) -> FloatArray:
-    """Return samples (s, p) of points, of control and of others, with some more conditions than unknowns."""
-    point = np.concatenate([problem.point[group.images[:, 0]] for group in problem.groups])
-    share = (int(problem.unknown.sum()) + _SPARE) / _conditions(problem)
-    chance = np.random.default_rng(len(point)).random((_SAMPLES, len(sights.points)))
-    samples = np.zeros(chance.shape)
-    for members in (point[sights.is_control[point]], point[~sights.is_control[point]]):
-        count = min(max(int(np.ceil(share * len(members))), _FEWEST), len(members))
-        rank = np.argsort(np.argsort(chance[:, members], axis=1), axis=1)
-        samples[:, members] = rank < count
-    return samples
-
-
-def _worst(oriented: Oriented) -> int | None:
-    """Return the point with the largest normalised residual beyond the critical value, None where there is none."""
-    size = np.abs(oriented.normalised_residuals).max(axis=1)
-    size = np.where(np.isfinite(size), size, 0.0)
-    row = int(np.argmax(size))
-    return int(oriented.sights.point[row]) if size[row] > CRITICAL else None
+        adjusted = adjust(problem, near.at) if equal else near
+        reasons = [reason for reason, holds in zip(REASONS, rejections(problem, adjusted)[0], strict=True) if holds]
+        if reasons:
+            raise OrientationError(f"{method.name}: no solution is possible; of the best {', and '.join(reasons)}")
+        if adjusted.converged[0]:
+            return _described(left, method, problem, adjusted, outliers)
+    raise OrientationError(f"{method.name}: the adjustment does not converge from any start")
 
 
 def _described(

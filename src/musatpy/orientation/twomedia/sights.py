@@ -128,6 +128,23 @@ def problem_of(sights: Sights, method: Method, plane: Plane, equal: bool = False
     )
 
 
+def redundancy_of(problem: Problem) -> int:
+    """Return the number of conditions and priors less that of the unknowns."""
+    unknowns = int(problem.unknown.sum()) - int((np.isfinite(problem.prior) & problem.unknown).sum())
+    return conditions_of(problem) - unknowns
+
+
+def conditions_of(problem: Problem) -> int:
+    """Return the number of conditions; components of control that are not known take one each."""
+    count = 0
+    for group in problem.groups:
+        each = 2 * len(group.photos) if group.control is not None else 2 * len(group.photos) - 3
+        count += each * len(group.images)
+        if group.control is not None:
+            count -= int(np.isinf(problem.control_sigma[group.control]).sum())
+    return count
+
+
 def without(sights: Sights, points: BoolArray) -> Sights:
     """Return the sights without some points (p,); these stay in the lists, unseen."""
     kept = ~points[sights.point]

@@ -1,0 +1,195 @@
+"""What is printed wrong in Okamoto and Mori (1974), against exact traces, and identities that must hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from adjustment.case_decks import load_case
+from musatpy.geometry.coplanarity import scale_restraint
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.orientation.twomedia.helmert import adjust
+from musatpy.orientation.twomedia.oriented import orient
+from musatpy.orientation.twomedia.rays import Orientation, image_rays
+from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment, Sights, problem_of
+from orientation.twomedia.geometries import (
+    ANGLES,
+    KINDS,
+    A,
+    B,
+    geometry,
+    points_of,
+    rotation,
+    scaled_errors,
+    scene,
+    sights_of,
+    truth_of,
+)
+from orientation.twomedia.methods import METHODS
+from orientation.twomedia.paper import distance_in_xy, nine_equations, ray_of, refracted, volume
+
+_ZERO = 1e-13  # m3 of the laboratory: rounding of determinants of lengths of 1 m
+
+
+@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "PAIR-SUCCESSIVE"])
+def test_the_volume_of_two_refracted_rays_is_zero(method):
+    true = geometry("lab", method)
+    volumes = [volume(ray_of(true, 0, point), ray_of(true, 1, point)) for point in range(20)]
+    assert np.abs(volumes).max() < _ZERO
+
+
+@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "PAIR-SUCCESSIVE"])
+def test_kappa_is_lost_in_19_20_and_25(method):
+    """Without it photos turned by 2 or 3 degrees miss by far."""
+    true = geometry("lab", method)
+    lost = replace(true, angles=true.angles * [1.0, 1.0, 0.0])
+    volumes = [volume(ray_of(lost, 0, point), ray_of(lost, 1, point)) for point in range(20)]
+    assert np.abs(volumes).max() > 1e-3
+
+
+def test_the_base_of_25_is_bx_by_bz():
+    true = geometry("lab", "PAIR-SUCCESSIVE")
+    bx, by, bz = true.stations[1]
+    printed = replace(true, stations=np.array([true.stations[0], (by, bz, 0.0)]))
+    volumes = [volume(ray_of(printed, 0, point), ray_of(printed, 1, point)) for point in range(20)]
+    assert bx == 1.0
+    assert np.abs(volumes).max() > 1e-3
+
+
+def test_the_third_member_of_46_goes_along_the_ray_of_photo_1():
+    """The printed one takes the distance (44) along the ray of photo 3."""
+    true = geometry("lab", "TRIPLET")
+    for point in range(5):
+        rays = tuple(ray_of(true, photo, point) for photo in range(3))
+        assert np.abs(nine_equations(rays)).max() < 1e-11  # divided by the small determinant of (36)
+        assert np.abs(nine_equations(rays, third=2)).max() > 1e-5
+
+
+def test_the_nine_equations_of_a_point_have_rank_three():
+    true, step = geometry("lab", "TRIPLET"), 1e-6
+    for point in range(5):
+        columns = []
+        for photo, axis in np.ndindex(3, 2):
+            values = []
+            for sign in (1.0, -1.0):
+                image = true.images[photo, point] + sign * step * np.eye(2)[axis]
+                rays = [ray_of(true, other, point, image if other == photo else None) for other in range(3)]
+                values.append(nine_equations(tuple(rays)))
+            columns.append((values[0] - values[1]) / (2.0 * step))
+        sizes = np.linalg.svd(np.array(columns).T, compute_uv=False)
+        assert sizes[2] > 1e-3 * sizes[0]
+        assert sizes[3] < 1e-7 * sizes[0]  # rounding of central differences
+
+
+def test_coefficients_of_23_belong_to_phi_1_and_kappa_1():
+    """(23)' is the development at phi10, kappa10: a first order of what (23) does when photo 1 turns."""
+    true = geometry("lab", "PAIR-INDEPENDENT")
+    for angle in (0, 2):
+        changed = []
+        for step in (1e-3, -1e-3, 2e-3, -2e-3):
+            angles = true.angles.copy()
+            angles[0, angle] += step
+            turned = replace(true, angles=angles)
+            changed.append(volume(ray_of(turned, 0, 3), ray_of(turned, 1, 3)))
+        assert (changed[2] - changed[3]) == pytest.approx(2.0 * (changed[0] - changed[1]), rel=1e-4)
+        assert abs(changed[0]) > 1e-5
+
+
+def test_a_triplet_of_collinear_stations_is_regular():
+    kind = KINDS["lab"]
+    angles = ANGLES * [[1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
+    stations = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)])
+    true = scene(kind, points_of(kind, 13, 30, kind.B / 2, 3), stations, angles)
+    result = orient(sights_of(true), METHODS["TRIPLET"], Plane(), kind.B)
+    assert scaled_errors(result.at, true).max() < 1e-9
+    other = orient(sights_of(geometry("lab", "TRIPLET")), METHODS["TRIPLET"], Plane(), kind.B)
+    assert result.condition < 2.0 * other.condition
+
+
+def test_a_point_on_the_flight_line_is_regular_in_the_dot_form():
+    """And 0/0 in components of X and Y, where the rays lie in one vertical plane along X."""
+    point, level = np.array([0.9, 0.0, 2.8]), 2.0
+    rays = []
+    for X in (0.0, 1.0, 2.0):
+        C = np.array([X, 0.0, 0.0])
+
+        def miss(tangent: float, C: np.ndarray = C) -> float:
+            Q, bent = refracted(np.array([tangent, 0.0, 1.0]), C, -level, (0.0, 0.0))
+            return float(Q[0] + (point[2] - level) * bent[0] / bent[2] - point[0])
+
+        tangent = brentq(miss, -2.0, 2.0, xtol=1e-15)
+        rays.append(refracted(np.array([tangent, 0.0, 1.0]), C, -level, (0.0, 0.0)))
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(distance_in_xy(rays[0], rays[1]))
+    value, partials = scale_restraint(np.array([[ray[0] for ray in rays]]), np.array([[ray[1] for ray in rays]]))
+    assert abs(value[0]) < 1e-12  # of 1 m over the sine of a parallax of a third of a radian
+    assert np.isfinite(partials).all()
+    assert np.abs(partials).max() < 100.0
+
+
+def test_a_plane_turned_with_the_frame_gives_the_same_rays():
+    """Stations, photos and plane turned by one rotation: so are the water points and the refracted rays."""
+    true = geometry("lab", "TRIPLET")
+    at, sights, turn = truth_of(true), sights_of(true), rotation(0.1, -0.15, 0.7)
+    up = turn @ [-at.slope[0, 0], -at.slope[0, 1], 1.0]
+    foot = turn @ [0.0, 0.0, at.level[0]]
+    slope = -up[:2] / up[2]
+    turned = Orientation(
+        attitude=attitude_from_matrix(attitude_matrix(at.attitude) @ turn.T),
+        station=at.station @ turn.T,
+        slope=slope[None],
+        level=np.array([foot[2] - slope @ foot[:2]]),
+        index=at.index,
+    )
+    wet, rise = sights.wet[sights.point], np.zeros(len(sights.point))
+    before, after = (image_rays(each, sights.photo, sights.image[None], wet, rise) for each in (at, turned))
+    np.testing.assert_allclose(after.origin, before.origin @ turn.T, atol=1e-13)
+    np.testing.assert_allclose(after.direction, before.direction @ turn.T, atol=1e-13)
+
+
+@pytest.mark.parametrize(("name", "digit"), [("mikhail", 1e-5), ("dewitt", 1e-4)])
+def test_with_an_index_of_one_it_is_the_resection_in_air(name, digit):
+    """All points a hundred metres deep in water of index 1, to the last printed digit of two examples."""
+    case = load_case("resections")[name]
+    rows = case["points_id_x_y_X_Y_Z"]
+    count, control = len(rows), np.array([row[3:] for row in rows])
+    sights = Sights(
+        photos=np.array(["A"]),
+        points=np.array([row[0] for row in rows]),
+        photo=np.zeros(count, dtype=int),
+        point=np.arange(count),
+        image=np.array([row[1:3] for row in rows]) / case["f_mm"],
+        image_sigma=np.full((count, 2), 0.02 / case["f_mm"]),
+        wet=np.ones(count, dtype=bool),
+        control=control,
+        control_sigma=np.zeros((count, 3)),
+    )
+    water = Plane(treatment=PlaneTreatment.KNOWN, level=float(control[:, 2].max()) + 100.0, index=1.0)
+    result = orient(sights, METHODS["SINGLE-RAY"], water)
+    np.testing.assert_allclose(result.at.station[0], case["expected_XYZ"], atol=digit)
+
+
+@pytest.mark.parametrize("method", ["SINGLE-RAY", "PAIR-INDEPENDENT", "PAIR-SUCCESSIVE", "TRIPLET"])
+def test_water_without_depth_is_none(method):
+    """Points on the plane, flagged wet: the straight rays of their images meet there, and give the truth.
+
+    (18)' has no way in water then, and says nothing.
+    """
+    base = geometry("lab", method)
+    points = base.points.copy()
+    points[:, 2] = -(A * points[:, 0] + B * points[:, 1] + base.d)
+    true = scene(base.kind, points, base.stations, base.angles)
+    at, sights = truth_of(true), sights_of(true, 20 if method == "SINGLE-RAY" else 0)
+    sights = replace(sights, wet=np.ones(len(points), dtype=bool))
+    slope = (float(at.slope[0, 0]), float(at.slope[0, 1]))
+    water = Plane(treatment=PlaneTreatment.KNOWN, slope=slope, level=float(at.level[0]))
+    problem = problem_of(sights, METHODS[method], water)
+    start = Orientation.of(
+        at.vector + 1e-3 * np.random.default_rng(1).normal(size=at.vector.shape) * problem.unknown
+    )
+    adjusted = adjust(problem, start)
+    assert adjusted.converged[0]
+    assert scaled_errors(adjusted.at[0], true).max() < 1e-9

@@ -1,0 +1,132 @@
+"""Exact solutions of minimum sets, and solutions that no camera over the water can have taken."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from musatpy.orientation.twomedia.conditions import fermat
+from musatpy.orientation.twomedia.helmert import adjust, misfits
+from musatpy.orientation.twomedia.oriented import OrientationError, orient
+from musatpy.orientation.twomedia.rays import Orientation, image_rays
+from musatpy.orientation.twomedia.rejections import REASONS, rejections
+from musatpy.orientation.twomedia.roots import exact_roots
+from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of, redundancy_of, without
+from orientation.twomedia.geometries import (
+    ANGLES,
+    KINDS,
+    dry,
+    geometry,
+    points_of,
+    scene,
+    sights_of,
+    stations_of,
+    truth_of,
+)
+from orientation.twomedia.methods import METHODS, control_of
+
+_LEAST = {"SINGLE-RAY": 5, "PAIR-INDEPENDENT": 8, "PAIR-SUCCESSIVE": 8}  # points; of the last control without Y
+
+
+def minimum_set(method: str, seed: int) -> Sights:
+    """Return as few points of the laboratory as a method can do with."""
+    sights = sights_of(geometry("lab", method), control_of(METHODS[method]))
+    kept = np.random.default_rng(seed).choice(len(sights.points), _LEAST[method], replace=False)
+    control = sights.control.copy()
+    control[kept[-1], 1] = np.nan
+    left = np.isin(np.arange(len(sights.points)), kept)
+    return without(replace(sights, control=control), ~left)
+
+
+def roots_of(method: str, seed: int) -> Orientation:
+    """Return the exact solutions of a minimum set, the true one first."""
+    problem = problem_of(minimum_set(method, seed), METHODS[method], Plane())
+    assert redundancy_of(problem) == 0
+    return exact_roots(problem, adjust(problem, truth_of(geometry("lab", method))))
+
+
+@pytest.mark.parametrize("method", ["SINGLE-RAY", "PAIR-SUCCESSIVE"])
+def test_a_minimum_set_has_other_exact_solutions(method):
+    """All fulfil the conditions to a thousandth of a sigma, and differ by what a level of the water shows."""
+    sights, true = minimum_set(method, 1), truth_of(geometry("lab", method))
+    problem, roots = problem_of(sights, METHODS[method], Plane()), roots_of(method, 1)
+    assert len(roots.level) >= 3
+    assert misfits(problem, roots).max() < 1e-3
+    np.testing.assert_allclose(roots.vector[0], true.vector[0], atol=1e-9)
+    assert len(np.unique(np.round(roots.level, 6))) == len(roots.level)
+    result = orient(sights, METHODS[method], Plane(), KINDS["lab"].B)
+    others = result.other_roots()
+    values = np.concatenate([result.at.vector[None], others.vector])
+    assert np.abs(values - true.vector).max(axis=1).min() < 1e-6  # the truth is one of them, whichever was taken
+
+
+def test_with_redundancy_there_are_no_other_roots():
+    result = orient(sights_of(geometry("lab", "SINGLE-RAY"), 20), METHODS["SINGLE-RAY"], Plane())
+    assert not len(result.other_roots().level)
+
+
+def test_a_limit_of_starts_limits_the_search():
+    problem = problem_of(minimum_set("SINGLE-RAY", 1), METHODS["SINGLE-RAY"], Plane())
+    near = adjust(problem, truth_of(geometry("lab", "SINGLE-RAY")))
+    assert len(exact_roots(problem, near, 1).level) <= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", _LEAST)
+def test_how_often_minimum_sets_have_other_solutions(method):
+    """In the laboratory nearly always when 200 starts look for them: a minimum set is none to trust."""
+    counts = [len(roots_of(method, seed).level) - 1 for seed in range(10)]
+    assert np.mean(np.array(counts) > 0) > 0.45
+
+
+def water_through_the_camera(sights: Sights, height: float) -> Orientation:
+    """Return the true orientation of a photo, the water raised to a height under its camera."""
+    at = truth_of(geometry("lab", "SINGLE-RAY"))
+    station = at.station[0]
+    return replace(at, level=station[:, 2] - station[:, :2] @ at.slope[0] - height)
+
+
+def test_the_spurious_zero_of_fermat_is_rejected():
+    """(18)' vanishes with the way in air, whatever the rest: with the water through the camera it is zero."""
+    sights = sights_of(geometry("lab", "SINGLE-FERMAT"), 20)
+    problem = problem_of(sights, METHODS["SINGLE-FERMAT"], Plane())
+    sizes = []
+    for height in (1e-3, 1e-6):
+        at = water_through_the_camera(sights, height)
+        rays = image_rays(at, problem.photo, problem.image[None], problem.wet, problem.rise)
+        value = fermat(rays[problem.groups[0].images], problem.control[None, problem.groups[0].control], at).value
+        sizes.append(np.abs(value).max())
+    assert sizes[1] == pytest.approx(1e-3 * sizes[0], rel=1e-2)
+    spurious = replace(adjust(problem, truth_of(geometry("lab", "SINGLE-FERMAT"))), at=at)
+    assert REASONS[0] in [REASONS[row] for row in np.flatnonzero(rejections(problem, spurious)[0])]
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda at: replace(at, level=at.level + 5.0), REASONS[0]),
+        (lambda at: replace(at, attitude=at.attitude + np.radians([80.0, 0.0, 0.0])), REASONS[1]),
+        (lambda at: replace(at, attitude=at.attitude + np.radians([180.0, 0.0, 0.0])), REASONS[2]),
+        (lambda at: replace(at, level=at.level - 3.0), REASONS[3]),
+        (lambda at: replace(at, level=at.level + 1.0), REASONS[4]),
+    ],
+)
+def test_reasons_of_rejection(change, reason):
+    kind = KINDS["lab"]
+    true = scene(kind, dry(kind, points_of(kind, 11), 6), stations_of(kind, 1), ANGLES[:1])
+    problem = problem_of(sights_of(true, 20), METHODS["SINGLE-RAY"], Plane())
+    adjusted = adjust(problem, truth_of(true))
+    assert not rejections(problem, adjusted).any()
+    impossible = rejections(problem, replace(adjusted, at=change(adjusted.at)))[0]
+    assert reason in [REASONS[row] for row in np.flatnonzero(impossible)]
+
+
+def test_flags_that_contradict_the_control_are_named():
+    """Wet points flagged dry and dry ones wet: nothing fits, and nothing is given."""
+    kind = KINDS["lab"]
+    true = scene(kind, dry(kind, points_of(kind, 11), 6), stations_of(kind, 1), ANGLES[:1])
+    sights = sights_of(true, 20)
+    with pytest.raises(OrientationError):
+        orient(replace(sights, wet=~sights.wet), METHODS["SINGLE-RAY"], Plane())
