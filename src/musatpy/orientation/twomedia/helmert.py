@@ -220,7 +220,7 @@ def _descended(
     `trust` (s, p) in the points, None for 1. Steps end where the squares decrease by less than `least_gain`.
     """
     x = starts.vector.copy()
-    trust = np.ones((len(x), int(problem.point.max()) + 1)) if trust is None else trust
+    trust = _trust(problem, len(x)) if trust is None else trust
     linear, squares = _evaluated(problem, starts, trust)
     damping = np.full(len(x), _DAMPING)
     active = np.flatnonzero(np.isfinite(squares))
@@ -257,7 +257,7 @@ def _descended(
 def _settled(problem: Problem, near: Orientation) -> Adjusted:
     """Return the minima that steps at the adjusted values reach."""
     x = near.vector.copy()
-    plain = np.ones((len(x), int(problem.point.max()) + 1))
+    plain = _trust(problem, len(x))
     image, control = _measured(problem, len(x))
     usable, converged = np.ones(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
     at = Orientation.of(x)
@@ -310,6 +310,18 @@ def _squares(problem: Problem, at: Orientation, linear: list[Linear], trust: Flo
     for group, part in zip(problem.groups, linear, strict=True):
         total = total + np.sum(part.squares * trust[:, problem.point[group.images[:, 0]]], axis=-1)
     return total
+
+
+def precision(problem: Problem, at: Orientation, image: FloatArray, control: FloatArray) -> FloatArray:
+    """Return covariances (s, 6 m + 4, 6 m + 4) for unit weight, at images (s, n, 2) and control (s, c, 3)."""
+    linear, _ = linearised(problem, at, image, control)
+    N, _, T = _normals(problem, at, linear, _trust(problem, len(image)))
+    return np.asarray(T @ np.linalg.pinv(N, hermitian=True) @ np.swapaxes(T, 1, 2))
+
+
+def _trust(problem: Problem, starts: int) -> FloatArray:
+    """Return a trust of 1 in all points (s, p)."""
+    return np.ones((starts, int(problem.point.max()) + 1))
 
 
 def _normals(

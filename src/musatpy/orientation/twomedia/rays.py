@@ -13,9 +13,10 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.collinearity import image as image_at
 from musatpy.geometry.collinearity import ray, ray_partials
 from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
-from musatpy.refraction.flat import refracted_ray
+from musatpy.refraction.flat import incidence, refracted_ray
 
 ATTITUDE, STATION, SLOPE, LEVEL, INDEX, IMAGE = slice(0, 3), slice(3, 6), slice(6, 8), 8, 9, slice(10, 12)
 COLUMNS = 12  # of the partials of a ray: by its photo, by the water, and by its image
@@ -132,6 +133,22 @@ def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArr
         station=station,
         real=real | ~wet,
     )
+
+
+def images_of(at: Orientation, photo: IntArray, points: FloatArray, wet: BoolArray, rise: FloatArray) -> FloatArray:
+    """Return the images (s, n, 2), tangents, of points (s, n, 3): the inverse of `image_rays`.
+
+    NaN where a wet point does not lie under the water, or the camera not over it.
+    """
+    station = at.station[:, photo]
+    up = np.concatenate([-at.slope, np.ones_like(at.level)[:, None]], axis=-1)[:, None]
+    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
+    depth, height = (
+        (at.water_at(place[..., :2]) + rise - place[..., 2]) * up[..., 2] for place in (points, station)
+    )
+    met = incidence(station, points, up, depth, at.index[:, None], wet & (depth > 0.0) & (height < 0.0))
+    images = image_at(met.v, attitude_matrix(at.attitude)[:, photo], np.ones(()), np.zeros(2))
+    return np.where((~wet | ((depth > 0.0) & (height < 0.0)))[..., None], images, np.nan)
 
 
 def _by_normal(
