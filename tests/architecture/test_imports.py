@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
-EVERYONE = {"errors", "units", "fortran", "files", "specs", "draws", "json_files", "arrays"}
+EVERYONE = {"errors", "units", "fortran", "files", "specs", "draws", "json_files", "arrays", "canvas"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "arrays": set(),
@@ -26,6 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "files": set(),
     "specs": set(),
     "draws": set(),
+    "canvas": set(),
     "pointfiles": set(),
     "json_files": set(),
     "model": set(),

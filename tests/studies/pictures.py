@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.canvas import new_figure, png
 from musatpy.sea.experiment import Histogram
-from musatpy.sea.pictures.canvas import new_figure, png
 from musatpy.sea.pictures.error_maps import bars
 from studies import collocation, stereo
 from studies.crossing import Crossing

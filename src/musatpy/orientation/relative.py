@@ -63,7 +63,10 @@ def solutions(x1: FloatArray, x2: FloatArray, weight: FloatArray, floor: float) 
     robust = weight * plane_similarity(x1, x2, weight)[2]
     H = _homographies(x1, x2, robust, floor)
     starts = [*_decompose(H, x1, weight), _vertical(x1, x2, weight)]
-    return [_adjust(x1, x2, weight, R, b, floor) for R, b in starts]
+    R, b = (np.concatenate(parts) for parts in zip(*starts, strict=True))
+    pairs = np.tile(np.arange(len(x1)), len(starts))
+    minima = _adjust(x1[pairs], x2[pairs], weight[pairs], R, b, floor)
+    return [minima[rows] for rows in np.arange(len(pairs)).reshape(len(starts), -1)]
 
 
 def model_points(
@@ -72,11 +75,11 @@ def model_points(
     """Return the points (..., m, 3) nearest to both rays, in the axes of photo 1, and the distances (..., m, 2)."""
     u1, v = _vectors(x1), _vectors(x2) @ rotation
     b = base[..., None, :]
-    D = np.cross(u1, v)
+    D = cross(u1, v)
     with np.errstate(divide="ignore", invalid="ignore"):
         D2 = np.einsum("...i,...i->...", D, D)
-        k1 = np.einsum("...i,...i->...", np.cross(b, v), D) / D2
-        k2 = np.einsum("...i,...i->...", np.cross(b, u1), D) / D2
+        k1 = np.einsum("...i,...i->...", cross(b, v), D) / D2
+        k2 = np.einsum("...i,...i->...", cross(b, u1), D) / D2
         X = 0.5 * (k1[..., None] * u1 + b + k2[..., None] * v)
     return X, np.stack([k1, k2], axis=-1)
 

@@ -6,16 +6,20 @@ Grunert's direct solution of three points gives the starts, least squares with C
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.robust import cauchy, spread
+from musatpy.geometry.robust import TO_SIGMA, cauchy
 from musatpy.geometry.rotations import orthogonal, skew, turn
+from musatpy.geometry.vectors import cross
 
 _SAMPLES = 150  # of three points
 _ROUNDS = 15
+_SAME = 1e-8  # of the robust scale, by which the images change in the last round
+_BEHIND = -1e-9  # greatest height of a point in the axes of the photo
 _REAL = 0.1  # imaginary part up to which a root is taken as real: noise parts a double root
 
 
@@ -40,31 +44,50 @@ def resection(x: FloatArray, X: FloatArray, up: FloatArray, floor: float) -> Res
     Three points leave up to four solutions, from which the most vertical one against `up` (3,) is taken; more
     points decide for themselves. `floor` is the least image error (tangent).
     """
+    return resections(x, X[None], up[None], floor)[0]
+
+
+def resections(x: FloatArray, X: FloatArray, up: FloatArray, floor: float) -> list[Resection | None]:
+    """Return the resections of a photo in t trial places of its points, X (t, k, 3), with `up` (t, 3)."""
     if len(x) < 3:
-        return None
-    M, C = _starts(x, X)
-    if not len(M):
-        return None
-    error = np.stack(
-        [np.linalg.norm(image_errors(x, X, rotation, at)[0], axis=1) for rotation, at in zip(M, C, strict=True)]
+        return [None] * len(X)
+    trial, M, C = _starts(x, X)
+    place = np.unique(trial)
+    rows = [np.flatnonzero(trial == t) for t in place]
+    chosen = np.array(
+        [_chosen(x, X[t], M, C, row, up[t], floor) for t, row in zip(place, rows, strict=True)], dtype=int
     )
+    refined = dict(zip(place.tolist(), _refined(x, X[place], orthogonal(M[chosen]), C[chosen], floor), strict=True))
+    return [refined.get(t) for t in range(len(X))]
+
+
+def _chosen(
+    x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray, rows: IntArray, up: FloatArray, floor: float
+) -> int:
+    """Return the most vertical one of the solutions in some rows that fit the points best."""
+    error = np.linalg.norm(_images((X - C[rows, None]) @ np.swapaxes(M[rows], 1, 2)) - x, axis=-1)
     # the three points of a sample fit whatever it says: the middle of the others tells
-    middle = np.sort(error, axis=1)[:, min((len(x) + 3) // 2, len(x) - 1)]
+    rank = min((len(x) + 3) // 2, len(x) - 1)
+    middle = np.partition(error, rank, axis=1)[:, rank]
     good = middle <= 2.0 * np.maximum(middle.min(), floor)
-    best = int(np.where(good, M[:, 2] @ up, -np.inf).argmax())
-    return _refined(x, X, M[best], C[best], floor)
+    return int(rows[np.where(good, M[rows, 2] @ up, -np.inf).argmax()])
 
 
-def _starts(x: FloatArray, X: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return M (s, 3, 3) and C (s, 3) of all solutions of samples of three points."""
-    every = np.array(list(combinations(range(min(len(x), 30)), 3)))
-    if len(every) > _SAMPLES:
-        every = np.random.default_rng(len(x)).permutation(every)[:_SAMPLES]
+def _starts(x: FloatArray, X: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return trial (s,), M (s, 3, 3) and C (s, 3) of all solutions of samples of three points."""
+    sample = _samples(len(x))
     j = np.concatenate([x, np.full((len(x), 1), -1.0)], axis=1)
-    j = (j / np.linalg.norm(j, axis=1, keepdims=True))[every]
-    P = X[every]
+    j = np.tile((j / np.linalg.norm(j, axis=1, keepdims=True))[sample], (len(X), 1, 1))
+    P = X[:, sample].reshape(-1, 3, 3)
     row, s = _distances(j, P)
-    return _placed(s[..., None] * j[row], P[row])
+    return row // len(sample), *_placed(s[..., None] * j[row], P[row])
+
+
+@cache
+def _samples(points: int) -> IntArray:
+    """Return samples (s, 3) of the first thirty of some points."""
+    every = np.array(list(combinations(range(min(points, 30)), 3)))
+    return np.random.default_rng(points).permutation(every)[:_SAMPLES] if len(every) > _SAMPLES else every
 
 
 def _distances(j: FloatArray, P: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -114,46 +137,66 @@ def _distances(j: FloatArray, P: FloatArray) -> tuple[IntArray, FloatArray]:
 
 def _placed(p: FloatArray, P: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return M (s, 3, 3) and C (s, 3) with p = M (P - C), p and P (s, 3, 3) point by point."""
-    mean_p, mean_P = p.mean(axis=1), P.mean(axis=1)
-    M = orthogonal(np.swapaxes(p - mean_p[:, None], 1, 2) @ (P - mean_P[:, None]))
-    return M, mean_P - np.einsum("sji,sj->si", M, mean_p)
+    M = np.swapaxes(_axes(p), 1, 2) @ _axes(P)
+    return M, P.mean(axis=1) - np.einsum("sji,sj->si", M, p.mean(axis=1))
+
+
+def _axes(P: FloatArray) -> FloatArray:
+    """Return the axes (s, 3, 3), in rows, of triangles (s, 3, 3): a side, the normal, and across the side."""
+    side, other = P[:, 1] - P[:, 0], P[:, 2] - P[:, 0]
+    normal = cross(side, other)
+    axes = np.stack([side, normal, cross(side, normal)], axis=1)
+    return axes / np.maximum(np.linalg.norm(axes, axis=2, keepdims=True), 1e-300)
+
+
+def _images(p: FloatArray) -> FloatArray:
+    """Return the tangents (..., 2) of points (..., 3) in the axes of a photo, out of range for those behind it."""
+    return -p[..., :2] / np.minimum(p[..., 2:], _BEHIND)
 
 
 def image_errors(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return computed minus measured tangents (k, 2) and partials (k, 2, 6) by C and a small turn of the photo.
+    """Return computed minus measured tangents (..., k, 2) and partials (..., k, 2, 6) by C and a small turn.
 
     A turn w takes M v to M v + w x M v. Points behind the camera have errors beyond any other.
     """
-    p = (X - C) @ M.T
-    z = np.minimum(p[:, 2], -1e-9)
-    image = -p[:, :2] / z[:, None]
-    by_p = np.zeros((len(p), 2, 3))
-    by_p[:, 0, 0] = by_p[:, 1, 1] = -1.0 / z
-    by_p[:, :, 2] = -image / z[:, None]
-    return image - x, np.concatenate([-by_p @ M, -by_p @ skew(p)], axis=2)
+    p = (X - C[..., None, :]) @ np.swapaxes(M, -1, -2)
+    image, z = _images(p), np.minimum(p[..., 2], _BEHIND)
+    by_p = np.zeros((*image.shape, 3))
+    by_p[..., 0, 0] = by_p[..., 1, 1] = -1.0 / z
+    by_p[..., 2] = -image / z[..., None]
+    return image - x, np.concatenate([-by_p @ M[..., None, :, :], -by_p @ skew(p)], axis=-1)
 
 
-def _refined(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray, floor: float) -> Resection:
-    robust, scale = np.ones(len(x)), floor
+def _refined(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray, floor: float) -> list[Resection]:
+    """Return the robust minima next to M (t, 3, 3) and C (t, 3), for places X (t, k, 3) of the points."""
     for _ in range(_ROUNDS):
         error, J = image_errors(x, X, M, C)
-        size = np.linalg.norm(error, axis=1)
-        scale = spread(size, floor)
-        robust = cauchy(size, scale)
-        N = np.einsum("kia,k,kib->ab", J, robust, J)
-        unit = 1.0 / np.sqrt(np.maximum(np.diagonal(N), 1e-300))  # metres and radians
-        rhs = -np.einsum("kia,k,ki->a", J, robust, error)
-        step = unit * np.linalg.lstsq(N * unit * unit[:, None], unit * rhs, rcond=1e-12)[0]
-        C, M = C + step[:3], turn(step[3:]) @ M
-    return Resection(M=M, C=C, scale=scale, weight=robust, sigma=scale * _station_error(x, X, M, C, robust))
+        size = np.linalg.norm(error, axis=-1)
+        scale = np.maximum(floor, TO_SIGMA * np.median(size, axis=-1))
+        robust = cauchy(size, scale[:, None])
+        N, unit = _normals(J, robust)
+        rhs = -unit * np.einsum("tkia,tk,tki->ta", J, robust, error)
+        change = (np.linalg.pinv(N, rcond=1e-12, hermitian=True) @ rhs[..., None])[..., 0]
+        step = unit * change
+        C, M = C + step[:, :3], turn(step[:, 3:]) @ M
+        if (np.abs(change) <= _SAME * scale[:, None]).all():
+            break
+    N, unit = _normals(image_errors(x, X, M, C)[1], robust)
+    values, vectors = np.linalg.eigh(N)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        station = np.sum(
+            np.square(unit[:, :3, None] * vectors[:, :3]) / np.maximum(values, 0.0)[:, None], axis=(1, 2)
+        )
+    sigma = scale * np.where(values[:, 0] < 1e-13, np.inf, np.sqrt(station))
+    return [
+        Resection(M=M[t], C=C[t], scale=float(scale[t]), weight=robust[t], sigma=float(sigma[t]))
+        for t in range(len(M))
+    ]
 
 
-def _station_error(x: FloatArray, X: FloatArray, M: FloatArray, C: FloatArray, robust: FloatArray) -> float:
-    """Return the size of the error of the station for unit image errors."""
-    _, J = image_errors(x, X, M, C)
-    N = np.einsum("kia,k,kib->ab", J, robust, J)
-    unit = 1.0 / np.sqrt(np.maximum(np.diagonal(N), 1e-300))
-    values, vectors = np.linalg.eigh(N * unit * unit[:, None])
-    if values[0] < 1e-13:
-        return float("inf")
-    return float(np.sqrt(np.sum(np.square(unit[:3, None] * vectors[:3]) / values)))
+def _normals(J: FloatArray, robust: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return normals (t, 6, 6) scaled to a unit diagonal, and the units (t, 6): metres and radians."""
+    weighted = (robust[..., None, None] * J).reshape(len(J), -1, 6)
+    N = np.swapaxes(weighted, 1, 2) @ J.reshape(weighted.shape)
+    unit = 1.0 / np.sqrt(np.maximum(np.diagonal(N, axis1=1, axis2=2), 1e-300))
+    return N * unit[:, :, None] * unit[:, None], unit

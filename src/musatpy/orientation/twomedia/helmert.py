@@ -22,9 +22,10 @@ Condition = Callable[[Rays, FloatArray, Orientation], Misclosure]
 
 _STEPS = 60  # of Levenberg and Marquardt
 _LAST_STEPS = 25  # at the adjusted values
-_SAME = 1e-6  # of its sigma, by which an unknown or an image may change in the last step
+_SAME = 1e-7  # of its sigma, by which an unknown or an image may change in the last step
 _ROUNDING = 1e-13  # of its size, by which it changes without end
-_GAIN = 1e-8  # relative decrease of the squares that ends the first phase
+_GAIN = 1e-5  # relative decrease of the squares that ends the first phase
+_NEAR = 1e-2  # that ends an approach
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e8  # of the diagonal
 
 
@@ -124,8 +125,7 @@ class Adjusted:
 
 def adjust(problem: Problem, starts: Orientation) -> Adjusted:
     """Return the adjusted orientations of starts (s,)."""
-    real = np.asarray(np.isfinite(misfits(problem, starts)).all(axis=-1))
-    return _settled(problem, _descended(problem, _approached(problem, starts, None), None), real)
+    return _settled(problem, _descended(problem, _approached(problem, starts, None), None))
 
 
 def sampled(problem: Problem, starts: Orientation, trust: FloatArray) -> Orientation:
@@ -137,7 +137,7 @@ def _approached(problem: Problem, starts: Orientation, trust: FloatArray | None)
     """Return where the conditions of the approach lead starts (s,)."""
     if not problem.approach:
         return starts
-    return _descended(replace(problem, groups=problem.approach, approach=()), starts, trust)
+    return _descended(replace(problem, groups=problem.approach, approach=()), starts, trust, _NEAR)
 
 
 def misfits(problem: Problem, at: Orientation) -> FloatArray:
@@ -215,13 +215,15 @@ def _inverse(spread: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.pinv(spread, hermitian=True))
 
 
-def _descended(problem: Problem, starts: Orientation, trust: FloatArray | None) -> Orientation:
+def _descended(
+    problem: Problem, starts: Orientation, trust: FloatArray | None, least_gain: float = _GAIN
+) -> Orientation:
     """Return where steps of Levenberg and Marquardt lead starts (s,) at the measured values; unreal ones stay.
 
-    `trust` (s, p) in the points, None for 1.
+    `trust` (s, p) in the points, None for 1. Steps end where the squares decrease by less than `least_gain`.
     """
     x = starts.vector.copy()
-    trust = np.ones((len(x), int(problem.point.max()) + 1)) if trust is None else trust
+    trust = _trust(problem, len(x)) if trust is None else trust
     linear, squares = _evaluated(problem, starts, trust)
     damping = np.full(len(x), _DAMPING)
     active = np.flatnonzero(np.isfinite(squares))
@@ -234,12 +236,14 @@ def _descended(problem: Problem, starts: Orientation, trust: FloatArray | None) 
         damped = (
             N + np.eye(N.shape[-1]) * (damping[active, None] * np.where(diagonal > 0.0, diagonal, 1.0))[:, None]
         )
-        trial = x[active] + (T @ np.linalg.solve(damped, rhs[..., None]))[..., 0]
+        change = np.linalg.solve(damped, rhs[..., None])
+        trial = x[active] + (T @ change)[..., 0]
         at = Orientation.of(trial)
         linear, value = _evaluated(problem, at, trust[active])
         lower = value < squares[active]
-        gain = np.where(lower, squares[active] - np.where(lower, value, 0.0), np.inf)
-        ended = gain <= _GAIN * squares[active]
+        # of a step that leads nowhere what it should have gained: the weights change with the orientation
+        gain = np.where(lower, squares[active] - np.where(lower, value, 0.0), np.einsum("su,suo->s", rhs, change))
+        ended = gain <= least_gain * squares[active]
         better = active[lower]
         x[better], squares[better] = trial[lower], value[lower]
         damping[active] = np.maximum(damping[active] * np.where(lower, 0.1, 10.0), _LEAST_DAMPING)
@@ -253,12 +257,12 @@ def _descended(problem: Problem, starts: Orientation, trust: FloatArray | None) 
     return Orientation.of(x)
 
 
-def _settled(problem: Problem, near: Orientation, usable: BoolArray) -> Adjusted:
+def _settled(problem: Problem, near: Orientation) -> Adjusted:
     """Return the minima that steps at the adjusted values reach."""
     x = near.vector.copy()
-    plain = np.ones((len(x), int(problem.point.max()) + 1))
+    plain = _trust(problem, len(x))
     image, control = _measured(problem, len(x))
-    converged = np.zeros(len(x), dtype=bool)
+    usable, converged = np.ones(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
     at = Orientation.of(x)
     linear, real = linearised(problem, at, image, control)
     for _ in range(_LAST_STEPS):
@@ -309,6 +313,18 @@ def _squares(problem: Problem, at: Orientation, linear: list[Linear], trust: Flo
     for group, part in zip(problem.groups, linear, strict=True):
         total = total + np.sum(part.squares * trust[:, problem.point[group.images[:, 0]]], axis=-1)
     return total
+
+
+def precision(problem: Problem, at: Orientation, image: FloatArray, control: FloatArray) -> FloatArray:
+    """Return covariances (s, 6 m + 4, 6 m + 4) for unit weight, at images (s, n, 2) and control (s, c, 3)."""
+    linear, _ = linearised(problem, at, image, control)
+    N, _, T = _normals(problem, at, linear, _trust(problem, len(image)))
+    return np.asarray(T @ np.linalg.pinv(N, hermitian=True) @ np.swapaxes(T, 1, 2))
+
+
+def _trust(problem: Problem, starts: int) -> FloatArray:
+    """Return a trust of 1 in all points (s, p)."""
+    return np.ones((starts, int(problem.point.max()) + 1))
 
 
 def _normals(

@@ -13,9 +13,10 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.collinearity import image as image_at
 from musatpy.geometry.collinearity import ray, ray_partials
 from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
-from musatpy.refraction.flat import refracted_ray
+from musatpy.refraction.flat import incidence, refracted_ray
 
 ATTITUDE, STATION, SLOPE, LEVEL, INDEX, IMAGE = slice(0, 3), slice(3, 6), slice(6, 8), 8, 9, slice(10, 12)
 COLUMNS = 12  # of the partials of a ray: by its photo, by the water, and by its image
@@ -97,8 +98,8 @@ def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArr
 
     Those that are `wet` (n,) are refracted at the water, which is higher by `rise` (n,) than its level says.
     """
-    attitude, station = at.attitude[:, photo], at.station[:, photo]
-    M, dM = attitude_matrix(attitude), attitude_matrix_partials(attitude)
+    station = at.station[:, photo]
+    M, dM = attitude_matrix(at.attitude)[:, photo], attitude_matrix_partials(at.attitude)[:, photo]
     tangents, centre = np.ones(()), np.zeros(2)
     air = ray(image, M, tangents, centre)
     by_attitude, by_image = ray_partials(image, M, dM, tangents, centre)
@@ -114,17 +115,13 @@ def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArr
     height, index = np.where(apart, height, 1.0), at.index[:, None]
     bent = refracted_ray(station, air, up, height, index)
     partials = np.zeros((*air.shape[:-1], 6, COLUMNS))
-    partials[..., :3, ATTITUDE] = bent.origin_by_direction @ by_attitude
-    partials[..., 3:, ATTITUDE] = bent.direction_by_direction @ by_attitude
-    partials[..., :3, IMAGE] = bent.origin_by_direction @ by_image
-    partials[..., 3:, IMAGE] = bent.direction_by_direction @ by_image
+    by_air = np.concatenate([bent.origin_by_direction, bent.direction_by_direction], axis=-2)
+    partials[..., ATTITUDE], partials[..., IMAGE] = by_air @ by_attitude, by_air @ by_image
     partials[..., :3, STATION] = bent.origin_by_camera
     partials[..., :3, LEVEL] = bent.origin_by_level / secant
     partials[..., 3:, INDEX] = bent.direction_by_index
-    for axis in range(2):
-        up_by_slope = -(np.eye(3)[axis] + up * (at.slope[:, axis, None, None] / secant)) / secant
-        by_slope = _by_normal(air, up, up_by_slope, over, height, cosine, index)
-        partials[..., SLOPE.start + axis] = np.concatenate(by_slope, axis=-1)
+    up_by_slope = -(np.eye(3, 2) + up[..., None] * (at.slope / secant[..., 0])[:, None, None]) / secant[..., None]
+    partials[..., SLOPE] = _by_normal(air, up, up_by_slope, over, height, cosine, index)
     dry = np.flatnonzero(~wet)
     partials[:, dry] = 0.0
     partials[:, dry, :3, STATION] = np.eye(3)
@@ -138,6 +135,22 @@ def image_rays(at: Orientation, photo: IntArray, image: FloatArray, wet: BoolArr
     )
 
 
+def images_of(at: Orientation, photo: IntArray, points: FloatArray, wet: BoolArray, rise: FloatArray) -> FloatArray:
+    """Return the images (s, n, 2), tangents, of points (s, n, 3): the inverse of `image_rays`.
+
+    NaN where a wet point does not lie under the water, or the camera not over it.
+    """
+    station = at.station[:, photo]
+    up = np.concatenate([-at.slope, np.ones_like(at.level)[:, None]], axis=-1)[:, None]
+    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
+    depth, height = (
+        (at.water_at(place[..., :2]) + rise - place[..., 2]) * up[..., 2] for place in (points, station)
+    )
+    met = incidence(station, points, up, depth, at.index[:, None], wet & (depth > 0.0) & (height < 0.0))
+    images = image_at(met.v, attitude_matrix(at.attitude)[:, photo], np.ones(()), np.zeros(2))
+    return np.where((~wet | ((depth > 0.0) & (height < 0.0)))[..., None], images, np.nan)
+
+
 def _by_normal(
     air: FloatArray,
     up: FloatArray,
@@ -146,13 +159,18 @@ def _by_normal(
     height: FloatArray,
     cosine: FloatArray,
     index: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return by how much the water point and the refracted ray change with the normal `up` by `change`.
+) -> FloatArray:
+    """Return the partials (s, n, 6, c) of the water point and the refracted ray by c changes (s, 1, 3, c) of `up`.
 
     The differential of docs/theory.md's refracted ray; `over` is the station over a point of the plane that stays.
     """
-    height_change, cosine_change = np.sum(change * over, axis=-1), -np.sum(change * air, axis=-1)
+    height_change = (over[..., None, :] @ change)[..., 0, :]
+    cosine_change = -(air[..., None, :] @ change)[..., 0, :]
+    height, cosine, index = height[..., None], cosine[..., None], index[..., None]
     water_cosine = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
-    origin = air * (height_change / cosine - height * cosine_change / cosine**2)[..., None]
+    run = height_change / cosine - height * cosine_change / cosine**2
     bend = cosine_change * (1.0 / index - cosine / (index**2 * water_cosine))
-    return origin, change * (cosine / index - water_cosine)[..., None] + up * bend[..., None]
+    shift = (cosine / index - water_cosine)[..., None]
+    return np.concatenate(
+        [air[..., None] * run[..., None, :], change * shift + up[..., None] * bend[..., None, :]], -2
+    )

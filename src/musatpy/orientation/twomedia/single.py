@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix
-from musatpy.orientation.resection import resection
+from musatpy.orientation.resection import resections
 from musatpy.orientation.twomedia.conditions import fermat, refracted
 from musatpy.orientation.twomedia.helmert import Group
 from musatpy.orientation.twomedia.rays import Orientation
@@ -33,11 +33,15 @@ def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     rows = sights.rows((0,))[:, 0]
     seen = np.isfinite(sights.control).all(axis=1) & (rows >= 0)
     control, wet, image = sights.control[seen], sights.wet[seen], sights.image[rows[seen]]
-    photos = []
-    for level in trial_levels(control, wet, plane):
-        straight = resection(image, lifted(control, wet, level, plane), _UP, _LEAST_ERROR)
-        if straight is not None and straight.C[2] > level:
-            photos.append((attitude_from_matrix(straight.M), straight.C, level))
+    levels = trial_levels(control, wet, plane)
+    apparent = np.array([lifted(control, wet, level, plane) for level in levels])
+    photos = [
+        (attitude_from_matrix(straight.M), straight.C, level)
+        for straight, level in zip(
+            resections(image, apparent, np.tile(_UP, (len(levels), 1)), _LEAST_ERROR), levels, strict=True
+        )
+        if straight is not None and straight.C[2] > level
+    ]
     count = len(photos)
     return Orientation(
         attitude=np.array([angles for angles, _, _ in photos]).reshape(count, 1, 3),

@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.orientation.relative import model_points
-from musatpy.orientation.resection import resection
+from musatpy.orientation.resection import resections
 from musatpy.orientation.twomedia.conditions import intersection, triple
 from musatpy.orientation.twomedia.helmert import Group
 from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, independent_starts
@@ -27,31 +27,32 @@ def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     _, images = sights.common((0, 1, 2))
     models = pair.attitude.reshape(len(pair.level), -1)
     _, first, model = np.unique(models, axis=0, return_index=True, return_inverse=True)
-    rows, attitudes, stations = [], [], []
-    for number, row in enumerate(first):
-        third = _resected(pair[row], images)
-        if third is not None:
-            same = np.flatnonzero(model == number)
-            rows += list(same)
-            attitudes += [third[0]] * len(same)
-            stations += [third[1]] * len(same)
-    count, kept = len(rows), pair[rows]
+    attitude, station = (values[model] for values in _resected(pair[first], images))
+    kept = np.isfinite(station).all(axis=1)
     return Orientation(
-        attitude=np.concatenate([kept.attitude, np.array(attitudes).reshape(count, 1, 3)], axis=1),
-        station=np.concatenate([kept.station, np.array(stations).reshape(count, 1, 3)], axis=1),
-        slope=kept.slope,
-        level=kept.level,
-        index=kept.index,
+        attitude=np.concatenate([pair.attitude, attitude[:, None]], axis=1)[kept],
+        station=np.concatenate([pair.station, station[:, None]], axis=1)[kept],
+        slope=pair.slope[kept],
+        level=pair.level[kept],
+        index=pair.index[kept],
     )
 
 
-def _resected(pair: Orientation, images: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Return attitude and station of photo 3 in a model of photos 1 and 2, from the images (3, k, 2) of points."""
+def _resected(pair: Orientation, images: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return attitudes and stations (s, 3) of photo 3 in models (s,) of photos 1 and 2, NaN without a solution.
+
+    images (3, k, 2) of the points.
+    """
     M = attitude_matrix(pair.attitude)
-    base = M[0] @ (pair.station[1] - pair.station[0])
-    X, _ = model_points(images[:1], images[1:2], (M[1] @ M[0].T)[None], base[None])
-    straight = resection(images[2], X[0] @ M[0] + pair.station[0], M[0, 2], _LEAST_ERROR)
-    return None if straight is None else (attitude_from_matrix(straight.M), straight.C)
+    first, second = M[:, 0], M[:, 1]
+    base = first @ (pair.station[:, 1] - pair.station[:, 0])[..., None]
+    X, _ = model_points(images[:1], images[1:2], second @ np.swapaxes(first, 1, 2), base[..., 0])
+    places = X @ first + pair.station[:, :1]
+    attitude, station = np.full((2, len(M), 3), np.nan)
+    for row, straight in enumerate(resections(images[2], places, first[:, 2], _LEAST_ERROR)):
+        if straight is not None:
+            attitude[row], station[row] = attitude_from_matrix(straight.M), straight.C
+    return attitude, station
 
 
 def groups(sights: Sights) -> tuple[Group, ...]:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.canvas import new_figure, png
 from musatpy.sea.experiment import Histogram
-from musatpy.sea.pictures.canvas import new_figure, png
 from musatpy.sea.study import Trials, WaveStudy
 
 _COORDINATES = ("X", "Y", "Z")

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.canvas import new_figure, png
 from musatpy.sea.interpolation.interpolate import Interpolation
-from musatpy.sea.pictures.canvas import new_figure, png
 
 _BLUE, _RED, _GREY = "#1f5a8c", "#b5402a", "#666666"
 _GRID = 81  # places along the longer side of a map

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.sea.pictures.canvas import new_figure, png
+from musatpy.canvas import new_figure, png
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fitted import height_sigma
 

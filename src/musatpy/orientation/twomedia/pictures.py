@@ -1,0 +1,98 @@
+"""Pictures of an orientation through water and of its study: correlations, basins, precision of the level."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from musatpy.canvas import new_figure, png
+from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS, paper_partials
+from musatpy.orientation.twomedia.oriented import LIMIT, Oriented
+from musatpy.orientation.twomedia.rays import WATER
+from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, Basins, Precision
+
+_BLUE, _RED, _GREY = "#1f5a8c", "#b5402a", "#999999"
+_OUTCOMES = (("this solution", _BLUE, "o"), ("another solution", _RED, "x"), ("no solution", _GREY, "."))
+_STRONG = 0.95  # correlation from which its number is printed
+
+
+def correlation_picture(oriented: Oriented) -> bytes:
+    """Return the matrix of the correlations of all unknowns, under the symbols of Okamoto and Mori."""
+    J = paper_partials(oriented.at)
+    covariance = J @ oriented.covariance @ J.T
+    photos = oriented.method.photos
+    number = [""] if photos == 1 else [f" {photo + 1}" for photo in range(photos)]
+    symbols = np.array([f"{symbol}{photo}" for photo in number for symbol in SYMBOLS] + list(PLANE_SYMBOLS))
+    unknown = np.diagonal(covariance) > 0.0
+    sigma = np.sqrt(np.diagonal(covariance)[unknown])
+    matrix = covariance[np.ix_(unknown, unknown)] / np.outer(sigma, sigma)
+    size = 1.8 + 0.42 * len(matrix)
+    figure = new_figure(size + 0.8, size)
+    plot = figure.subplots()
+    drawn = plot.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    for row, column in np.argwhere((np.abs(matrix) >= _STRONG) & ~np.eye(len(matrix), dtype=bool)):
+        label = f"{matrix[row, column]:.3f}".replace("0.", ".")
+        plot.text(column, row, label, ha="center", va="center", color="white", fontsize=6)
+    plot.set_xticks(range(len(matrix)), symbols[unknown], rotation=90)
+    plot.set_yticks(range(len(matrix)), symbols[unknown])
+    plot.set_title(f"{oriented.method.name}: correlations (numbers from {_STRONG:g})", fontsize="medium")
+    figure.colorbar(drawn, ax=plot, shrink=0.8)
+    return png(figure)
+
+
+def basins_picture(basins: Basins, title: str = "") -> bytes:
+    """Return the shares of the starts that lead to the solution, elsewhere and nowhere, and where they lie."""
+    figure = new_figure(10.0, 4.2)
+    figure.suptitle(title)
+    left, right = figure.subplots(1, 2)
+    places, shares = np.arange(len(basins.levels)), 100.0 * basins.shares
+    below = np.cumsum(shares, axis=1) - shares
+    for case, (label, colour, _) in enumerate(_OUTCOMES):
+        left.bar(places, shares[:, case], bottom=below[:, case], color=colour, label=label)
+    left.set_xticks(places, [f"{5.0 * level:g}°\n{0.1 * level:g} H\n{0.05 * level:g}" for level in basins.levels])
+    left.set_xlabel(
+        "errors of the start (one sigma): angles, lengths, slopes\nH: height of the cameras over the water"
+    )
+    left.set_ylabel("starts, %")
+    figure.legend(*left.get_legend_handles_labels(), fontsize="x-small", loc="upper left", ncols=len(_OUTCOMES))
+    _starts(right, basins)
+    return png(figure)
+
+
+def _starts(plot: Any, basins: Basins) -> None:
+    """Draw the starts by the errors of angles and lengths, root mean squares of those that are unknown."""
+    unknown = (basins.errors != 0.0).any(axis=(0, 1))
+    angles = np.resize([True] * 3 + [False] * 3, len(unknown) - WATER)
+    lengths = np.append(~angles, [False, False, True, False])
+    angles = np.append(angles, [False] * WATER)
+    size = [np.sqrt(np.mean(np.square(basins.errors[..., part & unknown]), axis=-1)) for part in (angles, lengths)]
+    cases = (basins.outcomes == SOLUTION, basins.outcomes > SOLUTION, basins.outcomes == NOWHERE)
+    for case, (_, colour, marker) in zip(cases, _OUTCOMES, strict=True):
+        plot.plot(np.degrees(size[0][case]), size[1][case], marker, color=colour, markersize=4, alpha=0.7)
+    plot.set_xlabel("RMS error of the angles of the start, degrees")
+    plot.set_ylabel("RMS error of stations and level / H")
+    plot.set_xlim(left=0.0)
+    plot.set_ylim(bottom=0.0)
+
+
+def precision_picture(precision: Precision, title: str = "", limit: float = LIMIT) -> bytes:
+    """Return the sigma of the level over the depth, a line for each share of dry points.
+
+    Under the dashed line it is less than `limit` of the mean depth: there the water is determined.
+    """
+    figure = new_figure(6.4, 4.8)
+    plot = figure.subplots()
+    shades = np.linspace(0.35, 1.0, len(precision.shares))
+    for share, shade, sigma in zip(precision.shares, shades, precision.sigma.T, strict=True):
+        label = f"{100 * share:.0f} % dry"
+        plot.loglog(precision.depths, sigma, "o-", markersize=4, color=_BLUE, alpha=shade, label=label)
+    label = f"{100 * limit:g} % of the depth"
+    plot.loglog(precision.depths, limit * precision.depths, "--", color=_GREY, label=label)
+    plot.loglog(precision.depth, precision.at_hand, "*", markersize=12, color=_RED, label="as measured")
+    plot.set_xlabel("mean depth / height of the cameras over the water")
+    plot.set_ylabel("sigma of the level / height of the cameras over the water")
+    plot.set_title(title)
+    plot.grid(True, which="both", alpha=0.25)
+    plot.legend(fontsize="x-small")
+    return png(figure)

@@ -1,0 +1,184 @@
+"""Studies of a geometry: basins of random starts, and the precision of the water by depth and dry control."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from musatpy.draws import Draws
+from musatpy.orientation.twomedia.helmert import adjust
+from musatpy.orientation.twomedia.oriented import Oriented, orient
+from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays, images_of
+from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment
+from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, basins_of, height_of, precision_of, study
+from orientation.twomedia.geometries import (
+    ANGLES,
+    HOUSE,
+    KINDS,
+    A,
+    B,
+    dry,
+    geometry,
+    level_of,
+    points_of,
+    scene,
+    sights_of,
+    stations_of,
+    truth_of,
+)
+from orientation.twomedia.methods import METHODS, control_of
+
+
+def oriented(method: str, name: str = "lab") -> Oriented:
+    true = geometry(name, method)
+    return orient(sights_of(true, control_of(METHODS[method])), METHODS[method], Plane(), true.kind.B)
+
+
+def level_sigma(result: Oriented) -> float:
+    """Return the sigma of the level over the middle of the wet points, in heights of the cameras."""
+    middle = np.append(result.points[result.sights.wet & ~result.outliers, :2].mean(axis=0), 1.0)
+    return float(np.sqrt(middle @ result.covariance[-WATER:-1, -WATER:-1] @ middle)) / height_of(result)
+
+
+@pytest.mark.parametrize("raised", [0, 6])
+def test_images_of_points_are_those_of_an_independent_trace(raised: int) -> None:
+    kind = KINDS["lab"]
+    true = scene(kind, dry(kind, points_of(kind, 11), raised), stations_of(kind, 2), ANGLES[:2])
+    sights = sights_of(true)
+    points = (true.points * HOUSE)[None, sights.point]
+    images = images_of(truth_of(true), sights.photo, points, sights.wet[sights.point], np.zeros(len(sights.photo)))
+    np.testing.assert_allclose(images[0], sights.image, atol=1e-13)  # tangents: rounding of both traces
+
+
+def test_images_are_the_inverse_of_rays_where_the_water_is_higher() -> None:
+    sights, rise = sights_of(geometry("lab", "COMBINED")), np.repeat([0.1, -0.2], 20)
+    at, wet = truth_of(geometry("lab", "COMBINED")), sights.wet[sights.point]
+    rays = image_rays(at, sights.photo, sights.image[None], wet, rise)
+    images = images_of(at, sights.photo, rays.origin + 0.7 * rays.direction, wet, rise)
+    np.testing.assert_allclose(images[0], sights.image, atol=1e-13)  # tangents: rounding
+
+
+def test_points_over_the_water_that_should_be_wet_have_no_image() -> None:
+    at = truth_of(geometry("lab", "SINGLE-RAY"))
+    point = np.array([[[0.5, 0.5, float(at.level[0]) + 0.5]]])
+    first, none = np.array([0]), np.zeros(1)
+    assert np.isnan(images_of(at, first, point, np.array([True]), none)).all()
+    assert np.isfinite(images_of(at, first, point, np.array([False]), none)).all()
+
+
+@pytest.mark.parametrize("method", ["SINGLE-FERMAT", "PAIR-INDEPENDENT", "COMBINED", "TRIPLET"])
+def test_precision_of_the_geometry_at_hand_is_that_of_its_adjustment(method: str) -> None:
+    result = oriented(method)
+    height = height_of(result)
+    depth = result.at.water_at(result.points[None, :, :2])[0] - result.points[:, 2]
+    precision = precision_of(result, np.array([depth.mean() / height]), np.zeros(1))
+    assert precision.depth == pytest.approx(precision.depths[0])
+    assert precision.at_hand == pytest.approx(level_sigma(result), rel=1e-6)  # normals of condition 1e5
+    assert precision.sigma[0, 0] == pytest.approx(precision.at_hand, rel=1e-6)
+
+
+def test_precision_at_another_depth_is_that_of_photos_taken_there() -> None:
+    """Twice the depth under the same places, photographed anew."""
+    true, result = geometry("lab", "SINGLE-RAY"), oriented("SINGLE-RAY")
+    deeper = true.points.copy()
+    deeper[:, 2] += true.points @ [A, B, 1.0] + level_of(true.kind)
+    again = orient(
+        sights_of(scene(true.kind, deeper, true.stations, true.angles), 20), METHODS["SINGLE-RAY"], Plane()
+    )
+    at_hand = precision_of(result, np.ones(1), np.zeros(1))
+    precision = precision_of(result, np.array([2.0 * at_hand.depth]), np.zeros(1))
+    assert precision.sigma[0, 0] == pytest.approx(level_sigma(again), rel=1e-6)
+
+
+def test_precision_with_dry_control_is_that_of_photos_of_it() -> None:
+    """Six of twenty points raised over the same places, photographed anew; these six stand dry in every design."""
+    true, result = geometry("lab", "SINGLE-RAY"), oriented("SINGLE-RAY")
+    six = np.argsort(Draws(1).uniform("dry", 20))[:6]
+    depth = true.points @ [A, B, 1.0] + level_of(true.kind)
+    raised = true.points.copy()
+    raised[six, 2] -= depth[six] + np.linspace(0.02, 0.25, 6) * min(height_of(result), 3.0 * depth.max())
+    again = orient(
+        sights_of(scene(true.kind, raised, true.stations, true.angles), 20), METHODS["SINGLE-RAY"], Plane()
+    )
+    at_hand = precision_of(result, np.ones(1), np.zeros(1))
+    precision = precision_of(result, np.array([at_hand.depth]), np.array([0.0, 0.3]))
+    np.testing.assert_array_equal(precision.shares, [0.0, 0.3])
+    assert precision.sigma[0, 1] == pytest.approx(level_sigma(again), rel=1e-6)
+    assert (
+        precision.sigma[0, 0] > 5.0 * precision.sigma[0, 1]
+    )  # six dry ones in other places made d 13 times better
+    of_dry = precision_of(
+        again, np.array([depth[again.sights.wet].mean()]) / height_of(again), np.array([0.0, 0.5])
+    )
+    np.testing.assert_array_equal(of_dry.shares, [0.3, 0.5])
+    assert of_dry.sigma[0, 0] == pytest.approx(of_dry.at_hand, rel=1e-6)
+
+
+def test_an_outlier_is_no_point_of_a_design() -> None:
+    sights = sights_of(geometry("lab", "SINGLE-RAY"), 20)
+    image = sights.image.copy()
+    image[3] += 0.05
+    result = orient(replace(sights, image=image), METHODS["SINGLE-RAY"], Plane())
+    precision = precision_of(result, np.array([0.4]), np.array([0.0, 0.5]))
+    assert precision.shares[1] in (9 / 19, 10 / 19)
+    assert np.isfinite(precision.sigma).all()
+    assert precision.at_hand == pytest.approx(level_sigma(result), rel=1e-6)
+
+
+def test_starts_near_the_solution_lead_to_it() -> None:
+    """In axes whose origin is far away too: the error of the level is one over the points."""
+    shift = np.array([300.0, -200.0, 5.0])
+    true = geometry("lab", "SINGLE-RAY")
+    sights = sights_of(true, 20)
+    for moved in (sights, replace(sights, control=sights.control + shift)):
+        basins = basins_of(orient(moved, METHODS["SINGLE-RAY"], Plane()), np.array([0.0, 1.0]), 100)
+        np.testing.assert_array_equal(basins.shares[0], [1.0, 0.0, 0.0])
+        assert basins.shares[1, 0] >= 0.99
+        assert not basins.errors[0].any()
+        # 100 starts: 5 degrees, a tenth of the height and slopes of .05, +- three sigmas of a standard deviation
+        spread = basins.errors[1].std(axis=0) / np.array([np.radians(5.0)] * 3 + [0.1] * 3 + [0.05, 0.05, 0.1, 1.0])
+        np.testing.assert_allclose(spread, [1.0] * 9 + [0.0], atol=0.22)
+
+
+def test_the_solution_is_the_truth_of_its_study_whatever_noise_and_priors_are() -> None:
+    """A prior beside the truth, of the weight of the images: what fits it does not fit images without errors."""
+    true = geometry("lab", "SINGLE-RAY")
+    sights = sights_of(true, 20)
+    noise = np.random.default_rng(3).normal(size=sights.image.shape) * sights.image_sigma
+    plane = Plane(level=float(truth_of(true).level[0]) + 0.003, level_sigma=0.003)
+    result = orient(replace(sights, image=sights.image + noise), METHODS["SINGLE-RAY"], plane)
+    np.testing.assert_array_equal(basins_of(result, np.zeros(1), 1).shares, [[1.0, 0.0, 0.0]])
+
+
+def test_other_solutions_are_told_apart() -> None:
+    result = oriented("PAIR-INDEPENDENT")
+    basins = basins_of(result, np.array([3.0]), 100)
+    np.testing.assert_allclose(basins.shares.sum(axis=1), 1.0)
+    assert basins.shares[0].min() > 0.0
+    assert set(np.unique(basins.outcomes)) == {NOWHERE, SOLUTION, *range(1, len(basins.roots) + 1)}
+    assert (basins.squares > 1.0).all()  # minima that do not fit, of images without errors
+    exact = replace(result.problem, image=result.adjusted.image[0])
+    again = adjust(exact, Orientation.of(basins.roots))
+    assert again.converged.all()
+    # the sigmas are those of the solution, the roots settle by their own
+    assert (np.abs(again.at.vector - basins.roots) <= 1e-4 * result.sigma + 1e-9).all()
+
+
+def test_the_same_seed_is_the_same_study() -> None:
+    result = oriented("SINGLE-RAY")
+    first, second, other = (basins_of(result, np.array([2.0]), 5, seed).errors for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, second)
+    assert (first != other).any()
+
+
+def test_water_that_is_held_has_no_precision() -> None:
+    true = geometry("lab", "SINGLE-RAY")
+    at = truth_of(true)
+    slope = (float(at.slope[0, 0]), float(at.slope[0, 1]))
+    plane = Plane(treatment=PlaneTreatment.KNOWN, slope=slope, level=float(at.level[0]))
+    result = study(orient(sights_of(true, 20), METHODS["SINGLE-RAY"], plane), levels=(1.0,))
+    assert result.precision is None
+    assert result.basins.shares[0, 0] >= 0.99
+    assert not result.basins.errors[..., -WATER:].any()
