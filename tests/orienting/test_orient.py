@@ -52,6 +52,7 @@ def record(deck: Path) -> dict[str, Any]:
         ("lab", "COMBINED", 5, "determined"),
         ("lab", "TRIPLET", 0, "determined"),
         ("aerial", "SINGLE-RAY", 20, "not determined"),
+        ("aerial", "PAIR-INDEPENDENT", 0, "not determined"),
     ],
 )
 def test_a_deck_without_stations(name: str, method: str, control: int, plane: str, tmp_path: Path) -> None:
@@ -194,3 +195,17 @@ def test_a_flight_in_any_system(system: str, places: float, method: str, photos:
     metres = [6.37e6, 6.01e6, 1.0] if system == "GEOG" else 1.0
     assert np.abs((answer.position - truth.position[rows]) * metres).max() < places
     assert np.abs(answer.attitude - truth.attitude[rows]).max() < max(places / 3000.0, 1e-12)
+
+
+def test_other_exact_solutions_of_a_minimum_set_are_listed(tmp_path: Path) -> None:
+    """Four full points and one in plan: nine conditions for nine unknowns."""
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 5, noise=0.0)
+    kinds = np.array([model.ControlKind.FULL] * 4 + [model.ControlKind.HORIZONTAL])
+    block = replace(block, control=replace(block.control, kind=kinds))
+    deck = written(tmp_path, block)
+    result = orient(deck)
+    count = re.search(r"other exact solutions: (\d+)", result.output)
+    values = record(deck)
+    assert result.exit_code == 0 and values["fit"]["redundancy"] == 0
+    assert count and len(values["other_roots"]) == int(count[1])
+    assert ("Other Exact Solutions" in deck.with_suffix(".lst").read_text()) == (count[1] != "0")

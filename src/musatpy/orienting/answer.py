@@ -15,7 +15,7 @@ from musatpy.model.verdict import Concern, Reason
 from musatpy.model.verdict import Verdict as RunVerdict
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
 from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
-from musatpy.orientation.twomedia.rays import PHOTO, WATER
+from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
 from musatpy.orienting.scene import Scene, scene_of
 
 _HOUSE = ("omega", "phi", "kappa", "X", "Y", "Z")
@@ -177,6 +177,27 @@ class Answer:
         """(u, u) of the unknowns."""
         return self.oriented.correlations[np.ix_(self.unknown, self.unknown)]
 
+    @property
+    def inflation(self) -> FloatArray:
+        """(u,) variance inflation factors of the unknowns."""
+        return self.oriented.inflation[self.unknown]
+
+    @cached_property
+    def roots(self) -> Orientation:
+        """The other exact solutions (r,) of a minimum set; none of one with redundancy."""
+        return self.oriented.other_roots()
+
+    @property
+    def root_photos(self) -> tuple[IntArray, IntArray]:
+        """(r m,) numbers of the solutions, from 1, and rows of the photos in each."""
+        roots, photos = self.roots.station.shape[:2]
+        return np.repeat(np.arange(1, roots + 1), photos), np.tile(np.arange(photos), roots)
+
+    @property
+    def root_stations(self) -> FloatArray:
+        """(r m, 3) in the system of the job, or of the model."""
+        return self.scene.axes.system(self.roots.station.reshape(-1, 3))
+
     @cached_property
     def contradictions(self) -> tuple[str, ...]:
         """Points on the other side of the water than their flag says."""
@@ -201,13 +222,15 @@ class Answer:
             text = f"sigma0 {oriented.sigma0:.3g}: the images do not fit, by the test of 99.9 %"
             reasons.append(Reason(grade=Grade.REJECTED, concern=Concern.SIGMA0, text=text, section=""))
         if plane is Verdict.NOT:
+            size = f"{share:.3g} of the mean depth" if np.isfinite(share) else "without limit"
             text = (
-                f"the plane of water is not determined: the sigma of its level is {share:.3g} of the mean depth "
-                f"(limit {self.scene.spec.limit:g}); depths and heights are not to be used"
+                f"the plane of water is not determined: the sigma of its level is {size} (limit "
+                f"{self.scene.spec.limit:g}); depths and heights are not to be used"
             )
             reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section=""))
         if not oriented.redundancy:
-            text = "no redundancy: nothing checks the images, and other solutions may fit as well"
+            count = len(self.roots.level)
+            text = f"no redundancy: nothing checks the images; other exact solutions: {count}"
             reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.REDUNDANCY, text=text, section=""))
         if oriented.outliers.any():
             text = f"left out, as they do not fit: {', '.join(ids[oriented.outliers].tolist())}"

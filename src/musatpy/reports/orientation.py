@@ -71,7 +71,12 @@ PLANE: Group[Answer, Answer] = Group(
     same,
     (
         Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
-        Field("share", "number", "sigma of the level over the points, of the mean depth", lambda a: a.plane[1]),
+        Field(
+            "share",
+            "number?",
+            "sigma of the level over the points, of the mean depth; null without limit",
+            lambda a: a.plane[1],
+        ),
         Field("limit", "number", "of that share", lambda a: a.scene.spec.limit),
         Field("slope", "2 number", "towards X and Y", lambda a: a.water[:2], unit="rad"),
         Field("slope_sigma", "2 number?", "", lambda a: a.water_sigma[:2], unit="rad"),
@@ -95,6 +100,18 @@ STATIONS: Rows[Answer, Answer] = Rows(
         Field("attitude_sigma", "3 number?", "", unit="rad"),
         Field("paper", "6 number", "phi, omega, kappa, X0, Y0, Z0 of the paper", lambda a: a.paper_photos),
         Field("paper_sigma", "6 number?", "", lambda a: a.paper_photo_sigmas),
+    ),
+)
+ROOTS: Rows[Answer, Answer] = Rows(
+    "other_roots",
+    "photos of the other exact solutions of a minimum set",
+    same,
+    (
+        Field("root", "integer", "number of the solution, from 1", lambda a: a.root_photos[0]),
+        Field("photo", "string", "photo id", lambda a: a.photos[a.root_photos[1]]),
+        Field("position", "3 number", "as that of the stations", lambda a: a.root_stations),
+        Field("slope", "2 number", "of the water", lambda a: a.roots.slope[a.root_photos[0] - 1], unit="rad"),
+        Field("level", "number", "of the water", lambda a: a.roots.level[a.root_photos[0] - 1], unit="m"),
     ),
 )
 POINTS: Rows[Answer, Answer] = Rows(
@@ -140,9 +157,13 @@ CORRELATIONS: Group[Answer, Answer] = Group(
     (
         Field("unknowns", "* string", "names", lambda a: a.names),
         Field("matrix", "*x* number", "row by row", lambda a: a.correlations),
+        Field("inflation", "* number", "variance inflation factors", lambda a: a.inflation),
+        Field("weakest", "* string", "the two weakest directions", lambda a: [d.words for d in a.oriented.weakest]),
     ),
 )
-RECORD: tuple[Node[Answer], ...] = (*(JOB, VERDICT, FIT, PLANE, STATIONS, POINTS, LEFT_OUT, IMAGES, CORRELATIONS),)
+RECORD: tuple[Node[Answer], ...] = (
+    *(JOB, VERDICT, FIT, PLANE, STATIONS, ROOTS, POINTS, LEFT_OUT, IMAGES, CORRELATIONS),
+)
 
 
 def record_of(answer: Answer) -> dict[str, Json]:
@@ -221,6 +242,18 @@ IMAGE_TABLE: Report[Any] = Report(
         *vector(("Test\nx", "Test\ny"), ("F7.2",) * 2, shows="test"),
     ),
 )
+ROOT_TABLE: Report[Any] = Report(
+    title="Other Exact Solutions",
+    table=ROOTS,
+    columns=(
+        key("Root", "I4", "root"),
+        key("Photo", "A8", "photo"),
+        _in_system(_PLACE),
+        Column("Slope X", "F9.5", shows="slope[0]"),
+        Column("Slope Y", "F9.5", shows="slope[1]"),
+        Column("Level\nm", "F14.4", shows="level"),
+    ),
+)
 LEFT_OUT_TABLE: Report[Any] = Report(
     title="Points That No Condition Can Use",
     table=LEFT_OUT,
@@ -237,7 +270,7 @@ PAPER_TABLE: Report[Any] = Report(
     ),
 )
 
-STATED = (STATION_TABLE, ATTITUDE_TABLE, POINT_TABLE, LEFT_OUT_TABLE, IMAGE_TABLE, PAPER_TABLE)
+STATED = (STATION_TABLE, ATTITUDE_TABLE, ROOT_TABLE, POINT_TABLE, LEFT_OUT_TABLE, IMAGE_TABLE, PAPER_TABLE)
 
 
 def _units(answer: Answer) -> FloatArray:
@@ -259,6 +292,7 @@ def sections_of(answer: Answer) -> list[Section]:
         Section(title="Plane Of Water", lines=[*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])]),
         STATION_TABLE.section(answer),
         ATTITUDE_TABLE.section(answer),
+        *([ROOT_TABLE.section(answer)] if len(answer.roots.level) else []),
         POINT_TABLE.section(answer, new_page=True),
         *([LEFT_OUT_TABLE.section(answer)] if answer.scene.left_out else []),
         IMAGE_TABLE.section(answer),
@@ -297,6 +331,8 @@ def _short(answer: Answer) -> dict[str, str]:
         "Unknowns, redundancy": f"{int(answer.unknown.sum())}, {oriented.redundancy}",
         "Sigma0": sigma0,
         "Condition number of the scaled normals": number_text("F14.1", oriented.condition),
+        "Weakest direction": oriented.weakest[0].words,
+        "Next weakest direction": oriented.weakest[1].words,
     }
 
 
@@ -359,4 +395,6 @@ def _matrix(answer: Answer) -> list[str]:
         for row in range(first, len(names)):
             cells = [number_text("F7.4", values[row, column]).rjust(7) for column in columns if column < row]
             lines.append((f"{row + 1:>3d} {names[row]:<18.18}" + " ".join(cells)).rstrip())
-    return lines[1:]
+    numbers = (number_text("F12.1", factor) for factor in answer.inflation)
+    factors = ", ".join(f"{name} {number}" for name, number in zip(names, numbers, strict=True))
+    return [*lines[1:], "", *wrapped([f"Variance inflation factors: {factors}"])]

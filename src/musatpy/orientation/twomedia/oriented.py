@@ -168,15 +168,20 @@ class Oriented:
         return covariance
 
     def verdict(self, limit: float = LIMIT) -> tuple[Verdict, float]:
-        """Return whether the water is determined: sigma of its level over the points to their mean depth."""
+        """Return whether the water is determined: sigma of its level over the points to their mean depth.
+
+        Far from the truth the sigma says little: where images without any water fit nearly as well, the share is
+        at least that by which they fit worse.
+        """
         if not self.problem.unknown[-WATER:-1].any():
             return Verdict.HELD, 0.0
         share = np.inf if _of_water(self.free) else self._level_share(self.covariance)
         if not np.isfinite(self.problem.prior).any():
+            share = max(share, self._dry_share())
             return (Verdict.DETERMINED if share <= limit else Verdict.NOT), share
         unaided = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
         if not _of_water(free(self.problem, self.adjusted, self.sights.photos, priors=False)):
-            alone = self._level_share(_covariance(unaided, self.adjusted))
+            alone = max(self._level_share(_covariance(unaided, self.adjusted)), self._dry_share())
             if alone <= limit:
                 return Verdict.DETERMINED, alone
         return (Verdict.BY_PRIOR if share <= limit else Verdict.NOT), share
@@ -188,7 +193,17 @@ class Oriented:
         depth = float(np.mean(self.adjusted.at.water_at(wet[None, :, :2])[0] - wet[:, 2]))
         weights = np.array([*wet[:, :2].mean(axis=0), 1.0])
         variance = float(weights @ covariance[-WATER:-1, -WATER:-1] @ weights)
-        return float(np.sqrt(max(variance, 0.0))) / depth
+        return float(np.sqrt(max(variance, 0.0))) / depth if depth > 0.0 else np.inf
+
+    def _dry_share(self) -> float:
+        """Return the share of a sigma at which no water, a whole depth off, would fit as badly as it does."""
+        if self.problem.equal:  # whose squares have no unit
+            return 0.0
+        unknown = self.problem.unknown.copy()
+        unknown[-WATER:] = False
+        dry = replace(self.problem, wet=np.zeros_like(self.problem.wet), unknown=unknown)
+        worse = float(adjust(dry, self.adjusted.at).squares[0] - self.adjusted.squares[0])
+        return 1.0 / np.sqrt(worse) if worse > 0.0 else np.inf
 
 
 def orient(sights: Sights, method: Method, plane: Plane, base: float = 1.0, equal: bool = False) -> Oriented:
