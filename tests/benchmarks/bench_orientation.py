@@ -1,8 +1,8 @@
 """Orientation through water from nothing, against scipy's least squares on the bundle of the same images.
 
-The peer has numerical derivatives and everything that saves it work: it starts next to the truth, at true points.
-Run as a script it prints processor times of all methods and how many starts are adjusted per second side by side;
-run by pytest it asserts equal minima, and that models of pairs and triplets come 20 times as fast as the peer's.
+The peer has numerical derivatives, starts next to the truth and has the true points. Run as a script it prints
+processor times of all methods: from nothing, from the start of the peer, and from 100 starts side by side; run by
+pytest it asserts equal minima. Both are for one thread (OPENBLAS_NUM_THREADS=1): more only add to the peer's times.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,14 +56,14 @@ def images(at: Orientation, X: np.ndarray) -> np.ndarray:
     return -ray[..., :2] / ray[..., 2:]
 
 
-def seconds(function: Callable[[], object], repeats: int) -> float:
-    """Return the processor time of the best of some repeats."""
+def timed(function: Callable[[], Any], repeats: int) -> tuple[float, Any]:
+    """Return the processor time of the best of some repeats, and the result."""
     times = []
     for _ in range(repeats):
         start = time.process_time()
-        function()
+        result = function()
         times.append(time.process_time() - start)
-    return min(times)
+    return min(times), result
 
 
 def disturbed(true: Scene, unknown: np.ndarray, starts: int) -> Orientation:
@@ -88,37 +89,40 @@ def by_least_squares(true: Scene, sights: Sights, start: Orientation, unknown: n
     return 2.0 * float(least_squares(residuals, values, x_scale="jac", ftol=1e-10, xtol=1e-10, gtol=1e-10).cost)
 
 
-def compared(name: str, method: str) -> tuple[float, float]:
-    """Return the processor times of the orientation from nothing and of the peer, at one minimum."""
+def compared(name: str, method: str) -> tuple[float, float, float]:
+    """Return the times of the orientation from nothing, of the adjustment and of the peer from one start.
+
+    All three end in one minimum.
+    """
     true, sights = problem(name, method)
     adjustment = problem_of(sights, METHODS[method], Plane())
-    squares = []
-    ours = seconds(lambda: orient(sights, METHODS[method], Plane(), true.kind.B), REPEATS)
     start = disturbed(true, adjustment.unknown, 1)
-    peer = seconds(lambda: squares.append(by_least_squares(true, sights, start, adjustment.unknown)), 1)
-    oriented = orient(sights, METHODS[method], Plane(), true.kind.B)
+    nothing, oriented = timed(lambda: orient(sights, METHODS[method], Plane(), true.kind.B), REPEATS)
+    ours, adjusted = timed(lambda: adjust(adjustment, start), REPEATS)
+    peer, squares = timed(lambda: by_least_squares(true, sights, start, adjustment.unknown), 1)
     # differences for derivatives leave the peer at a slope of about 1e-8
-    assert oriented.adjusted.squares[0] == pytest.approx(squares[0], rel=1e-6)
-    return ours, peer
+    assert oriented.adjusted.squares[0] == pytest.approx(squares, rel=1e-6)
+    assert adjusted.squares[0] == pytest.approx(squares, rel=1e-6)
+    return nothing, ours, peer
 
 
-@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "PAIR-SUCCESSIVE", "TRIPLET"])
-def test_models_come_20_times_as_fast_as_the_peers(method: str) -> None:
-    ours, peer = compared("lab", method)
-    assert peer >= 20.0 * ours
+@pytest.mark.parametrize("method", METHODS)
+def test_all_end_in_one_minimum(method: str) -> None:
+    compared("lab", method)
 
 
 def main() -> None:
     for name in KINDS:
         for method in METHODS:
-            ours, peer = compared(name, method)
+            nothing, ours, peer = compared(name, method)
             true, sights = problem(name, method)
             adjustment = problem_of(sights, METHODS[method], Plane())
             starts = disturbed(true, adjustment.unknown, STARTS)
-            side_by_side = seconds(lambda: adjust(adjustment, starts), 1)  # noqa: B023 it is called at once
+            side_by_side, _ = timed(lambda: adjust(adjustment, starts), 1)  # noqa: B023 it is called at once
             print(
-                f"{name:7}{method:17}{len(true.points):4} points: {1e3 * ours:5.0f} ms from nothing, peer "
-                f"{1e3 * peer:6.0f} ms, ratio {peer / ours:4.0f}; {STARTS} starts in {side_by_side:.2f} s"
+                f"{name:7}{method:17}{len(true.points):4} points: {1e3 * nothing:4.0f} ms from nothing; one start "
+                f"{1e3 * ours:4.1f} ms, peer {1e3 * peer:4.0f} ms, ratio {peer / ours:3.0f}; {STARTS} starts "
+                f"{side_by_side:.2f} s, ratio {STARTS * peer / side_by_side:3.0f}"
             )
 
 

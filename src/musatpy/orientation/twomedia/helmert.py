@@ -258,34 +258,35 @@ def _descended(
 
 
 def _settled(problem: Problem, near: Orientation) -> Adjusted:
-    """Return the minima that steps at the adjusted values reach."""
+    """Return the minima that steps at the adjusted values reach, each start for as long as it changes."""
     x = near.vector.copy()
     plain = _trust(problem, len(x))
-    image, control = _measured(problem, len(x))
-    usable, converged = np.ones(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
-    at = Orientation.of(x)
-    linear, real = linearised(problem, at, image, control)
+    image, control = (values.copy() for values in _measured(problem, len(x)))
+    converged, active = np.zeros(len(x), dtype=bool), np.arange(len(x))
     for _ in range(_LAST_STEPS):
-        N, rhs, T = _normals(problem, at, linear, plain)
-        usable = usable & real & np.isfinite(N).all(axis=(1, 2))
+        at = Orientation.of(x[active])
+        linear, real = linearised(problem, at, image[active], control[active])
+        N, rhs, T = _normals(problem, at, linear, plain[active])
+        usable = real & np.isfinite(N).all(axis=(1, 2))
         inverse = np.linalg.pinv(np.where(usable[:, None, None], N, 1.0), hermitian=True)
         rhs = np.where(usable[:, None], rhs, 0.0)
         step = np.where(usable[:, None], (T @ (inverse @ rhs[..., None]))[..., 0], 0.0)
         sigma = np.sqrt(np.einsum("sxu,suv,sxv->sx", T, inverse, T))
-        before = image
-        image, control = _corrected(problem, linear, step, control)
-        still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x), 1.0)
-        fitted = np.abs(image - before) <= _SAME * problem.image_sigma
-        converged = usable & still.all(axis=-1) & fitted.all(axis=(1, 2))
-        x = x + step
-        at = Orientation.of(x)
-        linear, real = linearised(problem, at, image, control)
-        if (converged | ~usable).all():
+        before = image[active]
+        image[active], control[active] = _corrected(problem, linear, step, control[active])
+        still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x[active]), 1.0)
+        fitted = np.abs(image[active] - before) <= _SAME * problem.image_sigma
+        converged[active] = usable & still.all(axis=-1) & fitted.all(axis=(1, 2))
+        x[active] += step
+        active = active[usable & ~converged[active]]
+        if not len(active):
             break
+    at = Orientation.of(x)
+    linear, real = linearised(problem, at, image, control)
     N, _, T = _normals(problem, at, linear, plain)
     return Adjusted(
         at=at,
-        squares=np.where(usable & real, _squares(problem, at, linear, plain), np.inf),
+        squares=np.where(real, _squares(problem, at, linear, plain), np.inf),
         converged=converged & real,
         normals=N,
         directions=T,
