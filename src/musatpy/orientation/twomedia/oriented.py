@@ -15,6 +15,7 @@ from scipy.special import chdtrc
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import MusatError
 from musatpy.geometry.intersection import nearest_point
+from musatpy.model.orientation import PlaneTreatment
 from musatpy.orientation.twomedia.conditions import refracted
 from musatpy.orientation.twomedia.diagnosis import Direction, free, inflation, weakest
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits
@@ -199,9 +200,8 @@ class Oriented:
         """Return the share of a sigma at which no water, a whole depth off, would fit as badly as it does."""
         if self.problem.equal:  # whose squares have no unit
             return 0.0
-        unknown = self.problem.unknown.copy()
-        unknown[-WATER:] = False
-        dry = replace(self.problem, wet=np.zeros_like(self.problem.wet), unknown=unknown)
+        sights = replace(self.sights, wet=np.zeros_like(self.sights.wet))
+        dry = problem_of(sights, self.method, Plane(treatment=PlaneTreatment.KNOWN))
         worse = float(adjust(dry, self.adjusted.at).squares[0] - self.adjusted.squares[0])
         return 1.0 / np.sqrt(worse) if worse > 0.0 else np.inf
 
