@@ -55,6 +55,7 @@ class PointNormals:
     axes: FloatArray  # (k, 3, 3)
     priors: Priors | None
     objective: FloatArray  # (k,) weighted sum of squares, infinite where a point is behind a camera
+    ridge: FloatArray  # (k,) that the diagonals of the matrices have beyond what is observed
 
 
 def point_normals(
@@ -87,7 +88,8 @@ def point_normals(
         rhs[:, 2] += weight[:, 3] * deviation[:, 3] * priors.free[:, 2]
         diagonal += np.where(priors.free, 0.0, 1.0)
         objective = objective + np.einsum("ka,ka,ka->k", deviation, weight, deviation)
-    diagonal += _RIDGE * diagonal.max(axis=1, keepdims=True)
+    ridge = _RIDGE * diagonal.max(axis=1, keepdims=True)
+    diagonal += ridge
     return PointNormals(
         images=images,
         residual=residual,
@@ -97,6 +99,7 @@ def point_normals(
         axes=axes,
         priors=priors,
         objective=_unless_behind(network, state, rays, X, objective),
+        ridge=ridge[:, 0],
     )
 
 

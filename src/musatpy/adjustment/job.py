@@ -21,7 +21,7 @@ from musatpy.adjustment.network import (
     participation,
 )
 from musatpy.adjustment.normals import SINGULAR
-from musatpy.adjustment.rank import describe_weakness, unknown_name
+from musatpy.adjustment.rank import describe_weakness
 from musatpy.adjustment.sea import Sea, sea_of
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
@@ -76,9 +76,7 @@ class Job:
             return iterate(problem, state, self.block.options.max_iterations, report)
         except SingularNormalsError as error:
             # eigenvalues come with rounding of their own: look a little above the limit for the culprits
-            reasons = describe_weakness(
-                network, state, error.matrix, 100.0 * SINGULAR, unknown_name(network, self.block)
-            )
+            reasons = describe_weakness(network, state, error.matrix, 100.0 * SINGULAR, self.block)
             problems = [Problem(message=f"singular normal equations: {reason}") for reason in reasons]
             raise AdjustmentError(problems or [Problem(message="singular normal equations")]) from error
 

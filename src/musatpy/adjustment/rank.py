@@ -11,7 +11,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
-from musatpy.model import Block
+from musatpy.model import Block, Datum
 
 DATUM = (
     "shift east",
@@ -29,7 +29,7 @@ _NAMED = 4  # unknowns named for one weak direction
 
 
 def describe_weakness(
-    network: Network, state: State, matrix: NormalMatrix, limit: float, name: Callable[[int], str]
+    network: Network, state: State, matrix: NormalMatrix, limit: float, block: Block
 ) -> list[str]:
     """Return one sentence for every way in which the solution is free, weaker than `limit` (relative)."""
     scale, weak = weak_directions(matrix, limit)
@@ -40,15 +40,17 @@ def describe_weakness(
     motions /= np.where(size > 0.0, size, 1.0)  # a single photo has no scale
     if not (np.isfinite(motions).all() and np.isfinite(weak).all()):
         return [RUN_AWAY]
-    sentences, weak = _name_datum(motions, weak)
+    holder = "no observation holds" if block.options.datum is Datum.FREE else "the control does not hold"
+    sentences, weak = _name_datum(motions, weak, holder)
     # an orthogonal basis of what is left: each direction names the unknowns that it moves most
     u, singular_values, _ = np.linalg.svd(weak, full_matrices=False)
+    name = unknown_name(network, block)
     for direction in u[:, singular_values > 0.5].T:
         sentences.append(_name_direction(direction, name))
     return sentences
 
 
-def _name_datum(motions: FloatArray, weak: FloatArray) -> tuple[list[str], FloatArray]:
+def _name_datum(motions: FloatArray, weak: FloatArray, holder: str) -> tuple[list[str], FloatArray]:
     """Return sentences on motions of the whole block among the weak directions (u, w), and the other ones."""
     basis, _ = np.linalg.qr(motions)
     turn, cosines, _ = np.linalg.svd(weak.T @ basis)
@@ -59,7 +61,7 @@ def _name_datum(motions: FloatArray, weak: FloatArray) -> tuple[list[str], Float
     names = [name for name, part in zip(DATUM, share, strict=True) if part > _FREE]
     sentences = []
     if names:
-        sentences.append(f"the block as a whole is free in {', '.join(names)}: the control does not hold it")
+        sentences.append(f"the block as a whole is free in {', '.join(names)}: {holder} it")
     named, _ = np.linalg.qr(motions[:, share > _FREE])
     left, sizes, _ = np.linalg.svd(whole - named @ (named.T @ whole), full_matrices=False)
     for direction in left[:, sizes > 0.5].T:
@@ -123,7 +125,6 @@ def datum_motions(network: Network, state: State, centre: FloatArray) -> FloatAr
     grow = np.zeros((n, q))
     grow[:, :3] = np.einsum("nij,nj->ni", axes, arm)
     motions[: q * n, 6] = grow.reshape(-1)
-    height = float(network.frame.height(centre))
     for kind in UNKNOWNS:
-        kind.put_motions(network, state, height, motions)
+        kind.put_motions(network, state, centre, motions)
     return motions

@@ -184,7 +184,7 @@ def _weakness(
 ) -> tuple[str, ...]:
     if factor.smallest_eigenvalue() >= ILL_DETERMINED:
         return ()
-    weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, unknown_name(network, block))
+    weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, block)
     return tuple(f"ill-determined: {sentence}" for sentence in weak)
 
 

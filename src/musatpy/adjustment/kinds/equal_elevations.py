@@ -14,6 +14,7 @@ from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import FloatArray
+from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 
 
@@ -37,16 +38,17 @@ class EqualElevation(Prior, Unknown):
         """Return the state with the levels after a step (u,)."""
         return replace(state, levels=state.levels + self.part_of(network, step))
 
-    def transformed(self, network: Network, state: State, move: FloatArray, height: float) -> State:
+    def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
         """Return the state with the levels lifted, and grown apart from the height of the centre."""
-        return replace(state, levels=height + (1.0 + move[6]) * (state.levels - height) + move[2])
+        height = float(network.frame.height(centre))
+        return replace(state, levels=height + move.scale * (state.levels - height) + move.shift[2])
 
-    def put_motions(self, network: Network, state: State, height: float, motions: FloatArray) -> None:
+    def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:
         """Put what the motions do to the levels into `motions` (u, 7)."""
         has_points = np.isfinite(state.levels)  # that of a group without any is no unknown
         part = self.part_of(network, motions)
         part[:, 2] = has_points
-        part[:, 6] = np.where(has_points, state.levels - height, 0.0)
+        part[:, 6] = np.where(has_points, state.levels - float(network.frame.height(centre)), 0.0)
 
 
 KINDS = (EqualElevation(),)

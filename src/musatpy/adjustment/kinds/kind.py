@@ -13,6 +13,7 @@ from musatpy.adjustment.sea import Sea
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 
 
@@ -104,12 +105,12 @@ class Unknown(Kind):
         """Return the state after a step (u,)."""
         raise NotImplementedError
 
-    def transformed(self, network: Network, state: State, move: FloatArray, height: float) -> State:
-        """Return the state after a similarity `move` (7,) about a centre at `height`, where that moves it."""
+    def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
+        """Return the state after a similarity, in the level axes at `centre` (3,), where that moves it."""
         return state
 
-    def put_motions(self, network: Network, state: State, height: float, motions: FloatArray) -> None:
-        """Put what the seven motions of a datum, about a centre at `height`, do to it into `motions` (u, 7)."""
+    def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:
+        """Put what the seven motions of a datum, about `centre` (3,), do to it into `motions` (u, 7)."""
 
     def movement(self, network: Network, step: FloatArray) -> tuple[float, str]:
         """Return the largest change by a step (u,), and how it is told."""

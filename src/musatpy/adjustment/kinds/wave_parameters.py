@@ -55,7 +55,7 @@ class Wave(Parameter):
         waves[_unknown(network)] = values
         return replace(state, waves=waves)
 
-    def put_motions(self, network: Network, state: State, height: float, motions: FloatArray) -> None:
+    def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:
         """Put into `motions` (u, 7): crests go along, azimuths turn, all grows.
 
         About the origin of the waves, which is taken for the centre: the block need not be named more exactly.
