@@ -14,7 +14,7 @@ from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
+from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 
@@ -173,7 +173,7 @@ def job_frame(block: Block) -> Frame:
     system = block.options.system
     stations = block.photos.position
     if system is CoordinateSystem.LOCAL:
-        return LocalFrame(_origin(stations))
+        return LocalFrame(middle_of(stations))
     spec = block.ellipsoid
     if spec is None:
         raise AdjustmentError([Problem(message=f"a {system} job needs an ellipsoid")])
@@ -182,12 +182,8 @@ def job_frame(block: Block) -> Frame:
     except ValueError as error:
         raise AdjustmentError([Problem(message=str(error))]) from error
     if system is CoordinateSystem.GEOCENTRIC:
-        return GeocentricFrame(_origin(stations), ellipsoid)
-    return GeographicFrame(_origin(ellipsoid.geocentric(stations)), ellipsoid)
-
-
-def _origin(positions: FloatArray) -> FloatArray:
-    return np.rint(positions.mean(axis=0))
+        return GeocentricFrame(middle_of(stations), ellipsoid)
+    return GeographicFrame(middle_of(ellipsoid.geocentric(stations)), ellipsoid)
 
 
 def participation(block: Block) -> Participation:

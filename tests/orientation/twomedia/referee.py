@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy import model
+from musatpy.geometry.frames import middle_of
 from musatpy.model.tables import taken
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Sights
@@ -65,5 +66,5 @@ def block_of(scene: Scene, sights: Sights, start: Orientation) -> model.Block:
 def level_of_origin(solution: model.Solution) -> float:
     """Return the level of the water at (0, 0): its tides hold at the origin of the axes of the adjustment."""
     assert solution.water is not None
-    origin = np.rint(solution.block.photos.position.mean(axis=0))
+    origin = middle_of(solution.block.photos.position)
     return float(solution.water.tide[0] - origin[:2] @ solution.water.tilt)
