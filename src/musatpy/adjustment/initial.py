@@ -46,13 +46,13 @@ class InitialValues(Table):
     """The n photos of a block with what was found filled in, and how the given values compare with it."""
 
     photos: Photos  # NaN where nothing was found or given
-    found: TextArray = per_row()  # (n,) "given", "model", "mosaic", "resection", or empty
+    found: TextArray = per_row()  # (n,) "given", "model", "mosaic", "resection", "water", or empty
     difference: FloatArray = per_row(
         6
     )  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
     beyond: BoolArray = per_row()  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
     problems: tuple[Problem, ...]  # photos that could not be found, each with its reason
-    nominal: bool  # nothing places the block: scale, heading or place are arbitrary
+    notes: tuple[str, ...]  # on photos found in an unusual way, and on a block that nothing places
 
 
 def started(block: Block) -> tuple[Block, tuple[str, ...]]:
@@ -66,7 +66,7 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
     if block.options.initial is Initial.COMPUTE:
         if values.problems:
             raise AdjustmentError(values.problems)
-        return replace(block, photos=values.photos), (_NOMINAL,) if values.nominal else ()
+        return replace(block, photos=values.photos), values.notes
     unchecked = np.flatnonzero(np.isnan(values.difference).any(axis=1))
     return block, (
         *(_disagreement(block, values, row) for row in np.flatnonzero(values.beyond).tolist()),
@@ -93,6 +93,11 @@ def initial_photos(block: Block) -> InitialValues:
     these are too few. Raises `AdjustmentError` where the ellipsoid is unknown.
     """
     place = _found(block, sights_of(block))
+    lost = np.flatnonzero((place.found == NOT_FOUND) & ~_given(block.photos))
+    if lost.size and block.options.initial is Initial.COMPUTE:
+        from musatpy.adjustment.through_water import oriented_through_water  # most jobs have no use for it
+
+        place = oriented_through_water(block, place, lost)
     return _values(block, place, place.found != NOT_FOUND)
 
 
@@ -139,7 +144,7 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
     attitude = np.full((n, 3), np.nan)
     axes = frame.axes(place.C[computed])
     attitude[computed] = attitude_from_matrix(place.M[computed] @ np.swapaxes(axes, 1, 2))
-    given = np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
+    given = _given(photos)
     difference = given_minus(photos, frame, place.C, place.M, computed & given)
     new = computed if block.options.initial is not Initial.CHECK else np.zeros(n, dtype=bool)
     position = np.array(photos.position)
@@ -157,9 +162,14 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
         found=found,
         difference=difference,
         beyond=beyond,
-        nominal=place.nominal,
+        notes=(*place.notes, *((_NOMINAL,) if place.nominal else ())),
         problems=_problems(photos, np.flatnonzero(found == NOT_FOUND), place),
     )
+
+
+def _given(photos: Photos) -> BoolArray:
+    """Return (n,) whether station and attitude are given."""
+    return np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
 
 
 def _problems(photos: Photos, rows: IntArray, place: Place) -> tuple[Problem, ...]:
