@@ -36,7 +36,7 @@ def oriented_through_water(block: Block, place: Place, lost: IntArray) -> Place:
             continue
         tide = float(water.tide[photo]) - float(place.frame.height(np.zeros(3)))
         try:
-            oriented = _oriented(sights, _planes(water, photo, tide))
+            oriented = _oriented(sights, _plane(water, photo, tide))
         except OrientationError as error:
             reasons[photo] = f"{place.reasons[photo]}; through the water, {error}"
             continue
@@ -70,15 +70,12 @@ def _sights(block: Block, place: Place, photo: int) -> Sights:
     )
 
 
-def _planes(water: WaterKnowledge, photo: int, tide: float) -> list[Plane]:
-    """Return the plane of the water at a photo as the job knows it, `tide` at the working origin.
-
-    Where nothing is known of its level beforehand, also one at any level: the tide of the card may be a guess.
-    """
+def _plane(water: WaterKnowledge, photo: int, tide: float) -> Plane:
+    """Return the plane of the water at a photo as the job knows it, `tide` at the working origin."""
     level_unknown = bool(water.group[photo] >= 0)
     level_weight = float(water.level_weight[water.group[photo]]) if level_unknown else 0.0
     loose = PlaneTreatment.LEVEL if level_unknown else PlaneTreatment.KNOWN
-    plane = Plane(
+    return Plane(
         treatment=PlaneTreatment.ADJUST if water.tilt_unknown else loose,
         slope=(float(water.tilt[0]), float(water.tilt[1])),
         slope_sigma=_sigma(water.tilt_weight),
@@ -88,27 +85,16 @@ def _planes(water: WaterKnowledge, photo: int, tide: float) -> list[Plane]:
         index_sigma=_sigma(water.index_weight),
         index_unknown=water.index_unknown,
     )
-    return [plane, replace(plane, level=None)] if level_unknown and not level_weight else [plane]
 
 
 def _sigma(weight: float) -> float | None:
     return weight**-0.5 if weight else None
 
 
-def _oriented(sights: Sights, planes: list[Plane]) -> Oriented:
-    """Return the orientation with the first plane that gives one. Raises `OrientationError` of the last one."""
-    first, *others = planes
-    try:
-        with np.errstate(invalid="ignore"):  # of trials that make no sense
-            return _held(orient(sights, SINGLE_RAY, first))
-    except OrientationError:
-        if not others:
-            raise
-        return _oriented(sights, others)
-
-
-def _held(oriented: Oriented) -> Oriented:
+def _oriented(sights: Sights, plane: Plane) -> Oriented:
     """Return the orientation. Raises `OrientationError` where points contradict it or do not hold the station."""
+    with np.errstate(invalid="ignore"):  # of trials that make no sense
+        oriented = orient(sights, SINGLE_RAY, plane)
     height = float(np.median(np.linalg.norm(oriented.points - oriented.at.station[0], axis=1)))
     error = float(np.linalg.norm(oriented.sigma[_STATION]))
     if oriented.sigma0 > MOST_MISSED or not error < UNHELD * height:
