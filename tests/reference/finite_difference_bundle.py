@@ -2,7 +2,7 @@
 
 Stations, ground points, levels, corrections of tides, tilts and index are one long vector; what is observed is one
 long vector of weighted misclosures; its derivatives are central differences, Gauss-Newton does the rest. Nothing is
-shared with the program but the model classes.
+shared with the program but the model classes and the place where its tides hold.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.geometry.frames import middle_of
 from musatpy.model import Block, CoordinateSystem, Treatment, WaterLevel
 from reference.rays import rotation, sighted
 
@@ -118,7 +119,7 @@ class Problem:
         if self.part["index"].stop > self.part["index"].start:
             index = float(x[self.part["index"]][0])
         correction = np.append(x[self.part["tides"]], 0.0)[self.groups]
-        origin = np.rint(block.photos.position.mean(axis=0))[:2]
+        origin = middle_of(block.photos.position)[:2]
         water = (block.photos.tide + correction)[photo] + (target[:, :2] - origin) @ tilt
         up = np.array([-tilt[0], -tilt[1], 1.0])
         length = np.linalg.norm(up)
@@ -218,7 +219,7 @@ class Joint:
         tides = block.photos.tide + np.append(x[part["tides"]], 0.0)[self.problem.groups]
         sums = np.bincount(block.plates.point, weights=tides[block.plates.photo], minlength=len(points))
         level = sums / np.bincount(block.plates.point, minlength=len(points))
-        origin = np.rint(block.photos.position.mean(axis=0))[:2]
+        origin = middle_of(block.photos.position)[:2]
         slope = x[part["tilt"]] if part["tilt"].stop > part["tilt"].start else np.zeros(2)
         return level + (points[:, :2] - origin) @ slope - points[:, 2]
 

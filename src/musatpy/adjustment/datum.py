@@ -13,16 +13,18 @@ import numpy as np
 from scipy.linalg import qr
 
 from musatpy.adjustment.collinear import Elimination, eliminate
+from musatpy.adjustment.ground import point_normals
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.rank import datum_motions, point_motions
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.rotations import attitude_from_matrix, turn
+from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.geometry.similarity import Similarity
 
 _CYCLES = 10  # of the move to the inner constraints: its rotations are finite, two or three serve
-_HELD = 1e-10  # of the scaled normal matrix: rounding and the ridge of points hold a motion by less than this
+_HELD = 1e-11  # of the scaled normal matrix: rounding holds a motion by 1e-12
 _FIRMLY = 1e-9  # about where a scale has a sigma of 1 %: less than that is no datum
 _REST = 1e-6  # m, the last of them
 
@@ -63,7 +65,9 @@ def freedom(network: Network, state: State, matrix: NormalMatrix) -> Freedom:
     scale = 1.0 / np.sqrt(matrix.diagonal())
     scaled = datum_motions(network, state, centre) / scale[:, None]
     basis, triangle = np.linalg.qr(scaled)
-    values, vectors = np.linalg.eigh(basis.T @ matrix.scaled(scale).times(basis))
+    inverse = np.linalg.inv(triangle)
+    resistance = basis.T @ matrix.scaled(scale).times(basis)
+    values, vectors = np.linalg.eigh(resistance - inverse.T @ _by_ridge(network, state, centre) @ inverse)
     free = basis @ vectors[:, values < _FIRMLY]
     if not free.size:
         return NOTHING_FREE
@@ -71,11 +75,26 @@ def freedom(network: Network, state: State, matrix: NormalMatrix) -> Freedom:
     pivots = qr(free[: network.pattern.order].T, mode="economic", pivoting=True)[2]
     return Freedom(
         directions=free * scale[:, None],
-        motions=np.linalg.solve(triangle, vectors[:, values < _FIRMLY]),
+        motions=inverse @ vectors[:, values < _FIRMLY],
         centre=centre,
         held=np.sort(pivots[: free.shape[1]]),
         weak=int(np.count_nonzero((values > _HELD) & (values < _FIRMLY))),
     )
+
+
+def _by_ridge(network: Network, state: State, centre: FloatArray) -> FloatArray:
+    """Return (7, 7) what the ridge of single points, which observes nothing, holds of the motions about `centre`.
+
+    Where rays meet at small angles under water that is next to nothing known, it can be all that holds a scale.
+    """
+    out = np.zeros((7, 7))
+    for group in network.groups:
+        if not group.kept:
+            ground = state.ground[group.point]
+            ridge = point_normals(network, state, group, ground, stations=False).ridge
+            G = point_motions(network, centre, ground)
+            out += np.einsum("k,kia,kib->ab", ridge, G, G)
+    return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,12 +217,16 @@ def _moved(network: Network, state: State, centre: FloatArray, move: FloatArray)
     """Return the state after a similarity: shift and turn along the axes at `centre`, and growth about it."""
     axes = network.frame.axes(centre)
     shift, angle, growth = move[:3] @ axes, move[3:6] @ axes, move[6]
-    R = turn(angle)
+    size = float(np.linalg.norm(angle))
+    a = angle / size if size > 0.0 else angle
+    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    R = np.eye(3) + np.sin(size) * cross + (1.0 - np.cos(size)) * cross @ cross
     attitude = attitude_from_matrix(state.M @ R.T @ _t(state.axes))
     turns = np.rint((state.attitude - attitude) / (2.0 * np.pi))
     grow = 1.0 + growth
+    level = Similarity(scale=grow, rotation=axes @ R @ axes.T, shift=move[:3])
     for kind in UNKNOWNS:
-        state = kind.transformed(network, state, move, centre)
+        state = kind.transformed(network, state, centre, level)
     return replace(
         state,
         position=centre + grow * (state.position - centre) @ R.T + shift,

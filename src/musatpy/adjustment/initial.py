@@ -14,8 +14,6 @@ import numpy as np
 from musatpy.adjustment.placing import (
     MODEL,
     MOSAIC,
-    NOT_FOUND,
-    THROUGH_WATER,
     Place,
     misfit,
     models_of,
@@ -26,7 +24,6 @@ from musatpy.adjustment.placing import (
 )
 from musatpy.adjustment.refinement import refined_stations
 from musatpy.adjustment.unknowns import given_minus
-from musatpy.adjustment.wet_resection import resected_through_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
@@ -36,7 +33,7 @@ from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.strips import Sights
 from musatpy.units import DEGREE
 
-GIVEN = "given"  # how a photo was found, besides the names in `placing`
+GIVEN, NOT_FOUND = "given", ""  # how a photo was found, besides the names in `placing`
 
 _MOSTLY = 0.7  # share of the photos of a mosaic that models must hold to be completed by resection
 _MOST_SHIFT = 0.1  # of the flying height, and
@@ -55,7 +52,7 @@ class InitialValues(Table):
     )  # (n, 6) given minus computed: east, north, up m, angles rad; NaN where not both
     beyond: BoolArray = per_row()  # (n,) the difference is more than a tenth of the flying height, or 5 degrees
     problems: tuple[Problem, ...]  # photos that could not be found, each with its reason
-    nominal: bool  # nothing places the block: scale, heading or place are arbitrary
+    notes: tuple[str, ...]  # on photos found in an unusual way, and on a block that nothing places
 
 
 def started(block: Block) -> tuple[Block, tuple[str, ...]]:
@@ -69,19 +66,12 @@ def started(block: Block) -> tuple[Block, tuple[str, ...]]:
     if block.options.initial is Initial.COMPUTE:
         if values.problems:
             raise AdjustmentError(values.problems)
-        return replace(block, photos=values.photos), (*_through_water(values), *[_NOMINAL] * values.nominal)
+        return replace(block, photos=values.photos), values.notes
     unchecked = np.flatnonzero(np.isnan(values.difference).any(axis=1))
     return block, (
         *(_disagreement(block, values, row) for row in np.flatnonzero(values.beyond).tolist()),
         *(f"photo {block.photos.ids[row]}: its given values could not be checked" for row in unchecked.tolist()),
     )
-
-
-def _through_water(values: InitialValues) -> tuple[str, ...]:
-    """Return which photos were found through the water, in words."""
-    photos = values.photos.ids[values.found == THROUGH_WATER].tolist()
-    what = "straight rays agree with no station; oriented by refracted rays from the control"
-    return (f"{'photo' if len(photos) == 1 else 'photos'} {', '.join(photos)}: {what}",) if photos else ()
 
 
 def _disagreement(block: Block, values: InitialValues, row: int) -> str:
@@ -102,7 +92,12 @@ def initial_photos(block: Block) -> InitialValues:
     compared. The models are placed on the control and the observed stations, and on other given stations where
     these are too few. Raises `AdjustmentError` where the ellipsoid is unknown.
     """
-    place = resected_through_water(block, _found(block, sights_of(block)))
+    place = _found(block, sights_of(block))
+    lost = np.flatnonzero((place.found == NOT_FOUND) & ~_given(block.photos))
+    if lost.size and block.options.initial is Initial.COMPUTE:
+        from musatpy.adjustment.through_water import oriented_through_water  # most jobs have no use for it
+
+        place = oriented_through_water(block, place, lost)
     return _values(block, place, place.found != NOT_FOUND)
 
 
@@ -149,7 +144,7 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
     attitude = np.full((n, 3), np.nan)
     axes = frame.axes(place.C[computed])
     attitude[computed] = attitude_from_matrix(place.M[computed] @ np.swapaxes(axes, 1, 2))
-    given = np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
+    given = _given(photos)
     difference = given_minus(photos, frame, place.C, place.M, computed & given)
     new = computed if block.options.initial is not Initial.CHECK else np.zeros(n, dtype=bool)
     position = np.array(photos.position)
@@ -167,9 +162,14 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
         found=found,
         difference=difference,
         beyond=beyond,
-        nominal=place.nominal,
+        notes=(*place.notes, *((_NOMINAL,) if place.nominal else ())),
         problems=_problems(photos, np.flatnonzero(found == NOT_FOUND), place),
     )
+
+
+def _given(photos: Photos) -> BoolArray:
+    """Return (n,) whether station and attitude are given."""
+    return np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
 
 
 def _problems(photos: Photos, rows: IntArray, place: Place) -> tuple[Problem, ...]:

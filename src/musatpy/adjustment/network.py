@@ -14,7 +14,7 @@ from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
+from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 
@@ -184,18 +184,6 @@ def job_frame(block: Block) -> Frame:
     if system is CoordinateSystem.GEOCENTRIC:
         return GeocentricFrame(middle_of(stations), ellipsoid)
     return GeographicFrame(middle_of(ellipsoid.geocentric(stations)), ellipsoid)
-
-
-def middle_of(positions: FloatArray) -> FloatArray:
-    """Return the middle of stations (n, 3) to a round number: whole metres, in small scenes a thousandth of these.
-
-    Tilts of the water turn about it, which in a tank of a metre may not be half a metre off.
-    """
-    middle, extent = positions.mean(axis=0), float(np.ptp(positions, axis=0).max(initial=0.0))
-    if not extent:  # a single photo
-        return middle if len(positions) else np.zeros(3)
-    step = 10.0 ** min(0.0, np.floor(np.log10(extent)) - 2.0)
-    return np.rint(middle / step) * step
 
 
 def participation(block: Block) -> Participation:

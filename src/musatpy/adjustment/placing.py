@@ -16,19 +16,18 @@ from musatpy.orientation.absolute import Targets, absolute_orientation, levellin
 from musatpy.orientation.resection import Resection, resection
 from musatpy.orientation.strips import FEWEST, Model, Sights, joined_models, oriented_pairs
 
-# how a photo was found
-MODEL, MOSAIC, RESECTION, THROUGH_WATER, NOT_FOUND = "model", "mosaic", "resection", "water", ""
+MODEL, MOSAIC, RESECTION, THROUGH_WATER = "model", "mosaic", "resection", "water"  # how a photo was found
 
 _SUBMERGED = 0.1  # weight of submerged points, whose straight rays do not quite meet
 _CONTROL_ERROR = 1e-3  # of the extent of the control: the least error that counts as one
 _WRONG = 0.1  # robust weight below which control is taken as wrong
 _FEWEST_KNOWN = 3  # points of a resection
 _AS_SURE = 2.0  # resections within this factor of the surest are taken together
-_UNHELD = 0.1  # of the flying height: stations less sure than this are not found
+UNHELD = 0.1  # of the flying height: stations less sure than this are not found
 _NOMINAL_SCALE = (
     10.0  # m of flying height for a mm of focal length, photographs at 1:10,000: where nothing gives it
 )
-_MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more is none
+MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,6 +41,7 @@ class Place:
     wrong: BoolArray  # (k,) control that contradicts the rest
     reasons: dict[int, str]  # photo -> why it was not found
     nominal: bool = False  # nothing places the block: its datum is an arbitrary one
+    notes: tuple[str, ...] = ()  # what is to be said of photos that were found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,7 +95,7 @@ def placed(block: Block, sights: Sights, models: list[Model], name: str) -> Plac
         frame=frame,
         C=np.full((n, 3), np.nan),
         M=np.full((n, 3, 3), np.nan),
-        found=np.full(n, NOT_FOUND, dtype="U9"),
+        found=np.full(n, "", dtype="U9"),
         wrong=np.zeros(len(block.control.point), dtype=bool),
         reasons=_without_pairs(sights, n),
     )
@@ -301,10 +301,10 @@ def _resected(block: Block, sights: Sights, place: Place, photo: int, ground: Fl
     X = ground[sights.point[rows]]
     sigma = tangent_sigma(block)
     station = resection(sights.x[rows], X, place.frame.axes(X.mean(axis=0))[2], sigma)
-    if station is None or station.scale > _MOST_MISSED * sigma:
+    if station is None or station.scale > MOST_MISSED * sigma:
         return None
     height = float(np.median(np.linalg.norm(X - station.C, axis=1)))
-    return station if station.sigma < _UNHELD * height else None
+    return station if station.sigma < UNHELD * height else None
 
 
 def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
@@ -320,6 +320,13 @@ def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
         for m in np.unique(count[count > 1]).tolist():
             rays = start[count == m][:, None] + np.arange(m)
             ground[point[count == m]] = intersection.nearest_point(P[rays], u[rays])
+    control = full_control(block, place)
+    return np.where(np.isfinite(control), control, ground)
+
+
+def full_control(block: Block, place: Place) -> FloatArray:
+    """Return working coordinates (p, 3) of full control that does not contradict the rest, NaN of other points."""
+    ground = np.full((len(block.points.ids), 3), np.nan)
     known = _known(block, place.frame, approximate=False)
     full = (known.point >= 0) & known.known.all(axis=1)
     full[: len(place.wrong)] &= ~place.wrong
@@ -345,5 +352,5 @@ def misfit(block: Block, sights: Sights, place: Place) -> tuple[int, float]:
     imaged = ~np.isnan(error)
     measured = np.unique(sights.photo)
     middle = [np.median(error[imaged & (sights.photo == photo)]) for photo in measured if place.found[photo]]
-    good = np.array(middle) < _MOST_MISSED * tangent_sigma(block)
+    good = np.array(middle) < MOST_MISSED * tangent_sigma(block)
     return len(measured) - int(good.sum()), float(np.median(error[imaged])) if imaged.any() else np.inf

@@ -40,17 +40,17 @@ def describe_weakness(
     motions /= np.where(size > 0.0, size, 1.0)  # a single photo has no scale
     if not (np.isfinite(motions).all() and np.isfinite(weak).all()):
         return [RUN_AWAY]
-    free = block.options.datum is Datum.FREE
-    sentences, weak = _name_datum(motions, weak, "" if free else ": the control does not hold it")
-    name = unknown_name(network, block)
+    holder = "no observation holds" if block.options.datum is Datum.FREE else "the control does not hold"
+    sentences, weak = _name_datum(motions, weak, holder)
     # an orthogonal basis of what is left: each direction names the unknowns that it moves most
     u, singular_values, _ = np.linalg.svd(weak, full_matrices=False)
+    name = unknown_name(network, block)
     for direction in u[:, singular_values > 0.5].T:
         sentences.append(_name_direction(direction, name))
     return sentences
 
 
-def _name_datum(motions: FloatArray, weak: FloatArray, why: str) -> tuple[list[str], FloatArray]:
+def _name_datum(motions: FloatArray, weak: FloatArray, holder: str) -> tuple[list[str], FloatArray]:
     """Return sentences on motions of the whole block among the weak directions (u, w), and the other ones."""
     basis, _ = np.linalg.qr(motions)
     turn, cosines, _ = np.linalg.svd(weak.T @ basis)
@@ -61,7 +61,7 @@ def _name_datum(motions: FloatArray, weak: FloatArray, why: str) -> tuple[list[s
     names = [name for name, part in zip(DATUM, share, strict=True) if part > _FREE]
     sentences = []
     if names:
-        sentences.append(f"the block as a whole is free in {', '.join(names)}{why}")
+        sentences.append(f"the block as a whole is free in {', '.join(names)}: {holder} it")
     named, _ = np.linalg.qr(motions[:, share > _FREE])
     left, sizes, _ = np.linalg.svd(whole - named @ (named.T @ whole), full_matrices=False)
     for direction in left[:, sizes > 0.5].T:

@@ -8,7 +8,6 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.geometry.frames import Frame
-from musatpy.geometry.rotations import turn
 from musatpy.model import Block, Program, Treatment, WaterLevel
 
 
@@ -189,45 +188,3 @@ def by_tilt(
     depth_by_slope = (ground @ axis)[..., None] / secant - at.depth[..., None] * across / secant**2
     back = np.einsum("...ij,...j->...i", by_camera, np.cross(omega, camera - ground))
     return np.cross(omega, v) - back + by_depth * depth_by_slope
-
-
-def slope_motions(slope: FloatArray) -> FloatArray:
-    """Return what the seven similarity motions of a block do to the slope (2,) of its water, (2, 7)."""
-    e, n = slope
-    motions = np.zeros((2, 7))
-    motions[:, 3:6] = [[e * n, -1.0 - e * e, -n], [1.0 + n * n, -e * n, e]]
-    return motions
-
-
-def level_motions(above: FloatArray, slope: FloatArray, place: FloatArray) -> FloatArray:
-    """Return what the seven motions do to levels at the middle of the axes, (c, 7).
-
-    The levels are `above` (c,) the height of the centre of the motions, which is at `place` (2,), east and north.
-    """
-    (e, n), (east, north) = slope, place
-    motions = np.zeros((len(above), 7))
-    motions[:, :3] = [-e, -n, 1.0]
-    motions[:, 3] = n * above - north
-    motions[:, 4] = east - e * above
-    motions[:, 5] = n * east - e * north
-    motions[:, 6] = above + slope @ place
-    return motions
-
-
-def turned_slope(slope: FloatArray, move: FloatArray) -> FloatArray:
-    """Return the slope (2,) of water after a similarity (7,)."""
-    normal = turn(move[3:6]) @ np.array([-slope[0], -slope[1], 1.0])
-    return -normal[:2] / normal[2]
-
-
-def moved_level(
-    above: FloatArray, slope: FloatArray, place: FloatArray, move: FloatArray, turned: bool
-) -> FloatArray:
-    """Return the levels (c,) after a similarity (7,), with the arguments of `level_motions`.
-
-    The slope turns with the block only where it is unknown too.
-    """
-    point = np.stack([*np.broadcast_to(-place[:, None], (2, len(above))), above], axis=1)
-    moved = (1.0 + move[6]) * point @ turn(move[3:6]).T + move[:3]
-    after = turned_slope(slope, move) if turned else slope
-    return moved[:, 2] - (moved[:, :2] + place) @ after

@@ -18,6 +18,7 @@ from musatpy.depth.cameras import Cameras
 from musatpy.depth.point_positions import Tilt
 from musatpy.errors import DepthError, Problem, RecordError, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude
+from musatpy.geometry.frames import middle_of
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.json_files import Needs
@@ -157,12 +158,12 @@ def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water:
 
 
 def _tilt(record: Any, system: System) -> Tilt:
-    """Return the tilt of the water: slopes east and north in the middle of the stations as given, to a metre."""
+    """Return the tilt of the water: slopes east and north in the middle of the stations as given."""
     given = level_positions(record, np.array([row["given_position"] for row in record["stations"]], dtype=float))
     if system.ellipsoid is None:
-        pivot = np.rint(given.mean(axis=0))
+        pivot = middle_of(given)
         axes = np.eye(3)
     else:
-        pivot = np.rint(system.ellipsoid.geocentric(given).mean(axis=0))
+        pivot = middle_of(system.ellipsoid.geocentric(given))
         axes = system.ellipsoid.frame(geographic(system.ellipsoid, pivot))
     return Tilt(slope=np.array(record["adjusted_water"]["tilt"], dtype=float) @ axes[:2], pivot=pivot)

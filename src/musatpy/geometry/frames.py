@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 from musatpy.arrays import FloatArray
 from musatpy.geometry.geodesy import Ellipsoid
 
+_FINEST = -6.0  # decimals of a middle of stations
+
 
 class Frame(ABC):
     """Coordinates of a job in three guises, all (..., 3).
@@ -49,6 +51,17 @@ class Frame(ABC):
     def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the direction up (..., 3) and the height (...) at working positions, in working axes."""
         return self.axes(working)[..., 2, :], self.height(working)
+
+
+def middle_of(stations: FloatArray) -> FloatArray:
+    """Return the middle (3,) of stations (n, 3): the working origin, about which water tilts.
+
+    Rounded to whole units, so that a restart turns the water about the same place; of scenes below a hundred units
+    to the power of ten between a thousandth and a hundredth of the extent of the stations.
+    """
+    extent = float(np.ptp(stations, axis=0).max())
+    step = 10.0 ** np.clip(np.floor(np.log10(extent)) - 2.0, _FINEST, 0.0) if extent > 0.0 else 10.0**_FINEST
+    return np.asarray(np.rint(stations.mean(axis=0) / step) * step)
 
 
 class LocalFrame(Frame):

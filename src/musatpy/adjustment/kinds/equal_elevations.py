@@ -14,6 +14,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
+from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 
 
@@ -37,10 +38,10 @@ class EqualElevation(Prior, Unknown):
         """Return the state with the levels after a step (u,)."""
         return replace(state, levels=state.levels + self.part_of(network, step))
 
-    def transformed(self, network: Network, state: State, move: FloatArray, centre: FloatArray) -> State:
+    def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
         """Return the state with the levels lifted, and grown apart from the height of the centre."""
         height = float(network.frame.height(centre))
-        return replace(state, levels=height + (1.0 + move[6]) * (state.levels - height) + move[2])
+        return replace(state, levels=height + move.scale * (state.levels - height) + move.shift[2])
 
     def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:
         """Put what the motions do to the levels into `motions` (u, 7)."""

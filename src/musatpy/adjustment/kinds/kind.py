@@ -13,6 +13,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 
 
@@ -104,8 +105,8 @@ class Unknown(Kind):
         """Return the state after a step (u,)."""
         raise NotImplementedError
 
-    def transformed(self, network: Network, state: State, move: FloatArray, centre: FloatArray) -> State:
-        """Return the state after a similarity `move` (7,) about `centre` (3,), where that moves it."""
+    def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
+        """Return the state after a similarity, in the level axes at `centre` (3,), where that moves it."""
         return state
 
     def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:

@@ -10,9 +10,11 @@ import numpy as np
 from musatpy.adjustment.kinds.kind import OfWater, Rows
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import LEVEL, State
-from musatpy.adjustment.water_surface import WaterKnowledge, level_motions, moved_level
+from musatpy.adjustment.water_motions import level_motions, moved_levels
+from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 
 
@@ -56,24 +58,21 @@ class WaterLevel(OfWater):
         correction = step[self._index(network)][np.maximum(water.group, 0)]
         return replace(state, tide=state.tide + np.where(water.group >= 0, correction, 0.0))
 
-    def transformed(self, network: Network, state: State, move: FloatArray, centre: FloatArray) -> State:
-        """Return the state with the unknown tides lifted, turned, and grown apart from the centre."""
+    def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
+        """Return the state with the planes of unknown tides moved."""
         if not len(network.water.ids):
             return state
-        height, place = float(network.frame.height(centre)), network.tilt_axes @ centre
-        turned = network.water.tilt_unknown
-        tide = height + moved_level(state.tide - height, state.tilt, place, move, turned)
+        tide = moved_levels(network, centre, state.tilt, state.tide, move)
         return replace(state, tide=np.where(network.water.group >= 0, tide, state.tide))
 
     def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:
-        """Put into `motions` (u, 7): the levels rise, turn, and grow apart from the centre."""
-        water, height, place = network.water, float(network.frame.height(centre)), network.tilt_axes @ centre
+        """Put what the motions do to the levels into `motions` (u, 7)."""
+        water = network.water
         level, belongs = np.zeros(len(water.ids)), water.group >= 0
         level[water.group[belongs]] = state.tide[belongs]
         known = belongs if water.per_photo else np.ones(len(water.ids), dtype=bool)
-        index = self._index(network)
-        moves = level_motions(np.nan_to_num(level) - height, state.tilt, place)
-        motions[index] = np.where(known[:, None], moves, 0.0)
+        moves = level_motions(network, centre, state.tilt, np.nan_to_num(level))
+        motions[self._index(network)] = np.where(known[:, None], moves, 0.0)
 
     def of_images(self, network: Network, group: PointGroup, by_water: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return columns (k, m) and partials (k, m, 2, m): each image sees the water of its photo."""

@@ -10,9 +10,11 @@ import numpy as np
 from musatpy.adjustment.kinds.kind import Parameter
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water_surface import WaterKnowledge, slope_motions, turned_slope
+from musatpy.adjustment.water_motions import slope_motions, turned_slopes
+from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 from musatpy.units import ARC_SECOND
 
@@ -40,15 +42,15 @@ class WaterTilt(Parameter):
         """Return the state with other slopes."""
         return replace(state, tilt=values)
 
-    def transformed(self, network: Network, state: State, move: FloatArray, centre: FloatArray) -> State:
+    def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
         """Return the state with unknown slopes turned."""
         known = not network.border.count(self.observed)
-        return state if known else replace(state, tilt=turned_slope(state.tilt, move))
+        return state if known else replace(state, tilt=turned_slopes(state.tilt, move.rotation))
 
     def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:
         """Put what the motions do to the slopes into `motions` (u, 7)."""
-        part = self.part_of(network, motions)
-        part[:] = slope_motions(state.tilt)[: len(part)]
+        if network.border.count(self.observed):
+            self.part_of(network, motions)[:] = slope_motions(state.tilt)
 
     def of_surface(self, network: Network, state: State, group: PointGroup) -> tuple[IntArray, FloatArray]:
         """Return columns (k, 2) and partials (k, 2): the surface turns about the middle of the stations."""

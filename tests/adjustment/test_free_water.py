@@ -1,0 +1,214 @@
+"""Free networks over water of which level, tilt or index are unknown: the plane belongs to what is free."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import musatpy
+from musatpy.adjustment.datum import freedom, moved_to
+from musatpy.adjustment.job import prepared
+from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.water_motions import moved_levels, turned_slopes
+from musatpy.geometry.frames import middle_of
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.similarity import Similarity, fit
+from musatpy.model import (
+    Block,
+    Datum,
+    Initial,
+    ObservationKind,
+    Solution,
+    Treatment,
+    Water,
+    WaterLevel,
+)
+from musatpy.orientation.twomedia.oriented import Oriented, orient
+from musatpy.orientation.twomedia.sights import Plane
+from orientation.twomedia.geometries import KINDS, geometry, sights_of
+from orientation.twomedia.methods import METHODS
+from orientation.twomedia.referee import block_of, level_of_origin
+from reference.compare import covariance_difference
+from reference.finite_difference_bundle import Problem, jacobian
+
+LAB = KINDS["lab"]
+CASES = [
+    ("PAIR-INDEPENDENT", False),
+    ("TRIPLET", False),
+    pytest.param("TRIPLET", True, marks=pytest.mark.slow),
+    pytest.param("PAIR-SUCCESSIVE", False, marks=pytest.mark.slow),
+]
+
+
+@cache
+def model_and_block(method: str, index: bool = False) -> tuple[Oriented, Block]:
+    """The orientation of noisy images of the laboratory, and the block of a free network that starts from it."""
+    true = geometry("lab", method)
+    sights = sights_of(true)
+    noise = np.random.default_rng(1).normal(size=sights.image.shape)
+    sights = replace(sights, image=sights.image + noise * sights.image_sigma)
+    result = orient(sights, METHODS[method], Plane(index_unknown=index), LAB.B)
+    block = block_of(true, sights, result.at)
+    treatment = Treatment.ADJUST if index else Treatment.KNOWN
+    return result, replace(block, options=replace(block.options, datum=Datum.FREE, water_index=treatment))
+
+
+@cache
+def adjusted(method: str, index: bool = False) -> Solution:
+    solution = musatpy.adjust(model_and_block(method, index)[1])
+    assert solution.converged, solution.reason
+    return solution
+
+
+@pytest.mark.parametrize(("method", "index"), CASES)
+def test_relative_orientation_through_water_after_a_similarity(method: str, index: bool) -> None:
+    """1e-6 sigma of what the datum of the points gives; 1e-9 of squares and redundancy: both at rest to 1e-12."""
+    result, solution = model_and_block(method, index)[0], adjusted(method, index)
+    assert solution.observations["inner constraints"] == 7
+    assert solution.degrees_of_freedom == result.redundancy
+    assert solution.warnings == ()
+    assert solution.sum_of_squares == pytest.approx(result.adjusted.squares[0], rel=1e-9)
+    images = solution.observed.kind == ObservationKind.PLATE
+    np.testing.assert_allclose(
+        solution.observed.redundancy[images].reshape(-1, 2), result.image_redundancy, atol=1e-9
+    )
+    points, stations, water = solution.points, solution.stations, solution.water
+    assert water is not None
+    move = fit(result.points, points.position, np.ones(len(result.points)))
+    sigma = np.sqrt(np.einsum("kii->ki", points.covariance)) / solution.sigma0
+    assert np.abs((move.apply(result.points) - points.position) / sigma).max() < 1e-6
+    attitude = attitude_from_matrix(move.turn(attitude_matrix(result.at.attitude)))
+    pose = np.concatenate([move.apply(result.at.station), attitude], axis=1)
+    ours = np.concatenate([stations.position, stations.attitude], axis=1)
+    sigma = np.sqrt(np.einsum("kii->ki", stations.covariance)) / solution.sigma0
+    assert np.abs((pose - ours) / sigma).max() < 1e-6
+    up = np.array([*-result.at.slope, 1.0]) @ move.rotation.T
+    through = move.apply(np.array([0.0, 0.0, float(result.at.level)]))
+    tilt = -up[:2] / up[2]
+    at_zero = through[2] - tilt @ through[:2]
+    # the sigmas are 9e-4 and more of the tilt, 0.014 m of the level, 0.004 of the index
+    np.testing.assert_allclose(water.tilt, tilt, atol=1e-10)
+    assert level_of_origin(solution) == pytest.approx(at_zero, abs=1e-8)
+    assert water.index == pytest.approx(float(result.at.index), abs=1e-10)
+
+
+def test_covariances_are_those_of_a_dense_pseudo_inverse() -> None:
+    solution = adjusted("TRIPLET")
+    Q, part = dense_cofactors(solution)
+    unit = solution.sigma0**2
+    for ours, name, size in (
+        (solution.stations.covariance, "stations", 6),
+        (solution.points.covariance, "points", 3),
+    ):
+        count = len(ours)
+        theirs = Q[part[name], part[name]].reshape(count, size, count, size)[np.arange(count), :, np.arange(count)]
+        # central differences are good to 1e-8, the eigenvectors of the defect to 1e-6 of the motions
+        assert np.abs(covariance_difference(ours / unit, theirs)).max() < 1e-5
+
+
+def dense_cofactors(solution: Solution) -> tuple[np.ndarray, dict[str, slice]]:
+    """The cofactors under inner constraints over the points, from dense normals by central differences."""
+    problem, water = Problem(solution.block), solution.water
+    assert water is not None
+    x = problem.start(solution.stations.position, solution.stations.attitude, solution.points.position)
+    x[problem.part["tides"]] = water.tide[0] - solution.block.photos.tide[0]
+    x[problem.part["tilt"]] = water.tilt
+    scale = np.full(problem.size, 1e-2)
+    J = jacobian(problem, x, scale)
+    size = np.linalg.norm(J, axis=0)
+    values, vectors = np.linalg.eigh((J / size).T @ (J / size))
+    defect = 7
+    assert values[defect] > 1e4 * abs(values[defect - 1])
+    scale = scale / size
+    H = vectors[:, :defect] * scale[:, None]
+    Q = (vectors[:, defect:] / values[defect:]) @ vectors[:, defect:].T * np.outer(scale, scale)
+    E = np.zeros_like(H)
+    E[problem.part["points"]] = H[problem.part["points"]]
+    S = np.eye(len(Q)) - H @ np.linalg.solve(E.T @ H, E.T)
+    return S @ Q @ S.T, problem.part
+
+
+@pytest.mark.parametrize(
+    ("level", "tilt", "free"),
+    [
+        (WaterLevel.ONE, Treatment.ADJUST, 7),
+        (WaterLevel.PHOTO, Treatment.ADJUST, 7),
+        (WaterLevel.ONE, Treatment.KNOWN, 5),  # a plane of known slopes holds two turns
+        (WaterLevel.KNOWN, Treatment.ADJUST, 6),  # and one that goes through a known place one motion
+        (WaterLevel.KNOWN, Treatment.KNOWN, 4),
+    ],
+)
+def test_what_the_plane_does_not_hold_is_free(level: WaterLevel, tilt: Treatment, free: int) -> None:
+    """Slopes of 20 %, so that shifts and the turn about the normal carry the level along."""
+    block = with_plane(model_and_block("TRIPLET")[1], (0.2, -0.1))
+    block = replace(block, options=replace(block.options, water_level=level, water_tilt=tilt))
+    job, state = prepared(block, None)
+    network = job.network.with_plates(job.network.xy, block.points.bathymetric[block.plates.point])
+    problem = Simultaneous(network=network, options=block.options, held=np.zeros(0, dtype=np.int64))
+    unheld = freedom(network, state, problem.linearise(state).matrix)
+    assert unheld.count == free
+    assert unheld.weak == 0
+
+
+def with_plane(block: Block, slopes: tuple[float, float]) -> Block:
+    """The block with other slopes of the water."""
+    assert block.water is not None
+    return replace(block, water=Water(index=block.water.index, tilt_east=slopes[0], tilt_north=slopes[1]))
+
+
+@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "TRIPLET"])
+def test_nothing_known_but_the_images(method: str) -> None:
+    """No station, no control: the shape is that of the relative orientation."""
+    result, block = model_and_block(method)
+    unknown = np.full_like(block.photos.position, np.nan)
+    photos = replace(block.photos, position=unknown, attitude=unknown, tide=np.zeros(len(unknown)))
+    options = replace(block.options, initial=Initial.COMPUTE, translation_limit=1e-8)  # of photographs at 1:10,000
+    solution = musatpy.adjust(replace(block, photos=photos, options=options))
+    assert solution.converged, solution.reason
+    assert solution.observations["inner constraints"] == 7
+    assert not any("control" in text for text in solution.warnings)
+    assert solution.sum_of_squares == pytest.approx(result.adjusted.squares[0], rel=1e-6)
+    move = fit(solution.points.position, result.points, np.ones(len(result.points)))
+    np.testing.assert_allclose(move.apply(solution.points.position), result.points, atol=1e-6)  # limits of steps
+
+
+def test_water_tilts_about_the_middle_of_a_small_scene() -> None:
+    """To a hundredth of the extent of the stations at most; of a strip to a metre, as its restarts have it."""
+    for extent, step in ((1.0, 1e-2), (0.5, 1e-3), (60.0, 0.1), (5000.0, 1.0)):
+        stations = np.array([[0.0, 0.0, 2.0], [extent, 0.3 * extent, 2.1]])
+        middle = middle_of(stations)
+        np.testing.assert_allclose(middle, stations.mean(axis=0), atol=0.5000001 * step)  # half a step, rounding
+        np.testing.assert_allclose(middle / step, np.rint(middle / step), atol=1e-9)
+
+
+def test_the_plane_goes_where_its_points_go() -> None:
+    """A finite similarity: the moved plane holds the moved points, to rounding."""
+    network = prepared(model_and_block("TRIPLET")[1], None)[0].network
+    origin, centre = network.frame.origin, np.array([0.4, -0.3, 0.2])
+    slopes, level = np.array([0.2, -0.1]), -1.5
+    turn = attitude_matrix(np.array([0.2, -0.3, 0.5]))
+    move = Similarity(scale=1.3, rotation=turn, shift=np.array([0.5, -0.7, 0.9]))
+    across = np.array([[0.0, 0.0], [1.0, 0.0], [0.3, 2.0]])  # working
+    plane = np.column_stack([across, level - origin[2] + across @ slopes])
+    moved = centre + move.apply(plane - centre)
+    tilt = turned_slopes(slopes, turn)
+    (height,) = moved_levels(network, centre, slopes, np.array([level]), move)
+    np.testing.assert_allclose(moved[:, 2] + origin[2], height + moved[:, :2] @ tilt, atol=1e-14)
+
+
+def test_a_free_move_changes_no_image() -> None:
+    """A finite one: points to be turned and grown; the sum of squares stays as it is but for rounding."""
+    block = model_and_block("TRIPLET")[1]
+    job, state = prepared(block, None)
+    network = job.network.with_plates(job.network.xy, block.points.bathymetric[block.plates.point])
+    problem = Simultaneous(network=network, options=block.options, held=np.zeros(0, dtype=np.int64))
+    free = freedom(network, state, problem.linearise(state).matrix)
+    turn = attitude_matrix(np.array([0.03, -0.05, 0.2]))
+    first = Similarity(scale=1.1, rotation=turn, shift=np.array([0.5, -0.7, 0.9])).apply(state.ground)
+    moved, _ = moved_to(network, state, free, first)
+    np.testing.assert_allclose(moved.ground, first, atol=1e-9)
+    before, after = (problem.with_squares(at).squares.sum() for at in (state, moved))
+    assert after == pytest.approx(before, rel=1e-9)
