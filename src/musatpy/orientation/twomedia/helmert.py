@@ -267,7 +267,7 @@ def _settled(problem: Problem, near: Orientation, usable: BoolArray) -> Adjusted
         inverse = np.linalg.pinv(np.where(usable[:, None, None], N, 1.0), hermitian=True)
         rhs = np.where(usable[:, None], rhs, 0.0)
         step = np.where(usable[:, None], (T @ (inverse @ rhs[..., None]))[..., 0], 0.0)
-        sigma = np.sqrt(np.einsum("sxu,suv,sxv->sx", T, inverse, T))
+        sigma = np.sqrt(np.maximum(np.einsum("sxu,suv,sxv->sx", T, inverse, T), 0.0))
         before = image
         image, control = _corrected(problem, linear, step, control)
         still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x), 1.0)
