@@ -336,3 +336,14 @@ def test_tides_under_the_photos_are_levels_of_their_own():
         images[sights.photo == photo] = sights_of(raised).image[sights.photo == photo]
     result = orient(replace(sights, image=images), METHODS["COMBINED"], Plane(rise=tides))
     assert np.abs(result.at.vector - at.vector[0]).max() < 1e-9
+
+
+def test_a_prior_of_the_level_is_one_more_observation():
+    """It pulls the level by the share of the variances, and leaves its squares; the shift is small, so linear."""
+    sights = sights_of(geometry("lab", "SINGLE-RAY"), 20)
+    free = oriented("lab", "SINGLE-RAY")
+    sigma, level = float(free.sigma[-2]), float(free.at.level)
+    result = orient(sights, METHODS["SINGLE-RAY"], Plane(level=level + 0.1 * sigma, level_sigma=sigma))
+    assert float(result.at.level) - level == pytest.approx(0.05 * sigma, rel=1e-3)
+    assert result.adjusted.squares[0] == pytest.approx(0.1**2 / 2.0, rel=1e-3)
+    assert result.redundancy == free.redundancy + 1
