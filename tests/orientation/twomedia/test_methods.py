@@ -347,3 +347,21 @@ def test_a_prior_of_the_level_is_one_more_observation():
     assert float(result.at.level) - level == pytest.approx(0.05 * sigma, rel=1e-3)
     assert result.adjusted.squares[0] == pytest.approx(0.1**2 / 2.0, rel=1e-3)
     assert result.redundancy == free.redundancy + 1
+
+
+@pytest.mark.parametrize(
+    ("method", "unseen", "redundancy"),
+    [
+        ("COMBINED", ((0, 1), (1, 0)), 4 * 3 + 2 * 2 + 15 - 15),
+        ("TRIPLET", ((0, 1), (1, 0), (2, 2)), 3 * 27 + 3 - 14),
+    ],
+)
+def test_points_that_not_all_photos_show_count_where_they_are_seen(method, unseen, redundancy):
+    """Points 0, 1, ... hidden on a photo each; of COMBINED control, five points of which both photos show three."""
+    true = geometry("lab", method)
+    sights = sights_of(true, 5 if method == "COMBINED" else 0)
+    seen = ~np.any([(sights.point == point) & (sights.photo == photo) for point, photo in unseen], axis=0)
+    images = {name: getattr(sights, name)[seen] for name in ("photo", "point", "image", "image_sigma")}
+    result = orient(replace(sights, **images), METHODS[method], Plane(), true.kind.B)
+    assert result.redundancy == redundancy
+    assert scaled_errors(result.at, true).max() < 1e-9
