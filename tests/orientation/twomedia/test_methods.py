@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 
 import musatpy
 from musatpy.geometry.similarity import fit
+from musatpy.orientation.twomedia import helmert
 from musatpy.orientation.twomedia.axes import paper_partials
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
@@ -197,18 +198,21 @@ def test_both_pairs_are_one_model():
 
 
 @pytest.mark.parametrize(
-    ("name", "method", "control"),
+    ("name", "method", "control", "control_sigma"),
     [
-        ("lab", "SINGLE-RAY", 20),
-        ("tank", "SINGLE-FERMAT", 20),
-        ("aerial", "SINGLE-RAY", 20),
-        ("lab", "COMBINED", 5),
-        ("aerial", "COMBINED", 12),
+        ("lab", "SINGLE-RAY", 20, 0.0),
+        ("lab", "SINGLE-RAY", 20, 0.01),
+        ("tank", "SINGLE-FERMAT", 20, 0.0),
+        ("aerial", "SINGLE-RAY", 20, 0.0),
+        ("lab", "COMBINED", 5, 0.0),
+        ("aerial", "COMBINED", 12, 0.0),
+        ("lab", "COMBINED", 8, 0.01),
     ],
 )
-def test_program_iiia_is_the_referee(name, method, control):
+def test_program_iiia_is_the_referee(name, method, control, control_sigma):
     true = geometry(name, method)
-    sights = noisy(sights_of(true, control), 1)
+    sights = noisy(sights_of(true, control, control_sigma=control_sigma), 1)
+    sights = replace(sights, control=sights.control + control_sigma * np.random.default_rng(2).normal(size=(20, 3)))
     result = orient(sights, METHODS[method], Plane())
     solution = musatpy.adjust(block_of(true, sights, result.at))
     assert solution.water is not None
@@ -293,6 +297,35 @@ def test_true_errors_are_as_large_as_their_sigmas(method):
     assert 930 <= passed <= 970  # 950 +- 3 sigma
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "method", "share"),
+    [
+        ("lab", "SINGLE-RAY", 100),
+        ("aerial", "SINGLE-RAY", 100),
+        ("lab", "SINGLE-FERMAT", 100),
+        ("tank", "SINGLE-FERMAT", 98),
+        ("lab", "PAIR-INDEPENDENT", 98),
+        ("tank", "PAIR-INDEPENDENT", 97),
+        ("lab", "PAIR-SUCCESSIVE", 98),
+        ("aerial", "PAIR-SUCCESSIVE", 96),
+        ("tank", "COMBINED", 100),
+        ("lab", "TRIPLET", 88),
+        ("aerial", "TRIPLET", 98),
+    ],
+)
+def test_how_far_the_unknowns_of_the_paper_lead(name, method, share, monkeypatch):
+    """From level 1 and without the directions of the steps: 8 of 100 more or less, by the random law."""
+
+    def as_printed(at: Orientation, unknown: np.ndarray, bottom: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(np.eye(len(unknown))[:, unknown], (len(at.level), len(unknown), int(unknown.sum())))
+
+    monkeypatch.setattr(helmert, "directions", as_printed)
+    adjusted = adjust(replace(noise_free(name, method), approach=()), level_1(name, method, 1))
+    true = scaled_errors(adjusted.at, geometry(name, method)).max(axis=-1) < 1e-9
+    assert true.sum() == pytest.approx(share, abs=8)
+
+
 def test_tides_under_the_photos_are_levels_of_their_own():
     """Two photos whose water stands .1 m higher or .2 m lower than the level: the level comes back, not theirs."""
     true, tides = geometry("lab", "COMBINED"), np.array([0.1, -0.2])
@@ -303,3 +336,32 @@ def test_tides_under_the_photos_are_levels_of_their_own():
         images[sights.photo == photo] = sights_of(raised).image[sights.photo == photo]
     result = orient(replace(sights, image=images), METHODS["COMBINED"], Plane(rise=tides))
     assert np.abs(result.at.vector - at.vector[0]).max() < 1e-9
+
+
+def test_a_prior_of_the_level_is_one_more_observation():
+    """It pulls the level by the share of the variances, and leaves its squares; the shift is small, so linear."""
+    sights = sights_of(geometry("lab", "SINGLE-RAY"), 20)
+    free = oriented("lab", "SINGLE-RAY")
+    sigma, level = float(free.sigma[-2]), float(free.at.level)
+    result = orient(sights, METHODS["SINGLE-RAY"], Plane(level=level + 0.1 * sigma, level_sigma=sigma))
+    assert float(result.at.level) - level == pytest.approx(0.05 * sigma, rel=1e-3)
+    assert result.adjusted.squares[0] == pytest.approx(0.1**2 / 2.0, rel=1e-3)
+    assert result.redundancy == free.redundancy + 1
+
+
+@pytest.mark.parametrize(
+    ("method", "unseen", "redundancy"),
+    [
+        ("COMBINED", ((0, 1), (1, 0)), 4 * 3 + 2 * 2 + 15 - 15),
+        ("TRIPLET", ((0, 1), (1, 0), (2, 2)), 3 * 27 + 3 - 14),
+    ],
+)
+def test_points_that_not_all_photos_show_count_where_they_are_seen(method, unseen, redundancy):
+    """Points 0, 1, ... hidden on a photo each; of COMBINED control, five points of which both photos show three."""
+    true = geometry("lab", method)
+    sights = sights_of(true, 5 if method == "COMBINED" else 0)
+    seen = ~np.any([(sights.point == point) & (sights.photo == photo) for point, photo in unseen], axis=0)
+    images = {name: getattr(sights, name)[seen] for name in ("photo", "point", "image", "image_sigma")}
+    result = orient(replace(sights, **images), METHODS[method], Plane(), true.kind.B)
+    assert result.redundancy == redundancy
+    assert scaled_errors(result.at, true).max() < 1e-9

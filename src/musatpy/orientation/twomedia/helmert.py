@@ -271,7 +271,7 @@ def _settled(problem: Problem, near: Orientation) -> Adjusted:
         inverse = np.linalg.pinv(np.where(usable[:, None, None], N, 1.0), hermitian=True)
         rhs = np.where(usable[:, None], rhs, 0.0)
         step = np.where(usable[:, None], (T @ (inverse @ rhs[..., None]))[..., 0], 0.0)
-        sigma = np.sqrt(np.einsum("sxu,suv,sxv->sx", T, inverse, T))
+        sigma = np.sqrt(np.maximum(np.einsum("sxu,suv,sxv->sx", T, inverse, T), 0.0))
         before = image[active]
         image[active], control[active] = _corrected(problem, linear, step, control[active])
         still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x[active]), 1.0)

@@ -18,7 +18,7 @@ REASONS = (
     "a dry point stands below the water",
 )
 _THROUGH = 1e-3  # of the distance of the points, up to which the water passes through a camera
-_ROUNDING = 1e-14  # of the largest of the normals
+_ROUNDING = 1e-13  # of normals scaled to unit diagonal
 _DOUBT = 3.0  # sigmas of the level, by which a point may stand on the wrong side
 
 
@@ -61,8 +61,10 @@ def _sighted(problem: Problem, adjusted: Adjusted) -> tuple[IntArray, FloatArray
 def _level_sigma(adjusted: Adjusted, points: FloatArray) -> FloatArray:
     """Return the sigmas (s, k) of the level of the water at points (s, k, 3), large where nothing determines it."""
     T = adjusted.directions[:, -WATER:-1]
-    diagonal = np.einsum("suu->su", adjusted.normals).max(axis=-1)[:, None, None]
-    N = adjusted.normals + _ROUNDING * diagonal * np.eye(adjusted.normals.shape[-1])
+    diagonal = np.einsum("suu->su", adjusted.normals)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    T = T * scale[:, None]
+    N = adjusted.normals * scale[:, None] * scale[..., None] + _ROUNDING * np.eye(scale.shape[-1])
     C = T @ np.linalg.inv(N) @ np.swapaxes(T, -1, -2)
     weights = np.concatenate([points[..., :2], np.ones_like(points[..., :1])], axis=-1)
     return np.sqrt(np.maximum(np.einsum("ski,sij,skj->sk", weights, C, weights), 0.0))
