@@ -18,6 +18,8 @@ from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
 
+_STARTS = 25  # of each level of a study: a hundred in all
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrientResult:
@@ -37,6 +39,7 @@ def orient_deck(
     carriage_control: bool = False,
     csv: bool = False,
     punch: bool = False,
+    study: bool = False,
     strict: bool = False,
     date: datetime.date | None = None,
     family: Family | None = None,
@@ -44,7 +47,8 @@ def orient_deck(
     """Orient the photos of a deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir`.
 
     With `punch` also `NAME.pun`, a deck that a run starts from; with `csv` the tables of the listing, in
-    `NAME_tables`; `strict` makes the status of a doubtful answer that of a rejected one. A deck that gives no
+    `NAME_tables`; with `study` what starts and depths do to the orientation, as `NAME.study.txt` and pictures (the
+    extra `plots`); `strict` makes the status of a doubtful answer that of a rejected one. A deck that gives no
     orientation leaves no files, and every reason is in `problems`. Raises `OSError` where files cannot be written.
     """
     checked = checked_deck(deck, family, for_run=False)
@@ -70,6 +74,8 @@ def orient_deck(
         folder = paths[0].with_name(f"{deck.stem}_tables")
         tables = csv_files(orientation.sections_of(answer))
         files |= {folder / name: text.encode() for name, text in tables.items()}
+    if study:
+        files |= _studied(answer, paths[0])
     write_files(files)
     return OrientResult(
         deck=deck,
@@ -78,6 +84,24 @@ def orient_deck(
         answer=answer,
         files=tuple(files),
     )
+
+
+def _studied(answer: Answer, listing: Path) -> dict[Path, bytes]:
+    """Return the study of an orientation, as text and pictures beside the listing."""
+    from musatpy.orientation.twomedia import pictures  # few users draw
+    from musatpy.orientation.twomedia.study import study as study_of
+    from musatpy.reports.orientation_study import study_text
+
+    result, limit = study_of(answer.oriented, starts=_STARTS), answer.scene.spec.limit
+    title = answer.block.titles[0] if answer.block.titles else listing.stem
+    files = {
+        "study.txt": study_text(result, title, limit).encode(),
+        "correlations.png": pictures.correlation_picture(answer.oriented),
+        "basins.png": pictures.basins_picture(result.basins, title),
+    }
+    if result.precision is not None:
+        files["precision.png"] = pictures.precision_picture(result.precision, title, limit)
+    return {listing.with_suffix(f".{ending}"): content for ending, content in files.items()}
 
 
 def _unusable(deck: Path, *problems: Problem) -> OrientResult:

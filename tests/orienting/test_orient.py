@@ -209,3 +209,13 @@ def test_other_exact_solutions_of_a_minimum_set_are_listed(tmp_path: Path) -> No
     assert result.exit_code == 0 and values["fit"]["redundancy"] == 0
     assert count and len(values["other_roots"]) == int(count[1])
     assert ("Other Exact Solutions" in deck.with_suffix(".lst").read_text()) == (count[1] != "0")
+
+
+def test_the_study_of_a_deck(tmp_path: Path) -> None:
+    deck = written(tmp_path, deck_block("lab", "SINGLE-RAY", 20)[0])
+    assert orient(deck, "--study").exit_code == 0
+    text = deck.with_suffix(".study.txt").read_text()
+    assert re.search(r"^ +5\.0 +\.10 +\.050 +25 +100\.0 +\.0 +\.0$", text, re.MULTILINE)
+    assert "At hand: depth 0.388 of H, 0 % dry: .004 of the depth" in text
+    for picture in ("correlations", "basins", "precision"):
+        assert deck.with_suffix(f".{picture}.png").read_bytes().startswith(b"\x89PNG")

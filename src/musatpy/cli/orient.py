@@ -28,6 +28,11 @@ if TYPE_CHECKING:
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.option("--punch", is_flag=True, help="Write NAME.pun too: the deck that a run starts from.")
+@click.option(
+    "--study",
+    is_flag=True,
+    help="Where starts lead, and what depths and dry points do: NAME.study.txt, pictures; needs the extra 'plots'.",
+)
 @click.pass_context
 def command(
     ctx: click.Context,

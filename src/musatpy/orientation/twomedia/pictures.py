@@ -55,7 +55,7 @@ def basins_picture(basins: Basins, title: str = "") -> bytes:
         "errors of the start (one sigma): angles, lengths, slopes\nH: height of the cameras over the water"
     )
     left.set_ylabel("starts, %")
-    figure.legend(*left.get_legend_handles_labels(), fontsize="x-small", loc="upper left", ncols=len(_OUTCOMES))
+    left.legend(fontsize="x-small", loc="lower left")
     _starts(right, basins)
     return png(figure)
 

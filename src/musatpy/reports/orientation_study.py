@@ -1,0 +1,74 @@
+"""The study of an orientation through the water as text: where starts lead, and what the geometry can determine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from musatpy.arrays import FloatArray
+from musatpy.reports.editing import number_text
+from musatpy.reports.table import Column, Table
+from musatpy.reports.text import text_of
+
+if TYPE_CHECKING:
+    from musatpy.orientation.twomedia.study import Basins, Precision, Study
+
+_BASINS: Table[Basins] = Table(
+    (
+        Column("Angles\ndegrees", "F8.1", lambda b: 5.0 * b.levels),
+        Column("Lengths\nof H", "F8.2", lambda b: 0.1 * b.levels),
+        Column("Slopes", "F8.3", lambda b: 0.05 * b.levels),
+        Column("Starts", "I6", lambda b: [b.outcomes.shape[1]] * len(b.levels)),
+        Column("To this\nsolution, %", "F12.1", lambda b: 100.0 * b.shares[:, 0]),
+        Column("To another\nsolution, %", "F12.1", lambda b: 100.0 * b.shares[:, 1]),
+        Column("To none\n%", "F8.1", lambda b: 100.0 * b.shares[:, 2]),
+    )
+)
+
+
+def study_text(study: Study, title: str, limit: float) -> str:
+    """Return the study; the plane counts as determined up to a `limit` of the mean depth."""
+    lines = [
+        f"STUDY OF AN ORIENTATION THROUGH WATER: {title}",
+        f"Method {study.oriented.method.name}; H is the height of the cameras over the water",
+        "",
+        "Random starts around the solution, by the standard deviations of their errors",
+        "",
+        *_BASINS.text(study.basins),
+        *_roots(study.basins),
+    ]
+    if study.precision is not None:
+        lines += ["", *_precision(study.precision, limit)]
+    return text_of(lines)
+
+
+def _roots(basins: Basins) -> list[str]:
+    """Return the other solutions that starts lead to."""
+    texts = [f"{number + 1}: {square:.4g}" for number, square in enumerate(basins.squares.tolist())]
+    return ["", f"Other solutions, weighted squares of images without errors: {', '.join(texts)}"] if texts else []
+
+
+def _precision(precision: Precision, limit: float) -> list[str]:
+    """Return the sigma of the level over the mean depth, by depth and share of dry points."""
+    table: Table[Precision] = Table(
+        (
+            Column("Mean depth\nof H", "F10.3", lambda p: p.depths),
+            *(
+                Column(f"{100.0 * share:.0f} % dry", "F9.3", _ratio(number))
+                for number, share in enumerate(precision.shares)
+            ),
+        )
+    )
+    at_hand = number_text("F9.3", precision.at_hand / precision.depth)
+    return [
+        "Sigma of the level of the water over the mean depth, were the points as deep as that, and so many dry",
+        "",
+        *table.text(precision),
+        "",
+        f"At hand: depth {precision.depth:.3g} of H, {100.0 * precision.share:.0f} % dry: {at_hand} of the depth",
+        f"The plane of water counts as determined up to {limit:g}; blank where a point would not show",
+    ]
+
+
+def _ratio(number: int) -> Callable[[Precision], FloatArray]:
+    return lambda precision: precision.sigma[:, number] / precision.depths
