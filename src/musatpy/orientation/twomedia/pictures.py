@@ -55,7 +55,7 @@ def basins_picture(basins: Basins, title: str = "") -> bytes:
         "errors of the start (one sigma): angles, lengths, slopes\nH: height of the cameras over the water"
     )
     left.set_ylabel("starts, %")
-    left.legend(fontsize="x-small", loc="lower left")
+    left.legend(fontsize="x-small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(_OUTCOMES))
     _starts(right, basins)
     return png(figure)
 
