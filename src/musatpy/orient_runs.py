@@ -18,8 +18,6 @@ from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
 
-_STARTS = 25  # of each level of a study: a hundred in all
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrientResult:
@@ -88,20 +86,14 @@ def orient_deck(
 
 def _studied(answer: Answer, listing: Path) -> dict[Path, bytes]:
     """Return the study of an orientation, as text and pictures beside the listing."""
-    from musatpy.orientation.twomedia import pictures  # few users draw
-    from musatpy.orientation.twomedia.study import study as study_of
+    from musatpy.orienting.studied import studied  # few users draw
     from musatpy.reports.orientation_study import study_text
 
-    result, limit = study_of(answer.oriented, starts=_STARTS), answer.scene.spec.limit
     title = answer.block.titles[0] if answer.block.titles else listing.stem
-    files = {
-        "study.txt": study_text(result, title, limit).encode(),
-        "correlations.png": pictures.correlation_picture(answer.oriented),
-        "basins.png": pictures.basins_picture(result.basins, title),
-    }
-    if result.precision is not None:
-        files["precision.png"] = pictures.precision_picture(result.precision, title, limit)
-    return {listing.with_suffix(f".{ending}"): content for ending, content in files.items()}
+    study, pictures = studied(answer, title)
+    text = study_text(study, title, answer.scene.spec.limit)
+    drawn = {listing.with_suffix(f".{name}.png"): picture for name, picture in pictures.items()}
+    return {listing.with_suffix(".study.txt"): text.encode()} | drawn
 
 
 def _unusable(deck: Path, *problems: Problem) -> OrientResult:
