@@ -12,7 +12,7 @@ from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import Oriented, orient
 from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays, images_of
 from musatpy.orientation.twomedia.sights import Plane, PlaneTreatment
-from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, basins_of, height_of, precision_of, study
+from musatpy.orientation.twomedia.study import NOWHERE, SOLUTION, basins_of, precision_of, study
 from orientation.twomedia.geometries import (
     ANGLES,
     HOUSE,
@@ -39,7 +39,7 @@ def oriented(method: str, name: str = "lab") -> Oriented:
 def level_sigma(result: Oriented) -> float:
     """Return the sigma of the level over the middle of the wet points, in heights of the cameras."""
     middle = np.append(result.points[result.sights.wet & ~result.outliers, :2].mean(axis=0), 1.0)
-    return float(np.sqrt(middle @ result.covariance[-WATER:-1, -WATER:-1] @ middle)) / height_of(result)
+    return float(np.sqrt(middle @ result.covariance[-WATER:-1, -WATER:-1] @ middle)) / float(result.at.height)
 
 
 @pytest.mark.parametrize("raised", [0, 6])
@@ -71,7 +71,7 @@ def test_points_over_the_water_that_should_be_wet_have_no_image() -> None:
 @pytest.mark.parametrize("method", ["SINGLE-FERMAT", "PAIR-INDEPENDENT", "COMBINED", "TRIPLET"])
 def test_precision_of_the_geometry_at_hand_is_that_of_its_adjustment(method: str) -> None:
     result = oriented(method)
-    height = height_of(result)
+    height = float(result.at.height)
     depth = result.at.water_at(result.points[None, :, :2])[0] - result.points[:, 2]
     precision = precision_of(result, np.array([depth.mean() / height]), np.zeros(1))
     assert precision.depth == pytest.approx(precision.depths[0])
@@ -98,7 +98,7 @@ def test_precision_with_dry_control_is_that_of_photos_of_it() -> None:
     six = np.argsort(Draws(1).uniform("dry", 20))[:6]
     depth = true.points @ [A, B, 1.0] + level_of(true.kind)
     raised = true.points.copy()
-    raised[six, 2] -= depth[six] + np.linspace(0.02, 0.25, 6) * min(height_of(result), 3.0 * depth.max())
+    raised[six, 2] -= depth[six] + np.linspace(0.02, 0.25, 6) * min(float(result.at.height), 3.0 * depth.max())
     again = orient(
         sights_of(scene(true.kind, raised, true.stations, true.angles), 20), METHODS["SINGLE-RAY"], Plane()
     )
@@ -110,7 +110,7 @@ def test_precision_with_dry_control_is_that_of_photos_of_it() -> None:
         precision.sigma[0, 0] > 5.0 * precision.sigma[0, 1]
     )  # six dry ones in other places made d 13 times better
     of_dry = precision_of(
-        again, np.array([depth[again.sights.wet].mean()]) / height_of(again), np.array([0.0, 0.5])
+        again, np.array([depth[again.sights.wet].mean()]) / float(again.at.height), np.array([0.0, 0.5])
     )
     np.testing.assert_array_equal(of_dry.shares, [0.3, 0.5])
     assert of_dry.sigma[0, 0] == pytest.approx(of_dry.at_hand, rel=1e-6)

@@ -8,7 +8,6 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem
-from musatpy.orientation.twomedia.rays import Orientation
 
 OF_PHOTO = ("omega", "phi", "kappa", "X0", "Y0", "Z0")
 OF_WATER = ("tilt along X", "tilt along Y", "level", "index")
@@ -56,7 +55,7 @@ def free(problem: Problem, adjusted: Adjusted, photos: TextArray, *, priors: boo
         along = along / np.mean([np.square(part.by_values[0]) @ part.variance.T for part in adjusted.linear])
     if priors:
         along = along + information
-    units = _units(adjusted.at)[problem.unknown]
+    units = adjusted.at.units[0, problem.unknown]
     N = _normals(adjusted, along, problem.unknown) * np.outer(units, units)
     return [direction for direction in _directions(N, problem.unknown, photos) if direction.eigenvalue < _FREE**-2]
 
@@ -72,13 +71,6 @@ def _scaled(N: FloatArray) -> FloatArray:
     diagonal = np.diagonal(N)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.inf))
     return N * np.outer(scale, scale)
-
-
-def _units(at: Orientation) -> FloatArray:
-    """Return the units (6 m + 4,) of the unknowns: 1, of lengths the greatest height of a station over water."""
-    height = float(np.abs(at.station[0, :, 2] - at.water_at(at.station[..., :2])[0]).max())
-    photo = [1.0, 1.0, 1.0, height, height, height]
-    return np.array(photo * at.photos + [1.0, 1.0, height, 1.0])
 
 
 def _directions(N: FloatArray, unknown: BoolArray, photos: TextArray) -> list[Direction]:

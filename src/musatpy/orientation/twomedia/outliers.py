@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.robust import spread
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits, sampled
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import (
@@ -30,7 +31,6 @@ _NEAR = 3  # starts that they are adjusted from
 _SPARE = 3  # conditions of a sample beyond the unknowns
 _FEWEST = 3  # control points, or others, of a sample
 _SUSPECT = 3.3  # robust scales of a misclosure from which a point is out at first
-_TO_SIGMA = 1.4826  # of the median absolute deviation
 
 
 def outlying(
@@ -45,7 +45,7 @@ def outlying(
     solutions = sampled(problem, near, _samples(sights, problem))
     size = misfits(problem, solutions)
     best = int(np.argmin(np.log1p(np.square(size)).sum(axis=1)))
-    scale = max(1.0, _TO_SIGMA * float(np.median(size[best])))
+    scale = spread(size[best], 1.0)
     outliers = np.zeros(len(sights.points), dtype=bool)
     outliers[conditioned(problem)[size[best] > _SUSPECT * scale]] = True
     return _tested(sights, method, plane, outliers, solutions[best : best + 1])

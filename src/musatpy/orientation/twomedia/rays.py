@@ -66,6 +66,17 @@ class Orientation:
     def __getitem__(self, rows: object) -> Self:
         return type(self)(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
+    @property
+    def height(self) -> FloatArray:
+        """(...) mean height of the stations over the water."""
+        return np.mean(np.abs(self.station[..., 2] - self.water_at(self.station[..., :2])), axis=-1)
+
+    @property
+    def units(self) -> FloatArray:
+        """(..., 6 m + 4) what the unknowns are measured by: 1, of lengths that height."""
+        lengths = np.array(([False] * 3 + [True] * 3) * self.photos + [False, False, True, False])
+        return np.where(lengths, self.height[..., None], 1.0)
+
     def water_at(self, place: FloatArray) -> FloatArray:
         """Return the heights (..., k) of the water at places (..., k, 2)."""
         return self.level[..., None] + np.einsum("...kx,...x->...k", place, self.slope)

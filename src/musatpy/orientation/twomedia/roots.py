@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.rejections import rejections
@@ -24,7 +23,7 @@ def exact_roots(problem: Problem, near: Adjusted, starts: int = STARTS) -> Orien
     trials = adjust(problem, random_starts(near.at[0], problem, starts))
     exact = trials.converged & (trials.squares < _EXACT**2 * max(int(problem.unknown.sum()), 1))
     exact &= ~rejections(problem, trials).any(axis=1)
-    units, roots = _units(near.at[0]), [near.at.vector[0]]
+    units, roots = near.at[0].units, [near.at.vector[0]]
     for vector in trials.at.vector[exact]:
         if all(np.abs((vector - root) / units).max() > _SAME for root in roots):
             roots.append(vector)
@@ -34,12 +33,6 @@ def exact_roots(problem: Problem, near: Adjusted, starts: int = STARTS) -> Orien
 def random_starts(at: Orientation, problem: Problem, count: int) -> Orientation:
     """Return starts (count,) around one orientation, of what is unknown."""
     scatter = np.random.default_rng(count).normal(size=(count, len(problem.unknown)))
-    scatter *= np.resize(_SPREADS, count)[:, None] * _units(at) * problem.unknown
+    scatter *= np.resize(_SPREADS, count)[:, None] * at.units * problem.unknown
     sizes = np.array(([_ANGLE] * 3 + [_LENGTH] * 3) * at.photos + [_SLOPE, _SLOPE, _LENGTH, 0.0])
     return Orientation.of(at.vector + scatter * sizes)
-
-
-def _units(at: Orientation) -> FloatArray:
-    """Return the units (6 m + 4,) of the unknowns of one orientation: rad, and its height over the water."""
-    height = float(np.mean(at.station[:, 2] - at.water_at(at.station[None, :, :2])[0]))
-    return np.array(([1.0] * 3 + [height] * 3) * at.photos + [1.0, 1.0, height, 1.0])

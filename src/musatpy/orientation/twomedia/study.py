@@ -104,12 +104,6 @@ def study(
     )
 
 
-def height_of(oriented: Oriented) -> float:
-    """Return the mean height of the cameras over the water."""
-    at = oriented.at
-    return float(np.mean(at.station[:, 2] - at.water_at(at.station[None, :, :2])[0]))
-
-
 def basins_of(oriented: Oriented, levels: FloatArray, starts: int, seed: int = 1) -> Basins:
     """Return where random starts lead in images and control without errors, each of the levels (l,) at once."""
     truth, adjusted = oriented.at.vector, oriented.adjusted
@@ -143,8 +137,7 @@ def basins_of(oriented: Oriented, levels: FloatArray, starts: int, seed: int = 1
 
 def _units(oriented: Oriented) -> FloatArray:
     """Return the matrix (6 m + 4, 6 m + 4) that takes errors of starts, as in `Basins`, to those of the vector."""
-    height = height_of(oriented)
-    units = np.diag(([1.0] * 3 + [height] * 3) * oriented.method.photos + [1.0, 1.0, height, 1.0])
+    units = np.diag(oriented.at.units)
     units[-WATER : -WATER + 2, -WATER + 2] = -np.nanmean(oriented.points[:, :2], axis=0)
     return units
 
@@ -169,7 +162,7 @@ def precision_of(oriented: Oriented, depths: FloatArray, shares: FloatArray, see
     Designs have mean depths (k,), in heights of the cameras over the water, and shares (j,) of dry points, as near
     as their number allows and not below the share at hand.
     """
-    sights, height = oriented.sights, height_of(oriented)
+    sights, height = oriented.sights, float(oriented.at.height)
     points = np.where(sights.is_control[:, None], oriented.adjusted.control[0], oriented.points)
     points[~np.isin(np.arange(len(points)), sights.point)] = np.nan  # outliers
     depth = oriented.at.water_at(points[None, :, :2])[0] - points[:, 2]
