@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.geometry.robust import cauchy, spread
+from musatpy.geometry.rotations import skew, turn
 
 _SAMPLES = 300  # of three points: one in 1e9 finds no clean one among 40 % of gross errors
 _STEPS = 10
@@ -40,6 +41,24 @@ class Similarity:
         return Similarity(
             scale=self.scale * first.scale, rotation=self.rotation @ first.rotation, shift=self.apply(first.shift)
         )
+
+    @property
+    def change(self) -> FloatArray:
+        """(7,) the change whose similarity, as in `small`, this is."""
+        R = self.rotation
+        axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+        return np.concatenate([[np.log(self.scale)], 2.0 * axis / (1.0 + np.trace(R)), self.shift])
+
+
+def small(change: FloatArray) -> Similarity:
+    """Return the similarity of a small change (7,): of the scale's logarithm, a turn (rad) and a shift."""
+    return Similarity(scale=float(np.exp(change[0])), rotation=turn(change[1:4]), shift=change[4:])
+
+
+def by_change(x: FloatArray) -> FloatArray:
+    """Return the partials (..., 3, 7) of places x (..., 3) by such a change."""
+    shift = np.broadcast_to(np.eye(3), (*x.shape, 3))
+    return np.concatenate([x[..., None], -skew(x), shift], axis=-1)
 
 
 def fit(x: FloatArray, y: FloatArray, weight: FloatArray) -> Similarity:

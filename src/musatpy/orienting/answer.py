@@ -152,7 +152,7 @@ class Answer:
     @cached_property
     def rays(self) -> IntArray:
         """(p,) images that took part."""
-        return np.bincount(self.oriented.sights.point, minlength=len(self.scene.points))
+        return self.oriented.rays
 
     @cached_property
     def focal(self) -> FloatArray:

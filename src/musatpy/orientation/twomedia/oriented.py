@@ -149,6 +149,11 @@ class Oriented:
             points[number] = np.where(np.isfinite(points[number]), points[number], place)
         return points
 
+    @property
+    def rays(self) -> IntArray:
+        """(p,) images that took part."""
+        return np.bincount(self.sights.point, minlength=len(self.sights.points))
+
     def point_covariance(self) -> FloatArray:
         """Return the covariances (p, 3, 3) of points without control, for unit weight; NaN for the others.
 
@@ -160,7 +165,7 @@ class Oriented:
         for rows in self.sights.rows_by_count():
             number = self.sights.point[rows[:, 0]]
             new = ~self.sights.is_control[number]
-            by_point, by_unknown = _image_partials(self.problem, self.adjusted, rows[new], points[number[new]])
+            by_point, by_unknown = image_partials(self.problem, self.adjusted, rows[new], points[number[new]])
             weight = 1.0 / np.square(self.problem.image_sigma[rows[new]]).reshape(-1, 2 * rows.shape[1], 1)
             across = np.swapaxes(by_point, -1, -2)
             inverse = np.linalg.inv(across @ (weight * by_point))
@@ -187,6 +192,11 @@ class Oriented:
                 return Verdict.DETERMINED, alone
         return (Verdict.BY_PRIOR if share <= limit else Verdict.NOT), share
 
+    @property
+    def level_share(self) -> float:
+        """Sigma of the level over the middle of the wet points, as a share of their mean depth."""
+        return self._level_share(self.covariance)
+
     def _level_share(self, covariance: FloatArray) -> float:
         """Return the sigma of the level over the middle of the wet points, as a share of their mean depth."""
         points = self.points
@@ -206,23 +216,47 @@ class Oriented:
         return 1.0 / np.sqrt(worse) if worse > 0.0 else np.inf
 
 
-def orient(sights: Sights, method: Method, plane: Plane, base: float = 1.0, equal: bool = False) -> Oriented:
+def orient(
+    sights: Sights,
+    method: Method,
+    plane: Plane,
+    base: float = 1.0,
+    equal: bool = False,
+    near: Orientation | None = None,
+) -> Oriented:
     """Return the orientation of the photos of a method, from no starting values.
 
-    `base` is the length of the first base of a model. Raises `OrientationError` where the sights do not suffice.
+    What is `near` (1,) is tried first. `base` is the length of the first base of a model. Raises
+    `OrientationError` where the sights do not suffice.
     """
     problem = problem_of(sights, method, plane, equal)
     _require_enough(problem, method)
+    if near is not None and (solution := _fitting(sights, method, problem, near)) is not None:
+        return solution
     starts = method.starts(sights, plane, base)
     if not len(starts.level):
         raise OrientationError(f"{method.name}: no solution for air to start from; images or control contradict")
     order = np.argsort(np.median(misfits(problem, starts), axis=-1))
     for count in _TRIED:
-        adjusted = adjust(problem, starts[order[:count]])
-        best = _best(problem, adjusted)
-        if best is not None and _fits(float(best.squares[0]), redundancy_of(problem)):
-            return _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
+        if (solution := _fitting(sights, method, problem, starts[order[:count]])) is not None:
+            return solution
     return _without_outliers(sights, method, plane, equal, starts[order])
+
+
+def settled(
+    sights: Sights, method: Method, plane: Plane, near: Orientation, outliers: BoolArray, equal: bool = False
+) -> Oriented:
+    """Return the orientation that is reached from one that is `near` (1,), without the points that are out (p,).
+
+    Nothing is tested or rejected. Raises `OrientationError` where it does not converge.
+    """
+    left = without(sights, outliers)
+    problem = problem_of(left, method, plane, equal)
+    _require_enough(problem, method)
+    adjusted = adjust(problem, near)
+    if not adjusted.converged[0]:
+        raise OrientationError(f"{method.name}: the adjustment does not converge over the plane that is known")
+    return _described(left, method, problem, adjusted, outliers)
 
 
 def _require_enough(problem: Problem, method: Method) -> None:
@@ -244,6 +278,14 @@ def _fits(squares: float, redundancy: int) -> bool:
 def _of_water(directions: list[Direction]) -> bool:
     """Return whether any of these directions moves the plane of water."""
     return any(np.abs(direction.parts[-WATER:-1]).max() > _MOVED for direction in directions)
+
+
+def _fitting(sights: Sights, method: Method, problem: Problem, starts: Orientation) -> Oriented | None:
+    """Return the best solution from starts (s,), None where it does not fit."""
+    best = _best(problem, adjust(problem, starts))
+    if best is None or not _fits(float(best.squares[0]), redundancy_of(problem)):
+        return None
+    return _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
 
 
 def _best(problem: Problem, adjusted: Adjusted) -> Adjusted | None:
@@ -317,7 +359,7 @@ def _image_redundancy(problem: Problem, adjusted: Adjusted, covariance: FloatArr
     return redundancy
 
 
-def _image_partials(
+def image_partials(
     problem: Problem, adjusted: Adjusted, rows: IntArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the partials of the images (k, r) of points (k, 3), by the point (k, 2 r, 3) and the orientation."""

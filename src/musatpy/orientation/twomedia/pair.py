@@ -45,7 +45,7 @@ def pair_starts(sights: Sights, plane: Plane, base: float, *, along_base: bool) 
     for minimum in solutions(first[None], second[None], np.ones((1, len(points))), _LEAST_ERROR):
         X, _ = model_points(first[None], second[None], minimum.rotation, minimum.base)
         direction, R = minimum.base[0], minimum.rotation[0]
-        M = _along(direction) if along_base else np.eye(3)
+        M = along_axes(direction) if along_base else np.eye(3)
         scale = base / (direction @ M)[0]
         if minimum.front[0] < 0.5 or not np.isfinite(X).all() or scale <= 0.0:
             continue
@@ -63,7 +63,7 @@ def pair_starts(sights: Sights, plane: Plane, base: float, *, along_base: bool) 
     )
 
 
-def _along(base: FloatArray) -> FloatArray:
+def along_axes(base: FloatArray) -> FloatArray:
     """Return M of photo 1, from axes with X along a unit base in its own axes and omega 0."""
     return attitude_matrix(np.array([0.0, np.arcsin(np.clip(base[2], -1.0, 1.0)), np.arctan2(-base[1], base[0])]))
 

@@ -1,0 +1,185 @@
+"""One triplet of a strip joined to the one before it: a similarity of the stations and points that both have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc, chdtri
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.errors import MusatError
+from musatpy.geometry.similarity import Similarity, fit_robust, small
+from musatpy.orientation.twomedia.moved import Moved
+from musatpy.orientation.twomedia.triplet_models import PLANE, POINTS, TripletModel
+
+FEWEST = 3  # common points of a join
+_PLANE, _POINTS = 2, 3  # rows of a seam: two stations, the plane, then the points
+_STEPS = 10
+_STILL = 1e-10  # of a change of the similarity, in the axes of the triplet before
+_SIGNIFICANCE = 0.001  # of the test of a common point
+_FLOOR = 1e-9  # of a base: the least error of a point
+
+
+class JoinError(MusatError):
+    """Two triplets that cannot be joined."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Join:
+    """The similarity `move` of a triplet to the axes of the one before, in units of its first base.
+
+    points (k,) rows in the strip of what both have, left_out (k,) those that do not fit; residual (k, 3), those of
+    the triplet before less these. plane (3,) mismatch of slopes and level, before less this, with sigmas and the
+    probability of a larger one; sigma0 of the residuals, with respect to what the images let expect. by_image (7, 2
+    n) of a change of the similarity by errors of image coordinates, of the strip from `column` on, and `gain` (7, 3
+    r) by the misfits of quantities rows_before (r,) and rows_after (r,).
+    """
+
+    move: Similarity
+    points: IntArray
+    left_out: BoolArray
+    residual: FloatArray
+    plane: FloatArray
+    plane_sigma: FloatArray
+    plane_probability: float
+    sigma0: float
+    column: int
+    by_image: FloatArray
+    rows_before: IntArray
+    rows_after: IntArray
+    gain: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Seam:
+    """Two triplets, and the rows (r,) in both of the quantities that they share: stations, the plane, points."""
+
+    before: TripletModel
+    after: TripletModel
+    rows_before: IntArray
+    rows_after: IntArray
+    points: IntArray
+
+    def misfit(self, move: Similarity, kept: BoolArray) -> tuple[FloatArray, Moved]:
+        """Return the quantities kept of the triplet before less those of this one (k, 3), and the latter, moved."""
+        there = self.after.moved(move, self.rows_after[kept])
+        return self.before.value[self.rows_before[kept]] - there.value, there
+
+
+def joined(before: TripletModel, after: TripletModel) -> Join:
+    """Return the join of a triplet to the one before it.
+
+    The quantities are weighted by their covariances in both, as if these had no images in common; what that costs
+    is in the precision of the join. Points that do not fit are left out one by one. Raises `JoinError`.
+    """
+    seam = _seam(before, after)
+    kept = np.ones(len(seam.rows_before), dtype=bool)
+    kept[_PLANE] = False  # it is known much worse: the chain of all triplets has a use for it
+    move = _start(seam)
+    limit = float(chdtri(3, _SIGNIFICANCE / len(seam.points)))
+    while True:
+        move, gain, V = _fitted(seam, kept, move)
+        tests = _tests(seam, kept, move, V)
+        if tests.max() <= limit or kept[_POINTS:].sum() <= FEWEST:
+            return _described(seam, kept, move, gain, V)
+        kept[_POINTS + int(np.argmax(tests))] = False
+
+
+def _seam(before: TripletModel, after: TripletModel) -> _Seam:
+    points, in_before, in_after = np.intersect1d(before.points, after.points, return_indices=True)
+    if len(points) < FEWEST:
+        raise JoinError(f"{len(points)} common points, {FEWEST} are needed")
+    stations = [2 * (photo - before.first) + 1 for photo in (after.first, after.first + 1)]
+    return _Seam(
+        before=before,
+        after=after,
+        rows_before=np.append([*stations, PLANE], in_before + POINTS),
+        rows_after=np.append([1, 3, PLANE], in_after + POINTS),
+        points=points,
+    )
+
+
+def _start(seam: _Seam) -> Similarity:
+    """Return the similarity of stations and points that gross errors do not draw."""
+    places = np.arange(len(seam.rows_before)) != _PLANE
+    y, x = seam.before.value[seam.rows_before[places]], seam.after.value[seam.rows_after[places]]
+    return fit_robust(x, y, np.ones(len(x)), _FLOOR)[0]
+
+
+def _fitted(seam: _Seam, kept: BoolArray, move: Similarity) -> tuple[Similarity, FloatArray, FloatArray]:
+    """Return the similarity of weighted least squares, its gain (7, 3 k), and the covariance (3 k, 3 k) of misfits.
+
+    The triplets hold their axes by their stations, of which one is without error in both: what a change of the
+    similarity adds to the covariance makes it regular and changes nothing.
+    """
+    size = 3 * int(kept.sum())
+    J = seam.before.influence(seam.rows_before[kept]).reshape(size, -1)
+    C = (J * seam.before.variance) @ J.T
+    J = seam.after.influence(seam.rows_after[kept])
+    for _ in range(_STEPS):
+        misfit, there = seam.misfit(move, kept)
+        moved = (there.by_old @ J).reshape(size, -1)
+        G = there.by_change.reshape(size, 7)
+        V = C + (moved * seam.after.variance) @ moved.T
+        regular = V + (np.trace(V) / np.sum(np.square(G))) * G @ G.T
+        WG = np.linalg.solve(regular, G)
+        gain = np.linalg.solve(G.T @ WG, WG.T)
+        change = np.asarray(gain @ misfit.ravel())
+        move = small(change).after(move)
+        if np.abs(change).max() < _STILL:
+            break
+    return move, np.asarray(gain), V
+
+
+def _tests(seam: _Seam, kept: BoolArray, move: Similarity, V: FloatArray) -> FloatArray:
+    """Return squares (p,) of the misfits of the points over their covariances, zero of those that are out."""
+    misfit, _ = seam.misfit(move, kept)
+    rows = np.arange(len(misfit))
+    spread = V.reshape(len(misfit), 3, len(misfit), 3)[rows, :, rows]
+    squares = np.zeros(len(kept))
+    squares[kept] = np.einsum("ki,kij,kj->k", misfit, np.linalg.pinv(spread, hermitian=True), misfit)
+    return squares[_POINTS:]
+
+
+def _described(seam: _Seam, kept: BoolArray, move: Similarity, gain: FloatArray, V: FloatArray) -> Join:
+    """Return the join with what errors of the images, of which both triplets share most, do to it."""
+    misfit, there = seam.misfit(move, np.ones(len(kept), dtype=bool))
+    E, variance = _errors(seam, there)
+    by_image = gain @ E[kept].reshape(-1, len(variance))
+    left = E - there.by_change @ by_image
+    used, r = left[kept].reshape(-1, len(variance)), misfit[kept].ravel()
+    weight = np.linalg.pinv(V, hermitian=True)
+    expected = float(np.sum(weight * ((used * variance) @ used.T)))
+    plane = (left[_PLANE] * variance) @ left[_PLANE].T
+    test = float(misfit[_PLANE] @ np.linalg.pinv(plane, hermitian=True) @ misfit[_PLANE])
+    return Join(
+        move=move,
+        points=seam.points,
+        left_out=~kept[_POINTS:],
+        residual=misfit[_POINTS:],
+        plane=misfit[_PLANE],
+        plane_sigma=np.sqrt(np.diagonal(plane)),
+        plane_probability=float(chdtrc(3, test)),
+        sigma0=float(np.sqrt(r @ weight @ r / expected)),
+        column=seam.before.column,
+        by_image=by_image,
+        rows_before=seam.rows_before[kept],
+        rows_after=seam.rows_after[kept],
+        gain=gain,
+    )
+
+
+def _errors(seam: _Seam, there: Moved) -> tuple[FloatArray, FloatArray]:
+    """Return the partials (r, 3, 2 n) of all misfits by errors of the images of both triplets, with variances."""
+    before, after = seam.before, seam.after
+    first, second = (
+        slice(part.columns.start - before.column, part.columns.stop - before.column) for part in (before, after)
+    )
+    size = max(first.stop, second.stop)
+    E, variance = np.zeros((len(seam.rows_before), 3, size)), np.zeros(size)
+    E[..., first] = before.influence(seam.rows_before)
+    E[..., second] -= there.by_old @ after.influence(seam.rows_after)
+    variance[first] = before.variance
+    variance[second] = np.maximum(variance[second], after.variance)
+    return E, variance
