@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from musatpy import pipeline
 from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.cards.spec import Family
@@ -13,7 +14,8 @@ from musatpy.formats.musat import checked_deck, deck_bytes
 from musatpy.orienting.answer import Answer, answer_of
 from musatpy.orienting.punched import punched
 from musatpy.orienting.scene import NO_CARD
-from musatpy.reports import orientation
+from musatpy.orienting.strip_answer import StripAnswer, against
+from musatpy.reports import orientation, orientation_strip
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
@@ -26,7 +28,7 @@ class OrientResult:
     deck: Path
     status: ExitStatus
     problems: tuple[Problem, ...]
-    answer: Answer | None
+    answer: Answer | StripAnswer | None
     files: tuple[Path, ...] = ()  # the listing first, then the record, the punched deck, tables
 
 
@@ -60,17 +62,22 @@ def orient_deck(
         return _unusable(deck, *error.problems, *checked.problems)
     except MusatError as error:
         return _unusable(deck, Problem(file=str(deck), message=str(error)), *checked.problems)
+    if isinstance(answer, StripAnswer):
+        answer = _with_iiia(answer)
+        sections, values = orientation_strip.sections_of(answer), orientation_strip.record_of(answer)
+    else:
+        sections, values = orientation.sections_of(answer), orientation.record_of(answer)
     paths = output_paths(deck, out_dir, punch=punch)
     texts = [
-        orientation.listing_of(answer, carriage_control=carriage_control, date=date),
-        dumps(orientation.record_of(answer)),
+        orientation.listing_of(answer, sections, carriage_control=carriage_control, date=date),
+        dumps(values),
     ]
     files = {path: text.encode() for path, text in zip(paths, texts, strict=False)}
     if punch:
         files[paths[2]] = deck_bytes(punched(answer), family)
     if csv:
         folder = paths[0].with_name(f"{deck.stem}_tables")
-        tables = csv_files(orientation.sections_of(answer))
+        tables = csv_files(sections)
         files |= {folder / name: text.encode() for name, text in tables.items()}
     if study:
         files |= _studied(answer, paths[0])
@@ -84,7 +91,15 @@ def orient_deck(
     )
 
 
-def _studied(answer: Answer, listing: Path) -> dict[Path, bytes]:
+def _with_iiia(answer: StripAnswer) -> StripAnswer:
+    """Return a strip with its difference from IIIA, started from it."""
+    try:
+        return replace(answer, against=against(answer, pipeline.adjust(punched(answer))))
+    except MusatError as error:
+        return replace(answer, unadjusted=str(error).splitlines()[0])
+
+
+def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:
     """Return the study of an orientation, as text and pictures beside the listing."""
     from musatpy.orienting.studied import studied  # few users draw
     from musatpy.reports.orientation_study import study_text

@@ -83,9 +83,9 @@ def _tell(result: OrientResult, quiet: bool) -> None:
     for reason in answer.verdict.reasons:
         complain(f"{name}: {reason.grade.lower()}: {reason.text}")
     if not quiet:
-        plane, share = answer.plane
+        photos = answer.photos.tolist()
+        of = ", ".join(photos) if len(photos) <= 3 else f"{len(photos)} photos"
         tell(
-            f"{name}: {answer.verdict.grade}, {answer.scene.spec.method} of {', '.join(answer.photos.tolist())}, "
-            f"sigma0 {answer.oriented.sigma0:.4f}, plane of water {plane} ({share:.3g} of the depth), "
-            f"listing {name_of(result.files[0])}"
+            f"{name}: {answer.verdict.grade}, {answer.scene.spec.method} of {of}, "
+            f"sigma0 {answer.sigma0:.4f}, {answer.summary}, listing {name_of(result.files[0])}"
         )

@@ -22,7 +22,7 @@ from musatpy.model.options import (
     WaterLevel,
     Weights,
 )
-from musatpy.model.orientation import OrientationMethod, OrientationSpec, PlaneTreatment
+from musatpy.model.orientation import OrientationMethod, OrientationSpec, PlaneTreatment, StripPlane
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
 from musatpy.model.reduction import (
@@ -119,6 +119,7 @@ __all__ = [
     "Refused",
     "ReseauCrosses",
     "Solution",
+    "StripPlane",
     "SystemSpec",
     "Transformation",
     "Treatment",

@@ -7,32 +7,53 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import numerics
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
-from musatpy.model import Block, Grade, Weights
+from musatpy.model import Block, OrientationMethod, StripPlane, Weights
 from musatpy.model.verdict import Concern, Reason
-from musatpy.model.verdict import Verdict as RunVerdict
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
 from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
-from musatpy.orienting.scene import Scene, scene_of
+from musatpy.orientation.twomedia.strip import orient_strip
+from musatpy.orienting.placement import Placement, doubt, left_out, misfit
+from musatpy.orienting.scene import scene_of
+from musatpy.orienting.strip_answer import StripAnswer
 
 _HOUSE = ("omega", "phi", "kappa", "X", "Y", "Z")
 _HOUSE_PLANE = ("slope X", "slope Y", "level", "index")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Answer:
-    """The orientation of a scene. Arrays have m photos, p points, n images; sigmas are scaled by sigma0."""
+class Answer(Placement):
+    """The orientation of one photo, two or three. Arrays have n images."""
 
-    scene: Scene
     oriented: Oriented
 
     @property
-    def block(self) -> Block:
-        """The block, its plates refined."""
-        return self.scene.block
+    def at(self) -> Orientation:
+        """The photos over the water, in the axes of the scene."""
+        return self.oriented.at
+
+    @property
+    def inside(self) -> FloatArray:
+        """(p, 3) the points in these axes, NaN for those without a place."""
+        return self.oriented.points
+
+    @property
+    def outliers(self) -> BoolArray:
+        """(p,) points that are left out, as they do not fit."""
+        return self.oriented.outliers
+
+    @property
+    def sigma0(self) -> float:
+        """Standard deviation of unit weight, NaN without redundancy."""
+        return self.oriented.sigma0
+
+    @property
+    def summary(self) -> str:
+        """The plane of water in a few words."""
+        plane, share = self.plane
+        return f"plane of water {plane} ({share:.3g} of the depth)"
 
     @cached_property
     def scale(self) -> float:
@@ -54,22 +75,6 @@ class Answer:
     def unknown(self) -> BoolArray:
         """(6 m + 4,)."""
         return self.oriented.problem.unknown
-
-    @property
-    def photos(self) -> TextArray:
-        """(m,)."""
-        return self.scene.sights.photos
-
-    @cached_property
-    def position(self) -> FloatArray:
-        """(m, 3) in the system of the job, or of the model."""
-        return self.scene.axes.system(self.oriented.at.station)
-
-    @cached_property
-    def attitude(self) -> FloatArray:
-        """(m, 3) rad, in the local vertical of the station, or the axes of the model."""
-        turn = self.scene.axes.local_turn(self.oriented.at.station)
-        return attitude_from_matrix(attitude_matrix(self.oriented.at.attitude) @ np.swapaxes(turn, -1, -2))
 
     @property
     def position_sigma(self) -> FloatArray:
@@ -128,28 +133,12 @@ class Answer:
         return self.oriented.at.water_at(points[:, :2]) - points[:, 2]
 
     @cached_property
-    def point_position(self) -> FloatArray:
-        """(p, 3) in the system of the job, or of the model, NaN where there is none."""
-        inside = self.oriented.points
-        place = np.full(inside.shape, np.nan)
-        known = np.isfinite(inside).all(axis=1)
-        place[known] = self.scene.axes.system(inside[known])
-        return place
-
-    @cached_property
     def point_sigma(self) -> FloatArray:
         """(p, 3) m, of points without control; NaN for the others."""
         variance = np.diagonal(self.oriented.point_covariance(), axis1=1, axis2=2)
         return self.scale * np.sqrt(variance)
 
     @property
-    def control(self) -> TextArray:
-        """(p,) the components that are known: XYZ, XY, XZ, ..., or nothing."""
-        known = np.isfinite(self.scene.sights.control)
-        texts = np.char.add(np.char.add(*(np.where(known[:, i], "XYZ"[i], "") for i in (0, 1))), "")
-        return np.char.add(texts, np.where(known[:, 2], "Z", ""))
-
-    @cached_property
     def rays(self) -> IntArray:
         """(p,) images that took part."""
         return self.oriented.rays
@@ -198,51 +187,25 @@ class Answer:
         """(r m, 3) in the system of the job, or of the model."""
         return self.scene.axes.system(self.roots.station.reshape(-1, 3))
 
-    @cached_property
-    def contradictions(self) -> tuple[str, ...]:
-        """Points on the other side of the water than their flag says."""
-        ids, wet = self.scene.sights.points, self.scene.sights.wet
-        above, below = wet & (self.depth < 0.0), ~wet & (self.depth > 0.0)
-        parts = (
-            (above, "flagged submerged, and stand above the water"),
-            (below, "not flagged submerged, and stand under it"),
-        )
-        return tuple(f"points {', '.join(ids[rows].tolist())} are {what}" for rows, what in parts if rows.any())
-
-    @cached_property
-    def verdict(self) -> RunVerdict:
-        """What the answer is worth."""
-        return RunVerdict(reasons=tuple(sorted(self._reasons(), key=lambda reason: -reason.grade.rank)))
-
-    def _reasons(self) -> list[Reason]:
+    def reasons(self) -> list[Reason]:
+        """Return what speaks against the answer, besides points on the wrong side of the water."""
         oriented, (plane, share) = self.oriented, self.plane
-        ids = self.scene.sights.points
-        reasons = []
-        if not oriented.fits:
-            text = f"sigma0 {oriented.sigma0:.3g}: the images do not fit, by the test of 99.9 %"
-            reasons.append(Reason(grade=Grade.REJECTED, concern=Concern.SIGMA0, text=text, section=""))
+        reasons = [] if oriented.fits else [misfit(oriented.sigma0)]
         if plane is Verdict.NOT:
             size = f"{share:.3g} of the mean depth" if np.isfinite(share) else "without limit"
             text = (
                 f"the plane of water is not determined: the sigma of its level is {size} (limit "
                 f"{self.scene.spec.limit:g}); depths and heights are not to be used"
             )
-            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section=""))
+            reasons.append(doubt(Concern.STATION, text))
         if not oriented.redundancy:
             count = len(self.roots.level)
             text = f"no redundancy: nothing checks the images; other exact solutions: {count}"
-            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.REDUNDANCY, text=text, section=""))
-        if oriented.outliers.any():
-            text = f"left out, as they do not fit: {', '.join(ids[oriented.outliers].tolist())}"
-            reasons.append(Reason(grade=Grade.DOUBTFUL, concern=Concern.OBSERVATION, text=text, section=""))
-        reasons += [
-            Reason(grade=Grade.DOUBTFUL, concern=Concern.STATION, text=text, section="")
-            for text in self.contradictions
-        ]
-        return reasons
+            reasons.append(doubt(Concern.REDUNDANCY, text))
+        return reasons + left_out(self.scene.sights.points, oriented.outliers)
 
 
-def answer_of(block: Block) -> Answer:
+def answer_of(block: Block) -> Answer | StripAnswer:
     """Return the orientation that the ORI card of a block asks for; raw plates are reduced first.
 
     Raises `OrientationError` where the deck does not suffice, `PlatesError` and `DeckError` as the reduction does,
@@ -255,4 +218,10 @@ def answer_of(block: Block) -> Answer:
     scene = scene_of(block)
     equal = scene.spec.weights is Weights.EQUAL
     with numerics("the orientation"), np.errstate(all="ignore"):  # trial planes are met that no ray reaches
+        if scene.spec.method is OrientationMethod.STRIP:
+            common = scene.spec.join is StripPlane.COMMON
+            return StripAnswer(
+                scene=scene,
+                strip=orient_strip(scene.sights, scene.plane, common_plane=common, base=scene.base, equal=equal),
+            )
         return Answer(scene=scene, oriented=orient(scene.sights, scene.method, scene.plane, scene.base, equal))

@@ -19,10 +19,10 @@ from musatpy.model import (
 )
 from musatpy.model.block import in_order
 from musatpy.model.tables import empty
-from musatpy.orienting.answer import Answer
+from musatpy.orienting.placement import Placement
 
 
-def punched(answer: Answer) -> Block:
+def punched(answer: Placement) -> Block:
     """Return the block that IIIA adjusts from what was found, with the same of the water unknown.
 
     Of a model it is a free network in its axes, without the control, which stands in others.
@@ -32,12 +32,13 @@ def punched(answer: Answer) -> Block:
     position, attitude, tide = photos.position.copy(), photos.attitude.copy(), photos.tide.copy()
     position[scene.photos], attitude[scene.photos] = answer.position, answer.attitude
     # the tilt of a deck turns about the middle of the stations
-    middle = answer.oriented.at.station[:, :2].mean(axis=0)
+    middle = answer.at.station[:, :2].mean(axis=0)
     rise = 0.0 if scene.plane.rise is None else scene.plane.rise
-    tide[scene.photos] = answer.water[2] + middle @ answer.water[:2] + rise
+    slope = answer.at.slope
+    tide[scene.photos] = float(answer.at.level) + middle @ slope + rise
     assert water is not None  # there are submerged points
-    tilted = scene.spec.plane is PlaneTreatment.ADJUST or answer.water[:2].any()
-    east, north = (float(slope) if tilted else None for slope in answer.water[:2])
+    tilted = scene.spec.plane is PlaneTreatment.ADJUST or slope.any()
+    east, north = (float(part) if tilted else None for part in slope)
     result = replace(
         block,
         options=_options(answer),
@@ -45,14 +46,14 @@ def punched(answer: Answer) -> Block:
         photos=replace(photos, position=position, attitude=attitude, tide=tide),
         water=replace(water, tilt_east=east, tilt_north=north),
     )
-    if not scene.method.in_model:
+    if not scene.in_model:
         return result
     return in_order(replace(result, ellipsoid=None, control=empty(Control), given_in=None, stated_in=None))
 
 
-def _options(answer: Answer) -> Options:
+def _options(answer: Placement) -> Options:
     """Return the options by which a run solves the same problem."""
-    plane, in_model = answer.scene.spec.plane, answer.scene.method.in_model
+    plane, in_model = answer.scene.spec.plane, answer.scene.in_model
     options = answer.block.options
     return replace(
         options,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.frames import Frame, LocalFrame
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import Block, CoordinateSystem, OrientationMethod, OrientationSpec, Treatment
@@ -15,12 +15,13 @@ from musatpy.orientation.twomedia.oriented import OrientationError
 from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, PAIR_SUCCESSIVE
 from musatpy.orientation.twomedia.sights import Method, Plane, Sights
 from musatpy.orientation.twomedia.single import SINGLE_FERMAT, SINGLE_RAY
+from musatpy.orientation.twomedia.strip_order import strip_order
 from musatpy.orientation.twomedia.triplet import TRIPLET
 
 METHODS: dict[OrientationMethod, Method] = {
     OrientationMethod(method.name): method
     for method in (SINGLE_RAY, SINGLE_FERMAT, PAIR_INDEPENDENT, PAIR_SUCCESSIVE, COMBINED, TRIPLET)
-}
+} | {OrientationMethod.STRIP: TRIPLET}
 NO_CARD = "no ORI card says what is to be oriented, and by which method"
 NO_CONTROL = "no two components of it are known: a single photo gives it no place"
 ONE_PHOTO = "only one of the photos shows it"
@@ -56,7 +57,8 @@ class Axes:
 class Scene:
     """The sights of m photos, p points and n images, with their rows in the tables of the block.
 
-    `base` is the length of the first base of a model. `left_out` has the points that no condition can use, and
+    Of a strip the method is that of its triplets. `in_model`: in axes of its own; `base` is the length of its first
+    base. `left_out` has the points that no condition can use, and
     why; `notes` what was not used of others.
     """
 
@@ -66,6 +68,7 @@ class Scene:
     sights: Sights
     plane: Plane
     axes: Axes
+    in_model: bool
     base: float  # 1 where nothing gives it
     photos: IntArray
     points: IntArray
@@ -81,11 +84,13 @@ def scene_of(block: Block) -> Scene:
         raise OrientationError(NO_CARD)
     method = METHODS[spec.method]
     photos = _photos(block, spec)
-    axes = _model_axes() if method.in_model else _level_axes(block, photos)
-    control, control_sigma = _control(block, axes, method)
-    point, plates, left_out, notes = _used(block, photos, control, method)
+    in_model = spec.method.in_model(len(block.control.point) > 0)
+    axes = _model_axes() if in_model else _level_axes(block, photos)
+    control, control_sigma = _control(block, axes, in_model)
+    point, plates, left_out, notes = _used(block, photos, control, spec.method)
     number = np.full(len(block.photos.ids), -1)
     number[photos] = np.arange(len(photos))
+    plates = plates[np.argsort(number[block.plates.photo[plates]], kind="stable")]
     row = np.full(len(block.points.ids), -1)
     row[point] = np.arange(len(point))
     camera = block.photos.camera[block.plates.photo[plates]]
@@ -110,8 +115,9 @@ def scene_of(block: Block) -> Scene:
         spec=spec,
         method=method,
         sights=sights,
-        plane=_plane(block, spec, photos, axes, method),
+        plane=_plane(block, spec, photos, in_model),
         axes=axes,
+        in_model=in_model,
         base=_base(block, photos) or 1.0,
         photos=photos,
         points=point,
@@ -127,9 +133,20 @@ def _photos(block: Block, spec: OrientationSpec) -> IntArray:
     names = [ids[row] for row in measured]
     with_tide = block.photos.ids[np.isfinite(block.photos.tide)].tolist()
     index = block.water.index if block.water else np.nan
-    if faults := [message for _, message in spec.faults(names, with_tide, index)]:
+    control = len(block.control.point) > 0
+    if faults := [message for _, message in spec.faults(names, with_tide, index, control)]:
         raise OrientationError("; ".join(faults))
-    return np.array([ids.index(name) for name in spec.photos or names])
+    photos = np.array([ids.index(name) for name in spec.photos or names])
+    if spec.method is not OrientationMethod.STRIP:
+        return photos
+    usable = _usable(block) & np.isin(block.plates.photo, photos)
+    photo = np.searchsorted(photos, block.plates.photo[usable])
+    return np.asarray(photos[strip_order(photo, block.plates.point[usable], block.photos.ids[photos])])
+
+
+def _usable(block: Block) -> BoolArray:
+    """Return which plate measurements may be used."""
+    return block.plates.triangulated & np.isfinite(block.plates.xy).all(axis=1)
 
 
 def _model_axes() -> Axes:
@@ -152,7 +169,7 @@ def _level_axes(block: Block, photos: IntArray) -> Axes:
     return Axes(frame=frame, middle=middle, turn=np.array(frame.axes(middle)))
 
 
-def _control(block: Block, axes: Axes, method: Method) -> tuple[FloatArray, FloatArray]:
+def _control(block: Block, axes: Axes, in_model: bool) -> tuple[FloatArray, FloatArray]:
     """Return what is known of the points (p, 3), NaN for what is not, and its sigmas, 0 without error.
 
     A component that is not given is put to the middle of the others to find those that are: what it changes in
@@ -160,7 +177,7 @@ def _control(block: Block, axes: Axes, method: Method) -> tuple[FloatArray, Floa
     """
     known = np.full((len(block.points.ids), 3), np.nan)
     sigma = np.zeros(known.shape)
-    if method.in_model:
+    if in_model:
         return known, sigma
     control = block.control
     place = control.position
@@ -174,15 +191,16 @@ def _control(block: Block, axes: Axes, method: Method) -> tuple[FloatArray, Floa
 
 
 def _used(
-    block: Block, photos: IntArray, control: FloatArray, method: Method
+    block: Block, photos: IntArray, control: FloatArray, method: OrientationMethod
 ) -> tuple[IntArray, IntArray, tuple[tuple[str, str], ...], tuple[str, ...]]:
     """Return the points and plate measurements that conditions can use, the points they cannot, and notes."""
     plates = block.plates
-    usable = np.isin(plates.photo, photos) & plates.triangulated & np.isfinite(plates.xy).all(axis=1)
+    usable = np.isin(plates.photo, photos) & _usable(block)
     rays = np.bincount(plates.point[usable], minlength=len(block.points.ids))
     components = np.isfinite(control).sum(axis=1)
     enough = (components >= 2) | ((rays >= 2) & (method.photos > 1))
-    if method.in_model:
+    by_rays = METHODS[method].in_model
+    if by_rays:
         enough = rays >= 2
     shown = np.unique(plates.point[np.isin(plates.photo, photos)])
     why = NO_CONTROL if method.photos == 1 else ONE_PHOTO
@@ -191,12 +209,12 @@ def _used(
         for point in shown[~(enough & (rays > 0))[shown]].tolist()
     ]
     single = block.points.ids[(components == 1) & enough & (rays > 0)].tolist()
-    notes = (f"{ONE_COMPONENT}: {', '.join(single)}",) if single else ()
+    notes = (f"{ONE_COMPONENT}: {', '.join(single)}",) if single and not by_rays else ()
     point: IntArray = shown[(enough & (rays > 0))[shown]]
     return point, np.flatnonzero(usable & np.isin(plates.point, point)), tuple(left_out), notes
 
 
-def _plane(block: Block, spec: OrientationSpec, photos: IntArray, axes: Axes, method: Method) -> Plane:
+def _plane(block: Block, spec: OrientationSpec, photos: IntArray, in_model: bool) -> Plane:
     """Return what the deck knows of the water.
 
     The tides of the photos are heights of the job; a model, which has other axes, can take their differences only.
@@ -205,20 +223,23 @@ def _plane(block: Block, spec: OrientationSpec, photos: IntArray, axes: Axes, me
     assert water is not None  # there are submerged points, which the check of the deck has no water for otherwise
     tide, sigma = block.photos.tide[photos], block.photos.tide_sigma[photos]
     given = bool(np.isfinite(tide).all())  # of all photos or of none
-    if given and np.ptp(tide) > 0.0 and method.in_model and _base(block, photos) is None:
+    index_unknown = block.options.water_index is Treatment.ADJUST
+    if index_unknown and spec.method is OrientationMethod.STRIP:
+        raise OrientationError("STRIP takes the index of the water as known: WTR, not OP3 ADJUST")
+    if given and np.ptp(tide) > 0.0 and in_model and _base(block, photos) is None:
         raise OrientationError("the tides differ, and nothing gives the scale of the model: give both stations")
-    level = float(tide.mean()) if given and not method.in_model else None
+    level = float(tide.mean()) if given and not in_model else None
     tilt = (water.tilt_east or 0.0, water.tilt_north or 0.0)
     return Plane(
         treatment=spec.plane,
-        slope=(0.0, 0.0) if method.in_model else tilt,
-        slope_sigma=None if method.in_model else water.tilt_sigma,
+        slope=(0.0, 0.0) if in_model else tilt,
+        slope_sigma=None if in_model else water.tilt_sigma,
         level=level,
         level_sigma=float(sigma.mean()) if level is not None and np.isfinite(sigma).all() else None,
         rise=tide - tide.mean() if given else None,
         index=water.index,
         index_sigma=water.sigma,
-        index_unknown=block.options.water_index is Treatment.ADJUST,
+        index_unknown=index_unknown,
     )
 
 

@@ -24,12 +24,14 @@ from musatpy.units import ARC_SECOND, DEGREE
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.orienting.answer import Answer
+    from musatpy.orienting.placement import Placement
 
 _VERSION = "1.0"
 _ABOUT = (
     "An orientation of photos through a plane of water (Okamoto and Mori 1974), in metres and radians; sigmas are "
     "a posteriori, null for what is held. Axes are those of the job, or of a model"
 )
+_NAMED = 12  # photos of which all are named
 _EVERY = 12  # columns of the matrix of correlations beside each other
 
 JOB: Group[Answer, Answer] = Group(
@@ -122,7 +124,7 @@ POINTS: Rows[Answer, Answer] = Rows(
         Field("point", "string", "point id", lambda a: a.scene.sights.points),
         Field("submerged", "boolean", "flagged so", lambda a: a.scene.sights.wet),
         Field("control", "string", "known components", lambda a: a.control),
-        Field("outlier", "boolean", "left out, as it does not fit", lambda a: a.oriented.outliers),
+        Field("outlier", "boolean", "left out, as it does not fit", lambda a: a.outliers),
         Field("rays", "integer", "that took part", lambda a: a.rays),
         Field("position", "3 number?", "control as adjusted", lambda a: a.point_position),
         Field("sigma", "3 number?", "null of control", lambda a: a.point_sigma, unit="m"),
@@ -183,9 +185,9 @@ def schema() -> Schema:
     }
 
 
-def system_of(answer: Answer) -> str:
+def system_of(answer: Placement) -> str:
     """Return the system of the answer."""
-    return "MODEL" if answer.scene.method.in_model else str(answer.block.options.system)
+    return "MODEL" if answer.scene.in_model else str(answer.block.options.system)
 
 
 # --- the listing ---
@@ -278,16 +280,22 @@ def _units(answer: Answer) -> FloatArray:
     return np.array(([DEGREE] * 3 + [1.0] * 3) * len(answer.photos) + [1.0] * 4)
 
 
-def listing_of(answer: Answer, *, carriage_control: bool = False, date: datetime.date | None = None) -> str:
-    """Return the listing of an orientation: the verdict first, on pages of 60 lines of 132 columns."""
-    pages, _ = laid_out(sections_of(answer))
+def listing_of(
+    answer: Placement,
+    sections: list[Section],
+    *,
+    carriage_control: bool = False,
+    date: datetime.date | None = None,
+) -> str:
+    """Return the listing of an orientation from its sections, on pages of 60 lines of 132 columns."""
+    pages, _ = laid_out(sections)
     return print_pages(pages, _header(answer, date), carriage_control=carriage_control)
 
 
 def sections_of(answer: Answer) -> list[Section]:
     """Return what the listing says, section by section."""
     return [
-        Section(title="Verdict", lines=_verdict(answer)),
+        verdict_section(answer),
         Section(title="Orientation In Short", lines=labelled(_short(answer))),
         Section(title="Plane Of Water", lines=[*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])]),
         STATION_TABLE.section(answer),
@@ -301,33 +309,26 @@ def sections_of(answer: Answer) -> list[Section]:
     ]
 
 
-def _header(answer: Answer, date: datetime.date | None) -> Callable[[int], str]:
+def _header(answer: Placement, date: datetime.date | None) -> Callable[[int], str]:
     title, mark = answer.block.titles[0] if answer.block.titles else "", MARKS.get(answer.verdict.grade, "")
     left = f"MUSATPY  ORIENTATION  {title:<60.60}  {mark}"
     day = date.isoformat() if date else ""
     return lambda page: f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}"
 
 
-def _verdict(answer: Answer) -> list[str]:
+def verdict_section(answer: Placement) -> Section:
+    """Return what the answer is worth, which stands before everything else."""
     verdict = answer.verdict
     reasons = [reason.text for reason in verdict.reasons]
-    return [f"{verdict.grade}: {USE[verdict.grade]}", *wrapped([*reasons, *answer.scene.notes], lead="- ")]
+    lines = [f"{verdict.grade}: {USE[verdict.grade]}", *wrapped([*reasons, *answer.scene.notes], lead="- ")]
+    return Section(title="Verdict", lines=lines)
 
 
 def _short(answer: Answer) -> dict[str, str]:
-    scene, oriented = answer.scene, answer.oriented
-    spec, system = scene.spec, system_of(answer)
-    sigma0 = "none, without redundancy"
-    if oriented.redundancy:
-        sigma0 = (
-            f"{number_text('F10.4', oriented.sigma0)}, {'passes' if oriented.fits else 'FAILS'} its test (99.9 %)"
-        )
+    oriented = answer.oriented
+    sigma0 = sigma0_text(oriented.sigma0, oriented.fits) if oriented.redundancy else "none, without redundancy"
     return {
-        "Method": str(spec.method),
-        "Weights": _WEIGHTS[spec.weights],
-        "Photos in their order": ", ".join(answer.photos.tolist()),
-        "Axes": f"of a model, first base {scene.base:g}" if system == "MODEL" else f"{system}, those of the deck",
-        "Points, images": f"{len(scene.points)} ({int(scene.sights.wet.sum())} submerged), {len(scene.plates)}",
+        **task_of(answer),
         "Unknowns, redundancy": f"{int(answer.unknown.sum())}, {oriented.redundancy}",
         "Sigma0": sigma0,
         "Condition number of the scaled normals": number_text("F14.1", oriented.condition),
@@ -336,11 +337,28 @@ def _short(answer: Answer) -> dict[str, str]:
     }
 
 
+def task_of(answer: Placement) -> dict[str, str]:
+    """Return what was asked for, and of how many images."""
+    scene, system, names = answer.scene, system_of(answer), answer.photos.tolist()
+    return {
+        "Method": str(scene.spec.method),
+        "Weights": _WEIGHTS[scene.spec.weights],
+        "Photos in their order": ", ".join(names if len(names) <= _NAMED else [*names[:3], "...", *names[-3:]]),
+        "Axes": f"of a model, first base {scene.base:g}" if system == "MODEL" else f"{system}, those of the deck",
+        "Points, images": f"{len(scene.points)} ({int(scene.sights.wet.sum())} submerged), {len(scene.plates)}",
+    }
+
+
+def sigma0_text(sigma0: float, fits: bool) -> str:
+    """Return sigma0 and whether it passes its test."""
+    return f"{number_text('F10.4', sigma0)}, {'passes' if fits else 'FAILS'} its test (99.9 %)"
+
+
 _WEIGHTS = {
     Weights.FULL: "FULL by the sigmas of plates and control",
     Weights.EQUAL: "EQUAL for all conditions, those of rays that meet over base and lengths of the rays",
 }
-_UNKNOWN = {
+UNKNOWN = {
     PlaneTreatment.ADJUST: "ADJUST  tilt and level are unknown",
     PlaneTreatment.LEVEL: "LEVEL  the level is unknown",
     PlaneTreatment.KNOWN: "KNOWN  as on the cards",
@@ -349,7 +367,7 @@ _UNKNOWN = {
 
 def _plane(answer: Answer) -> dict[str, str]:
     plane, share = answer.plane
-    lines = {"Plane": _UNKNOWN[answer.scene.spec.plane], "Verdict": plane.upper()}
+    lines = {"Plane": UNKNOWN[answer.scene.spec.plane], "Verdict": plane.upper()}
     if np.isfinite(share) and answer.scene.spec.plane is not PlaneTreatment.KNOWN:
         limit = f"{number_text('F8.4', share)}, limit {answer.scene.spec.limit:g}"
         lines["Sigma of the level over the mean depth"] = limit
@@ -367,7 +385,7 @@ def _plane(answer: Answer) -> dict[str, str]:
 
 def _plane_note(answer: Answer) -> str:
     """Return what the verdict on the plane means."""
-    if answer.scene.method.in_model:
+    if answer.scene.in_model:
         where = "the axes of the model, whose Z is that of its first photos, not the vertical"
     else:
         where = f"level axes at {_middle(answer)}"

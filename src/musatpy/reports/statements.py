@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from musatpy.reports import answer, listing, orientation
+from musatpy.reports import answer, listing, orientation, orientation_strip
 from musatpy.reports.origin import Mapped
 from musatpy.reports.table import Report
 
@@ -13,7 +13,11 @@ from musatpy.reports.table import Report
 @cache
 def statements() -> tuple[Report[Any] | Mapped, ...]:
     """Return the tables of all pages, and what else has numbers of the record, the answer first."""
-    return tuple(table for page in (answer, *listing.REPORTS, orientation) for table in getattr(page, "STATED", ()))
+    return tuple(
+        table
+        for page in (answer, *listing.REPORTS, orientation, orientation_strip)
+        for table in getattr(page, "STATED", ())
+    )
 
 
 def table_titles() -> tuple[str, ...]:

@@ -38,7 +38,8 @@ def block_of(scene: Scene, sights: Sights, start: Orientation) -> model.Block:
         water=model.Water(index=float(start.index)),
         cameras=replace(bare.cameras, focal_length=np.array([f]), format_size=np.full((1, 2), 5 * f)),
         photos=replace(
-            taken(bare.photos, np.arange(m)),
+            taken(bare.photos, np.arange(m) % 3),
+            ids=np.array([str(photo) for photo in range(m)]),
             position=start.station,
             attitude=start.attitude,
             tide=np.full(m, float(start.level + start.station[:, :2].mean(axis=0) @ start.slope)),

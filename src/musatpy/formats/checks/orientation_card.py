@@ -21,5 +21,6 @@ def faults(draft: Draft) -> Iterator[Problem]:
     index = draft.rows["water"]["water.index"]
     known = float(index[0]) if len(index) and np.isfinite(index[0]) else np.nan
     names = [str(ids[photo]) for photo in measured if photo >= 0]
-    for field, message in spec.faults(names, set(ids[tides[tides >= 0]].tolist()), known):
+    control = bool((draft.point["control"] >= 0).any())
+    for field, message in spec.faults(names, set(ids[tides[tides >= 0]].tolist()), known, control):
         yield draft.problem("orientation", 0, message, path=f"orientation.{field}")

@@ -1,4 +1,4 @@
-"""Pictures of an orientation through water and of its study: correlations, basins, precision of the level."""
+"""Pictures of an orientation through water and of its study: correlations, basins, precision, errors of a strip."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import FloatArray, TextArray
 from musatpy.canvas import new_figure, png
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS, paper_partials
 from musatpy.orientation.twomedia.oriented import LIMIT, Oriented
@@ -95,4 +96,23 @@ def precision_picture(precision: Precision, title: str = "", limit: float = LIMI
     plot.set_title(title)
     plot.grid(True, which="both", alpha=0.25)
     plot.legend(fontsize="x-small")
+    return png(figure)
+
+
+def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray | None, title: str = "") -> bytes:
+    """Return the sigmas (m, 3) of stations along a strip, with differences (m, 3) from another solution."""
+    figure = new_figure(10.0, 5.4)
+    figure.suptitle(title)
+    place = np.arange(len(photos))
+    for axis, (plot, name) in enumerate(zip(figure.subplots(3, 1, sharex=True), "XYZ", strict=True)):
+        plot.fill_between(
+            place, -sigma[:, axis], sigma[:, axis], color=_BLUE, alpha=0.2, linewidth=0.0, label="one sigma"
+        )
+        if differences is not None:
+            plot.plot(place, differences[:, axis], color=_RED, marker=".", linewidth=1.0, label="strip less IIIA")
+        plot.axhline(0.0, color=_GREY, linewidth=0.5)
+        plot.set_ylabel(f"{name}, m")
+    step = max(1, len(photos) // 20)
+    plot.set_xticks(place[::step], photos[::step], rotation=90, fontsize="x-small")
+    figure.legend(*plot.get_legend_handles_labels(), fontsize="x-small", loc="upper right")
     return png(figure)

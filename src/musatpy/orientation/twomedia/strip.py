@@ -47,7 +47,7 @@ class Strip:
     models (m - 2) and the joins between them (m - 3); known and placed of the absolute orientation, None without
     control; control_points (o,) of its observations, -1 for planes; control_out (p,) those that do not fit.
     of_photo (m,) and of_point (p,) are the triplets that the answer takes them from, -1 for points that none has;
-    row_point (p,) their rows there. passes of triplets.
+    row_point (p,) their rows there. passes of triplets, which `settled` or not.
     """
 
     sights: Sights
@@ -63,6 +63,7 @@ class Strip:
     of_point: IntArray
     row_point: IntArray
     passes: int
+    settled: bool = True
 
     @property
     def moves(self) -> list[Similarity]:
@@ -171,9 +172,10 @@ def orient_strip(
     while held or tides:
         planes = [_plane_in(strip, number, plane, held) for number in range(len(strip.models))]
         after = _oriented(sights, plane, planes, strip, common_plane, base, equal)
-        if after.passes == _PASSES or _elements_change(strip, after) < _SETTLED:
-            return after
-        strip = after
+        settled = _elements_change(strip, after) < _SETTLED
+        strip = replace(after, settled=settled)
+        if settled or after.passes == _PASSES:
+            break
     return strip
 
 

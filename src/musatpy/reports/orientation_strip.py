@@ -1,0 +1,254 @@
+"""The listing and the record of a strip oriented through the water (`musat orient`, method STRIP)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from musatpy.reports.columns import vector
+from musatpy.reports.encoding import Json
+from musatpy.reports.fields import Field, Group, Node, Rows, Schema, properties_of, same
+from musatpy.reports.orientation import (
+    ATTITUDE_TABLE,
+    JOB,
+    LEFT_OUT,
+    LEFT_OUT_TABLE,
+    POINT_TABLE,
+    POINTS,
+    STATION_TABLE,
+    STATIONS,
+    UNKNOWN,
+    VERDICT,
+    sigma0_text,
+    task_of,
+    verdict_section,
+)
+from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Report, key
+from musatpy.reports.text import labelled, wrapped
+
+if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
+    from musatpy.orienting.strip_answer import StripAnswer
+
+_VERSION = "1.0"
+_ABOUT = (
+    "A strip oriented through a plane of water by triplets that are joined (Okamoto and Mori 1974), in metres and "
+    "radians; sigmas are a posteriori, 0 for what is held. Axes are those of the job, or of the first triplet"
+)
+_NOTE = (
+    "Z = level + tilt . (X, Y) in the axes of the strip, the level over the middle of the points of three photos. "
+    "Sigmas carry the errors of all images along the strip, and of the control."
+)
+
+FIT: Group[StripAnswer, StripAnswer] = Group(
+    "fit",
+    "how the conditions of all triplets fit",
+    same,
+    (
+        Field("sigma0", "number", "standard deviation of unit weight"),
+        Field("redundancy", "integer", "of all triplets", lambda a: a.strip.redundancy),
+        Field("fits", "boolean", "sigma0 passes its test of 99.9 %"),
+        Field("passes", "integer", "of the triplets, over known water", lambda a: a.strip.passes),
+        Field("settled", "boolean", "the last of them changed nothing", lambda a: a.strip.settled),
+    ),
+)
+PLANE: Group[StripAnswer, StripAnswer] = Group(
+    "plane",
+    "the plane of water, by the triplet that determines it least",
+    same,
+    (
+        Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
+        Field("share", "number?", "sigma of the level over mean depth; null without limit", lambda a: a.plane[1]),
+        Field("photo", "string", "first photo of that triplet", lambda a: a.photos[a.plane[2]]),
+        Field("limit", "number", "of that share", lambda a: a.scene.spec.limit),
+        Field("join", "string", "COMMON to all triplets, or FREE", lambda a: a.scene.spec.join),
+    ),
+)
+TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
+    "triplets",
+    "three photos on end each",
+    same,
+    (
+        Field("photo", "string", "the first of them", lambda a: a.photos[:-2]),
+        Field("points", "integer", "that took part", lambda a: [len(m.points) for m in a.strip.models]),
+        Field("redundancy", "integer", "", lambda a: [m.oriented.redundancy for m in a.strip.models]),
+        Field("sigma0", "number", "", lambda a: np.array([m.oriented.sigma0 for m in a.strip.models])),
+        Field("slope", "2 number", "of the water", lambda a: a.planes[:, :2], unit="rad"),
+        Field("slope_sigma", "2 number", "", unit="rad"),
+        Field("level", "number", "of the water, over the middle of the points", lambda a: a.levels, unit="m"),
+        Field("level_sigma", "number", "", unit="m"),
+        Field("share", "number", "", lambda a: np.array([m.oriented.level_share for m in a.strip.models])),
+        Field("paper", "3 number", "a, b and d of the paper", lambda a: a.planes * [1.0, -1.0, 1.0]),
+    ),
+)
+JOINS: Rows[StripAnswer, StripAnswer] = Rows(
+    "joins",
+    "of a triplet to the one before it",
+    same,
+    (
+        Field("photo", "string", "first photo of the triplet before", lambda a: a.photos[:-3]),
+        Field("last", "string", "last photo of that after", lambda a: a.photos[3:]),
+        Field("points", "integer", "common ones", lambda a: [len(join.points) for join in a.strip.joins]),
+        Field("left_out", "integer", "of these", lambda a: [int(join.left_out.sum()) for join in a.strip.joins]),
+        Field("scale", "number", "of the similarity", lambda a: a.join_scale),
+        Field("turn", "number", "of the similarity", lambda a: a.join_turn, unit="rad"),
+        Field("residual", "number", "root mean square, of a coordinate", lambda a: a.join_residual, unit="m"),
+        Field(
+            "sigma0",
+            "number",
+            "of the residuals, to what the images let expect",
+            lambda a: np.array([join.sigma0 for join in a.strip.joins]),
+        ),
+        Field("slope", "2 number", "of the water before less after", lambda a: a.join_plane[:, :2], unit="rad"),
+        Field("level", "number", "of the water before less after", lambda a: a.join_plane[:, 2], unit="m"),
+        Field("probability", "number?", "of a larger difference; null if held", lambda a: a.join_probability),
+    ),
+)
+CONTROL: Rows[StripAnswer, StripAnswer] = Rows(
+    "control",
+    "what holds the strip on the ground",
+    same,
+    (
+        Field("point", "string", "point id", lambda a: a.control_ids),
+        Field("residual", "3 number?", "known less oriented", lambda a: a.control_residual, unit="m"),
+        Field("test", "number", "of all components, in sigmas", lambda a: a.control_test),
+    ),
+)
+AGAINST: Rows[StripAnswer, StripAnswer] = Rows(
+    "against_iiia",
+    "the strip less the solution of IIIA that starts from it, a model after a similarity",
+    lambda a: None if a.against is None else a,
+    (
+        Field("photo", "string", "photo id", lambda a: a.photos),
+        Field("position", "3 number", "", lambda a: _against(a).position, unit="m"),
+        Field("sigmas", "3 number?", "in those of the strip", lambda a: _in_sigmas(a)),
+        Field("attitude", "3 number", "", lambda a: _against(a).attitude, unit="rad"),
+    ),
+)
+RECORD: tuple[Node[Any], ...] = (
+    *(JOB, VERDICT, FIT, PLANE, TRIPLETS, JOINS, CONTROL, STATIONS, POINTS, LEFT_OUT, AGAINST),
+)
+
+
+def _against(answer: StripAnswer) -> Any:
+    assert answer.against is not None
+    return answer.against
+
+
+def _in_sigmas(answer: StripAnswer) -> Any:
+    sigma = answer.position_sigma
+    return _against(answer).position / np.where(sigma > 0.0, sigma, np.nan)
+
+
+def record_of(answer: StripAnswer) -> dict[str, Json]:
+    """Return the record of a strip."""
+    return {"strip_version": _VERSION} | {node.name: node.json(answer) for node in RECORD}
+
+
+def schema() -> Schema:
+    """Return the JSON Schema of the record."""
+    version: Field[Any] = Field("strip_version", "const", "of this schema", choices=(_VERSION,))
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "musatpy strip",
+        "description": _ABOUT,
+        "type": "object",
+        **properties_of((version, *RECORD)),
+    }
+
+
+# --- the listing ---
+
+TRIPLET_TABLE: Report[Any] = Report(
+    title="Triplets And Their Planes Of Water",
+    table=TRIPLETS,
+    columns=(
+        key("First\nphoto", "A8", "photo"),
+        Column("Points", "I6", shows="points"),
+        Column("Redund.", "I7", shows="redundancy"),
+        Column("Sigma0", "F8.4", shows="sigma0"),
+        *vector(("Tilt X\narc sec", "Tilt Y\narc sec"), ("F12.2",) * 2, shows="slope"),
+        *vector(("Sigma X\narc sec", "Sigma Y\narc sec"), ("F10.2",) * 2, shows="slope_sigma"),
+        Column("Level\nm", "F14.4", shows="level"),
+        Column("Sigma\nm", "F10.4", shows="level_sigma"),
+        Column("Of depth", "F8.4", shows="share"),
+    ),
+)
+JOIN_TABLE: Report[Any] = Report(
+    title="Joins Of The Triplets",
+    table=JOINS,
+    columns=(
+        key("From\nphoto", "A8", "photo"),
+        key("To\nphoto", "A8", "last"),
+        Column("Points", "I6", shows="points"),
+        Column("Out", "I4", shows="left_out"),
+        Column("Scale", "F10.6", shows="scale"),
+        Column("Turn\ndegrees", "F10.5", shows="turn"),
+        Column("RMS\nm", "F10.5", shows="residual"),
+        Column("Sigma0", "F8.3", shows="sigma0"),
+        *vector(("Water X\narc sec", "Water Y\narc sec"), ("F12.2",) * 2, shows="slope"),
+        Column("Level\nm", "F12.4", shows="level"),
+        Column("Prob.", "F7.4", shows="probability"),
+    ),
+)
+CONTROL_TABLE: Report[Any] = Report(
+    title="Control Of The Strip",
+    table=CONTROL,
+    columns=(
+        key("Point", "A8", "point"),
+        *vector(("Residual X\nm", "Residual Y\nm", "Residual Z\nm"), ("F12.5",) * 3, shows="residual"),
+        Column("Test", "F8.2", shows="test"),
+    ),
+)
+AGAINST_TABLE: Report[Any] = Report(
+    title="The Strip Less IIIA",
+    table=AGAINST,
+    columns=(
+        key("Photo", "A8", "photo"),
+        *vector(("X\nm", "Y\nm", "Z\nm"), ("F12.5",) * 3, shows="position"),
+        *vector(("X\nsigmas", "Y\nsigmas", "Z\nsigmas"), ("F8.2",) * 3, shows="sigmas"),
+        *vector(("X-tilt\narc sec", "Y-tilt\narc sec", "Heading\narc sec"), ("F11.2",) * 3, shows="attitude"),
+    ),
+)
+STATED = (TRIPLET_TABLE, JOIN_TABLE, CONTROL_TABLE, AGAINST_TABLE)
+
+
+def sections_of(answer: StripAnswer) -> list[Section]:
+    """Return what the listing says, section by section."""
+    return [
+        verdict_section(answer),
+        Section(title="Orientation In Short", lines=labelled(_short(answer))),
+        STATION_TABLE.section(answer),
+        ATTITUDE_TABLE.section(answer),
+        TRIPLET_TABLE.section(answer, new_page=True, below=["", *wrapped([_NOTE])]),
+        JOIN_TABLE.section(answer),
+        *([CONTROL_TABLE.section(answer)] if len(answer.control_ids) else []),
+        POINT_TABLE.section(answer, new_page=True),
+        *([LEFT_OUT_TABLE.section(answer)] if answer.scene.left_out else []),
+        *([AGAINST_TABLE.section(answer, new_page=True)] if answer.against is not None else []),
+    ]
+
+
+def _short(answer: StripAnswer) -> dict[str, str]:
+    plane, share, number = answer.plane
+    least = f"{share:.4f} of the depth in photos {', '.join(answer.photos[number : number + 3])}"
+    return {
+        **task_of(answer),
+        "Triplets, joins": f"{len(answer.strip.models)}, {len(answer.strip.joins)}",
+        "Redundancy": str(answer.strip.redundancy),
+        "Sigma0": sigma0_text(answer.sigma0, answer.fits),
+        "Plane": UNKNOWN[answer.scene.spec.plane],
+        "Planes of the triplets": f"{answer.scene.spec.join}",
+        "Verdict on the plane": f"{plane.upper()}, limit {answer.scene.spec.limit:g}, {least}",
+        "Passes of the triplets": f"{answer.strip.passes}" + ("" if answer.strip.settled else ", NOT SETTLED"),
+        "IIIA, from this strip": _adjusted(answer),
+    }
+
+
+def _adjusted(answer: StripAnswer) -> str:
+    if answer.against is None:
+        return f"none: {answer.unadjusted}" if answer.unadjusted else "none"
+    worst = float(np.nanmax(np.abs(_in_sigmas(answer)), initial=0.0))
+    largest = float(np.abs(answer.against.position).max())
+    return f"stations differ by up to {largest:.5g} m, {worst:.2f} sigmas of the strip"
