@@ -242,7 +242,9 @@ class StripAnswer(Placement):
         scale = self.sigma0 * np.sqrt(self.strip.drift.covariance[:, 0, 0].max())
         worst = int(np.argmax(self.position_sigma[:, 2]))
         size = f"{share:.3g} of the mean depth" if np.isfinite(share) else "without limit"
-        creep = f"{100.0 * scale:.2g} % and {self.position_sigma[worst, 2]:.3g} (one sigma, at {self.photos[worst]})"
+        creep = (
+            f"{100.0 * scale:.2g} % and {self.position_sigma[worst, 2]:.3g} (one sigma, at {self.photos[worst]})"
+        )
         return (
             f"the plane of water is not determined (photos {', '.join(self.photos[number : number + 3])}: the "
             f"sigma of its level is {size}, limit {self.scene.spec.limit:g}): scale and height creep along the "

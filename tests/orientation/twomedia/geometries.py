@@ -94,14 +94,21 @@ def dry(kind: Kind, points: FloatArray, number: int) -> FloatArray:
     return raised
 
 
-def scene(kind: Kind, points: FloatArray, stations: FloatArray, angles: FloatArray) -> Scene:
+def scene(
+    kind: Kind,
+    points: FloatArray,
+    stations: FloatArray,
+    angles: FloatArray,
+    plane: tuple[float, float] = (A, B),
+) -> Scene:
     """Return a scene with its images: Newton on the point of the plane, by Snell's law."""
     d = level_of(kind)
-    normal = np.array([A, B, 1.0]) / np.sqrt(A * A + B * B + 1.0)
-    below = (points @ np.array([A, B, 1.0]) + d) / np.sqrt(A * A + B * B + 1.0)
+    upright = np.array([*plane, 1.0])
+    normal = upright / np.linalg.norm(upright)
+    below = (points @ upright + d) / np.linalg.norm(upright)
     images = np.empty((len(stations), len(points), 2))
     for m, (C, angle) in enumerate(zip(stations, angles, strict=True)):
-        height = -(C @ np.array([A, B, 1.0]) + d) / np.sqrt(A * A + B * B + 1.0)
+        height = -(C @ upright + d) / np.linalg.norm(upright)
         gap = points - C
         across = gap - (gap @ normal)[:, None] * normal
         D = np.linalg.norm(across, axis=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtrc, chdtri
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -19,6 +20,9 @@ _STEPS = 10
 _STILL = 1e-10  # of a change of the similarity, in the axes of the triplet before
 _SIGNIFICANCE = 0.001  # of the test of a common point
 _FLOOR = 1e-9  # of a base: the least error of a point
+
+
+_Factor = tuple[FloatArray, bool]
 
 
 class JoinError(MusatError):
@@ -79,10 +83,10 @@ def joined(before: TripletModel, after: TripletModel) -> Join:
     move = _start(seam)
     limit = float(chdtri(3, _SIGNIFICANCE / len(seam.points)))
     while True:
-        move, gain, V = _fitted(seam, kept, move)
-        tests = _tests(seam, kept, move, V)
+        move, gain, factor = _fitted(seam, kept, move)
+        tests = _tests(seam, kept, move, factor)
         if tests.max() <= limit or kept[_POINTS:].sum() <= FEWEST:
-            return _described(seam, kept, move, gain, V)
+            return _described(seam, kept, move, gain, factor)
         kept[_POINTS + int(np.argmax(tests))] = False
 
 
@@ -107,50 +111,58 @@ def _start(seam: _Seam) -> Similarity:
     return fit_robust(x, y, np.ones(len(x)), _FLOOR)[0]
 
 
-def _fitted(seam: _Seam, kept: BoolArray, move: Similarity) -> tuple[Similarity, FloatArray, FloatArray]:
-    """Return the similarity of weighted least squares, its gain (7, 3 k), and the covariance (3 k, 3 k) of misfits.
+def _fitted(seam: _Seam, kept: BoolArray, move: Similarity) -> tuple[Similarity, FloatArray, _Factor]:
+    """Return the similarity of weighted least squares, its gain (7, 3 k), and the Cholesky factor of the weights.
 
     The triplets hold their axes by their stations, of which one is without error in both: what a change of the
     similarity adds to the covariance makes it regular and changes nothing.
     """
     size = 3 * int(kept.sum())
     J = seam.before.influence(seam.rows_before[kept]).reshape(size, -1)
-    C = (J * seam.before.variance) @ J.T
-    J = seam.after.influence(seam.rows_after[kept])
+    _, there = seam.misfit(move, kept)
+    moved = (there.by_old @ seam.after.influence(seam.rows_after[kept])).reshape(size, -1)
+    V = (J * seam.before.variance) @ J.T + (moved * seam.after.variance) @ moved.T
+    G = there.by_change.reshape(size, 7)
+    factor = cho_factor(V + (np.trace(V) / np.sum(np.square(G))) * G @ G.T)
     for _ in range(_STEPS):
         misfit, there = seam.misfit(move, kept)
-        moved = (there.by_old @ J).reshape(size, -1)
         G = there.by_change.reshape(size, 7)
-        V = C + (moved * seam.after.variance) @ moved.T
-        regular = V + (np.trace(V) / np.sum(np.square(G))) * G @ G.T
-        WG = np.linalg.solve(regular, G)
-        gain = np.linalg.solve(G.T @ WG, WG.T)
+        WG = cho_solve(factor, G)
+        gain = np.asarray(np.linalg.solve(G.T @ WG, WG.T))
         change = np.asarray(gain @ misfit.ravel())
         move = small(change).after(move)
         if np.abs(change).max() < _STILL:
             break
-    return move, np.asarray(gain), V
+    return move, gain, factor
 
 
-def _tests(seam: _Seam, kept: BoolArray, move: Similarity, V: FloatArray) -> FloatArray:
-    """Return squares (p,) of the misfits of the points over their covariances, zero of those that are out."""
-    misfit, _ = seam.misfit(move, kept)
+def _tests(seam: _Seam, kept: BoolArray, move: Similarity, factor: _Factor) -> FloatArray:
+    """Return the test values (p,) of the points, squares of three components; zero of those that are out.
+
+    W r of a point over its covariance, as misfits of one triplet depend on each other (Baarda 1968).
+    """
+    misfit, there = seam.misfit(move, kept)
+    size = misfit.size
+    G = there.by_change.reshape(size, 7)
+    W = cho_solve(factor, np.eye(size))
+    WG = W @ G
+    P = W - WG @ np.linalg.solve(G.T @ WG, WG.T)
     rows = np.arange(len(misfit))
-    spread = V.reshape(len(misfit), 3, len(misfit), 3)[rows, :, rows]
+    spread = P.reshape(len(misfit), 3, len(misfit), 3)[rows, :, rows]
+    weighted = (W @ misfit.ravel()).reshape(-1, 3)
     squares = np.zeros(len(kept))
-    squares[kept] = np.einsum("ki,kij,kj->k", misfit, np.linalg.pinv(spread, hermitian=True), misfit)
+    squares[kept] = np.einsum("ki,kij,kj->k", weighted, np.linalg.pinv(spread, hermitian=True), weighted)
     return squares[_POINTS:]
 
 
-def _described(seam: _Seam, kept: BoolArray, move: Similarity, gain: FloatArray, V: FloatArray) -> Join:
+def _described(seam: _Seam, kept: BoolArray, move: Similarity, gain: FloatArray, factor: _Factor) -> Join:
     """Return the join with what errors of the images, of which both triplets share most, do to it."""
     misfit, there = seam.misfit(move, np.ones(len(kept), dtype=bool))
     E, variance = _errors(seam, there)
     by_image = gain @ E[kept].reshape(-1, len(variance))
     left = E - there.by_change @ by_image
     used, r = left[kept].reshape(-1, len(variance)), misfit[kept].ravel()
-    weight = np.linalg.pinv(V, hermitian=True)
-    expected = float(np.sum(weight * ((used * variance) @ used.T)))
+    expected = float(np.sum(variance * np.sum(used * cho_solve(factor, used), axis=0)))
     plane = (left[_PLANE] * variance) @ left[_PLANE].T
     test = float(misfit[_PLANE] @ np.linalg.pinv(plane, hermitian=True) @ misfit[_PLANE])
     return Join(
@@ -161,7 +173,7 @@ def _described(seam: _Seam, kept: BoolArray, move: Similarity, gain: FloatArray,
         plane=misfit[_PLANE],
         plane_sigma=np.sqrt(np.diagonal(plane)),
         plane_probability=float(chdtrc(3, test)),
-        sigma0=float(np.sqrt(r @ weight @ r / expected)),
+        sigma0=float(np.sqrt(r @ cho_solve(factor, r) / expected)),
         column=seam.before.column,
         by_image=by_image,
         rows_before=seam.rows_before[kept],

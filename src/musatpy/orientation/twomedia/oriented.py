@@ -6,6 +6,7 @@ sigmas, its reliability and a verdict whether the water is determined at all.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -19,7 +20,7 @@ from musatpy.model.orientation import PlaneTreatment
 from musatpy.orientation.twomedia.conditions import refracted
 from musatpy.orientation.twomedia.diagnosis import Direction, free, inflation, weakest
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits
-from musatpy.orientation.twomedia.outliers import outlying
+from musatpy.orientation.twomedia.outliers import outlying, snooped
 from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
 from musatpy.orientation.twomedia.rejections import REASONS, rejections
 from musatpy.orientation.twomedia.roots import STARTS, exact_roots
@@ -37,6 +38,7 @@ LIMIT = 0.1  # sigma of the level over the mean depth, up to which the water is 
 _CHECKED = 1e-6  # redundancy number from which a residual says anything
 _SIGNIFICANCE = 0.001  # of the global test
 _MOVED = 0.01  # part of a free direction, of 1, from which it moves the water
+_FEW = 0.2  # of the points, up to which those that do not fit draw an adjustment little
 _TRIED = (1, 6)  # starts that are adjusted: at first, and where these do not fit
 
 
@@ -231,8 +233,13 @@ def orient(
     """
     problem = problem_of(sights, method, plane, equal)
     _require_enough(problem, method)
-    if near is not None and (solution := _fitting(sights, method, problem, near)) is not None:
-        return solution
+    if near is not None:
+        if (solution := _fitting(sights, method, replace(problem, approach=()), near)) is not None:
+            return solution
+        tested = snooped(sights, method, plane, near)
+        if tested is not None and np.mean(tested[0]) < _FEW:
+            with suppress(OrientationError):
+                return _without_outliers(sights, method, plane, equal, tested)
     starts = method.starts(sights, plane, base)
     if not len(starts.level):
         raise OrientationError(f"{method.name}: no solution for air to start from; images or control contradict")
@@ -240,7 +247,8 @@ def orient(
     for count in _TRIED:
         if (solution := _fitting(sights, method, problem, starts[order[:count]])) is not None:
             return solution
-    return _without_outliers(sights, method, plane, equal, starts[order])
+    tested = outlying(sights, method, plane, starts[order])
+    return _without_outliers(sights, method, plane, equal, tested)
 
 
 def settled(
@@ -296,9 +304,10 @@ def _best(problem: Problem, adjusted: Adjusted) -> Adjusted | None:
     return adjusted[row] if np.isfinite(squares[row]) else None
 
 
-def _without_outliers(sights: Sights, method: Method, plane: Plane, equal: bool, starts: Orientation) -> Oriented:
-    """Return the orientation without the points that do not fit that of the others."""
-    tested = outlying(sights, method, plane, starts)
+def _without_outliers(
+    sights: Sights, method: Method, plane: Plane, equal: bool, tested: tuple[BoolArray, Adjusted] | None
+) -> Oriented:
+    """Return the orientation without the points (p,) that do not fit that of the others."""
     if tested is not None:
         outliers, near = tested
         left = without(sights, outliers)

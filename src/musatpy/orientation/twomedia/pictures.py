@@ -114,5 +114,5 @@ def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray 
         plot.set_ylabel(f"{name}, m")
     step = max(1, len(photos) // 20)
     plot.set_xticks(place[::step], photos[::step], rotation=90, fontsize="x-small")
-    figure.legend(*plot.get_legend_handles_labels(), fontsize="x-small", loc="upper right")
+    figure.legend(*plot.get_legend_handles_labels(), fontsize="x-small", loc="upper right", ncols=2)
     return png(figure)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.rotations import skew
 from musatpy.geometry.similarity import Similarity, fit_robust, small
 from musatpy.orientation.twomedia.moved import Moved, moved_places, moved_planes
 from musatpy.orientation.twomedia.oriented import OrientationError
@@ -78,7 +79,7 @@ def placed(known: Known, chain: Chain) -> Placed:
         W = np.linalg.pinv(np.where(both, V, 0.0), hermitian=True)
         GW = np.swapaxes(there.by_change, 1, 2) @ W
         N = np.einsum("oxi,oiy->xy", GW, there.by_change)
-        _require_rank(N)
+        _require_rank(N, there.value[~known.plane])
         gain = np.linalg.inv(N) @ GW
         change = np.einsum("oxi,oi->x", gain, residual)
         move = small(change).after(move)
@@ -117,8 +118,12 @@ def _size(known: Known) -> float:
     return max(1.0, float(np.nanmax(np.abs(places), initial=0.0)))
 
 
-def _require_rank(N: FloatArray) -> None:
-    """Raise `OrientationError` where normals (7, 7) leave a motion free, and name it."""
+def _require_rank(N: FloatArray, places: FloatArray) -> None:
+    """Raise `OrientationError` where normals (7, 7) leave a motion free, named about the middle of places."""
+    middle = places.mean(axis=0)
+    centred = np.eye(7)
+    centred[4:, 0], centred[4:, 1:4] = -middle, skew(middle)
+    N = centred.T @ N @ centred
     diagonal = np.sqrt(np.diagonal(N))
     scale = np.where(diagonal > 0.0, diagonal, 1.0)
     values, vectors = np.linalg.eigh(N / np.outer(scale, scale))

@@ -15,7 +15,7 @@ from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, or
 from musatpy.orientation.twomedia.pair import along_axes
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Plane, Sights
-from musatpy.orientation.twomedia.triplet import TRIPLET, with_third
+from musatpy.orientation.twomedia.triplet import TRIPLET
 from musatpy.orientation.twomedia.triplet_models import TripletModel, orientation_in, triplet_model
 
 
@@ -38,7 +38,7 @@ def triplets(
             if before is not None:
                 oriented = _again(part, plane, before[first].oriented, equal)
             else:
-                near = None if model is None else _near(model, part)
+                near = None if model is None else _near(model)
                 oriented = orient(part, TRIPLET, plane, equal=equal, near=near)
         except OrientationError as error:
             raise OrientationError(f"STRIP: photos {', '.join(part.photos)}: {error}") from error
@@ -73,8 +73,8 @@ def _again(part: Sights, plane: Plane, before: Oriented, equal: bool) -> Oriente
     return settled(part, TRIPLET, plane, near, before.outliers, equal)
 
 
-def _near(before: TripletModel, part: Sights) -> Orientation | None:
-    """Return the start (1,) of a triplet by the one before it: two photos and the water, and the third resected."""
+def _near(before: TripletModel) -> Orientation:
+    """Return the start (1,) of a triplet by the one before it, whose flight goes on as it went."""
     at = before.oriented.at
     base = at.station[2] - at.station[1]
     length = float(np.linalg.norm(base))
@@ -82,6 +82,9 @@ def _near(before: TripletModel, part: Sights) -> Orientation | None:
     turn = along_axes(M @ base / length).T @ M
     move = Similarity(scale=1.0 / length, rotation=turn, shift=-turn @ at.station[1] / length)
     three = orientation_in(before.oriented, move)
-    pair = replace(three, attitude=three.attitude[:, 1:], station=three.station[:, 1:])
-    near = with_third(part, pair)
-    return near if len(near.level) else None
+    new = 2.0 * three.station[:, 2] - three.station[:, 1]
+    return replace(
+        three,
+        attitude=np.concatenate([three.attitude[:, 1:], three.attitude[:, 2:]], axis=1),
+        station=np.concatenate([three.station[:, 1:], new[:, None]], axis=1),
+    )

@@ -23,11 +23,7 @@ _LEAST_ERROR = 1e-7  # of an image (tangent)
 
 def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
     """Return starts (s,): the pair of photos 1 and 2 for air, and photo 3 by resection from its apparent points."""
-    return with_third(sights, independent_starts(sights, plane, base))
-
-
-def with_third(sights: Sights, pair: Orientation) -> Orientation:
-    """Return orientations (s,) of two photos with the third, resected from their apparent points."""
+    pair = independent_starts(sights, plane, base)
     _, images = sights.common((0, 1, 2))
     models = pair.attitude.reshape(len(pair.level), -1)
     _, first, model = np.unique(models, axis=0, return_index=True, return_inverse=True)

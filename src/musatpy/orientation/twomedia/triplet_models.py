@@ -86,6 +86,8 @@ class TripletModel:
         attitude = (rows < PLANE) & (rows % 2 == 0)
         cases = ((attitude, moved_attitudes), (rows == PLANE, moved_planes))
         for kind, moved in (*cases, (~attitude & (rows != PLANE), moved_places)):
+            if not kind.any():
+                continue
             part = moved(move, self.value[rows[kind]])
             value[kind], by_old[kind], by_change[kind] = part.value, part.by_old, part.by_change
         return Moved(value=value, by_old=by_old, by_change=by_change)

@@ -1,0 +1,268 @@
+"""Strips through water: truth without errors, joins, errors to first order, control, order of the photos."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from musatpy.arrays import FloatArray
+from musatpy.geometry.rotations import turn
+from musatpy.geometry.similarity import Similarity, fit, small
+from musatpy.model.orientation import PlaneTreatment
+from musatpy.orientation.twomedia import joins, moved
+from musatpy.orientation.twomedia.oriented import OrientationError, Verdict
+from musatpy.orientation.twomedia.sights import Plane, Sights
+from musatpy.orientation.twomedia.strip import Strip, orient_strip
+from musatpy.orientation.twomedia.strip_order import strip_order
+from musatpy.orientation.twomedia.strip_triplets import triplets
+from orientation.twomedia.geometries import Scene
+from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights, strip_truth
+
+LEVEL = Plane(treatment=PlaneTreatment.LEVEL)
+
+
+def known(true: Scene) -> Plane:
+    return Plane(treatment=PlaneTreatment.KNOWN, level=true.d)
+
+
+def elements(strip: Strip) -> FloatArray:
+    """Return all that a strip says of its photos, planes and points."""
+    at = strip.orientation()
+    return np.concatenate([at.attitude.ravel(), at.station.ravel(), strip.planes().ravel(), strip.points().ravel()])
+
+
+def variances(strip: Strip) -> FloatArray:
+    """Return their variances for unit weight."""
+    parts = (*strip.photo_covariance(), strip.plane_covariance(), strip.point_covariance())
+    return np.concatenate([np.diagonal(part, axis1=1, axis2=2).ravel() for part in parts])
+
+
+@pytest.mark.parametrize(
+    ("what", "x"),
+    [
+        (moved.moved_places, [[0.3, -2.0, 1.0], [5.0, 0.1, -0.7]]),
+        (moved.moved_attitudes, [[0.1, -0.2, 0.4], [-0.3, 0.05, 2.0]]),
+        (moved.moved_planes, [[0.1, 0.05, -2.0], [-0.2, 0.1, 0.3]]),
+    ],
+)
+def test_partials_of_what_a_similarity_moves(what: object, x: list[list[float]]) -> None:
+    move = Similarity(scale=1.3, rotation=turn(np.array([0.1, -0.2, 0.5])), shift=np.array([1.0, -2.0, 0.5]))
+    assert callable(what)
+    values, h = np.array(x), 1e-6
+    there = what(move, values)
+    for axis, step in enumerate(h * np.eye(3)):
+        by = (what(move, values + step).value - what(move, values - step).value) / (2 * h)
+        np.testing.assert_allclose(there.by_old[..., axis], by, atol=1e-8)  # cancellation over 2 h
+    for axis, step in enumerate(h * np.eye(7)):
+        by = (what(small(step).after(move), values).value - what(small(-step).after(move), values).value) / (2 * h)
+        np.testing.assert_allclose(there.by_change[..., axis], by, atol=1e-8)
+
+
+def test_a_change_of_a_similarity_and_back() -> None:
+    change = np.array([0.01, 0.2, -0.3, 0.1, 4.0, -5.0, 6.0])
+    np.testing.assert_allclose(small(change).change, change, rtol=1e-13)
+
+
+def test_a_moved_plane_holds_the_moved_points() -> None:
+    move = Similarity(scale=2.0, rotation=turn(np.array([0.1, -0.2, 0.5])), shift=np.array([1.0, -2.0, 0.5]))
+    x = np.array([[1.0, 2.0, 0.0], [3.0, -1.0, 0.0], [-4.0, 0.5, 0.0]])
+    x[:, 2] = 0.7 + x[:, :2] @ [0.1, -0.05]
+    plane = moved.moved_planes(move, np.array([[0.1, -0.05, 0.7]])).value[0]
+    there = move.apply(x)
+    np.testing.assert_allclose(there[:, 2], plane[2] + there[:, :2] @ plane[:2], rtol=1e-14)
+
+
+def test_errors_of_a_triplet_are_those_of_its_adjustment() -> None:
+    """Covariances by partials of each image against those of the normals; changes of images against them."""
+    sights, _ = strip_sights(strip_scene("lab", 3, 30))
+    model = next(triplets(sights, [Plane()]))
+    rows = np.arange(len(model.value))
+    J = model.influence(rows)
+    covariance = (J * model.variance) @ np.swapaxes(J, 1, 2)
+    oriented = model.oriented
+    elements = oriented.sigma[:18].reshape(6, 3)
+    np.testing.assert_allclose(
+        np.sqrt(np.diagonal(covariance[:6], axis1=1, axis2=2)), elements, rtol=1e-6, atol=1e-12
+    )
+    np.testing.assert_allclose(covariance[7:], oriented.point_covariance()[model.points], rtol=1e-6)
+    errors = 1e-7 * np.random.default_rng(1).normal(size=sights.image.shape)
+    after = next(triplets(replace(sights, image=sights.image + errors), [Plane()]))
+    change = (J @ errors.ravel()[: J.shape[2]]).reshape(-1, 3)
+    assert np.abs(after.value - model.value - change).max() < 1e-4 * np.abs(change).max()  # of second order
+
+
+def test_errors_of_a_join() -> None:
+    sights, _ = strip_sights(strip_scene("lab", 4, 30))
+    before = joins.joined(*triplets(sights, [Plane()] * 2))
+    errors = 1e-7 * np.random.default_rng(1).normal(size=sights.image.shape)
+    after = joins.joined(*triplets(replace(sights, image=sights.image + errors), [Plane()] * 2))
+    told = before.by_image @ errors.ravel()[before.column :][: before.by_image.shape[1]]
+    change = after.move.after(before.move.inverse()).change
+    assert np.abs(change - told).max() < 2e-3 * np.abs(told).max()  # the weights change with the triplets
+    np.testing.assert_allclose(before.residual, 0.0, atol=1e-12)
+
+
+def test_a_wrong_point_is_left_out_of_a_join() -> None:
+    sights, _ = strip_sights(strip_scene("lab", 4, 30), noise=1.0)
+    first, second = triplets(sights, [Plane()] * 2)
+    common = np.intersect1d(first.points, second.points)
+    wrong = int(np.searchsorted(second.points, common[4]))
+    second.value[7 + wrong] += [0.0, 0.05, 0.0]
+    join = joins.joined(first, second)
+    assert join.points[join.left_out].tolist() == [common[4]]
+    assert 0.7 < join.sigma0 < 1.4
+
+
+@pytest.mark.parametrize("name", ["lab", "aerial"])
+@pytest.mark.parametrize("plane", ["model", "free", "level", "known"])
+def test_a_strip_without_errors_is_the_truth(name: str, plane: str) -> None:
+    true = strip_scene(name, 6, 30)
+    sights, rows = strip_sights(true, control=None if plane == "model" else corners(true))
+    strip = orient_strip(sights, {"level": LEVEL, "known": known(true)}.get(plane, Plane()))
+    at, points = strip_truth(true)
+    station, place = strip.orientation().station, strip.points()
+    if plane == "model":
+        move = fit(place, points[rows], np.ones(len(rows)))
+        station, place = move.apply(station), move.apply(place)
+    assert np.abs(station - at.station).max() < 1e-9 * true.kind.H
+    assert np.abs(place - points[rows]).max() < 1e-9 * true.kind.H
+    assert strip.settled and not strip.outliers.any()
+
+
+def waters(true: Scene) -> dict[str, Plane]:
+    tide = Plane(treatment=PlaneTreatment.ADJUST, slope_sigma=3e-4, level=true.d, level_sigma=1e-3)
+    return {"free": Plane(), "level": LEVEL, "known": known(true), "tide": tide}
+
+
+def small_strip() -> tuple[Scene, Sights]:
+    """Return a strip of four photos on four control points with errors of their own."""
+    true = strip_scene("lab", 4, 24)
+    sights, _ = strip_sights(true, control=[*corners(true)[::2], corners(true)[1]])
+    return true, replace(sights, control_sigma=np.full_like(sights.control_sigma, 1e-3))
+
+
+def checked(told: FloatArray, plane: str) -> FloatArray:
+    """Return which elements have an error: a plane that is known has none."""
+    loose = told > 1e-12 * told.max()
+    if plane == "known":
+        loose[24:30] = False
+    return loose
+
+
+@pytest.mark.parametrize(("plane", "common"), [("tide", True), ("known", False)])
+def test_errors_of_a_strip_by_chance(plane: str, common: bool) -> None:
+    true, sights = small_strip()
+    water, tiny = waters(true)[plane], 1e-3
+    strip = orient_strip(sights, water, common_plane=common)
+    draws, total, number = np.random.default_rng(2), 0.0, 16
+    for _ in range(number):
+        drawn = {
+            name: getattr(sights, name) + tiny * sigma * draws.normal(size=sigma.shape)
+            for name, sigma in (("image", sights.image_sigma), ("control", sights.control_sigma))
+        }
+        after = replace(
+            water,
+            level=None if water.level is None else water.level + tiny * (water.level_sigma or 0.0) * draws.normal(),
+            slope=tuple(tiny * (water.slope_sigma or 0.0) * draws.normal(size=2)),
+        )
+        moved = elements(orient_strip(replace(sights, **drawn), after, common_plane=common)) - elements(strip)
+        total = total + np.square(moved / tiny) / number
+    told = variances(strip)
+    loose = checked(told, plane)
+    ratio = np.sqrt(total[loose] / told[loose])
+    assert 0.85 < np.sqrt(np.mean(np.square(ratio))) < 1.15  # 16 draws, of which one moves all elements together
+    assert 0.4 < ratio.min() and ratio.max() < 1.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("plane", "common"), [("free", True), ("tide", True), ("level", False), ("known", False)])
+def test_errors_of_a_strip_against_differences(plane: str, common: bool) -> None:
+    """Each image and each known number moved by itself: variances of all elements, to first order."""
+    true, sights = small_strip()
+    water = waters(true)[plane]
+    strip = orient_strip(sights, water, common_plane=common)
+    h, total = 1e-6, np.zeros(len(elements(strip)))
+
+    def add(changed: Sights, sigma: float, plane: Plane = water) -> None:
+        after = orient_strip(changed, plane, common_plane=common)
+        total[:] += np.square((elements(after) - elements(strip)) / h * sigma)
+
+    for place in np.ndindex(sights.image.shape):
+        image = sights.image.copy()
+        image[place] += h
+        add(replace(sights, image=image), float(sights.image_sigma[place]))
+    for place in np.argwhere(np.isfinite(sights.control)):
+        control = sights.control.copy()
+        control[tuple(place)] += h
+        add(replace(sights, control=control), 1e-3)
+    if plane == "tide":
+        add(sights, 1e-3, replace(water, level=true.d + h))
+        add(sights, 3e-4, replace(water, slope=(h, 0.0)))
+        add(sights, 3e-4, replace(water, slope=(0.0, h)))
+    told = variances(strip)
+    loose = checked(told, plane)
+    np.testing.assert_allclose(np.sqrt(total[loose]), np.sqrt(told[loose]), rtol=0.01)
+
+
+def test_one_plane_for_all_triplets_lowers_the_error_of_height_at_the_end() -> None:
+    """In the axes of the first triplet, 12 photos: sigma of the last station .030 m over planes of their own."""
+    sights, _ = strip_sights(strip_scene("lab", 12), noise=1.0)
+    height = [orient_strip(sights, Plane(), common_plane=common) for common in (True, False)]
+    common, free = (float(np.sqrt(strip.photo_covariance()[1][-1, 2, 2])) for strip in height)
+    assert free == pytest.approx(0.030, abs=0.002) and common == pytest.approx(0.018, abs=0.002)
+
+
+def test_a_plane_from_the_air_is_not_determined() -> None:
+    sights, _ = strip_sights(strip_scene("aerial", 5), noise=1.0)
+    assert orient_strip(sights, Plane()).verdict(0.1)[0] is Verdict.NOT
+    true = strip_scene("lab", 5)
+    assert orient_strip(strip_sights(true, noise=1.0)[0], Plane()).verdict(0.1)[0] is Verdict.DETERMINED
+
+
+def test_wrong_control_and_wrong_images_are_left_out() -> None:
+    true = strip_scene("lab", 6, 30)
+    known = [*corners(true), *range(20, 26)]
+    sights, rows = strip_sights(true, noise=1.0, control=known)
+    control, image = sights.control.copy(), sights.image.copy()
+    control[rows == known[2]] += [0.0, 0.1, 0.0]
+    at = int(np.flatnonzero((np.bincount(sights.point)[sights.point] >= 3) & (sights.photo == 3))[5])
+    image[at, 1] += 2e-3
+    strip = orient_strip(replace(sights, control=control, image=image), LEVEL)
+    out = rows[strip.outliers]
+    assert known[2] in out and rows[sights.point[at]] in out and len(out) <= 3
+    assert np.abs(strip.orientation().station - strip_truth(true)[0].station).max() < 0.02
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_control_that_does_not_hold_a_strip(count: int) -> None:
+    true = strip_scene("lab", 4, 30)
+    sights, _ = strip_sights(true, control=corners(true)[:count])
+    with pytest.raises(OrientationError, match=r"two control points|leave (tilt|heading|scale)"):
+        orient_strip(sights, Plane())
+    if count == 2:  # a level plane holds the tilts
+        assert orient_strip(sights, LEVEL).settled
+
+
+def test_the_order_of_the_photos_is_that_of_their_overlaps() -> None:
+    sights, _ = strip_sights(strip_scene("lab", 9))
+    shuffled = np.array([4, 0, 7, 2, 8, 1, 6, 3, 5])
+    ids = sights.photos[np.argsort(shuffled)]
+    order = strip_order(shuffled[sights.photo], sights.point, ids)
+    assert ids[order].tolist() in (sights.photos.tolist(), sights.photos[::-1].tolist())
+    assert order[0] < order[-1]  # from the end that comes first
+
+
+def test_a_gap_and_a_block_are_named() -> None:
+    sights, _ = strip_sights(strip_scene("lab", 9))
+    left = (sights.photo < 4) | (sights.photo > 6)
+    photo = np.where(sights.photo > 6, sights.photo - 3, sights.photo)
+    with pytest.raises(OrientationError, match=r"a gap: .*P0, P1, P2, P3 \| P7, P8"):
+        strip_order(photo[left], sights.point[left], sights.photos[[0, 1, 2, 3, 7, 8]])
+    X, Y = np.meshgrid(np.arange(60.0), np.arange(30.0))
+    stations = [(x, y) for y in (10.0, 20.0) for x in np.arange(10.0, 60.0, 5.0)]
+    shown = [np.flatnonzero((np.abs(X - x) < 9) & (np.abs(Y - y) < 9)) for x, y in stations]
+    photo = np.repeat(np.arange(len(stations)), [len(points) for points in shown])
+    with pytest.raises(OrientationError, match="a block, or branches, is not for STRIP"):
+        strip_order(photo, np.concatenate(shown), np.array([str(row) for row in range(len(stations))]))
