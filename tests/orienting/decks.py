@@ -9,8 +9,9 @@ import numpy as np
 from musatpy import model
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Sights
-from orientation.twomedia.geometries import Scene, geometry, sights_of, truth_of
+from orientation.twomedia.geometries import KINDS, Scene, geometry, sights_of, truth_of
 from orientation.twomedia.referee import block_of
+from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights, strip_truth
 
 UNITS = {"lab": 100.0, "tank": 100.0, "aerial": 1.0}  # of the deck, in a metre
 
@@ -29,13 +30,35 @@ def deck_block(
     error = np.random.default_rng(seed).normal(size=sights.image.shape) * noise / scene.kind.c
     sights = replace(sights, image=sights.image + error, control=unit * sights.control)
     sights = replace(sights, control_sigma=unit * sights.control_sigma)
-    block = block_of(scene, sights, truth_of(scene)[0])
+    spec = model.OrientationSpec(method=model.OrientationMethod(method), **card)  # type: ignore[arg-type]
+    return _bare(scene, sights, truth_of(scene)[0], spec), scaled(truth_of(scene), unit), scene
+
+
+def strip_block(
+    name: str, photos: int, *, control: bool = True, noise: float = 1.0, seed: int = 1, **card: object
+) -> tuple[model.Block, Scene]:
+    """Return the block of a deck of a strip over level water, errors of `noise` sigmas, and the scene.
+
+    The tide is on it where the plane is KNOWN.
+    """
+    scene, unit = strip_scene(name, photos), UNITS[name]
+    sights, _ = strip_sights(scene, noise, seed, corners(scene) if control else None)
+    sights = replace(sights, control=unit * sights.control, control_sigma=unit * sights.control_sigma)
+    spec = model.OrientationSpec(method=model.OrientationMethod.STRIP, **card)  # type: ignore[arg-type]
+    block = _bare(scene, sights, strip_truth(scene)[0], spec)
+    if spec.plane is model.PlaneTreatment.KNOWN:
+        block = replace(block, photos=replace(block.photos, tide=np.full(photos, unit * scene.d)))
+    return block, scene
+
+
+def _bare(scene: Scene, sights: Sights, start: Orientation, spec: model.OrientationSpec) -> model.Block:
+    """Return a block that says nothing of stations and tides."""
+    block = block_of(scene, sights, start)
     photos = block.photos
     nothing = np.full(photos.position.shape, np.nan)
-    spec = model.OrientationSpec(method=model.OrientationMethod(method), **card)  # type: ignore[arg-type]
-    block = replace(
+    return replace(
         block,
-        titles=(f"{name} {method}".upper(),),
+        titles=(f"{next(name for name in UNITS if KINDS[name] is scene.kind)} {spec.method}".upper(),),
         photos=replace(photos, position=nothing, attitude=nothing, tide=nothing[:, 0]),
         options=replace(
             block.options,
@@ -46,4 +69,3 @@ def deck_block(
         ),
         orientation=spec,
     )
-    return block, scaled(truth_of(scene), unit), scene

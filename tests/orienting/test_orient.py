@@ -134,7 +134,12 @@ BAD: dict[str, tuple[str, int, tuple[tuple[str, str], ...], str]] = {
         "takes 1 different photos, not 2",
     ),
     "no water": ("SINGLE-RAY", 20, ((r"^((?:PLT|CTX).*) B( .*)$", r"\1  \2"),), "no point is flagged submerged"),
-    "known": ("SINGLE-RAY", 20, (("ADJUST  ", "KNOWN   "),), "the plane is KNOWN, and there is no tide of 0"),
+    "known": (
+        "SINGLE-RAY",
+        20,
+        (("ADJUST COMMON", "KNOWN  COMMON"),),
+        "the plane is KNOWN, and there is no tide of 0",
+    ),
     "model": (
         "TRIPLET",
         0,

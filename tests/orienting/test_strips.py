@@ -1,0 +1,130 @@
+"""`musat orient` of strips: decks of laboratories and flights, against their truth and program IIIA."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from json_schema import violations
+from musatpy import model
+from musatpy.cli.main import main as musat
+from musatpy.formats.musat import deck_bytes
+from musatpy.model.tables import taken
+from musatpy.reports import orientation_strip
+from orientation.twomedia.geometries import HOUSE, Scene
+from orienting.decks import UNITS, strip_block
+
+
+def run(folder: Path, block: model.Block, *options: str, command: str = "orient") -> Result:
+    """Return what became of the deck of a block."""
+    deck = folder / "job.crd"
+    deck.write_bytes(deck_bytes(block))
+    return CliRunner().invoke(musat, [command, str(deck), *options])
+
+
+def record(folder: Path) -> dict[str, list[dict[str, object]]]:
+    return dict(json.loads((folder / "job.json").read_text()))
+
+
+def errors(folder: Path, true: Scene, name: str) -> np.ndarray:
+    """Return the errors of the stations over their sigmas."""
+    rows = record(folder)["stations"]
+    station = UNITS[name] * true.stations * HOUSE
+    place = np.array([row["position"] for row in rows], dtype=float)
+    order = [int(str(row["photo"])) for row in rows]
+    return np.asarray((place - station[order]) / np.array([row["position_sigma"] for row in rows], dtype=float))
+
+
+@pytest.mark.parametrize(
+    ("name", "plane", "grade"),
+    [("lab", "ADJUST", "ACCEPTED"), ("lab", "LEVEL", "ACCEPTED"), ("aerial", "KNOWN", "ACCEPTED")],
+)
+def test_a_strip_from_its_deck(name: str, plane: str, grade: str, tmp_path: Path) -> None:
+    block, true = strip_block(name, 8, plane=model.PlaneTreatment(plane))
+    result = run(tmp_path, block, "--punch", "--csv")
+    assert result.exit_code == 0 and f"job.crd: {grade}, STRIP of 8 photos" in result.output
+    values, schema = record(tmp_path), orientation_strip.schema()
+    assert not list(violations(values, schema, schema))
+    assert np.abs(errors(tmp_path, true, name)).max() < 4.0  # of 24 that depend on each other
+    away = np.array([row["sigmas"] for row in values["against_iiia"]], dtype=float)
+    assert 1e-6 < np.abs(away).max() < 3.0
+    listing = (tmp_path / "job.lst").read_text()
+    assert max(map(len, listing.splitlines())) <= 132
+    assert all(
+        title in listing for title in ("Joins Of The Triplets", "Control Of The Strip", "The Strip Less IIIA")
+    )
+    assert len((tmp_path / "job_tables/joins_of_the_triplets.csv").read_text().splitlines()) == 6
+
+
+def test_what_a_strip_punches_iiia_starts_from(tmp_path: Path) -> None:
+    run(tmp_path, strip_block("lab", 6)[0], "--punch")
+    adjusted = tmp_path / "adjusted.crd"
+    adjusted.write_bytes((tmp_path / "job.pun").read_bytes())
+    result = CliRunner().invoke(musat, ["run", str(adjusted)])
+    assert result.exit_code == 0 and re.search(r"ACCEPTED, .* [2-5] iterations", result.output)
+
+
+def test_a_strip_without_control_is_a_model(tmp_path: Path) -> None:
+    result = run(tmp_path, strip_block("lab", 6, control=False)[0])
+    assert result.exit_code == 0 and "ACCEPTED" in result.output
+    values = record(tmp_path)
+    assert dict(values["job"])["system"] == "MODEL" and not values["control"]  # type: ignore[arg-type]
+    assert max(np.abs(row["position"]).max() for row in values["against_iiia"]) < 0.02  # type: ignore[call-overload]
+
+
+def test_a_strip_from_the_air_says_that_it_creeps(tmp_path: Path) -> None:
+    result = run(tmp_path, strip_block("aerial", 8)[0])
+    text = " ".join(result.output.split())
+    assert result.exit_code == 0 and "DOUBTFUL" in text
+    creep = re.search(r"scale and height creep along the strip, by ([0-9.]+) % and ([0-9.]+) ", text)
+    assert creep and 0.02 < float(creep[1]) < 0.5 and 2.0 < float(creep[2]) < 20.0
+    assert run(tmp_path, strip_block("aerial", 8)[0], "--strict").exit_code == 4
+
+
+def test_photos_of_a_strip_in_any_order(tmp_path: Path) -> None:
+    block, true = strip_block("lab", 7)
+    shuffled = np.array([3, 0, 5, 6, 2, 1, 4])
+    plates = replace(block.plates, photo=np.argsort(shuffled)[block.plates.photo])
+    photos = replace(block.photos, ids=block.photos.ids[shuffled])
+    assert run(tmp_path, replace(block, photos=photos, plates=plates)).exit_code == 0
+    order = [row["photo"] for row in record(tmp_path)["stations"]]
+    assert order == [str(photo) for photo in range(7)]
+    assert np.abs(errors(tmp_path, true, "lab")).max() < 4.0
+
+
+def test_the_picture_and_the_study_of_a_strip(tmp_path: Path) -> None:
+    assert run(tmp_path, strip_block("lab", 5)[0], "--study").exit_code == 0
+    assert (tmp_path / "job.strip.png").read_bytes().startswith(b"\x89PNG")
+    assert "Method TRIPLET" in (tmp_path / "job.study.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("photos", "card", "message"),
+    [
+        (3, {}, "STRIP takes 4 photos at least, not 3: TRIPLET takes 3"),
+        (5, {"first": "1", "second": "2", "third": "3"}, "STRIP takes all photos that have images"),
+        (5, {"plane": model.PlaneTreatment.LEVEL}, "no plane of water is known in the axes of a model"),
+    ],
+)
+def test_cards_that_no_strip_can_have(photos: int, card: dict[str, object], message: str, tmp_path: Path) -> None:
+    result = run(tmp_path, strip_block("lab", photos, control=False, **card)[0])
+    assert result.exit_code == 1 and message in " ".join(result.output.split())
+
+
+def test_a_gap_is_refused_in_words(tmp_path: Path) -> None:
+    block, _ = strip_block("lab", 8)
+    without = block.plates.photo != 3
+    plates = replace(
+        block.plates,
+        **{
+            name: getattr(block.plates, name)[without] for name in ("photo", "point", "xy", "sigma", "triangulated")
+        },
+    )
+    result = run(tmp_path, replace(block, plates=plates))
+    assert result.exit_code == 1 and "three photos on end need 5 points that all of them show" in result.output
