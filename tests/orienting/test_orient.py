@@ -18,6 +18,7 @@ from musatpy import model
 from musatpy.cli.main import main as musat
 from musatpy.formats.musat import deck_bytes
 from musatpy.model import Block
+from musatpy.model.tables import taken
 from musatpy.orienting.answer import answer_of
 from musatpy.reports import orientation
 from orienting.decks import deck_block
@@ -144,6 +145,26 @@ BAD: dict[str, tuple[str, int, tuple[tuple[str, str], ...], str]] = {
     "not a method": ("SINGLE-RAY", 20, (("SINGLE-RAY  ", "DOUBLE-RAY  "),), "cols 5-20"),
     "limit": ("SINGLE-RAY", 20, ((r" \.100", " -.10"),), "must be greater than zero"),
 }
+
+
+UNSHARED = {
+    "pair": ("PAIR-INDEPENDENT", 0, 2, "no point can be used: only one of the photos shows it"),
+    "control": ("COMBINED", 20, 2, "COMBINED: points that photos 0, 1 all show: 0; 5 are needed to start from"),
+    "both": ("COMBINED", 5, 2, "10 conditions for 15 unknowns; 5 more are needed: control points, of two"),
+    "triplet": ("TRIPLET", 0, 3, "points that photos 0, 1, 2 all show: 0; 4 are needed to start from"),
+}
+
+
+@pytest.mark.parametrize("case", UNSHARED)
+def test_photos_without_common_points(case: str, tmp_path: Path) -> None:
+    """Each photo shows every second point, or of the triplet all but every third."""
+    method, control, share, message = UNSHARED[case]
+    block, _, _ = deck_block("lab", method, control)
+    shows = block.plates.point % share == block.plates.photo
+    rows = np.flatnonzero(shows != (method == "TRIPLET"))
+    result = orient(written(tmp_path, replace(block, plates=taken(block.plates, rows))))
+    assert result.exit_code == 1, result.output
+    assert message in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -212,7 +212,7 @@ def orient(sights: Sights, method: Method, plane: Plane, base: float = 1.0, equa
     `base` is the length of the first base of a model. Raises `OrientationError` where the sights do not suffice.
     """
     problem = problem_of(sights, method, plane, equal)
-    _require_enough(problem, method)
+    _require_enough(sights, problem, method)
     starts = method.starts(sights, plane, base)
     if not len(starts.level):
         raise OrientationError(f"{method.name}: no solution for air to start from; images or control contradict")
@@ -225,15 +225,19 @@ def orient(sights: Sights, method: Method, plane: Plane, base: float = 1.0, equa
     return _without_outliers(sights, method, plane, equal, starts[order])
 
 
-def _require_enough(problem: Problem, method: Method) -> None:
-    """Raise `OrientationError` where there are fewer conditions than unknowns."""
-    lacking = -redundancy_of(problem)
+def _require_enough(sights: Sights, problem: Problem, method: Method) -> None:
+    """Raise `OrientationError` where conditions are fewer than unknowns, or shared points than a start takes."""
+    faults, lacking = [], -redundancy_of(problem)
     if lacking > 0:
         have = conditions_of(problem)
         what = "points that the photos share" if method.in_model else "control points, of two components at least"
-        raise OrientationError(
-            f"{method.name}: {have} conditions for {have + lacking} unknowns; {lacking} more are needed: {what}"
-        )
+        faults.append(f"{have} conditions for {have + lacking} unknowns; {lacking} more are needed: {what}")
+    shared = len(sights.common(tuple(range(method.photos)))[0])
+    if shared < method.shared:
+        names = ", ".join(sights.photos.tolist())
+        faults.append(f"points that photos {names} all show: {shared}; {method.shared} are needed to start from")
+    if faults:
+        raise OrientationError(f"{method.name}: {'; '.join(faults)}")
 
 
 def _fits(squares: float, redundancy: int) -> bool:
