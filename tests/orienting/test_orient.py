@@ -167,6 +167,49 @@ def test_photos_without_common_points(case: str, tmp_path: Path) -> None:
     assert message in " ".join(result.output.split())
 
 
+@pytest.mark.parametrize(
+    ("plane", "tide", "sigma", "tilt", "message"),
+    [
+        ("ADJUST", -201.5, 0.01, 0.0, "level -201.5, by them alone -199.4"),
+        ("ADJUST", 50.0, 0.5, 0.0, "level 50, by them alone -199.4"),  # over the camera
+        ("KNOWN", 50.0, np.nan, 0.0, "tilt along X 0, by them alone 0.02957"),
+        ("LEVEL", 50.0, np.nan, 0.0, "tilt along Y 0, by them alone 0.02005"),
+        ("ADJUST", np.nan, np.nan, 0.2, "tilt along X 0.2, by them alone 0.02957"),
+    ],
+)
+def test_water_that_contradicts_the_images_is_named(
+    plane: str, tide: float, sigma: float, tilt: float, message: str, tmp_path: Path
+) -> None:
+    """And no points are left out for it. The tilts are .03 and .02, the level has a sigma of .3 cm."""
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 20, plane=model.PlaneTreatment(plane))
+    assert block.water is not None
+    water = replace(block.water, tilt_east=tilt, tilt_north=0.1, tilt_sigma=1e-4) if tilt else block.water
+    photos = replace(block.photos, tide=np.array([tide]), tide_sigma=np.array([sigma]))
+    result = orient(written(tmp_path, replace(block, water=water, photos=photos)))
+    assert result.exit_code == 1, result.output
+    assert "the images contradict the water that is given" in result.output
+    assert message in result.output
+
+
+def test_a_tide_to_start_from_may_be_wrong(tmp_path: Path) -> None:
+    """Without a sigma it binds nothing, be it above the camera."""
+    block, truth, _ = deck_block("lab", "SINGLE-RAY", 20)
+    block = replace(block, photos=replace(block.photos, tide=np.array([50.0])))
+    deck = written(tmp_path, block)
+    assert orient(deck).exit_code == 0
+    station = record(deck)["stations"][0]
+    assert np.abs((station["position"] - truth.station[0, 0]) / station["position_sigma"]).max() < 4.0
+
+
+def test_an_answer_that_most_points_contradict_is_none(tmp_path: Path) -> None:
+    """Images of the points in another order."""
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 20)
+    mixed = np.random.default_rng(1).permutation(20)
+    result = orient(written(tmp_path, replace(block, plates=replace(block.plates, point=mixed))))
+    assert result.exit_code == 1, result.output
+    assert re.search("no orientation fits more than|does not converge|no solution", result.output)
+
+
 @pytest.mark.parametrize("case", BAD)
 def test_bad_decks(case: str, tmp_path: Path) -> None:
     method, control, edits, message = BAD[case]
