@@ -18,6 +18,7 @@ from musatpy import model
 from musatpy.cli.main import main as musat
 from musatpy.formats.musat import deck_bytes
 from musatpy.model import Block
+from musatpy.model.tables import taken
 from musatpy.orienting.answer import answer_of
 from musatpy.reports import orientation
 from orienting.decks import deck_block
@@ -149,6 +150,69 @@ BAD: dict[str, tuple[str, int, tuple[tuple[str, str], ...], str]] = {
     "not a method": ("SINGLE-RAY", 20, (("SINGLE-RAY  ", "DOUBLE-RAY  "),), "cols 5-20"),
     "limit": ("SINGLE-RAY", 20, ((r" \.100", " -.10"),), "must be greater than zero"),
 }
+
+
+UNSHARED = {
+    "pair": ("PAIR-INDEPENDENT", 0, 2, "no point can be used: only one of the photos shows it"),
+    "control": ("COMBINED", 20, 2, "COMBINED: points that photos 0, 1 all show: 0; 5 are needed to start from"),
+    "both": ("COMBINED", 5, 2, "10 conditions for 15 unknowns; 5 more are needed: control points, of two"),
+    "triplet": ("TRIPLET", 0, 3, "points that photos 0, 1, 2 all show: 0; 4 are needed to start from"),
+}
+
+
+@pytest.mark.parametrize("case", UNSHARED)
+def test_photos_without_common_points(case: str, tmp_path: Path) -> None:
+    """Each photo shows every second point, or of the triplet all but every third."""
+    method, control, share, message = UNSHARED[case]
+    block, _, _ = deck_block("lab", method, control)
+    shows = block.plates.point % share == block.plates.photo
+    rows = np.flatnonzero(shows != (method == "TRIPLET"))
+    result = orient(written(tmp_path, replace(block, plates=taken(block.plates, rows))))
+    assert result.exit_code == 1, result.output
+    assert message in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize(
+    ("plane", "tide", "sigma", "tilt", "message"),
+    [
+        ("ADJUST", -201.5, 0.01, 0.0, "level -201.5, by them alone -199.4"),
+        ("ADJUST", 50.0, 0.5, 0.0, "level 50, by them alone -199.4"),  # over the camera
+        ("KNOWN", 50.0, np.nan, 0.0, "tilt along X 0, by them alone 0.02957"),
+        ("LEVEL", 50.0, np.nan, 0.0, "tilt along Y 0, by them alone 0.02005"),
+        ("ADJUST", np.nan, np.nan, 0.2, "tilt along X 0.2, by them alone 0.02957"),
+    ],
+)
+def test_water_that_contradicts_the_images_is_named(
+    plane: str, tide: float, sigma: float, tilt: float, message: str, tmp_path: Path
+) -> None:
+    """And no points are left out for it. The tilts are .03 and .02, the level has a sigma of .3 cm."""
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 20, plane=model.PlaneTreatment(plane))
+    assert block.water is not None
+    water = replace(block.water, tilt_east=tilt, tilt_north=0.1, tilt_sigma=1e-4) if tilt else block.water
+    photos = replace(block.photos, tide=np.array([tide]), tide_sigma=np.array([sigma]))
+    result = orient(written(tmp_path, replace(block, water=water, photos=photos)))
+    assert result.exit_code == 1, result.output
+    assert "the images contradict the water that is given" in result.output
+    assert message in result.output
+
+
+def test_a_tide_to_start_from_may_be_wrong(tmp_path: Path) -> None:
+    """Without a sigma it binds nothing, be it above the camera."""
+    block, truth, _ = deck_block("lab", "SINGLE-RAY", 20)
+    block = replace(block, photos=replace(block.photos, tide=np.array([50.0])))
+    deck = written(tmp_path, block)
+    assert orient(deck).exit_code == 0
+    station = record(deck)["stations"][0]
+    assert np.abs((station["position"] - truth.station[0, 0]) / station["position_sigma"]).max() < 4.0
+
+
+def test_an_answer_that_most_points_contradict_is_none(tmp_path: Path) -> None:
+    """Images of the points in another order."""
+    block, _, _ = deck_block("lab", "SINGLE-RAY", 20)
+    mixed = np.random.default_rng(1).permutation(20)
+    result = orient(written(tmp_path, replace(block, plates=replace(block.plates, point=mixed))))
+    assert result.exit_code == 1, result.output
+    assert re.search("no orientation fits more than|does not converge|no solution", result.output)
 
 
 @pytest.mark.parametrize("case", BAD)

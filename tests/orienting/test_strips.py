@@ -120,11 +120,5 @@ def test_cards_that_no_strip_can_have(photos: int, card: dict[str, object], mess
 def test_a_gap_is_refused_in_words(tmp_path: Path) -> None:
     block, _ = strip_block("lab", 8)
     without = block.plates.photo != 3
-    plates = replace(
-        block.plates,
-        **{
-            name: getattr(block.plates, name)[without] for name in ("photo", "point", "xy", "sigma", "triangulated")
-        },
-    )
-    result = run(tmp_path, replace(block, plates=plates))
+    result = run(tmp_path, replace(block, plates=taken(block.plates, np.flatnonzero(without))))
     assert result.exit_code == 1 and "three photos on end need 5 points that all of them show" in result.output

@@ -106,6 +106,9 @@ def scene_of(block: Block) -> Scene:
         control=control[point],
         control_sigma=control_sigma[point],
     )
+    if not len(point):
+        reasons = ", or ".join(sorted({reason for _, reason in left_out}))
+        raise OrientationError(f"{method.name}: no point can be used: {reasons}")
     if not sights.wet.any():
         raise OrientationError(
             "no point is flagged submerged: musat run orients photos without water (OP2 COMPUTE)"

@@ -170,18 +170,18 @@ def scaled_errors(at: Orientation, true: Scene) -> FloatArray:
     return np.abs(at.vector - truth_of(true).vector[0]) / unit
 
 
-def geometry(name: str, method: str) -> Scene:
-    """Return the geometry of a method, by the names of both."""
+def geometry(name: str, method: str, draw: int = 0) -> Scene:
+    """Return the geometry of a method, by the names of both; `draw` counts others with points of their own."""
     kind = KINDS[name]
     if method.startswith("SINGLE"):
-        return scene(kind, points_of(kind, 11), stations_of(kind, 1), ANGLES[:1])
+        return scene(kind, points_of(kind, 11 + 100 * draw), stations_of(kind, 1), ANGLES[:1])
     if method == "COMBINED":
-        return scene(kind, points_of(kind, 11), stations_of(kind, 2), ANGLES[:2])
+        return scene(kind, points_of(kind, 11 + 100 * draw), stations_of(kind, 2), ANGLES[:2])
     if method == "PAIR-SUCCESSIVE":
-        return scene(kind, points_of(kind, 11), stations_of(kind, 2), ANGLES[:2] * [[0.0], [1.0]])
+        return scene(kind, points_of(kind, 11 + 100 * draw), stations_of(kind, 2), ANGLES[:2] * [[0.0], [1.0]])
     photos = 3 if method == "TRIPLET" else 2
     stations, angles = stations_of(kind, photos), ANGLES[:photos].copy()
     stations[1], angles[0, 1] = (kind.B, 0.0, 0.0), 0.0
     if method == "TRIPLET":
-        return scene(kind, points_of(kind, 13, 30, kind.B / 2, 3), stations, angles)
-    return scene(kind, points_of(kind, 12), stations, angles)
+        return scene(kind, points_of(kind, 13 + 100 * draw, 30, kind.B / 2, 3 + 100 * draw), stations, angles)
+    return scene(kind, points_of(kind, 12 + 100 * draw), stations, angles)

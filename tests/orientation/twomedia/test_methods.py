@@ -75,6 +75,21 @@ def test_the_truth_from_nothing(name, method):
     assert not result.outliers.any()
 
 
+@pytest.mark.parametrize("draws", [2, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [(name, method) for name in KINDS for method in METHODS if name != "aerial" or not method.startswith("PAIR")],
+)
+def test_other_points_give_the_truth_from_nothing(name, method, draws):
+    """In 99 of 100 draws of the points, to 1e-9 of the height and rad, where the plane is determined."""
+    right = 0
+    for draw in range(1, draws + 1):
+        true = geometry(name, method, draw)
+        result = orient(sights_of(true, control_of(METHODS[method])), METHODS[method], Plane(), true.kind.B)
+        right += scaled_errors(result.at, true).max() < 1e-9
+    assert right >= 0.99 * draws
+
+
 def level_1(name: str, method: str, seed: int, count: int = 100) -> Orientation:
     """Return starts off by 5 degrees, a tenth of the height, .05 of the slopes: one standard deviation."""
     at, unknown = truth_of(geometry(name, method)), noise_free(name, method).unknown
@@ -235,6 +250,7 @@ def test_program_iiia_is_the_referee(name, method, control, control_sigma):
 
 def test_verdicts():
     assert oriented("lab", "SINGLE-RAY").verdict()[0] is Verdict.DETERMINED
+    assert oriented("lab", "SINGLE-RAY", PlaneTreatment.LEVEL).verdict()[0] is Verdict.DETERMINED
     assert oriented("lab", "SINGLE-RAY", PlaneTreatment.KNOWN).verdict()[0] is Verdict.HELD
     for method in ("PAIR-INDEPENDENT", "PAIR-SUCCESSIVE", "TRIPLET"):
         assert oriented("aerial", method).verdict()[0] is Verdict.NOT
@@ -365,3 +381,45 @@ def test_points_that_not_all_photos_show_count_where_they_are_seen(method, unsee
     result = orient(replace(sights, **images), METHODS[method], Plane(), true.kind.B)
     assert result.redundancy == redundancy
     assert scaled_errors(result.at, true).max() < 1e-9
+
+
+def test_residuals_and_test_values_of_a_small_error():
+    """Adjusted less measured: an error goes into it by its redundancy number, into the test value by the root."""
+    true, image, axis = geometry("lab", "COMBINED"), 7, 1
+    clean = sights_of(true, 8)
+    error = np.zeros_like(clean.image)
+    error[image, axis] = 0.01 * clean.image_sigma[image, axis]
+    result = orient(replace(clean, image=clean.image + error), METHODS["COMBINED"], Plane())
+    r = result.image_redundancy[image, axis]
+    assert 0.1 < r < 0.9
+    assert result.image_residuals[image, axis] == pytest.approx(-r * error[image, axis], rel=1e-3)
+    assert result.normalised_residuals[image, axis] == pytest.approx(-0.01 * np.sqrt(r), rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["COMBINED", "TRIPLET"])
+def test_misfits_of_good_images_are_1_in_the_mean_square(method):
+    """At the truth; of 20 draws with 50 to 90 conditions each, within four of its standard deviations."""
+    true = geometry("lab", method)
+    squares = []
+    for seed in range(20):
+        problem = problem_of(noisy(sights_of(true, control_of(METHODS[method])), seed), METHODS[method], Plane())
+        squares.append(np.mean(np.square(helmert.misfits(problem, truth_of(true)))))
+    assert np.mean(squares) == pytest.approx(1.0, abs=4.0 * np.std(squares) / np.sqrt(20))
+
+
+@pytest.mark.parametrize("method", ["SINGLE-RAY", "PAIR-SUCCESSIVE"])
+def test_equal_weights_propagate_the_errors_of_the_images(method):
+    """The covariance against that of solutions with each image moved by a tenth of its sigma, one by one."""
+    true = geometry("lab", method)
+    sights = without(sights_of(true, control_of(METHODS[method])), np.arange(20) >= 10)
+    result = orient(sights, METHODS[method], Plane(), true.kind.B, equal=True)
+    changes = []
+    for image, axis in np.ndindex(sights.image.shape):
+        error = np.zeros_like(sights.image)
+        error[image, axis] = 0.1 * sights.image_sigma[image, axis]
+        ends = [
+            adjust(replace(result.problem, image=sights.image + sign * error), truth_of(true)).at.vector[0]
+            for sign in (1.0, -1.0)
+        ]
+        changes.append((ends[0] - ends[1]) / 0.2)
+    np.testing.assert_allclose(result.sigma, np.sqrt(np.sum(np.square(changes), axis=0)), rtol=1e-3, atol=1e-12)

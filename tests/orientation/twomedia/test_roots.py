@@ -123,6 +123,18 @@ def test_reasons_of_rejection(change, reason):
     assert reason in [REASONS[row] for row in np.flatnonzero(impossible)]
 
 
+@pytest.mark.parametrize("rise", [-1.2, 1.2])
+def test_the_same_water_by_other_tides_is_as_possible(rise):
+    """Its level lower by what it rises under the photo; dry points stand .04 m over it, the camera 2 m."""
+    kind = KINDS["lab"]
+    true = scene(kind, dry(kind, points_of(kind, 11), 6), stations_of(kind, 1), ANGLES[:1])
+    at = truth_of(true)
+    problem = problem_of(sights_of(true, 20), METHODS["SINGLE-RAY"], Plane(rise=np.array([rise])))
+    adjusted = adjust(problem, replace(at, level=at.level - rise))
+    assert adjusted.at.level == pytest.approx(at.level - rise, abs=1e-9)
+    assert not rejections(problem, adjusted).any()
+
+
 def test_flags_that_contradict_the_control_are_named():
     """Wet points flagged dry and dry ones wet: nothing fits, and nothing is given."""
     kind = KINDS["lab"]

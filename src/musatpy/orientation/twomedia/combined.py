@@ -13,7 +13,7 @@ from musatpy.geometry.similarity import fit_robust
 from musatpy.orientation.relative import model_points
 from musatpy.orientation.twomedia.conditions import intersection, refracted
 from musatpy.orientation.twomedia.helmert import Group
-from musatpy.orientation.twomedia.pair import independent_starts
+from musatpy.orientation.twomedia.pair import SHARED, independent_starts
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Plane, Sights
 from musatpy.orientation.twomedia.single import lifted, trial_levels
@@ -72,4 +72,4 @@ def groups(sights: Sights) -> tuple[Group, ...]:
     )
 
 
-COMBINED = Method(name="COMBINED", photos=2, groups=groups, unknown=(True,) * 12, starts=starts)
+COMBINED = Method(name="COMBINED", photos=2, groups=groups, unknown=(True,) * 12, starts=starts, shared=SHARED)

@@ -18,7 +18,7 @@ from musatpy.errors import MusatError
 from musatpy.geometry.intersection import nearest_point
 from musatpy.model.orientation import PlaneTreatment
 from musatpy.orientation.twomedia.conditions import refracted
-from musatpy.orientation.twomedia.diagnosis import Direction, free, inflation, weakest
+from musatpy.orientation.twomedia.diagnosis import OF_WATER, Direction, free, inflation, weakest
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits
 from musatpy.orientation.twomedia.outliers import outlying, snooped
 from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
@@ -229,17 +229,72 @@ def orient(
     """Return the orientation of the photos of a method, from no starting values.
 
     What is `near` (1,) is tried first. `base` is the length of the first base of a model. Raises
-    `OrientationError` where the sights do not suffice.
+    `OrientationError` where the sights do not suffice, where most of them fit nothing, and where they contradict
+    what is given of the water.
     """
+    _require_enough(sights, problem_of(sights, method, plane, equal), method)
+    if near is not None and (solution := _oriented_near(sights, method, plane, near, equal)) is not None:
+        return solution
+    try:
+        oriented = _oriented(sights, method, plane, base, equal)
+    except OrientationError:
+        _require_agreement(sights, method, plane, equal, len(sights.points))
+        raise
+    if oriented.outliers.any():
+        _require_agreement(sights, method, plane, equal, int(oriented.outliers.sum()))
+    return oriented
+
+
+def _require_agreement(sights: Sights, method: Method, plane: Plane, equal: bool, outliers: int) -> None:
+    """Raise `OrientationError` where the images fit another plane than the given one, and with fewer outliers.
+
+    That it is another is tested by the difference of both, in the covariances of both, 0 of what is held.
+    """
+    treatment, held = plane.treatment, plane.treatment is PlaneTreatment.KNOWN
+    sigmas = np.array([plane.slope_sigma or 0.0, plane.slope_sigma or 0.0, plane.level_sigma or 0.0])
+    tilted = treatment is not PlaneTreatment.ADJUST
+    given = (sigmas > 0.0) | [tilted, tilted, held]
+    if method.in_model or not given.any():
+        return
+    alone = replace(
+        plane, treatment=PlaneTreatment.ADJUST, slope=(0.0, 0.0), slope_sigma=None, level=None, level_sigma=None
+    )
+    problem = problem_of(sights, method, alone)
+    if redundancy_of(problem) < 0:
+        return
+    try:
+        unaided = _oriented(sights, method, alone, 1.0, equal)
+    except OrientationError:
+        return
+    water = slice(len(problem.unknown) - WATER, len(problem.unknown) - 1)
+    values = np.array([*plane.slope, plane.level or 0.0])
+    difference = (unaided.at.vector[water] - values)[given]
+    covariance = (unaided.covariance[water, water] + np.diag(sigmas**2))[np.ix_(given, given)]
+    square = float(difference @ np.linalg.solve(covariance, difference))
+    if np.count_nonzero(unaided.outliers) < outliers and chdtrc(len(difference), square) < _SIGNIFICANCE:
+        names = np.array(OF_WATER[:3])[given]
+        parts = [
+            f"{name} {value:.4g}, by them alone {other:.4g}"
+            for name, value, other in zip(names, values[given], values[given] + difference, strict=True)
+        ]
+        raise OrientationError(f"{method.name}: the images contradict the water that is given: {'; '.join(parts)}")
+
+
+def _oriented_near(sights: Sights, method: Method, plane: Plane, near: Orientation, equal: bool) -> Oriented | None:
+    """Return the orientation from one start (1,), with few outliers; None where it leads nowhere."""
+    problem = replace(problem_of(sights, method, plane, equal), approach=())
+    if (solution := _fitting(sights, method, problem, near)) is not None:
+        return solution
+    tested = snooped(sights, method, plane, near)
+    if tested is not None and np.mean(tested[0]) < _FEW:
+        with suppress(OrientationError):
+            return _without_outliers(sights, method, plane, equal, tested)
+    return None
+
+
+def _oriented(sights: Sights, method: Method, plane: Plane, base: float, equal: bool) -> Oriented:
+    """Return the orientation by all sights, or by those that are left without outliers."""
     problem = problem_of(sights, method, plane, equal)
-    _require_enough(problem, method)
-    if near is not None:
-        if (solution := _fitting(sights, method, replace(problem, approach=()), near)) is not None:
-            return solution
-        tested = snooped(sights, method, plane, near)
-        if tested is not None and np.mean(tested[0]) < _FEW:
-            with suppress(OrientationError):
-                return _without_outliers(sights, method, plane, equal, tested)
     starts = method.starts(sights, plane, base)
     if not len(starts.level):
         raise OrientationError(f"{method.name}: no solution for air to start from; images or control contradict")
@@ -260,22 +315,26 @@ def settled(
     """
     left = without(sights, outliers)
     problem = problem_of(left, method, plane, equal)
-    _require_enough(problem, method)
+    _require_enough(left, problem, method)
     adjusted = adjust(problem, near)
     if not adjusted.converged[0]:
         raise OrientationError(f"{method.name}: the adjustment does not converge over the plane that is known")
     return _described(left, method, problem, adjusted, outliers)
 
 
-def _require_enough(problem: Problem, method: Method) -> None:
-    """Raise `OrientationError` where there are fewer conditions than unknowns."""
-    lacking = -redundancy_of(problem)
+def _require_enough(sights: Sights, problem: Problem, method: Method) -> None:
+    """Raise `OrientationError` where conditions are fewer than unknowns, or shared points than a start takes."""
+    faults, lacking = [], -redundancy_of(problem)
     if lacking > 0:
         have = conditions_of(problem)
         what = "points that the photos share" if method.in_model else "control points, of two components at least"
-        raise OrientationError(
-            f"{method.name}: {have} conditions for {have + lacking} unknowns; {lacking} more are needed: {what}"
-        )
+        faults.append(f"{have} conditions for {have + lacking} unknowns; {lacking} more are needed: {what}")
+    shared = len(sights.common(tuple(range(method.photos)))[0])
+    if shared < method.shared:
+        names = ", ".join(sights.photos.tolist())
+        faults.append(f"points that photos {names} all show: {shared}; {method.shared} are needed to start from")
+    if faults:
+        raise OrientationError(f"{method.name}: {'; '.join(faults)}")
 
 
 def _fits(squares: float, redundancy: int) -> bool:
@@ -316,6 +375,9 @@ def _without_outliers(
         reasons = [reason for reason, holds in zip(REASONS, rejections(problem, adjusted)[0], strict=True) if holds]
         if reasons:
             raise OrientationError(f"{method.name}: no solution is possible; of the best {', and '.join(reasons)}")
+        out, count = int(outliers.sum()), len(np.unique(sights.point))
+        if 2 * out > count:
+            raise OrientationError(f"{method.name}: no orientation fits more than {count - out} of {count} points")
         if adjusted.converged[0]:
             return _described(left, method, problem, adjusted, outliers)
     raise OrientationError(f"{method.name}: the adjustment does not converge from any start")

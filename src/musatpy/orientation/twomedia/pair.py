@@ -17,6 +17,7 @@ from musatpy.orientation.twomedia.helmert import Group
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Plane, Sights
 
+SHARED = 5  # points of a relative orientation for air
 _SHARES = (0.35, 0.1, 0.7)  # of the way from the highest apparent point to the lowest station: trial levels
 _HIGHEST = 0.9  # quantile of the points that counts as the highest: false ones stand above
 _LEAST_ERROR = 1e-7  # of an image (tangent)
@@ -109,6 +110,7 @@ PAIR_INDEPENDENT = Method(
     groups=intersections,
     unknown=_PHI_KAPPA + _NONE + _ALL + _NONE,
     starts=independent_starts,
+    shared=SHARED,
 )
 PAIR_SUCCESSIVE = Method(
     name="PAIR-SUCCESSIVE",
@@ -116,4 +118,5 @@ PAIR_SUCCESSIVE = Method(
     groups=intersections,
     unknown=_NONE + _NONE + _ALL + (False, True, True),
     starts=successive_starts,
+    shared=SHARED,
 )

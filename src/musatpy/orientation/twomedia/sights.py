@@ -80,7 +80,7 @@ class Method:
 
     groups and starts are made of sights and plane, starts of the base of a model too; `approach` are conditions
     that lead to those of the method from farther away. `unknown` (6 m,) of attitudes and stations; what is not
-    unknown fixes the axes and the scale of the model.
+    unknown fixes the axes and the scale of the model. `shared` points that all photos show are needed to start.
     """
 
     name: str
@@ -89,6 +89,7 @@ class Method:
     unknown: tuple[bool, ...]
     starts: Callable[[Sights, Plane, float], Orientation]
     approach: Callable[[Sights], tuple[Group, ...]] | None = None
+    shared: int = 0
 
     @property
     def in_model(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.model.orientation import PlaneTreatment
 from musatpy.orientation.resection import resections
 from musatpy.orientation.twomedia.conditions import fermat, refracted
 from musatpy.orientation.twomedia.helmert import Group
@@ -53,11 +54,14 @@ def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
 
 
 def trial_levels(control: FloatArray, wet: BoolArray, plane: Plane) -> list[float]:
-    """Return levels of the water over control (k, 3): the given one, or some over the highest wet point."""
-    if plane.level is not None or not wet.any():
-        return [plane.level or float(control[:, 2].min())]
+    """Return levels of the water over control (k, 3): the given one, and unless it holds some over wet points."""
+    given = [] if plane.level is None else [plane.level]
+    if not wet.any():
+        return given or [float(control[:, 2].min())]
+    if given and (plane.treatment is PlaneTreatment.KNOWN or plane.level_sigma is not None):
+        return given
     radius = float(np.sqrt(np.mean(np.sum(np.square(control - control.mean(axis=0)), axis=1))))
-    return [float(control[wet, 2].max()) + depth * radius for depth in _DEPTHS]
+    return given + [float(control[wet, 2].max()) + depth * radius for depth in _DEPTHS]
 
 
 def lifted(control: FloatArray, wet: BoolArray, level: float, plane: Plane) -> FloatArray:

@@ -19,6 +19,7 @@ from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Method, Plane, Sights
 
 _LEAST_ERROR = 1e-7  # of an image (tangent)
+_SHARED = 4  # points of the resection of photo 3: three, and one that tells its solutions apart
 
 
 def starts(sights: Sights, plane: Plane, base: float) -> Orientation:
@@ -87,4 +88,5 @@ TRIPLET = Method(
     approach=_coplanarities,
     unknown=PAIR_INDEPENDENT.unknown + (True,) * 6,
     starts=starts,
+    shared=_SHARED,
 )
