@@ -125,7 +125,7 @@ class Adjusted:
 
 def adjust(problem: Problem, starts: Orientation) -> Adjusted:
     """Return the adjusted orientations of starts (s,)."""
-    return _settled(problem, _descended(problem, _approached(problem, starts, None), None))
+    return refined(problem, _descended(problem, _approached(problem, starts, None), None))
 
 
 def sampled(problem: Problem, starts: Orientation, trust: FloatArray) -> Orientation:
@@ -257,8 +257,8 @@ def _descended(
     return Orientation.of(x)
 
 
-def _settled(problem: Problem, near: Orientation) -> Adjusted:
-    """Return the minima that steps at the adjusted values reach, each start for as long as it changes."""
+def refined(problem: Problem, near: Orientation) -> Adjusted:
+    """Return the minima to which steps at the adjusted values lead from starts (s,) near them."""
     x = near.vector.copy()
     plain = _trust(problem, len(x))
     image, control = (values.copy() for values in _measured(problem, len(x)))

@@ -5,24 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.special import chdtrc, chdtri
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import MusatError
-from musatpy.geometry.similarity import Similarity, fit_robust, small
+from musatpy.geometry.similarity import Similarity, fit, small
 from musatpy.orientation.twomedia.moved import Moved
-from musatpy.orientation.twomedia.triplet_models import PLANE, POINTS, TripletModel
+from musatpy.orientation.twomedia.triplet_models import PLANE, POINTS, TripletModel, shared_covariance
 
 FEWEST = 3  # common points of a join
 _PLANE, _POINTS = 2, 3  # rows of a seam: two stations, the plane, then the points
 _STEPS = 10
 _STILL = 1e-10  # of a change of the similarity, in the axes of the triplet before
 _SIGNIFICANCE = 0.001  # of the test of a common point
-_FLOOR = 1e-9  # of a base: the least error of a point
-
-
-_Factor = tuple[FloatArray, bool]
 
 
 class JoinError(MusatError):
@@ -70,6 +66,29 @@ class _Seam:
         there = self.after.moved(move, self.rows_after[kept])
         return self.before.value[self.rows_before[kept]] - there.value, there
 
+    def covariance(self, move: Similarity, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return the covariance (3 k, 3 k) of misfits as of separate images, and what common ones take off it."""
+        rows_before, rows_after = self.rows_before[kept], self.rows_after[kept]
+        by_after = self.after.moved(move, rows_after).by_old
+        alone = shared_covariance(self.after, rows_after, self.after, rows_after)
+        mixed = _times(by_after, shared_covariance(self.after, rows_after, self.before, rows_before))
+        before = shared_covariance(self.before, rows_before, self.before, rows_before)
+        return before + _times(by_after, _times(by_after, alone).T), mixed + mixed.T
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fit:
+    """A similarity by k quantities, its gain (7, 3 k), the weights (3 k, 3 k) of residuals and what their sum is
+    expected to be.
+
+    The weights are W - W G (G' W G)^-1 G' W.
+    """
+
+    move: Similarity
+    gain: FloatArray
+    weight: FloatArray
+    expected: float
+
 
 def joined(before: TripletModel, after: TripletModel) -> Join:
     """Return the join of a triplet to the one before it.
@@ -83,10 +102,10 @@ def joined(before: TripletModel, after: TripletModel) -> Join:
     move = _start(seam)
     limit = float(chdtri(3, _SIGNIFICANCE / len(seam.points)))
     while True:
-        move, gain, factor = _fitted(seam, kept, move)
-        tests = _tests(seam, kept, move, factor)
+        fitted = _fitted(seam, kept, move)
+        move, tests = fitted.move, _tests(seam, kept, fitted)
         if tests.max() <= limit or kept[_POINTS:].sum() <= FEWEST:
-            return _described(seam, kept, move, gain, factor)
+            return _described(seam, kept, fitted)
         kept[_POINTS + int(np.argmax(tests))] = False
 
 
@@ -104,81 +123,87 @@ def _seam(before: TripletModel, after: TripletModel) -> _Seam:
     )
 
 
+def _times(by: FloatArray, values: FloatArray) -> FloatArray:
+    """Return what partials (k, 3, 3) make of values (3 k, c)."""
+    return (by @ values.reshape(len(by), 3, -1)).reshape(values.shape)
+
+
 def _start(seam: _Seam) -> Similarity:
-    """Return the similarity of stations and points that gross errors do not draw."""
+    """Return the similarity of stations and points with equal weights: gross errors draw it, until the tests."""
     places = np.arange(len(seam.rows_before)) != _PLANE
     y, x = seam.before.value[seam.rows_before[places]], seam.after.value[seam.rows_after[places]]
-    return fit_robust(x, y, np.ones(len(x)), _FLOOR)[0]
+    return fit(x, y, np.ones(len(x)))
 
 
-def _fitted(seam: _Seam, kept: BoolArray, move: Similarity) -> tuple[Similarity, FloatArray, _Factor]:
-    """Return the similarity of weighted least squares, its gain (7, 3 k), and the Cholesky factor of the weights.
+def _fitted(seam: _Seam, kept: BoolArray, move: Similarity) -> _Fit:
+    """Return the similarity of weighted least squares.
 
     The triplets hold their axes by their stations, of which one is without error in both: what a change of the
     similarity adds to the covariance makes it regular and changes nothing.
     """
-    size = 3 * int(kept.sum())
-    J = seam.before.influence(seam.rows_before[kept]).reshape(size, -1)
+    V, common = seam.covariance(move, kept)
     _, there = seam.misfit(move, kept)
-    moved = (there.by_old @ seam.after.influence(seam.rows_after[kept])).reshape(size, -1)
-    V = (J * seam.before.variance) @ J.T + (moved * seam.after.variance) @ moved.T
-    G = there.by_change.reshape(size, 7)
-    factor = cho_factor(V + (np.trace(V) / np.sum(np.square(G))) * G @ G.T)
+    G = there.by_change.reshape(-1, 7)
+    W = _inverse(V + (np.trace(V) / np.sum(np.square(G))) * G @ G.T)
     for _ in range(_STEPS):
         misfit, there = seam.misfit(move, kept)
-        G = there.by_change.reshape(size, 7)
-        WG = cho_solve(factor, G)
+        G = there.by_change.reshape(-1, 7)
+        WG = W @ G
         gain = np.asarray(np.linalg.solve(G.T @ WG, WG.T))
         change = np.asarray(gain @ misfit.ravel())
         move = small(change).after(move)
         if np.abs(change).max() < _STILL:
             break
-    return move, gain, factor
+    weight = W - WG @ gain
+    return _Fit(move=move, gain=gain, weight=weight, expected=float(np.sum(weight * (V - common))))
 
 
-def _tests(seam: _Seam, kept: BoolArray, move: Similarity, factor: _Factor) -> FloatArray:
+def _inverse(V: FloatArray) -> FloatArray:
+    """Return the inverse of a positive definite matrix."""
+    factor, fault = dpotrf(V)
+    if fault:
+        raise JoinError("the covariance of their common points is singular")
+    half, _ = dpotri(factor)
+    return np.triu(half) + np.triu(half, 1).T
+
+
+def _tests(seam: _Seam, kept: BoolArray, fitted: _Fit) -> FloatArray:
     """Return the test values (p,) of the points, squares of three components; zero of those that are out.
 
     W r of a point over its covariance, as misfits of one triplet depend on each other (Baarda 1968).
     """
-    misfit, there = seam.misfit(move, kept)
-    size = misfit.size
-    G = there.by_change.reshape(size, 7)
-    W = cho_solve(factor, np.eye(size))
-    WG = W @ G
-    P = W - WG @ np.linalg.solve(G.T @ WG, WG.T)
+    misfit, _ = seam.misfit(fitted.move, kept)
     rows = np.arange(len(misfit))
-    spread = P.reshape(len(misfit), 3, len(misfit), 3)[rows, :, rows]
-    weighted = (W @ misfit.ravel()).reshape(-1, 3)
+    spread = fitted.weight.reshape(len(misfit), 3, len(misfit), 3)[rows, :, rows]
+    weighted = (fitted.weight @ misfit.ravel()).reshape(-1, 3)
     squares = np.zeros(len(kept))
     squares[kept] = np.einsum("ki,kij,kj->k", weighted, np.linalg.pinv(spread, hermitian=True), weighted)
     return squares[_POINTS:]
 
 
-def _described(seam: _Seam, kept: BoolArray, move: Similarity, gain: FloatArray, factor: _Factor) -> Join:
+def _described(seam: _Seam, kept: BoolArray, fitted: _Fit) -> Join:
     """Return the join with what errors of the images, of which both triplets share most, do to it."""
-    misfit, there = seam.misfit(move, np.ones(len(kept), dtype=bool))
+    misfit, there = seam.misfit(fitted.move, np.ones(len(kept), dtype=bool))
     E, variance = _errors(seam, there)
-    by_image = gain @ E[kept].reshape(-1, len(variance))
-    left = E - there.by_change @ by_image
-    used, r = left[kept].reshape(-1, len(variance)), misfit[kept].ravel()
-    expected = float(np.sum(variance * np.sum(used * cho_solve(factor, used), axis=0)))
-    plane = (left[_PLANE] * variance) @ left[_PLANE].T
+    by_image = fitted.gain @ E[kept].reshape(-1, len(variance))
+    r = misfit[kept].ravel()
+    of_plane = E[_PLANE] - there.by_change[_PLANE] @ by_image
+    plane = (of_plane * variance) @ of_plane.T
     test = float(misfit[_PLANE] @ np.linalg.pinv(plane, hermitian=True) @ misfit[_PLANE])
     return Join(
-        move=move,
+        move=fitted.move,
         points=seam.points,
         left_out=~kept[_POINTS:],
         residual=misfit[_POINTS:],
         plane=misfit[_PLANE],
         plane_sigma=np.sqrt(np.diagonal(plane)),
         plane_probability=float(chdtrc(3, test)),
-        sigma0=float(np.sqrt(r @ cho_solve(factor, r) / expected)),
+        sigma0=float(np.sqrt(r @ fitted.weight @ r / fitted.expected)),
         column=seam.before.column,
         by_image=by_image,
         rows_before=seam.rows_before[kept],
         rows_after=seam.rows_after[kept],
-        gain=gain,
+        gain=fitted.gain,
     )
 
 

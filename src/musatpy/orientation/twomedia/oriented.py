@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtrc
@@ -19,7 +20,7 @@ from musatpy.geometry.intersection import nearest_point
 from musatpy.model.orientation import PlaneTreatment
 from musatpy.orientation.twomedia.conditions import refracted
 from musatpy.orientation.twomedia.diagnosis import OF_WATER, Direction, free, inflation, weakest
-from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits
+from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits, refined
 from musatpy.orientation.twomedia.outliers import outlying, snooped
 from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
 from musatpy.orientation.twomedia.rejections import REASONS, rejections
@@ -138,7 +139,7 @@ class Oriented:
             return self.adjusted.at[:0]
         return exact_roots(self.problem, self.adjusted, starts)[1:]
 
-    @property
+    @cached_property
     def points(self) -> FloatArray:
         """(p, 3) control as adjusted, other points where their rays meet, NaN with fewer than two rays."""
         points = np.where(np.isfinite(self.sights.control), self.adjusted.control[0], np.nan)
@@ -282,8 +283,8 @@ def _require_agreement(sights: Sights, method: Method, plane: Plane, equal: bool
 
 def _oriented_near(sights: Sights, method: Method, plane: Plane, near: Orientation, equal: bool) -> Oriented | None:
     """Return the orientation from one start (1,), with few outliers; None where it leads nowhere."""
-    problem = replace(problem_of(sights, method, plane, equal), approach=())
-    if (solution := _fitting(sights, method, problem, near)) is not None:
+    problem = problem_of(sights, method, plane, equal)
+    if (solution := _fitting(sights, method, problem, refined(problem, near))) is not None:
         return solution
     tested = snooped(sights, method, plane, near)
     if tested is not None and np.mean(tested[0]) < _FEW:
@@ -300,7 +301,7 @@ def _oriented(sights: Sights, method: Method, plane: Plane, base: float, equal: 
         raise OrientationError(f"{method.name}: no solution for air to start from; images or control contradict")
     order = np.argsort(np.median(misfits(problem, starts), axis=-1))
     for count in _TRIED:
-        if (solution := _fitting(sights, method, problem, starts[order[:count]])) is not None:
+        if (solution := _fitting(sights, method, problem, adjust(problem, starts[order[:count]]))) is not None:
             return solution
     tested = outlying(sights, method, plane, starts[order])
     return _without_outliers(sights, method, plane, equal, tested)
@@ -316,7 +317,7 @@ def settled(
     left = without(sights, outliers)
     problem = problem_of(left, method, plane, equal)
     _require_enough(left, problem, method)
-    adjusted = adjust(problem, near)
+    adjusted = refined(problem, near)
     if not adjusted.converged[0]:
         raise OrientationError(f"{method.name}: the adjustment does not converge over the plane that is known")
     return _described(left, method, problem, adjusted, outliers)
@@ -347,9 +348,9 @@ def _of_water(directions: list[Direction]) -> bool:
     return any(np.abs(direction.parts[-WATER:-1]).max() > _MOVED for direction in directions)
 
 
-def _fitting(sights: Sights, method: Method, problem: Problem, starts: Orientation) -> Oriented | None:
-    """Return the best solution from starts (s,), None where it does not fit."""
-    best = _best(problem, adjust(problem, starts))
+def _fitting(sights: Sights, method: Method, problem: Problem, adjusted: Adjusted) -> Oriented | None:
+    """Return the best of the solutions, None where it does not fit."""
+    best = _best(problem, adjusted)
     if best is None or not _fits(float(best.squares[0]), redundancy_of(problem)):
         return None
     return _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
@@ -434,9 +435,11 @@ def image_partials(
     problem: Problem, adjusted: Adjusted, rows: IntArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the partials of the images (k, r) of points (k, 3), by the point (k, 2 r, 3) and the orientation."""
-    bundle = image_rays(adjusted.at, problem.photo, adjusted.image, problem.wet, problem.rise)
-    conditions = refracted(bundle[rows], points[None], adjusted.at)
     k, r = rows.shape
+    images = rows.ravel()
+    photo, wet, rise = problem.photo[images], problem.wet[images], problem.rise[images]
+    bundle = image_rays(adjusted.at, photo, adjusted.image[:, images], wet, rise)
+    conditions = refracted(bundle[np.arange(k * r).reshape(k, r)], points[None], adjusted.at)
     by_rays = conditions.by_rays[0]
     by_image = by_rays[..., IMAGE].reshape(k, 2 * r, 2 * r)
     by_unknown = np.zeros((k, 2 * r, len(problem.unknown)))

@@ -8,7 +8,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.intersection import nearest_point
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem
-from musatpy.orientation.twomedia.rays import WATER, image_rays
+from musatpy.orientation.twomedia.rays import WATER, Rays, image_rays
 
 REASONS = (
     "the water passes through a camera or above it",
@@ -25,9 +25,9 @@ _DOUBT = 3.0  # sigmas of the level, by which a point may stand on the wrong sid
 def rejections(problem: Problem, adjusted: Adjusted) -> BoolArray:
     """Return which of the `REASONS` (s, 5) speak against each of the solutions (s,)."""
     at = adjusted.at
-    images, points = _sighted(problem, adjusted)
-    photo, wet, rise = problem.photo[images], problem.wet[images], problem.rise[images]
-    rays = image_rays(at, photo, adjusted.image[:, images], wet, rise)
+    rays = image_rays(at, problem.photo, adjusted.image, problem.wet, problem.rise)
+    images, points = _sighted(problem, adjusted, rays)
+    rays, photo, wet, rise = rays[images], problem.photo[images], problem.wet[images], problem.rise[images]
     gap = points - rays.station
     height = rays.station[..., 2] - at.water_at(rays.station[..., :2]) - rise
     through = height <= _THROUGH * np.linalg.norm(gap, axis=-1)
@@ -44,10 +44,9 @@ def rejections(problem: Problem, adjusted: Adjusted) -> BoolArray:
     return np.stack([reason.any(axis=1) for reason in reasons], axis=1)
 
 
-def _sighted(problem: Problem, adjusted: Adjusted) -> tuple[IntArray, FloatArray]:
+def _sighted(problem: Problem, adjusted: Adjusted, rays: Rays) -> tuple[IntArray, FloatArray]:
     """Return the images (k,) that take part in conditions, and the points (s, k, 3) that they show."""
     images, points = [], []
-    rays = image_rays(adjusted.at, problem.photo, adjusted.image, problem.wet, problem.rise)
     for group in problem.groups:
         if group.control is None:
             place = nearest_point(rays.origin[:, group.images], rays.direction[:, group.images])

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.geometry.similarity import Similarity, small
 from musatpy.orientation.twomedia.joins import Join
-from musatpy.orientation.twomedia.triplet_models import PLANE, TripletModel
+from musatpy.orientation.twomedia.triplet_models import PLANE, TripletModel, overlap
 
 MOVE, STATE = 7, 10  # of the state: the change of the similarity, as in `geometry.similarity.small`, and the plane
 _REACH = 3  # joins before a triplet with which it has images in common
@@ -146,7 +146,7 @@ def _covariance(before: FloatArray, links: list[Link], variance: FloatArray) -> 
     weighted = last.by_image * variance[last.columns]
     shared, transition = np.zeros((STATE, STATE)), np.eye(STATE)
     for link in links[-2::-1]:
-        own, common = _overlap(link.columns, last.columns)
+        own, common = overlap(link.columns, last.columns)
         shared += transition @ link.by_image[:, own] @ weighted[:, common].T
         transition = transition @ link.transition
     mixed = last.transition @ shared
@@ -157,17 +157,10 @@ def _nearby(model: TripletModel, links: list[Link]) -> FloatArray:
     """Return the partials (10, 2 n) of the state after the last link by the images of its triplet."""
     total, transition = np.zeros((STATE, len(model.variance))), np.eye(STATE)
     for link in links[: -_REACH - 2 : -1]:
-        own, common = _overlap(link.columns, model.columns)
+        own, common = overlap(link.columns, model.columns)
         total[:, common] += transition @ link.by_image[:, own]
         transition = transition @ link.transition
     return total
-
-
-def _overlap(first: slice, second: slice) -> tuple[slice, slice]:
-    """Return what two spans of coordinates have in common, as places in each."""
-    start = max(first.start, second.start)
-    stop = max(start, min(first.stop, second.stop))
-    return slice(start - first.start, stop - first.start), slice(start - second.start, stop - second.start)
 
 
 def _corrected(
@@ -184,7 +177,7 @@ def _corrected(
     change = -gain @ (there.value[0] - plane)
     kept = np.eye(STATE) - gain @ M
     by_image = kept @ link.by_image
-    own, common = _overlap(link.columns, model.columns)
+    own, common = overlap(link.columns, model.columns)
     by_image[:, own] -= gain @ local[:, common]
     corrected = Link(transition=kept @ link.transition, by_image=by_image, column=link.column)
     return small(change[:MOVE]).after(move), plane + change[MOVE:], corrected, P - gain @ across.T

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
@@ -54,6 +55,15 @@ class TripletModel:
         by_image[here[own], :, places] += self.own_by_image[point[own], :, coordinate]
         return by_image
 
+    def _by_own(self, rows: IntArray) -> csr_array:
+        """Return the partials (3 r, 2 n) of quantities by their own images, with the orientation as it is."""
+        point = rows - POINTS
+        place = np.repeat(np.maximum(self.own[point], 0), 3, axis=0)
+        values = np.where((point >= 0)[:, None, None], self.own_by_image[point], 0.0)
+        size = place.shape[1]
+        ends = np.arange(0, place.size + 1, size)
+        return csr_array((values.ravel(), place.ravel(), ends), shape=(len(place), len(self.variance)))
+
     def _by_vector(self, rows: IntArray, by: FloatArray) -> FloatArray:
         """Return the partials (r, 3, c) of quantities by what moves the vector of the orientation by (22, c)."""
         result = np.empty((len(rows), 3, by.shape[1]))
@@ -91,6 +101,29 @@ class TripletModel:
             part = moved(move, self.value[rows[kind]])
             value[kind], by_old[kind], by_change[kind] = part.value, part.by_old, part.by_change
         return Moved(value=value, by_old=by_old, by_change=by_change)
+
+
+def shared_covariance(
+    first: TripletModel, rows_first: IntArray, second: TripletModel, rows_second: IntArray
+) -> FloatArray:
+    """Return the covariance (3 r, 3 s) of quantities of two triplets by the images that both have."""
+    one, other = overlap(first.columns, second.columns)
+    variance = first.variance[one]
+    weighted, by_image = first.by_image[:, one] * variance, second.by_image[:, other]
+    own, own_other = first._by_own(rows_first)[:, one], second._by_own(rows_second)[:, other]
+    P, Q = (
+        part._by_vector(rows, np.eye(len(part.by_image))).reshape(3 * len(rows), -1)
+        for part, rows in ((first, rows_first), (second, rows_second))
+    )
+    by_first = P @ (weighted @ by_image.T) + own @ (variance * by_image).T
+    return by_first @ Q.T + P @ (own_other @ weighted.T).T + (own.multiply(variance) @ own_other.T).toarray()
+
+
+def overlap(first: slice, second: slice) -> tuple[slice, slice]:
+    """Return what two spans of coordinates have in common, as places in each."""
+    start = max(first.start, second.start)
+    stop = max(start, min(first.stop, second.stop))
+    return slice(start - first.start, stop - first.start), slice(start - second.start, stop - second.start)
 
 
 def triplet_model(oriented: Oriented, first: int, points: IntArray, images: IntArray, start: int) -> TripletModel:
