@@ -11,6 +11,7 @@ from musatpy.errors import MusatError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.cards.spec import Family
 from musatpy.formats.musat import checked_deck, deck_bytes
+from musatpy.orientation.twomedia.oriented import NotConvergedError
 from musatpy.orienting.answer import Answer, answer_of
 from musatpy.orienting.punched import punched
 from musatpy.orienting.scene import NO_CARD
@@ -61,7 +62,9 @@ def orient_deck(
     except ProblemsError as error:
         return _unusable(deck, *error.problems, *checked.problems)
     except MusatError as error:
-        return _unusable(deck, Problem(file=str(deck), message=str(error)), *checked.problems)
+        failed = isinstance(error, NotConvergedError)
+        status = ExitStatus.NOT_CONVERGED if failed else ExitStatus.UNUSABLE
+        return _unusable(deck, Problem(file=str(deck), message=str(error)), *checked.problems, status=status)
     if isinstance(answer, StripAnswer):
         answer = _with_iiia(answer)
         sections, values = orientation_strip.sections_of(answer), orientation_strip.record_of(answer)
@@ -111,5 +114,5 @@ def _studied(answer: Answer | StripAnswer, listing: Path) -> dict[Path, bytes]:
     return {listing.with_suffix(".study.txt"): text.encode()} | drawn
 
 
-def _unusable(deck: Path, *problems: Problem) -> OrientResult:
-    return OrientResult(deck=deck, status=ExitStatus.UNUSABLE, problems=problems, answer=None)
+def _unusable(deck: Path, *problems: Problem, status: ExitStatus = ExitStatus.UNUSABLE) -> OrientResult:
+    return OrientResult(deck=deck, status=status, problems=problems, answer=None)

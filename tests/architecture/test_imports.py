@@ -48,7 +48,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
-    "orient_runs": {"model", "formats", "orienting", "pipeline", "reports", "runs"},
+    "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
     "listings": {"reports", "geometry"},
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {

@@ -22,10 +22,17 @@ def scaled(at: Orientation, unit: float) -> Orientation:
 
 
 def deck_block(
-    name: str, method: str, control: int, *, noise: float = 5e-6, seed: int = 1, **card: object
+    name: str,
+    method: str,
+    control: int,
+    *,
+    noise: float = 5e-6,
+    seed: int = 1,
+    true: Scene | None = None,
+    **card: object,
 ) -> tuple[model.Block, Orientation, Scene]:
     """Return the block of a deck that says nothing of stations and tides, the truth, and the scene."""
-    scene, unit = geometry(name, method), UNITS[name]
+    scene, unit = true or geometry(name, method), UNITS[name]
     sights: Sights = sights_of(scene, control, control_sigma=1e-5 * scene.kind.H)
     error = np.random.default_rng(seed).normal(size=sights.image.shape) * noise / scene.kind.c
     sights = replace(sights, image=sights.image + error, control=unit * sights.control)

@@ -21,6 +21,7 @@ from musatpy.model import Block
 from musatpy.model.tables import taken
 from musatpy.orienting.answer import answer_of
 from musatpy.reports import orientation
+from orientation.twomedia.geometries import KINDS, geometry, scene
 from orienting.decks import deck_block
 from reference.networks import Plan, simulate
 
@@ -213,6 +214,25 @@ def test_an_answer_that_most_points_contradict_is_none(tmp_path: Path) -> None:
     result = orient(written(tmp_path, replace(block, plates=replace(block.plates, point=mixed))))
     assert result.exit_code == 1, result.output
     assert re.search("no orientation fits more than|does not converge|no solution", result.output)
+
+
+@pytest.mark.parametrize(
+    ("method", "control", "status", "message"),
+    [
+        ("SINGLE-RAY", 20, 4, "rejected: nothing determines "),
+        ("PAIR-INDEPENDENT", 0, 3, "from any start: the points lie on a line, about which"),
+    ],
+)
+def test_points_on_a_line_hold_no_photos(
+    method: str, control: int, status: int, message: str, tmp_path: Path
+) -> None:
+    """Photos and water may turn about the line of the control; a pair does not converge."""
+    photos, along = geometry("lab", method), np.linspace(-1.0, 1.0, 20)
+    points = np.stack([0.5 + 0.9 * along, 0.2 + 0.5 * along, 2.8 + 0.2 * along], axis=1)
+    line = scene(KINDS["lab"], points, photos.stations, photos.angles)
+    result = orient(written(tmp_path, deck_block("lab", method, control, true=line)[0]))
+    assert result.exit_code == status, result.output
+    assert message in result.output and (tmp_path / "job.lst").exists() == (status == 4)
 
 
 @pytest.mark.parametrize("case", BAD)

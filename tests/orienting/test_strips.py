@@ -87,6 +87,26 @@ def test_a_strip_from_the_air_says_that_it_creeps(tmp_path: Path) -> None:
     assert run(tmp_path, strip_block("aerial", 8)[0], "--strict").exit_code == 4
 
 
+def test_a_strip_that_fits_much_of_its_control_badly_keeps_it(tmp_path: Path) -> None:
+    """Two of six are too many to be wrong cards."""
+    block, _ = strip_block("lab", 8)
+    away = block.control.position.copy()
+    away[1:3, 2] += 5.0
+    result = run(tmp_path, replace(block, control=replace(block.control, position=away)))
+    ids = block.points.ids[block.control.point]
+    assert "DOUBTFUL" in result.output and "the strip does not fit its control, at " in result.output
+    assert all(str(point) in result.output for point in ids[1:3]) and "left out" not in result.output
+    assert len(record(tmp_path)["control"]) == len(ids)
+
+
+def test_a_strip_whose_known_plane_does_not_settle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("musatpy.orientation.twomedia.strip._PASSES", 2)
+    block, _ = strip_block("lab", 4, plane=model.PlaneTreatment.KNOWN)
+    result = run(tmp_path, block)
+    assert result.exit_code == 3 and "not converged: the plane that is known moves triplets" in result.output
+    assert "*** NOT CONVERGED ***" in (tmp_path / "job.lst").read_text()
+
+
 def test_photos_of_a_strip_in_any_order(tmp_path: Path) -> None:
     block, true = strip_block("lab", 7)
     shuffled = np.array([3, 0, 5, 6, 2, 1, 4])

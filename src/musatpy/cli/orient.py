@@ -47,7 +47,8 @@ def command(
 ) -> None:
     """Orient the photos of each DECK as its ORI card says, and write the listing NAME.lst and the record NAME.json.
 
-    Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 4 an answer is rejected (with
+    Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 3 not
+    converged, 4 an answer is rejected (with
     --strict: or doubtful).
     """
     from musatpy.formats.musat import card_family

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import numerics
 from musatpy.model import Block, OrientationMethod, StripPlane, Weights
-from musatpy.model.verdict import Concern, Reason
+from musatpy.model.verdict import Concern, Grade, Reason
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
 from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
@@ -198,6 +198,10 @@ class Answer(Placement):
                 f"{self.scene.spec.limit:g}); depths and heights are not to be used"
             )
             reasons.append(doubt(Concern.STATION, text))
+        for direction in oriented.free:
+            grade = Grade.REJECTED if direction.moves_photos else Grade.DOUBTFUL
+            text = f"nothing determines {direction.words}: other values fit as well"
+            reasons.append(Reason(grade=grade, concern=Concern.STATION, text=text, section=""))
         if not oriented.redundancy:
             count = len(self.roots.level)
             text = f"no redundancy: nothing checks the images; other exact solutions: {count}"

@@ -12,11 +12,11 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import similarity
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import Solution
-from musatpy.model.verdict import Concern, Reason
+from musatpy.model.verdict import Concern, Grade, Reason
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
 from musatpy.orientation.twomedia.oriented import Verdict
 from musatpy.orientation.twomedia.rays import Orientation
-from musatpy.orientation.twomedia.strip import Strip, control_tests
+from musatpy.orientation.twomedia.strip import Strip, control_limit, control_tests
 from musatpy.orienting.placement import Placement, doubt, left_out, misfit
 
 _SIGNIFICANCE = 0.001  # of the tests of sigma0 and of the planes of two triplets
@@ -227,7 +227,11 @@ class StripAnswer(Placement):
         if self.plane[0] is Verdict.NOT:
             reasons.append(doubt(Concern.STATION, self._creep()))
         if not self.strip.settled:
-            text = f"the plane that is known had not settled in the triplets after {self.strip.passes} passes"
+            text = f"not converged: the plane that is known moves triplets after {self.strip.passes} passes"
+            reasons.append(Reason(grade=Grade.FAILED, concern=Concern.STATION, text=text, section=""))
+        if (tests := np.square(self.control_test)).max(initial=0.0) > control_limit(len(tests)):
+            ids = ", ".join(self.control_ids[tests > control_limit(len(tests))])
+            text = f"the strip does not fit its control, at {ids}: it bends more than its errors say"
             reasons.append(doubt(Concern.STATION, text))
         apart = np.flatnonzero(self.join_probability < _SIGNIFICANCE / max(len(self.strip.joins), 1))
         if len(apart):

@@ -8,11 +8,14 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem
+from musatpy.orientation.twomedia.rays import WATER
 
 OF_PHOTO = ("omega", "phi", "kappa", "X0", "Y0", "Z0")
 OF_WATER = ("tilt along X", "tilt along Y", "level", "index")
+_MOVED = 0.01  # part of a direction, of 1, from which it moves photos or water
 _NAMED = 4  # unknowns of a direction
 _NAMED_SHARE = 0.3  # of the largest part of a direction, for a part to be named
+_ROUNDING = 1e-14  # of the largest eigenvalue, that of the smallest
 _FREE = 1e3  # rad, or heights of the stations over the water: the sigma from which a direction is free
 
 
@@ -23,6 +26,16 @@ class Direction:
     parts: FloatArray
     eigenvalue: float
     words: str
+
+    @property
+    def moves_photos(self) -> bool:
+        """Whether it is not of the water alone."""
+        return bool(np.abs(self.parts[:-WATER]).max() > _MOVED)
+
+    @property
+    def moves_water(self) -> bool:
+        """Whether it moves the plane of water."""
+        return bool(np.abs(self.parts[-WATER:-1]).max() > _MOVED)
 
 
 def inflation(adjusted: Adjusted, unknown: BoolArray) -> FloatArray:
@@ -57,7 +70,9 @@ def free(problem: Problem, adjusted: Adjusted, photos: TextArray, *, priors: boo
         along = along + information
     units = adjusted.at.units[0, problem.unknown]
     N = _normals(adjusted, along, problem.unknown) * np.outer(units, units)
-    return [direction for direction in _directions(N, problem.unknown, photos) if direction.eigenvalue < _FREE**-2]
+    directions = _directions(N, problem.unknown, photos)
+    rounding = _ROUNDING * directions[-1].eigenvalue
+    return [direction for direction in directions if direction.eigenvalue < max(_FREE**-2, rounding)]
 
 
 def _normals(adjusted: Adjusted, along: FloatArray, unknown: BoolArray) -> FloatArray:

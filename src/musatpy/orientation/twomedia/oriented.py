@@ -38,7 +38,7 @@ from musatpy.orientation.twomedia.sights import (
 LIMIT = 0.1  # sigma of the level over the mean depth, up to which the water is determined
 _CHECKED = 1e-6  # redundancy number from which a residual says anything
 _SIGNIFICANCE = 0.001  # of the global test
-_MOVED = 0.01  # part of a free direction, of 1, from which it moves the water
+_LINE = 0.02  # of the extent along a line, up to which that across is none: water bends the images of lines
 _FEW = 0.2  # of the points, up to which those that do not fit draw an adjustment little
 _TRIED = (1, 6)  # starts that are adjusted: at first, and where these do not fit
 
@@ -54,6 +54,10 @@ class Verdict(StrEnum):
 
 class OrientationError(MusatError):
     """Sights that give no orientation, and what is lacking."""
+
+
+class NotConvergedError(OrientationError):
+    """An adjustment that no start leads to an end."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -312,14 +316,14 @@ def settled(
 ) -> Oriented:
     """Return the orientation that is reached from one that is `near` (1,), without the points that are out (p,).
 
-    Nothing is tested or rejected. Raises `OrientationError` where it does not converge.
+    Nothing is tested or rejected. Raises `NotConvergedError`, and `OrientationError` where they do not suffice.
     """
     left = without(sights, outliers)
     problem = problem_of(left, method, plane, equal)
     _require_enough(left, problem, method)
     adjusted = refined(problem, near)
     if not adjusted.converged[0]:
-        raise OrientationError(f"{method.name}: the adjustment does not converge over the plane that is known")
+        raise NotConvergedError(f"{method.name}: the adjustment does not converge over the plane that is known")
     return _described(left, method, problem, adjusted, outliers)
 
 
@@ -345,7 +349,7 @@ def _fits(squares: float, redundancy: int) -> bool:
 
 def _of_water(directions: list[Direction]) -> bool:
     """Return whether any of these directions moves the plane of water."""
-    return any(np.abs(direction.parts[-WATER:-1]).max() > _MOVED for direction in directions)
+    return any(direction.moves_water for direction in directions)
 
 
 def _fitting(sights: Sights, method: Method, problem: Problem, adjusted: Adjusted) -> Oriented | None:
@@ -381,7 +385,19 @@ def _without_outliers(
             raise OrientationError(f"{method.name}: no orientation fits more than {count - out} of {count} points")
         if adjusted.converged[0]:
             return _described(left, method, problem, adjusted, outliers)
-    raise OrientationError(f"{method.name}: the adjustment does not converge from any start")
+    fault = f"{method.name}: the adjustment does not converge from any start"
+    if _in_line(sights, method):
+        fault += ": the points lie on a line, about which photos and water may turn; points off it hold them"
+    raise NotConvergedError(fault)
+
+
+def _in_line(sights: Sights, method: Method) -> bool:
+    """Return whether all points that hold the photos lie on a line: on the ground, or in every photo of a model."""
+    sets = [sights.image[sights.photo == photo] for photo in range(method.photos)]
+    if not method.in_model:
+        sets = [sights.control[np.isfinite(sights.control).all(axis=1)]]
+    extents = [np.linalg.svd(places - places.mean(axis=0), compute_uv=False) for places in sets if len(places)]
+    return all(extent[1] <= _LINE * extent[0] for extent in extents)
 
 
 def _described(

@@ -19,7 +19,7 @@ REASONS = (
 )
 _THROUGH = 1e-3  # of the distance of the points, up to which the water passes through a camera
 _ROUNDING = 1e-13  # of normals scaled to unit diagonal
-_DOUBT = 3.0  # sigmas of the level, by which a point may stand on the wrong side
+_DOUBT = 5.0  # sigmas of the level, by which a point may stand on the wrong side
 
 
 def rejections(problem: Problem, adjusted: Adjusted) -> BoolArray:

@@ -38,6 +38,7 @@ _SETTLED = 1e-8  # of an element, by which the last of them may change it
 _ROUNDS = 6  # of the absolute orientation, with the chain in its axes
 _THERE = 1e-9  # of its size, up to which the last of them may change it
 _SIGNIFICANCE = 0.001  # of the test of a control point
+_FEW = 0.25  # of the control points, up to which those that do not fit are wrong
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -231,7 +232,9 @@ def _oriented(
     if known is None:
         drift = drift_of(ground.chain(start), variance, None)
     else:
-        known, control_points, put, drift = _without_false_control(ground, known, control_points, start, out)
+        out[control_points[control_points >= 0]] = True
+        known, control_points, put, drift = _without_false_control(ground, known, control_points, start)
+        out[control_points[control_points >= 0]] = False
     number = len(sights.photos)
     return Strip(
         sights=sights,
@@ -283,24 +286,31 @@ class _Ground:
 
 
 def _without_false_control(
-    ground: _Ground, known: Known, points: IntArray, start: Similarity, out: BoolArray
+    ground: _Ground, known: Known, points: IntArray, start: Similarity
 ) -> tuple[Known, IntArray, Placed, Drift]:
-    """Return the absolute orientation without the control that does not fit, which is marked in `out` (p,)."""
-    while True:
-        put, drift = ground.placed(known, start)
-        start = drift.moves[0]
+    """Return the absolute orientation without the few control points that do not fit, or with all of them.
+
+    Where many do not fit it is the strip that bends.
+    """
+    count = int((points >= 0).sum())
+    whole = best = (known, points, *ground.placed(known, start))
+    for _ in range(max(int(_FEW * count), 1) + 1):
+        known, points, put, drift = best
         tests = control_tests(known, put, drift)
         worst = int(np.argmax(tests))
-        count = int((points >= 0).sum())
-        if tests[worst] <= float(chdtri(3, _SIGNIFICANCE / max(count, 1))) or count <= 3:
-            return known, points, put, drift
+        if tests[worst] <= control_limit(count):
+            return best
         kept = np.arange(len(tests)) != worst
         try:
-            put, drift = ground.placed(known[kept], start)
+            best = (known[kept], points[kept], *ground.placed(known[kept], drift.moves[0]))
         except OrientationError:
-            return known, points, put, drift
-        out[points[worst]] = True
-        known, points = known[kept], points[kept]
+            break
+    return whole
+
+
+def control_limit(count: int) -> float:
+    """Return the limit of the tests of `count` control points."""
+    return float(chdtri(3, _SIGNIFICANCE / max(count, 1)))
 
 
 def control_tests(known: Known, put: Placed, drift: Drift) -> FloatArray:

@@ -41,7 +41,7 @@ def triplets(
                 near = None if model is None else _near(model)
                 oriented = orient(part, TRIPLET, plane, equal=equal, near=near)
         except OrientationError as error:
-            raise OrientationError(f"STRIP: photos {', '.join(part.photos)}: {error}") from error
+            raise type(error)(f"STRIP: photos {', '.join(part.photos)}: {error}") from error
         left = rows[~oriented.outliers[part.point]]
         model = triplet_model(oriented, first, points, left, int(begin[first]))
         yield model

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
@@ -55,8 +55,10 @@ class TripletModel:
         by_image[here[own], :, places] += self.own_by_image[point[own], :, coordinate]
         return by_image
 
-    def _by_own(self, rows: IntArray) -> csr_array:
-        """Return the partials (3 r, 2 n) of quantities by their own images, with the orientation as it is."""
+    def _by_own(self, rows: IntArray) -> Any:
+        """Return the sparse partials (3 r, 2 n) of quantities by their own images, the orientation held."""
+        from scipy.sparse import csr_array  # it takes long to load, and few orient strips
+
         point = rows - POINTS
         place = np.repeat(np.maximum(self.own[point], 0), 3, axis=0)
         values = np.where((point >= 0)[:, None, None], self.own_by_image[point], 0.0)
