@@ -24,9 +24,11 @@ from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import orient
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of
+from musatpy.orientation.twomedia.strip import orient_strip
 from musatpy.refraction.flat import air_tangent
 from orientation.twomedia.geometries import HOUSE, KINDS, Scene, geometry, points_of, scene, sights_of, truth_of
 from orientation.twomedia.methods import METHODS
+from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights
 
 POINTS = {"SINGLE-RAY": 20, "SINGLE-FERMAT": 20}  # 100 in the others
 CONTROL = {"SINGLE-RAY": 20, "SINGLE-FERMAT": 20, "COMBINED": 8}
@@ -111,7 +113,22 @@ def test_all_end_in_one_minimum(method: str) -> None:
     compared("lab", method)
 
 
+def strip_time(photos: int, control: int) -> float:
+    """Return the processor time a photo of a strip of the laboratory, of 100 points a photo and some control."""
+    true = strip_scene("lab", photos, 100)
+    rows = np.linspace(0, len(true.points) - 1, control, dtype=int)
+    sights, _ = strip_sights(true, 1.0, control=corners(true) + rows.tolist())
+    return timed(lambda: orient_strip(sights, Plane()), 1)[0] / photos
+
+
 def main() -> None:
+    _, _, peer = compared("lab", "TRIPLET")
+    for photos, control in ((50, 0), (200, 0), (200, 100), (1000, 0)):
+        ours = strip_time(photos, control)
+        print(
+            f"lab STRIP of {photos:4} photos, {control + 6:3} control points: {1e3 * ours:4.0f} ms a photo, "
+            f"ratio to a triplet of the peer {peer / ours:3.0f}"
+        )
     for name in KINDS:
         for method in METHODS:
             nothing, ours, peer = compared(name, method)
