@@ -197,6 +197,35 @@ def test_water_that_contradicts_the_images_is_named(
     assert message in result.output
 
 
+@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "COMBINED", "TRIPLET"])
+def test_cameras_of_different_focal_lengths(method: str, tmp_path: Path) -> None:
+    """The second photo again with twice the focal length, images and their sigmas: nothing changes.
+
+    Station cards name the cameras; roughly where the photos stand.
+    """
+    block, truth, _ = deck_block("lab", method, 20 if method == "COMBINED" else 0)
+    block = replace(block, photos=replace(block.photos, position=truth.station[0] + 20.0))
+    cameras, scale = block.cameras, np.where(block.plates.photo == 1, 2.0, 1.0)[:, None]
+    double = model.Cameras(
+        ids=np.array(["CAM", "LONG"]),
+        focal_length=cameras.focal_length * [1.0, 2.0],
+        principal_point=np.repeat(cameras.principal_point, 2, axis=0),
+        format_size=np.repeat(cameras.format_size, 2, axis=0) * 2.0,
+    )
+    plates = replace(block.plates, xy=scale * block.plates.xy, sigma=scale * block.plates.sigma)
+    camera = np.arange(len(block.photos.ids)) == 1
+    mixed = replace(block, cameras=double, plates=plates, photos=replace(block.photos, camera=camera.astype(int)))
+    stations = []
+    for number, each in enumerate((block, mixed)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        deck = written(folder, each)
+        assert orient(deck).exit_code == 0
+        stations.append(record(deck)["stations"])
+    for one, other in zip(*stations, strict=True):
+        assert other["position"] == pytest.approx(one["position"], rel=1e-6, abs=1e-4)  # digits of the plates
+
+
 def test_a_tide_to_start_from_may_be_wrong(tmp_path: Path) -> None:
     """Without a sigma it binds nothing, be it above the camera."""
     block, truth, _ = deck_block("lab", "SINGLE-RAY", 20)

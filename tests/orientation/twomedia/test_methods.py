@@ -360,9 +360,16 @@ def fermat_as_a_ratio(rays: Rays, control: FloatArray, at: Orientation) -> Miscl
     )
 
 
-@pytest.mark.parametrize(("name", "least", "most"), [("lab", 72, 100), ("tank", 98, 100), ("aerial", 0, 12)])
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [
+        pytest.param("lab", 72, 100, marks=pytest.mark.slow),
+        pytest.param("tank", 98, 100, marks=pytest.mark.slow),
+        ("aerial", 0, 12),
+    ],
+)
 def test_18_as_a_ratio_leads_nowhere_from_the_air(name, least, most):
-    """From level 1; measured elsewhere, with another random law: 80, 100 and 0 of 100. (18)' has 58 from the air."""
+    """From level 1, of 100; measured elsewhere with another random law: 80, 100 and 0."""
     problem = replace(noise_free(name, "SINGLE-FERMAT"), approach=())
     ratio = replace(problem, groups=tuple(replace(part, condition=fermat_as_a_ratio) for part in problem.groups))
     starts = level_1(name, "SINGLE-FERMAT", 1)
