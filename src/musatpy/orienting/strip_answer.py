@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import similarity
@@ -19,7 +18,7 @@ from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.strip import Strip, control_limit, control_tests
 from musatpy.orienting.placement import Placement, doubt, left_out, misfit
 
-_SIGNIFICANCE = 0.001  # of the tests of sigma0 and of the planes of two triplets
+_SIGNIFICANCE = 0.001  # of the test of the planes of two triplets
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,8 +74,7 @@ class StripAnswer(Placement):
     @property
     def fits(self) -> bool:
         """Whether sigma0 passes its test."""
-        redundancy = self.strip.redundancy
-        return bool(chdtrc(redundancy, redundancy * self.sigma0**2) > _SIGNIFICANCE)
+        return self.strip.fits
 
     @cached_property
     def plane(self) -> tuple[Verdict, float, int]:

@@ -64,8 +64,6 @@ def free(problem: Problem, adjusted: Adjusted, photos: TextArray, *, priors: boo
     T = adjusted.directions[0]
     information = (T.T * np.square(1.0 / problem.prior)) @ T
     along = adjusted.normals[0] - information
-    if problem.equal:  # conditions of weight 1 as if of the variance that they have in the mean
-        along = along / np.mean([np.square(part.by_values[0]) @ part.variance.T for part in adjusted.linear])
     if priors:
         along = along + information
     units = adjusted.at.units[0, problem.unknown]

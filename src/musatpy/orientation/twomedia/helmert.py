@@ -50,8 +50,8 @@ class Problem:
     (n,); control (c, 3) with sigmas (c, 3), infinite for a component that is not known. unknown (6 m + 4,) of the
     vector of an orientation; `prior` (6 m + 4,) sigmas of its `centre`, infinite for none. bottom (3,) is the
     middle of the points where that is known. `approach` are conditions of the same unknowns that lead there from
-    farther away, where the method has any. `equal`: every condition has weight 1, as printed, in place of (A Q
-    A')^-1.
+    farther away, where the method has any. `equal`: every condition has weight 1 in the estimate, as printed, in
+    place of (A Q A')^-1; what is said of it goes by the latter.
     """
 
     photo: IntArray
@@ -76,8 +76,9 @@ class Linear:
     """Conditions of a group linearised at some values: w + B dx + A v = 0.
 
     misclosure w (s, k, q) of the measured values; by_unknown B (s, k, q, 6 m + 4); by_values A (s, k, q, 2 r + 3)
-    by images and control, of variances (k, 2 r + 3); weight (s, k, q, q). `settling` (s, k, 3, q) moves the
-    components of control that are not known to where they fit, None where all are.
+    by images and control, of variances (k, 2 r + 3); weight (s, k, q, q) by these, and that of the `estimate`, the
+    same or equal ones. `settling` (s, k, 3, q) moves the components of control that are not known to where they
+    fit, None where all are.
     """
 
     misclosure: FloatArray
@@ -85,26 +86,33 @@ class Linear:
     by_values: FloatArray
     variance: FloatArray
     weight: FloatArray
+    estimate: FloatArray
     settling: FloatArray | None
 
     def __getitem__(self, kept: slice) -> Self:
         """Return those of some orientations."""
-        rows = ("misclosure", "by_unknown", "by_values", "weight")
+        rows = ("misclosure", "by_unknown", "by_values", "weight", "estimate")
         settling = None if self.settling is None else self.settling[kept]
         return replace(self, **{name: getattr(self, name)[kept] for name in rows}, settling=settling)
 
     @property
+    def full(self) -> Linear:
+        """The same, with the weights by the variances in the estimate too."""
+        return replace(self, estimate=self.weight)
+
+    @property
     def squares(self) -> FloatArray:
-        """Weighted squares (s, k) of each point."""
-        return np.einsum("skp,skpq,skq->sk", self.misclosure, self.weight, self.misclosure)
+        """Squares (s, k) of each point, in the weights of the estimate."""
+        return np.einsum("skp,skpq,skq->sk", self.misclosure, self.estimate, self.misclosure)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Adjusted:
     """Orientations (s,) after the adjustment.
 
-    squares (s,) v' Q^-1 v with those of the priors; converged (s,); normals (s, u, u) along `directions` (s, 6 m +
-    4, u); adjusted images (s, n, 2) and control (s, c, 3); the conditions of each group at these values.
+    squares (s,) v' Q^-1 v with those of the priors; converged (s,); normals (s, u, u) by the variances, along
+    `directions` (s, 6 m + 4, u); adjusted images (s, n, 2) and control (s, c, 3); the conditions of each group at
+    these values.
     """
 
     at: Orientation
@@ -144,7 +152,7 @@ def misfits(problem: Problem, at: Orientation) -> FloatArray:
     """Return the misclosures (s, k) of all points at the measured values, in their sigmas; infinite if unreal."""
     linear, real = linearised(problem, at, *_measured(problem, len(at.level)))
     squares = [
-        part.squares / part.misclosure.shape[-1] for part in linear
+        part.full.squares / part.misclosure.shape[-1] for part in linear
     ]  # rounding: near a plane through a camera
     points = [np.sqrt(np.where(square >= 0.0, square, np.inf)) for square in squares]
     return np.where(real[:, None], np.concatenate(points, axis=-1), np.inf)
@@ -182,23 +190,21 @@ def _linear(
         off = np.concatenate([off, np.where(known, problem.control[group.control] - points, 0.0)], axis=-1)
         variance = np.concatenate([variance, np.where(known, sigma, 0.0) ** 2], axis=-1)
         free = None if known.all() else conditions.by_control * ~known[:, None]
-    weight, settling = _weights(A, variance, free, problem.equal)
+    weight, settling = _settled(_inverse((A * variance[:, None]) @ np.swapaxes(A, -1, -2)), free)
+    estimate = _settled(np.broadcast_to(np.eye(shape[-1]), weight.shape), free)[0] if problem.equal else weight
     return Linear(
         misclosure=conditions.value + np.einsum("skqv,skv->skq", A, off),
         by_unknown=B,
         by_values=A,
         variance=variance,
         weight=weight,
+        estimate=estimate,
         settling=settling,
     )
 
 
-def _weights(
-    A: FloatArray, variance: FloatArray, free: FloatArray | None, equal: bool
-) -> tuple[FloatArray, FloatArray | None]:
-    """Return (A Q A')^-1, or 1, less what values take away that are not known, of partials `free` (s, k, q, 3)."""
-    spread = (A * variance[:, None]) @ np.swapaxes(A, -1, -2)
-    weight = np.broadcast_to(np.eye(A.shape[-2]), spread.shape) if equal else _inverse(spread)
+def _settled(weight: FloatArray, free: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
+    """Return weights less what values take away that are not known, of partials `free` (s, k, q, 3)."""
     if free is None:
         return weight, None
     against = weight @ free
@@ -283,10 +289,11 @@ def refined(problem: Problem, near: Orientation) -> Adjusted:
             break
     at = Orientation.of(x)
     linear, real = linearised(problem, at, image, control)
-    N, _, T = _normals(problem, at, linear, plain)
+    full = [part.full for part in linear]
+    N, _, T = _normals(problem, at, full, plain)
     return Adjusted(
         at=at,
-        squares=np.where(real, _squares(problem, at, linear, plain), np.inf),
+        squares=np.where(real, _squares(problem, at, full, plain), np.inf),
         converged=converged & real,
         normals=N,
         directions=T,
@@ -338,7 +345,7 @@ def _normals(
     rhs = -np.einsum("sxu,x,sx->su", T, information, at.vector - problem.centre)
     for group, part in zip(problem.groups, linear, strict=True):
         BT = part.by_unknown @ T[:, None]
-        WBT = part.weight @ BT * trust[:, problem.point[group.images[:, 0]], None, None]
+        WBT = part.estimate @ BT * trust[:, problem.point[group.images[:, 0]], None, None]
         s, k, q, u = BT.shape
         flat = WBT.reshape(s, k * q, u)
         N = N + np.swapaxes(BT.reshape(s, k * q, u), -1, -2) @ flat

@@ -18,11 +18,16 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import MusatError
 from musatpy.geometry.intersection import nearest_point
 from musatpy.model.orientation import PlaneTreatment
-from musatpy.orientation.twomedia.conditions import refracted
 from musatpy.orientation.twomedia.diagnosis import OF_WATER, Direction, free, inflation, weakest
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits, refined
 from musatpy.orientation.twomedia.outliers import outlying, snooped
-from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, image_rays
+from musatpy.orientation.twomedia.propagation import (
+    covariance_of,
+    expected_squares,
+    image_partials,
+    redundancy_numbers,
+)
+from musatpy.orientation.twomedia.rays import WATER, Orientation, image_rays
 from musatpy.orientation.twomedia.rejections import REASONS, rejections
 from musatpy.orientation.twomedia.roots import STARTS, exact_roots
 from musatpy.orientation.twomedia.sights import (
@@ -85,12 +90,20 @@ class Oriented:
     @property
     def sigma0(self) -> float:
         """Standard deviation of unit weight, NaN without redundancy."""
-        return float(np.sqrt(self.adjusted.squares[0] / self.redundancy)) if self.redundancy else float("nan")
+        return float(np.sqrt(self.adjusted.squares[0] / self.expected[0])) if self.redundancy else float("nan")
+
+    @cached_property
+    def expected(self) -> tuple[float, float]:
+        """The squares that the sigmas of the images let expect, and their degrees of freedom."""
+        if not self.problem.equal:
+            return float(self.redundancy), float(self.redundancy)
+        return expected_squares(self.problem, self.adjusted)
 
     @property
     def fits(self) -> bool:
         """Whether sigma0 passes its test."""
-        return _fits(float(self.adjusted.squares[0]), self.redundancy)
+        freedom = self.expected[1]
+        return not self.redundancy or bool(chdtrc(freedom, freedom * self.sigma0**2) > _SIGNIFICANCE)
 
     @property
     def sigma(self) -> FloatArray:
@@ -194,7 +207,7 @@ class Oriented:
             return (Verdict.DETERMINED if share <= limit else Verdict.NOT), share
         unaided = replace(self.problem, prior=np.full_like(self.problem.prior, np.inf))
         if not _of_water(free(self.problem, self.adjusted, self.sights.photos, priors=False)):
-            alone = max(self._level_share(_covariance(unaided, self.adjusted)), self._dry_share())
+            alone = max(self._level_share(covariance_of(unaided, self.adjusted)), self._dry_share())
             if alone <= limit:
                 return Verdict.DETERMINED, alone
         return (Verdict.BY_PRIOR if share <= limit else Verdict.NOT), share
@@ -215,8 +228,6 @@ class Oriented:
 
     def _dry_share(self) -> float:
         """Return the share of a sigma at which no water, a whole depth off, would fit as badly as it does."""
-        if self.problem.equal:  # whose squares have no unit
-            return 0.0
         sights = replace(self.sights, wet=np.zeros_like(self.sights.wet))
         dry = problem_of(sights, self.method, Plane(treatment=PlaneTreatment.KNOWN))
         worse = float(adjust(dry, self.adjusted.at).squares[0] - self.adjusted.squares[0])
@@ -342,11 +353,6 @@ def _require_enough(sights: Sights, problem: Problem, method: Method) -> None:
         raise OrientationError(f"{method.name}: {'; '.join(faults)}")
 
 
-def _fits(squares: float, redundancy: int) -> bool:
-    """Return whether weighted squares pass the test of the variance of unit weight."""
-    return redundancy == 0 or bool(chdtrc(redundancy, squares) > _SIGNIFICANCE)
-
-
 def _of_water(directions: list[Direction]) -> bool:
     """Return whether any of these directions moves the plane of water."""
     return any(direction.moves_water for direction in directions)
@@ -355,9 +361,10 @@ def _of_water(directions: list[Direction]) -> bool:
 def _fitting(sights: Sights, method: Method, problem: Problem, adjusted: Adjusted) -> Oriented | None:
     """Return the best of the solutions, None where it does not fit."""
     best = _best(problem, adjusted)
-    if best is None or not _fits(float(best.squares[0]), redundancy_of(problem)):
+    if best is None:
         return None
-    return _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
+    solution = _described(sights, method, problem, best, np.zeros(len(sights.points), dtype=bool))
+    return solution if solution.fits else None
 
 
 def _best(problem: Problem, adjusted: Adjusted) -> Adjusted | None:
@@ -404,7 +411,7 @@ def _described(
     sights: Sights, method: Method, problem: Problem, adjusted: Adjusted, outliers: BoolArray
 ) -> Oriented:
     """Return a solution with its precision and reliability."""
-    covariance = _covariance(problem, adjusted)
+    covariance = covariance_of(problem, adjusted)
     return Oriented(
         sights=sights,
         method=method,
@@ -413,58 +420,5 @@ def _described(
         outliers=outliers,
         redundancy=redundancy_of(problem),
         covariance=covariance,
-        image_redundancy=_image_redundancy(problem, adjusted, covariance),
+        image_redundancy=redundancy_numbers(problem, adjusted),
     )
-
-
-def _covariance(problem: Problem, adjusted: Adjusted) -> FloatArray:
-    """Return the covariance (6 m + 4, 6 m + 4) for unit weight: of equal weights that of what these propagate."""
-    T = adjusted.directions[0]
-    information = np.square(1.0 / problem.prior)
-    N = (T.T * information) @ T
-    spread = N.copy()
-    for part in adjusted.linear:
-        BT = part.by_unknown[0] @ T
-        N += np.einsum("kqu,kqp,kpv->uv", BT, part.weight[0], BT)
-        if problem.equal:
-            A = part.by_values[0]
-            WBT = part.weight[0] @ BT
-            spread += np.einsum("kqu,kqp,kpv->uv", WBT, (A * part.variance[:, None]) @ np.swapaxes(A, -1, -2), WBT)
-    inverse = np.linalg.pinv(N, hermitian=True)
-    return np.asarray(T @ (inverse @ spread @ inverse if problem.equal else inverse) @ T.T)
-
-
-def _image_redundancy(problem: Problem, adjusted: Adjusted, covariance: FloatArray) -> FloatArray:
-    """Return the redundancy numbers (n, 2): the diagonal of Q A' (W - W B C B' W) A."""
-    redundancy = np.full(problem.image.shape, np.nan)
-    for group, part in zip(problem.groups, adjusted.linear, strict=True):
-        A, W, B = part.by_values[0], part.weight[0], part.by_unknown[0]
-        WB = W @ B
-        K = W - WB @ covariance @ np.swapaxes(WB, -1, -2)
-        share = part.variance * np.einsum("kqv,kqp,kpv->kv", A, K, A)
-        k, r = group.images.shape
-        redundancy[group.images] = share[:, : 2 * r].reshape(k, r, 2)
-    return redundancy
-
-
-def image_partials(
-    problem: Problem, adjusted: Adjusted, rows: IntArray, points: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the partials of the images (k, r) of points (k, 3), by the point (k, 2 r, 3) and the orientation."""
-    k, r = rows.shape
-    images = rows.ravel()
-    photo, wet, rise = problem.photo[images], problem.wet[images], problem.rise[images]
-    bundle = image_rays(adjusted.at, photo, adjusted.image[:, images], wet, rise)
-    conditions = refracted(bundle[np.arange(k * r).reshape(k, r)], points[None], adjusted.at)
-    by_rays = conditions.by_rays[0]
-    by_image = by_rays[..., IMAGE].reshape(k, 2 * r, 2 * r)
-    by_unknown = np.zeros((k, 2 * r, len(problem.unknown)))
-    for ray in range(r):
-        columns = PHOTO * problem.photo[rows[:, ray], None, None] + np.arange(PHOTO)
-        values = np.take_along_axis(by_unknown, np.broadcast_to(columns, (k, 2 * r, PHOTO)), axis=-1)
-        np.put_along_axis(
-            by_unknown, np.broadcast_to(columns, (k, 2 * r, PHOTO)), values + by_rays[:, :, ray, :PHOTO], axis=-1
-        )
-        by_unknown[..., -WATER:] += by_rays[:, :, ray, PHOTO : PHOTO + WATER]
-    inverse = -np.linalg.inv(by_image)
-    return inverse @ conditions.by_control[0], inverse @ by_unknown

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity, small
@@ -37,7 +37,7 @@ _PASSES = 12  # of triplets over a plane, or tides, that come from the strip
 _SETTLED = 1e-8  # of an element, by which the last of them may change it
 _ROUNDS = 6  # of the absolute orientation, with the chain in its axes
 _THERE = 1e-9  # of its size, up to which the last of them may change it
-_SIGNIFICANCE = 0.001  # of the test of a control point
+_SIGNIFICANCE = 0.001  # of the tests of sigma0 and of a control point
 _FEW = 0.25  # of the control points, up to which those that do not fit are wrong
 
 
@@ -80,7 +80,19 @@ class Strip:
     def sigma0(self) -> float:
         """Standard deviation of unit weight of the images, of all triplets."""
         squares = sum(float(model.oriented.adjusted.squares[0]) for model in self.models)
-        return float(np.sqrt(squares / self.redundancy))
+        return float(np.sqrt(squares / self._expected[:, 0].sum()))
+
+    @property
+    def fits(self) -> bool:
+        """Whether sigma0 passes its test."""
+        mean, freedom = self._expected[self._expected[:, 1] > 0.0].T
+        total = float(mean.sum() ** 2 / np.sum(mean**2 / freedom))
+        return bool(chdtrc(total, total * self.sigma0**2) > _SIGNIFICANCE)
+
+    @property
+    def _expected(self) -> FloatArray:
+        """(m - 2, 2) squares of the triplets to be expected, and their degrees of freedom."""
+        return np.array([model.oriented.expected for model in self.models])
 
     @property
     def outliers(self) -> BoolArray:

@@ -10,7 +10,8 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
 from musatpy.orientation.twomedia.moved import Moved, moved_attitudes, moved_places, moved_planes
-from musatpy.orientation.twomedia.oriented import Oriented, image_partials
+from musatpy.orientation.twomedia.oriented import Oriented
+from musatpy.orientation.twomedia.propagation import gains, image_partials
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
 
 PLANE, POINTS = 6, 7  # rows of the quantities: attitude and station of three photos, the plane, then the points
@@ -166,28 +167,19 @@ def triplet_model(oriented: Oriented, first: int, points: IntArray, images: IntA
 
 def _by_plane(oriented: Oriented) -> FloatArray:
     """Return the partials (22, 3) of an orientation by slopes and level of the plane that it holds."""
-    adjusted = oriented.adjusted
-    inverse = _inverse(oriented)
-    by_plane = np.zeros((len(inverse), 3))
-    for part in adjusted.linear:
-        BW = np.swapaxes(part.by_unknown[0], 1, 2) @ part.weight[0]
-        by_plane -= inverse @ np.sum(BW @ part.by_unknown[0][..., -WATER:-1], axis=0)
+    by_plane = np.zeros((len(oriented.problem.unknown), 3))
+    for gain, part in zip(gains(oriented.problem, oriented.adjusted), oriented.adjusted.linear, strict=True):
+        by_plane -= np.sum(gain @ part.by_unknown[0][..., -WATER:-1], axis=0)
     by_plane[-WATER:-1] = np.eye(3)
     return by_plane
 
 
-def _inverse(oriented: Oriented) -> FloatArray:
-    """Return the inverse (22, 22) of the normals of an orientation."""
-    T = oriented.adjusted.directions[0]
-    return np.asarray(T @ np.linalg.pinv(oriented.adjusted.normals[0], hermitian=True) @ T.T)
-
-
 def _by_image(oriented: Oriented, column: IntArray, width: int) -> FloatArray:
-    """Return the partials (22, 2 n) of an orientation by errors of its images: -N^-1 B' W A."""
-    inverse = _inverse(oriented)
-    by_image = np.zeros((len(inverse), width))
-    for group, part in zip(oriented.problem.groups, oriented.adjusted.linear, strict=True):
-        carried = -inverse @ (np.swapaxes(part.by_unknown[0], 1, 2) @ part.weight[0] @ part.by_values[0])
+    """Return the partials (22, 2 n) of an orientation by errors of its images."""
+    problem, adjusted = oriented.problem, oriented.adjusted
+    by_image = np.zeros((len(problem.unknown), width))
+    for group, part, gain in zip(problem.groups, adjusted.linear, gains(problem, adjusted), strict=True):
+        carried = -gain @ part.by_values[0]
         place = (column[group.images][..., None] + np.arange(2)).reshape(len(group.images), -1)
         np.add.at(by_image.T, place, np.swapaxes(carried[..., : place.shape[1]], 1, 2))
     return by_image

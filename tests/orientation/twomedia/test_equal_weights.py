@@ -1,0 +1,72 @@
+"""EQUAL weights as printed: what is said of the estimate goes by the sigmas of the images all the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from musatpy.orientation.twomedia.helmert import adjust
+from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
+from musatpy.orientation.twomedia.propagation import expected_squares
+from musatpy.orientation.twomedia.sights import Plane, Sights, without
+from orientation.twomedia.geometries import geometry, sights_of, truth_of
+from orientation.twomedia.methods import METHODS, control_of
+
+
+def noisy(method: str, seed: int = 1) -> Sights:
+    """Return the sights of a method in the laboratory, with errors of one sigma."""
+    sights = sights_of(geometry("lab", method), control_of(METHODS[method]))
+    errors = np.random.default_rng(seed).normal(size=sights.image.shape) * sights.image_sigma
+    return replace(sights, image=sights.image + errors)
+
+
+def oriented(method: str, *, equal: bool, seed: int = 1) -> Oriented:
+    """Return the orientation of noisy sights, from nothing."""
+    base = geometry("lab", method).kind.B
+    return orient(noisy(method, seed), METHODS[method], Plane(), base, equal=equal)
+
+
+@pytest.mark.parametrize("method", ["SINGLE-RAY", "PAIR-SUCCESSIVE"])
+def test_equal_weights_propagate_the_errors_of_the_images(method):
+    """The covariance against that of solutions with each image moved by a tenth of its sigma, one by one."""
+    true = geometry("lab", method)
+    sights = without(sights_of(true, control_of(METHODS[method])), np.arange(20) >= 10)
+    result = orient(sights, METHODS[method], Plane(), true.kind.B, equal=True)
+    changes = []
+    for image, axis in np.ndindex(sights.image.shape):
+        error = np.zeros_like(sights.image)
+        error[image, axis] = 0.1 * sights.image_sigma[image, axis]
+        ends = [
+            adjust(replace(result.problem, image=sights.image + sign * error), truth_of(true)).at.vector[0]
+            for sign in (1.0, -1.0)
+        ]
+        changes.append((ends[0] - ends[1]) / 0.2)
+    np.testing.assert_allclose(result.sigma, np.sqrt(np.sum(np.square(changes), axis=0)), rtol=1e-3, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_no_weights_are_better_than_those_of_the_images(method):
+    """Gauss and Markov: no sigma is smaller, but for solutions that are sigmas apart; and all is said of them."""
+    equal, full = (oriented(method, equal=weights) for weights in (True, False))
+    assert (equal.sigma >= 0.95 * full.sigma).all() and (equal.sigma < 50.0 * full.sigma + 1e-12).all()
+    assert equal.verdict(np.inf)[0] is full.verdict(np.inf)[0] is Verdict.DETERMINED
+    if not equal.sights.is_control.any():
+        assert np.nansum(equal.image_redundancy) == pytest.approx(equal.redundancy, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_of_full_weights_the_expected_squares_are_the_redundancy(method):
+    result = oriented(method, equal=False)
+    assert expected_squares(result.problem, result.adjusted) == pytest.approx([result.redundancy] * 2, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "TRIPLET", "COMBINED"])
+def test_squares_are_as_large_as_expected(method):
+    """The mean of 60 draws within four of its standard deviations; those of the triplet have 3.7 degrees."""
+    draws = [oriented(method, equal=True, seed=seed) for seed in range(60)]
+    deviation = np.sqrt(2.0 / draws[0].expected[1] / len(draws))
+    assert np.mean([result.sigma0**2 for result in draws]) == pytest.approx(1.0, abs=4.0 * deviation)
+    assert np.mean([result.fits for result in draws]) > 0.95
