@@ -62,6 +62,17 @@ def test_a_strip_from_its_deck(name: str, plane: str, grade: str, tmp_path: Path
     assert len((tmp_path / "job_tables/joins_of_the_triplets.csv").read_text().splitlines()) == 6
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", ["lab", "aerial"])
+def test_a_strip_over_a_known_plane_stays_within_three_sigmas_of_iiia(name: str, seed: int, tmp_path: Path) -> None:
+    """Twelve photos; over an unknown plane one strip in twelve is up to 3.4 away."""
+    block, _ = strip_block(name, 12, seed=seed, plane=model.PlaneTreatment.KNOWN)
+    assert run(tmp_path, block).exit_code == 0
+    away = np.array([row["sigmas"] for row in record(tmp_path)["against_iiia"]], dtype=float)
+    assert 1e-6 < np.abs(away).max() < 3.0
+
+
 def test_what_a_strip_punches_iiia_starts_from(tmp_path: Path) -> None:
     run(tmp_path, strip_block("lab", 6)[0], "--punch")
     adjusted = tmp_path / "adjusted.crd"
