@@ -81,6 +81,19 @@ def test_what_a_strip_punches_iiia_starts_from(tmp_path: Path) -> None:
     assert result.exit_code == 0 and re.search(r"ACCEPTED, .* [2-5] iterations", result.output)
 
 
+def test_a_wrong_image_is_named_whatever_the_order_of_the_names(tmp_path: Path) -> None:
+    block, _ = strip_block("lab", 6)
+    plates, ids = block.plates, block.points.ids[::-1]
+    image = int(np.flatnonzero((plates.photo == 2) & ~np.isin(plates.point, block.control.point))[3])
+    xy = plates.xy.copy()
+    xy[image] += 5.0
+    wrong = replace(block, plates=replace(plates, xy=xy), points=replace(block.points, ids=ids))
+    result = run(tmp_path, wrong)
+    assert f"left out, as they do not fit: {ids[plates.point[image]]}\n" in result.output
+    out = [row["point"] for row in record(tmp_path)["points"] if row["outlier"]]
+    assert out == [ids[plates.point[image]]]
+
+
 def test_a_strip_without_control_is_a_model(tmp_path: Path) -> None:
     result = run(tmp_path, strip_block("lab", 6, control=False)[0])
     assert result.exit_code == 0 and "ACCEPTED" in result.output

@@ -99,8 +99,7 @@ class Strip:
         """(p,) points that a triplet, a join or the control leaves out."""
         out = self.control_out.copy()
         for model in self.models:
-            rows = model.oriented.outliers
-            out[np.searchsorted(self.sights.points, model.oriented.sights.points[rows])] = True
+            out[model.left_out] = True
         for join in self.joins:
             out[join.points[join.left_out]] = True
         return out
