@@ -24,9 +24,9 @@ class TripletModel:
     photos are `first` and the next two; points (k,) rows in the strip, left_out (o,) those of its outliers; value
     (7 + k, 3) attitude and station of each photo, slopes and level of the water, then the points. Errors of the
     images, 2 n coordinates in columns from `column` of those of the strip, with `variance` (2 n,): by_image (22, 2
-    n) of the vector of the orientation; of each point by its own coordinates `own` (k, 6), -1 for none, in own_by_image (k, 3, 6), and by
-    the orientation in by_vector (k, 3, 22). by_plane (22, 3) of the vector by the plane where that is held, None
-    else.
+    n) of the vector of the orientation; of each point by its own coordinates `own` (k, 6), -1 for none, in
+    own_by_image (k, 3, 6), and by the orientation in by_vector (k, 3, 22). by_plane (22, 3) of the vector by the
+    plane where that is held, None else.
     """
 
     first: int
