@@ -82,7 +82,7 @@ def assert_sigmas(solution: Solution, joint: finite_difference_bundle.Joint) -> 
             np.testing.assert_allclose(sigma, joint.sigma(kind, -1), rtol=1e-4)
 
 
-@pytest.mark.parametrize("name", list(WATER))
+@pytest.mark.parametrize("name", ["known", "levels of groups", "tilt", "index", "all by days"])
 def test_sigmas_of_the_simultaneous_adjustment_are_those_of_the_dense_bundle(name: str) -> None:
     solution = adjust(sea_block(**WATER[name]))
     assert solution.converged, solution.reason

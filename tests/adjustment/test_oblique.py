@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -29,20 +30,28 @@ def assert_same_minimum(one: Solution, other: Solution) -> None:
     assert np.abs(compare.station_difference(one, other.stations)).max() < 1e-3
 
 
-@pytest.mark.parametrize("program", list(Program))
-@pytest.mark.parametrize("submerged", [False, True], ids=["land", "sea"])
-@pytest.mark.parametrize("degrees", [pytest.param(45.0, marks=pytest.mark.slow), 60.0])
+SHAPES = {"pair": (PAIR, 2), "low strip": (LOW, 3), "convergent pairs": ({**PAIR, "convergent": True}, 1)}
+STEEP = [  # every two of shape, water and program together
+    ("pair", False, Program.IIA),
+    ("pair", True, Program.IIIA),
+    ("low strip", True, Program.IIA),
+    ("low strip", False, Program.IIIA),
+    ("convergent pairs", False, Program.IIIA),
+    ("convergent pairs", True, Program.IIA),
+]
+
+
 @pytest.mark.parametrize(
-    ("shape", "seed"),
+    ("name", "submerged", "program", "degrees"),
     [
-        pytest.param(PAIR, 2, id="pair"),
-        pytest.param(LOW, 3, id="low strip"),
-        pytest.param({**PAIR, "convergent": True}, 1, id="convergent pairs"),
+        *(pytest.param(*case, 45.0, marks=pytest.mark.slow) for case in product(SHAPES, (False, True), Program)),
+        *((*case, 60.0) for case in STEEP),
     ],
 )
 def test_oblique_photographs_from_poor_stations(
-    shape: dict[str, float], seed: int, degrees: float, submerged: bool, program: Program
+    name: str, submerged: bool, program: Program, degrees: float
 ) -> None:
+    shape, seed = SHAPES[name]
     tilt, heading = degrees * DEGREE, 0.7 * seed
     plan = Oblique(tilt=tilt, submerged=submerged, program=program, heading=heading, seed=seed, **shape)
     made = make_oblique(plan)
@@ -89,9 +98,15 @@ BASES = {
 }
 
 
-@pytest.mark.parametrize("program", list(Program))
-@pytest.mark.parametrize("submerged", [False, True], ids=["land", "sea"])
-@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize(
+    ("base", "submerged", "program"),
+    [
+        ("1.5 times the height", False, Program.IIA),
+        ("1.5 times the height", True, Program.IIIA),
+        ("0.03 of the height", False, Program.IIIA),
+        ("0.03 of the height", True, Program.IIA),
+    ],
+)
 def test_bases_very_long_and_very_short(base: str, submerged: bool, program: Program) -> None:
     plan = Plan(
         start_error=(50.0, 1.0 * DEGREE),
