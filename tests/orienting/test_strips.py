@@ -126,6 +126,14 @@ def test_a_strip_that_fits_much_of_its_control_badly_keeps_it(
     assert len(record(tmp_path)["control"]) == len(ids)
 
 
+def test_a_strip_whose_images_do_not_fit_is_rejected(tmp_path: Path) -> None:
+    """Errors of twice the sigma of the images; points that no test of a single one finds are kept."""
+    block, _ = strip_block("lab", 5, noise=2.0)
+    result = run(tmp_path, block)
+    assert "job.crd: REJECTED" in result.output
+    assert re.search(r"sigma0 [12]\.[0-9]+: the images do not fit, by the test of 99.9 %", result.output)
+
+
 def test_a_strip_whose_known_plane_does_not_settle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("musatpy.orientation.twomedia.strip._PASSES", 2)
     block, _ = strip_block("lab", 4, plane=model.PlaneTreatment.KNOWN)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from musatpy.model.orientation import PlaneTreatment
 from musatpy.orientation.twomedia.helmert import adjust
-from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
+from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
 from musatpy.orientation.twomedia.propagation import expected_squares
 from musatpy.orientation.twomedia.sights import Plane, Sights, without
 from orientation.twomedia.geometries import geometry, sights_of, truth_of
@@ -44,6 +45,17 @@ def test_equal_weights_propagate_the_errors_of_the_images(method):
         ]
         changes.append((ends[0] - ends[1]) / 0.2)
     np.testing.assert_allclose(result.sigma, np.sqrt(np.sum(np.square(changes), axis=0)), rtol=1e-3, atol=1e-12)
+
+
+def test_equal_weights_have_no_measure_for_what_is_known_of_the_water():
+    true = geometry("lab", "SINGLE-RAY")
+    sights = sights_of(true, 20)
+    slope = (float(truth_of(true)[0].slope[0]), float(truth_of(true)[0].slope[1]))
+    tide = Plane(treatment=PlaneTreatment.LEVEL, slope=slope, level=true.d, level_sigma=1e-3)
+    with pytest.raises(OrientationError, match=r"EQUAL weights of conditions .* \(TID, WTR\): FULL has"):
+        orient(sights, METHODS["SINGLE-RAY"], tide, equal=True)
+    held = replace(tide, treatment=PlaneTreatment.KNOWN, slope_sigma=1e-4)
+    assert orient(sights, METHODS["SINGLE-RAY"], held, equal=True).sigma.any()
 
 
 @pytest.mark.parametrize("method", METHODS)

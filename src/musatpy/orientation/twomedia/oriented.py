@@ -339,7 +339,10 @@ def settled(
 
 
 def _require_enough(sights: Sights, problem: Problem, method: Method) -> None:
-    """Raise `OrientationError` where conditions are fewer than unknowns, or shared points than a start takes."""
+    """Raise `OrientationError` where conditions are fewer than unknowns, or shared points than a start takes.
+
+    And for equal weights beside prior sigmas, which the conditions of the paper know nothing of.
+    """
     faults, lacking = [], -redundancy_of(problem)
     if lacking > 0:
         have = conditions_of(problem)
@@ -349,6 +352,8 @@ def _require_enough(sights: Sights, problem: Problem, method: Method) -> None:
     if shared < method.shared:
         names = ", ".join(sights.photos.tolist())
         faults.append(f"points that photos {names} all show: {shared}; {method.shared} are needed to start from")
+    if problem.equal and np.isfinite(problem.prior[problem.unknown]).any():
+        faults.append("EQUAL weights of conditions have no measure for sigmas of the water (TID, WTR): FULL has")
     if faults:
         raise OrientationError(f"{method.name}: {'; '.join(faults)}")
 

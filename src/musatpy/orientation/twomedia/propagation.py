@@ -22,7 +22,7 @@ def covariance_of(problem: Problem, adjusted: Adjusted) -> FloatArray:
     inverse = _inverse(problem, adjusted)
     if not problem.equal:
         return inverse
-    covariance = inverse * np.square(1.0 / problem.prior) @ inverse
+    covariance = np.zeros_like(inverse)
     for gain, part in zip(gains(problem, adjusted), adjusted.linear, strict=True):
         by_values = gain @ part.by_values[0]
         covariance += np.sum((by_values * part.variance[:, None]) @ np.swapaxes(by_values, 1, 2), axis=0)
