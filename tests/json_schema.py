@@ -1,7 +1,7 @@
 """As much of JSON Schema as our schemas use, and the lists of fields of the manual that are made from them.
 
 `python tests/json_schema.py` writes the schema of the record anew, and the lists into src/musatpy/reports/record.md
-and docs/batch.md.
+and src/musatpy/campaign/summary.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 SCHEMA = ROOT / "src" / "musatpy" / "reports" / "record.schema.json"
 MANUAL = ROOT / "src" / "musatpy" / "reports" / "record.md"
 BATCH_SCHEMA = ROOT / "src" / "musatpy" / "campaign" / "summary.schema.json"
-BATCH_MANUAL = ROOT / "docs" / "batch.md"
+BATCH_MANUAL = ROOT / "src" / "musatpy" / "campaign" / "summary.md"
 BEGIN, END = "<!-- record: begin -->", "<!-- record: end -->"
 
 _TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}

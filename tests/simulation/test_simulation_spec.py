@@ -1,13 +1,17 @@
 """The spec file: every key is checked, every problem is reported at once, and the manual lists every key."""
 
+import re
 import tomllib
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from musatpy.cli.main import main as musat
 from musatpy.errors import SpecError
 from musatpy.simulation import load_spec, simulate, spec_from_table, truth_record
-from musatpy.simulation.reference import key_tables
+from musatpy.simulation.simulation_spec import SimulationSpec
+from musatpy.spec_keys import key_tables
 
 COLD = {"conditions": {"temperature": 12.0, "salinity": 35.0}}
 DOCS = Path(__file__).parents[2] / "docs"
@@ -144,5 +148,15 @@ def test_examples_of_the_manual_run():
     assert {"water", "tides", "swapped", "misnamed", "wrong_control"} <= set(record) and record["blunders"]
 
 
-def test_manual_lists_the_keys_as_they_are():
-    assert key_tables() in (DOCS / "simulation.md").read_text(encoding="utf-8")
+def test_all_tables_of_the_spec_are_in_the_manual():
+    manual = (DOCS / "simulation.md").read_text(encoding="utf-8")
+    tables = re.findall(r"^### (`\[.*\]`)$", key_tables(SimulationSpec), re.MULTILINE)
+    assert len(tables) > 20 and not [table for table in tables if table not in manual]
+
+
+def test_the_keys_of_a_spec_at_the_shell():
+    result = CliRunner().invoke(musat, ["simulate", "--keys"])
+    assert result.exit_code == 0 and result.output == key_tables(SimulationSpec)
+    waves = CliRunner().invoke(musat, ["waves", "--keys"])
+    assert "- `cameras` ([2 x [3 numbers]], m; required): stations of the left" in waves.output
+    assert "- `least_count` (number, um; `0.001`): plate coordinates are rounded to this\n" in result.output

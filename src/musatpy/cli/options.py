@@ -39,6 +39,21 @@ def options_of(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], C
     return decorate
 
 
+def keys_option(spec: Callable[[], type[object]]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return the option --keys, which lists the keys of a TOML file by the dataclass that `spec` returns."""
+
+    def show(context: click.Context, _: click.Parameter, shown: bool) -> None:
+        if shown:
+            from musatpy.spec_keys import key_tables
+
+            click.echo(key_tables(spec()), nl=False)
+            context.exit()
+
+    return click.option(
+        "--keys", is_flag=True, is_eager=True, expose_value=False, callback=show, help="List the keys of SPEC."
+    )
+
+
 def family_named(families: Mapping[str, FormatFamily], name: str, option: str) -> FormatFamily:
     """Return a family of formats; raises `click.UsageError` where an option names one that there is not."""
     if name not in families:

@@ -7,7 +7,13 @@ from pathlib import Path
 import click
 
 from musatpy.cli.messages import name_of, tell
-from musatpy.cli.options import out_option, refuse_overwriting
+from musatpy.cli.options import keys_option, out_option, refuse_overwriting
+
+
+def _spec() -> type[object]:
+    from musatpy.simulation.simulation_spec import SimulationSpec
+
+    return SimulationSpec
 
 
 @click.command(name="simulate", short_help="Write a deck with known truth from a spec.")
@@ -15,6 +21,7 @@ from musatpy.cli.options import out_option, refuse_overwriting
 @click.option(
     "--seed", type=click.IntRange(min=0), help="Seed of the random numbers; the spec's own where not given."
 )
+@keys_option(_spec)
 @out_option
 def command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
     """Write the deck NAME.crd that SPEC describes, and its truth as NAME.truth.json.

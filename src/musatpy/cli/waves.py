@@ -7,12 +7,19 @@ from pathlib import Path
 import click
 
 from musatpy.cli.messages import name_of, tell
-from musatpy.cli.options import out_option, refuse_overwriting
+from musatpy.cli.options import keys_option, out_option, refuse_overwriting
+
+
+def _spec() -> type[object]:
+    from musatpy.sea.experiment_spec import WaveSpec
+
+    return WaveSpec
 
 
 @click.command(name="waves", short_help="What waves do to a map that takes the water for level.")
 @click.argument("spec", type=click.Path(path_type=Path))
 @click.option("--plots", is_flag=True, help="Pictures too (NAME.map.png, ...); needs the extra 'plots'.")
+@keys_option(_spec)
 @out_option
 def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     """Run the wave experiment of SPEC: its report goes to NAME.waves.txt, every point to NAME.waves.csv."""

@@ -1,4 +1,4 @@
-"""The manual's lists of the keys of a spec, from the dataclasses that read it."""
+"""The keys of a TOML spec as lists, from the dataclasses that read it."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ import types
 import typing
 from typing import Any
 
-from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.specs import Area, Pair, Triple
 
 _NAMES = {float: "number", int: "integer", bool: "true/false", str: "text"}
 _LISTS = {Pair: "[2 numbers]", Triple: "[3 numbers] or one", Area: "[4 numbers]"}
 
 
-def key_tables() -> str:
-    """Return the keys of the spec as Markdown, one heading per table of the TOML."""
-    parts = ["### Top of the file", *_rows(SimulationSpec)]
-    for kind in _tables(SimulationSpec):
+def key_tables(spec: type[Any]) -> str:
+    """Return the keys of a spec dataclass as Markdown, one heading per table of the TOML."""
+    parts = ["### Top of the file", *_rows(spec)]
+    for kind in _tables(spec):
         heading, _, about = (kind.__doc__ or "").partition(": ")
         parts += ["", f"### `{heading}`", "", f"{about[0].upper()}{about[1:]}", *_rows(kind)]
     return "\n".join(parts) + "\n"
@@ -63,7 +62,9 @@ def _type_name(hint: Any) -> str:
         return _LISTS[member]
     single = isinstance(hint, types.UnionType) or member is hint
     if typing.get_origin(member) is tuple:
-        name = f"[{len(typing.get_args(member))} texts]"
+        kinds = typing.get_args(member)
+        inside = "x [3 numbers]" if kinds[0] == Triple else f"{_NAMES[kinds[0]]}s"
+        name = f"[{len(kinds)} {inside}]"
         return name if single else f"list of {name}"
     name = _NAMES[member]
     return name if single else f"list of {name}s"
