@@ -8,6 +8,7 @@ from musatpy.model import Grade
 from slips import DECKS, UNUSABLE, slips
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count", "seed"),
     [("st_thomas", 4, 3), *(pytest.param(name, 60, 4, marks=pytest.mark.slow) for name in DECKS)],

@@ -317,6 +317,7 @@ def test_a_focal_length_of_another_camera() -> None:
     assert "focal length of 305 mm instead of 152.25" in text
 
 
+@pytest.mark.slow
 def test_blunders_left_in_the_solution() -> None:
     deck = FIXTURES / "st_thomas/st_thomas.crd"
     block = read_deck(deck)

@@ -71,6 +71,7 @@ def test_passes_go_on_while_images_change_though_no_point_moves() -> None:
     assert in_sigmas(solution, rigorous) < in_sigmas(after_one, rigorous)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS])
 def test_what_converged_stays_where_it_is(refraction: Refraction) -> None:
     block = with_options(deep(2), refraction=refraction)
@@ -113,6 +114,7 @@ def test_sizes_are_never_printed_as_nothing(size: float, text: str) -> None:
     assert in_digits(size, 4) == text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_an_index_that_nothing_determines_stays_in_its_range_and_ends_the_run(seed: int) -> None:
     """Depths below a metre at 3000 m: indices of 2.15 and -0.05 would fit best."""

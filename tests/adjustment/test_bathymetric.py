@@ -70,6 +70,7 @@ def determined(solution: Solution) -> np.ndarray:
     return solution.points.status[solution.bathymetric.point] != PointStatus.NOT_DETERMINED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("system", ["LOCL", "GEOG", "GEOC"])
 def test_straight_rays_meet_where_traced_ones_do(system: str, mode: str) -> None:
@@ -88,6 +89,7 @@ def test_straight_rays_meet_where_traced_ones_do(system: str, mode: str) -> None
         np.testing.assert_allclose(level[:, :2], frame.level(frame.working(sea.apparent))[:, :2], rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", ["LOCL", "GEOG"])
 def test_the_programs_agree_with_soundings_as_control(system: str) -> None:
     block = soundings_as_control(system, noise=3.0).block

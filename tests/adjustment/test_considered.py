@@ -82,6 +82,7 @@ def assert_sigmas(solution: Solution, joint: finite_difference_bundle.Joint) -> 
             np.testing.assert_allclose(sigma, joint.sigma(kind, -1), rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["known", "levels of groups", "tilt", "index", "all by days"])
 def test_sigmas_of_the_simultaneous_adjustment_are_those_of_the_dense_bundle(name: str) -> None:
     solution = adjust(sea_block(**WATER[name]))
@@ -89,6 +90,7 @@ def test_sigmas_of_the_simultaneous_adjustment_are_those_of_the_dense_bundle(nam
     assert_sigmas(solution, dense(solution))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", list(_PROGRAMS))
 def test_sigmas_of_musat2a_are_those_of_the_dense_bundle(program: str) -> None:
     solution = adjust(with_options(without_ties(sea_block()), **_PROGRAMS[program]))
@@ -202,6 +204,7 @@ def assert_residuals(solution: Solution, plus: Solution, minus: Solution, close:
     np.testing.assert_allclose(found, weight * change, rtol=close, atol=close * (weight * change).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", list(_PROGRAMS))
 def test_the_rest_of_the_sum_of_squares_is_that_of_an_adjustment_of_the_water(program: str) -> None:
     """Generalised least squares with the errors of the water in the covariance is least squares of them."""

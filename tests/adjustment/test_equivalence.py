@@ -140,6 +140,7 @@ def test_sea_covariances(name: str) -> None:
     assert_covariances_equal(solved(SEA[name], Refraction.RIGOROUS), reference(SEA[name]))
 
 
+@pytest.mark.slow
 @SEA_CASES
 def test_watpt_is_within_a_twentieth_of_sigma_of_rigorous(name: str) -> None:
     """The root mean square over the stations' unknowns, with up to half of the points submerged.
@@ -154,6 +155,7 @@ def test_watpt_is_within_a_twentieth_of_sigma_of_rigorous(name: str) -> None:
     assert solution.passes[-1].movement < solution.block.options.water_limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_watpt_with_few_submerged_points_is_within_a_twentieth_everywhere(seed: int) -> None:
     """As many submerged points as the strips that WATPT was made for: no unknown is off by more."""
@@ -162,6 +164,7 @@ def test_watpt_with_few_submerged_points_is_within_a_twentieth_everywhere(seed: 
     assert np.abs(compare.station_difference(solution, reference(plan))).max() < 0.05
 
 
+@pytest.mark.slow
 @SEA_CASES
 def test_watpt_propagates_errors_through_refracted_rays(name: str) -> None:
     """Straight rays would make depths look 1.34 times as sure. 3 %: the two solutions differ a little."""
@@ -181,6 +184,7 @@ def test_no_refraction_is_far_from_the_bundle(name: str) -> None:
     assert np.nanmax(np.abs(difference)) > 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "refraction"),
     [*((name, Refraction.WATPT) for name in SEA), ("geographic, everything", Refraction.RIGOROUS)],
@@ -211,6 +215,7 @@ def test_modes_are_bit_identical_on_land() -> None:
         assert plain.sigma0 == other.sigma0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weights", [Weights.DIAGONAL, Weights.EQUAL])
 @pytest.mark.parametrize("plan", [LAND["geographic block"], SEA["geographic block"]], ids=["land", "sea"])
 def test_simple_weights_are_near_but_not_the_bundle(plan: Plan, weights: Weights) -> None:
@@ -312,6 +317,7 @@ def reference_at_the_tide(plan: Plan, name: str, photo: str) -> tuple[int, float
     return point, tide, dense_bundle.solve(held_at_the_tide(block, point, tide), refraction=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plan", "name", "photo", "refraction"),
     [

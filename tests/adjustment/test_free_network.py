@@ -123,6 +123,7 @@ def test_images_are_those_of_any_datum() -> None:
     assert again.degrees_of_freedom == free.degrees_of_freedom
 
 
+@pytest.mark.slow
 def test_known_tides_are_no_datum_for_the_scale() -> None:
     """Heights and tilts come from the water; the scale, which it hardly holds, from the given stations."""
     plan = Plan(photos_per_strip=4, submerged=True, start_error=(5.0, 1e-3))
@@ -207,6 +208,7 @@ def assert_same_shape(solution: Solution, truth: np.ndarray, sigmas: float) -> n
     return np.array([move.scale, *move.shift])
 
 
+@pytest.mark.slow
 def test_nothing_known_at_all() -> None:
     """Seven free motions; the photographs are at 1:10,000, the first station at 0, 0, the ground at 0."""
     truth = flown(control=2)
@@ -225,6 +227,7 @@ def test_nothing_known_at_all() -> None:
     assert solution.sigma0 == pytest.approx(1.0, abs=0.25)  # four standard errors of 140 degrees of freedom
 
 
+@pytest.mark.slow
 def test_a_distance_scales_a_block_without_stations() -> None:
     truth = flown(control=2)
     ends = truth.block.control.point
@@ -286,6 +289,7 @@ def test_submerged_points_put_an_unplaced_block_to_the_tide() -> None:
     assert solution.sigma0 == pytest.approx(1.0, abs=0.25)  # four standard errors of 130 degrees of freedom
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", [CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC])
 def test_a_job_on_the_ellipsoid_needs_one_position(system: CoordinateSystem) -> None:
     simulated = simulate(Plan(photos_per_strip=4, system=system, seed=2))

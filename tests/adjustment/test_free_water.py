@@ -63,6 +63,7 @@ def adjusted(method: str, index: bool = False) -> Solution:
     return solution
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "index"), CASES)
 def test_relative_orientation_through_water_after_a_similarity(method: str, index: bool) -> None:
     """1e-6 sigma of what the datum of the points gives; 1e-9 of squares and redundancy: both at rest to 1e-12."""

@@ -157,6 +157,7 @@ FLIGHTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_any_flight_is_found(name: str) -> None:
     strips, tilt = FLIGHTS[name]
@@ -187,6 +188,7 @@ def with_kinds(truth: Flight, kinds: str) -> Block:
     return replace(truth.block, control=replace(partial, position=position))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", ["FFFCCCCCCC", "HHHHVVVVVV", "FHVVHVVHHV"])
 def test_partial_control_places_the_block(kinds: str) -> None:
     truth = oblique([strip(5, row * np.pi, (0.0, 3000.0 * row)) for row in range(2)], (0.0, 0.0))
@@ -195,6 +197,7 @@ def test_partial_control_places_the_block(kinds: str) -> None:
     assert np.linalg.norm(values.photos.position - truth.C, axis=1).max() < 2e-3 * HEIGHT  # less control holds less
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [30.0, 1000.0])
 def test_wrong_control_does_not_draw_the_block(size: float) -> None:
     truth = oblique([strip(6, row % 2 * np.pi, (0.0, 3000.0 * row)) for row in range(3)], (0.0, 0.0))
@@ -269,6 +272,7 @@ def test_differences_of_a_computed_start_are_against_the_computed_values() -> No
     np.testing.assert_array_equal(solution.block.photos.position, initial_photos(bare(block)).photos.position)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", ["HHHHHHVVVVVV", "FFHHHVVVVVVV"])
 def test_partial_control_of_a_geographic_job_follows_the_curved_earth(kinds: str) -> None:
     """Over a strip of 35 km the level surface leaves the plane by 24 m."""

@@ -56,12 +56,14 @@ def solved(plan: Plan) -> Solution:
     return simultaneous(simulated(plan).block)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", list(LAND.values()), ids=list(LAND))
 def test_equals_the_independent_bundle(plan: Plan) -> None:
     assert_equals_bundle(solved(plan), reference(plan))
     assert_covariances_equal(solved(plan), reference(plan))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", list(SEA.values()), ids=list(SEA))
 def test_equals_the_independent_bundle_through_water(plan: Plan) -> None:
     """On the solution's side of every tide: a point at the water line may have a minimum on either side of it."""
@@ -82,6 +84,7 @@ def assert_same(one: Solution, other: Solution) -> None:
     assert one.sum_of_squares == pytest.approx(other.sum_of_squares, rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS, ids=lambda deck: deck.stem)
 def test_equals_rigorous_musat2a_on_every_fixture(deck: Path) -> None:
     block = read_deck(deck)
@@ -225,6 +228,7 @@ def test_unknown_water_of_curved_jobs_finds_the_truth(system: CoordinateSystem) 
 # --- convergence ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "submerged", "heading"), [(0, False, 0.0), (0, True, 1.2), (1, False, 2.9), (2, True, 2.9)]
 )

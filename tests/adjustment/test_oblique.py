@@ -41,6 +41,7 @@ STEEP = [  # every two of shape, water and program together
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "submerged", "program", "degrees"),
     [
@@ -98,6 +99,7 @@ BASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("base", "submerged", "program"),
     [

@@ -64,6 +64,7 @@ def errors(block: Block) -> list[str]:
     return [one.message for one in musat.check_deck(musat.deck_bytes(block))[1] if one.severity == "error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", list(Program))
 @pytest.mark.parametrize("system", [LOCAL, GEOGRAPHIC])
 @pytest.mark.parametrize("name", list(FIXED))

@@ -36,6 +36,7 @@ def with_all_water(name: str = "all by days") -> tuple[Solution, np.ndarray, np.
     return solution, J, np.linalg.inv(J.T @ J)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(LAND))
 @pytest.mark.parametrize("program", list(Program))
 def test_redundancy_numbers_add_up_on_land(name: str, program: Program) -> None:
@@ -44,6 +45,7 @@ def test_redundancy_numbers_add_up_on_land(name: str, program: Program) -> None:
     assert len(solution.observed.kind) == sum(solution.observations.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(SEA))
 @pytest.mark.parametrize(
     "refraction", [pytest.param(Refraction.WATPT, marks=pytest.mark.slow), Refraction.RIGOROUS]
@@ -54,6 +56,7 @@ def test_redundancy_numbers_add_up_under_water(name: str, refraction: Refraction
     assert solution.observed.redundancy.sum() == pytest.approx(solution.degrees_of_freedom, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(WATER))
 def test_redundancy_numbers_add_up_with_unknown_water(name: str) -> None:
     solution = simultaneous(sea_block(**WATER[name]))
@@ -61,6 +64,7 @@ def test_redundancy_numbers_add_up_with_unknown_water(name: str) -> None:
     assert len(solution.observed.kind) == sum(solution.observations.values())
 
 
+@pytest.mark.slow
 def test_redundancy_numbers_are_those_of_the_dense_inverse() -> None:
     solution, J, inverse = with_all_water()
     observed = solution.observed

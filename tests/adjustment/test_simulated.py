@@ -35,6 +35,7 @@ def largest_errors(simulation: Simulation, solution: Solution) -> tuple[float, f
     return float(np.linalg.norm(stations, axis=1).max()), float(np.linalg.norm(points, axis=1).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["strip", "bad_start"])
 @pytest.mark.parametrize("refraction", [Refraction.WATPT, Refraction.RIGOROUS])
 def test_noise_free_strips_give_the_truth_below_a_millimetre(name: str, refraction: Refraction) -> None:
@@ -55,6 +56,7 @@ def test_simple_weights_find_the_truth_of_noise_free_strips_from_bad_starts(weig
     assert max(largest_errors(simulation, solution)) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_starts_of_100_m_and_2_degrees_in_any_direction(seed: int) -> None:
     simulation = simulated("strip")

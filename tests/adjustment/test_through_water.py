@@ -71,6 +71,7 @@ def test_program_iiia_starts_from_nothing(tide: float) -> None:
     assert solution.degrees_of_freedom == oriented.redundancy
 
 
+@pytest.mark.slow
 def test_a_wrong_control_point_is_named_and_does_not_lead_astray() -> None:
     oriented, block = tank(wrong=8.0)
     values = initial_photos(block)

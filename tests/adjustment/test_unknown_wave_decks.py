@@ -61,6 +61,7 @@ def test_the_waves_of_the_deck_are_found() -> None:
     assert heights(musatpy.adjust(replace(block, waves=as_on_card))) > 0.25  # 0.3 m with the card taken for true
 
 
+@pytest.mark.slow
 def test_cards_and_library_ask_for_the_same() -> None:
     block = musat.read_deck(DECK)
     card = sinusoidal(amplitude=0.375, length=96.3, azimuth=(90.0 - 55.5) * DEGREE, crest=1.0)
@@ -138,6 +139,7 @@ def test_a_result_has_the_adjusted_waves_and_a_restart_those_of_the_deck() -> No
         np.testing.assert_array_equal(getattr(restart.waves, name), getattr(given, name))
 
 
+@pytest.mark.slow
 def test_an_origin_far_off_leaves_the_same_waves() -> None:
     """3 km along the waves: the sigma of the azimuth now moves crests by more, and all of that is searched."""
     block = musat.read_deck(DECK)
@@ -168,6 +170,7 @@ def test_listing_and_record_say_the_same() -> None:
     assert compare_texts(text, dumps(kept), parse_rules(""), ("a.lst", "a.json")).same
 
 
+@pytest.mark.slow
 def test_waves_are_not_set_free_where_no_waves_could_explain_the_images() -> None:
     block, _ = musat.check_deck(DECK.read_bytes().replace(b"-85.6243490", b"  0        "))
     solution = musatpy.adjust(block)

@@ -54,6 +54,7 @@ def adjusted(scene: Photographed, sea: Sea | None, **options) -> Solution:
     return solution
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interval", [0.0, 3.0])
 def test_the_truth_is_found_without_errors(interval: float) -> None:
     at = scene(replace(EXACT, interval=interval))
@@ -200,6 +201,7 @@ def test_what_does_not_show_is_named() -> None:
     assert "not determined: does not show" in musatpy.listing(found)
 
 
+@pytest.mark.slow
 def test_a_wave_that_fits_noise_is_named() -> None:
     """A height of less than five of its sigmas may be none; where its crests are then means nothing."""
     at = scene(Strip(rows=3, columns=5, control=4, deep_height=2e-4))
@@ -209,6 +211,7 @@ def test_a_wave_that_fits_noise_is_named() -> None:
     assert all(one.startswith("not determined") for one in waves.verdicts[0, 1:])
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_apart_is_named() -> None:
     """Two waves of one shape: their heights and crests are only known together."""
     at = scene(Strip(rows=4, columns=5, control=6, noise=0.5))

@@ -48,6 +48,7 @@ def assert_documented_and_said(seed: int) -> None:
     assert warned(rigorous) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])  # below 0.3 sigma and above
 def test_watpt_over_deep_water_is_as_far_from_rigorous_as_it_says(seed: int) -> None:
     assert_documented_and_said(seed)

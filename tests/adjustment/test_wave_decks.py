@@ -59,6 +59,7 @@ def test_the_fixture_is_what_its_script_makes() -> None:
     assert truth_text(block, true) == (FOLDER / "strip.truth.csv").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", list(Program))
 @pytest.mark.parametrize("system", list(CoordinateSystem))
 def test_the_truth_is_found_through_the_waves_of_the_cards(system: CoordinateSystem, program: Program) -> None:
@@ -71,6 +72,7 @@ def test_the_truth_is_found_through_the_waves_of_the_cards(system: CoordinateSys
     assert np.abs(found).max() < tolerance
 
 
+@pytest.mark.slow
 def test_without_its_waves_the_strip_is_wrong_by_decimetres() -> None:
     block = musat.read_deck(DECK)
     through = musatpy.adjust(block)
@@ -91,6 +93,7 @@ def test_both_programs_find_the_same_through_waves() -> None:
     assert one.sigma0 == pytest.approx(other.sigma0, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "card"),
     [

@@ -85,6 +85,7 @@ def test_a_nearly_level_guess_finds_its_crests() -> None:
     assert found.iterations[-1].sum_of_squares == pytest.approx(found.sum_of_squares, rel=1e-9)  # of what is taken
 
 
+@pytest.mark.slow
 def test_no_warning_of_open_crests_where_the_answer_is_determined() -> None:
     """What is given leaves the crests open by more than half a length; what comes out does not."""
     waves = solved(CHOP).water.waves
@@ -119,6 +120,7 @@ def test_waves_that_do_not_converge_are_named() -> None:
     assert re.search(r"wave SWELL azimuth still changes by 0\.0[1-9]\d? degrees", found.reason)
 
 
+@pytest.mark.slow
 def test_chop_that_no_card_knows_of_is_conspicuous() -> None:
     """0.3 m of it: the wave of the cards does not take it for its own."""
     assert musatpy.adjust(wave_scenes.scene(CHOP, chop=0.3).block).sigma0 > 3.0

@@ -60,6 +60,7 @@ def test_land_points_flagged_wet_lead_to_no_false_minimum() -> None:
     assert any("point 112 is flagged as submerged" in warning for warning in other.warnings)
 
 
+@pytest.mark.slow
 def test_points_whose_rays_exchange_their_sides_come_to_rest(tmp_path: Path) -> None:
     """With x and y of an image exchanged, points flooded in one photo as they dried in another, for ever."""
     exchanged = ("-93.4590000 -79.7050000", "-79.7050000 -93.4590000")
@@ -79,11 +80,13 @@ MANY = [(shore, seed) for seed in (2, 23, 28, 34, *range(100, 200))] + [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("job", "seed"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in MANY)])
 def test_programs_agree_on_wet_and_dry(job: Callable[[int], Block], seed: int) -> None:
     assert_one_minimum(job(seed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", list(Program))
 def test_a_point_that_no_side_agrees_with_stands_on_the_water_line(program: Program) -> None:
     """Where the independent bundle holds it, to the rounding of the cards of that bundle."""
@@ -122,6 +125,7 @@ def minimum() -> tuple[Network, Network, State, float, Simultaneous]:
     return at_minimum(block, wet)
 
 
+@pytest.mark.slow
 def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
     minimum: tuple[Network, Network, State, float, Simultaneous],
 ) -> None:

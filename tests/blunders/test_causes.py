@@ -26,6 +26,7 @@ def verify(trial: Trial) -> None:
     assert trial.right(edited(trial.block)) == "", trial.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.slow), 10.0])
 def test_wrong_control_is_named_and_nothing_innocent_goes_out(size: float) -> None:
     for trial in islice(study.control((6,), (size,)), 2):
@@ -63,6 +64,7 @@ def test_nothing_is_named_in_clean_strips() -> None:
         verify(trial)
 
 
+@pytest.mark.slow
 def test_equal_explanations_are_named_the_cheaper_one_first() -> None:
     """Of a point on two photos with known height, an error of x is that of either image, or of the control."""
     block = strip(6)
@@ -90,6 +92,7 @@ def test_a_doubtful_run_names_the_cause_and_changes_nothing() -> None:
     assert not adjust(block).causes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("deck", "kind", "photos"),
     [
@@ -114,6 +117,7 @@ def test_a_control_point_a_tenth_of_a_degree_off_is_named() -> None:
     assert causes[0].cards == ("CTG",)
 
 
+@pytest.mark.slow
 def test_the_wrong_one_of_three_images_is_told_by_its_y() -> None:
     """It was the point that lost all three of them, and was intersected 419 m off from what was out."""
     solution = adjust(read_deck(FINDS / "edit_point_206_420m.crd"))

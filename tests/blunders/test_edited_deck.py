@@ -40,6 +40,7 @@ def run(tmp_path_factory: pytest.TempPathFactory):
     return run_deck(deck, punch_edits=True)
 
 
+@pytest.mark.slow
 def test_the_edited_deck_gives_the_same_solution(run) -> None:
     assert run.status is ExitStatus.DONE
     again, solution = adjust(read_deck(run.edited)), run.solution
@@ -49,6 +50,7 @@ def test_the_edited_deck_gives_the_same_solution(run) -> None:
     assert again.block.options.editing is Editing.NONE
 
 
+@pytest.mark.slow
 def test_the_edited_deck_has_the_names_of_the_sound_one_and_its_control_no_more(run) -> None:
     edited, sound = read_deck(run.edited), read_deck(DECK)
     np.testing.assert_array_equal(edited.points.ids[edited.plates.point], sound.points.ids[sound.plates.point])
@@ -60,6 +62,7 @@ def test_the_edited_deck_has_the_names_of_the_sound_one_and_its_control_no_more(
     assert edited.control.kind[changed].tolist() == [ControlKind.VERTICAL]
 
 
+@pytest.mark.slow
 def test_the_listing_and_the_record_name_every_finding(run) -> None:
     text, record = run.listing.read_text(), json.loads(run.record.read_text())
     assert list(violations(record, load_schema(), load_schema())) == []
@@ -74,6 +77,7 @@ def test_the_listing_and_the_record_name_every_finding(run) -> None:
     assert control["size"][1] == pytest.approx(30.7, abs=0.5)  # a second of latitude, and the point's decimetres
 
 
+@pytest.mark.slow
 def test_list_edits_nothing_but_what_is_punched(tmp_path: Path) -> None:
     deck = spoilt(tmp_path, "LIST")
     text = deck.read_text().replace("14.77679", "13.77679")

@@ -37,6 +37,7 @@ def options() -> list[Hypothesis]:
     return hypotheses(linear_model(case.scene, case.factors(), case.state))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
     [_K.IMAGE, _K.IMAGES, _K.HORIZONTAL, _K.VERTICAL, _K.CONTROL, _K.POSITION, _K.FOCAL_LENGTH, _K.PRINCIPAL_POINT],

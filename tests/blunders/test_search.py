@@ -153,6 +153,7 @@ def test_the_images_of_a_strip_that_cannot_be_told_apart_go_out_together() -> No
     agrees_with_clean(solution)
 
 
+@pytest.mark.slow
 def test_exchanged_names_are_put_right() -> None:
     block, _ = clean()
     rows = well_seen(block)
@@ -169,6 +170,7 @@ def test_exchanged_names_are_put_right() -> None:
     np.testing.assert_allclose(solution.stations.position, clean_solution().stations.position, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False])
 def test_a_mistaken_name_is_put_right(known: bool) -> None:
     """The image bears the name of a point elsewhere, or one that no other image has."""
@@ -216,6 +218,7 @@ def test_wrong_control_is_found_by_component(
     agrees_with_clean(solution)
 
 
+@pytest.mark.slow
 def test_the_wrong_tide_of_a_photo_is_found() -> None:
     block, _ = clean()
     solution = edited(gross_errors.with_tides(block, np.array([5]), 6.0))
@@ -250,6 +253,7 @@ def test_the_tides_of_a_group_are_tested_together() -> None:
     assert found.size[0] == pytest.approx(4.0, abs=1.5)
 
 
+@pytest.mark.slow
 def test_blunders_are_found_where_tilt_and_index_are_unknown() -> None:
     """Both with priors, which are observations of no photo and no point."""
     block, _ = clean()

@@ -108,6 +108,7 @@ def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> No
     np.testing.assert_allclose(judgement.error[mine], -refit.plates.residual[row], atol=2e-5)
 
 
+@pytest.mark.slow
 def test_a_common_error_of_the_tides_is_estimated_as_an_unknown_level_is() -> None:
     block, _ = simulated(12, submerged=0.4, seed=5, depth=40.0)
     block = altered(block, photos={"tide": block.photos.tide + 8.0})

@@ -73,6 +73,7 @@ def test_what_is_kept(saved):
     assert set(index["decks"]["east/small0.crd"]) == {"deck_sha256", "version", "status", "state"}
 
 
+@pytest.mark.slow
 def test_nothing_has_changed(top):
     before = tree(top / "base")
     result = cli("check", top / "base")
@@ -121,6 +122,7 @@ def test_colours_of_a_check_are_those_of_a_diff(top, value, coloured):
     assert (ran.exit_code, "\x1b[32m" in ran.stdout) == (0, coloured)
 
 
+@pytest.mark.slow
 def test_json_of_a_check(top):
     (top / "base" / "west" / "small0.lst").unlink()
     result = cli("check", top / "base", "west/small0", "--json", "-q", "-o", top / "work")
@@ -392,6 +394,7 @@ def test_two_checks_at_once(top):
         assert result.exit_code == 2 and "another batch is at work here" in result.stderr
 
 
+@pytest.mark.slow
 def test_a_deck_that_the_baseline_does_not_have_is_named(top):
     shutil.copy(ST_THOMAS, top / "decks" / "west" / "new.crd")
     shutil.copy(ST_THOMAS, top / "decks" / "west" / "small0.edited.crd")  # punched

@@ -101,6 +101,7 @@ def test_every_deck_is_run_whatever_becomes_of_the_others(bad_deck, tmp_path):
     assert "missing.crd: No such file" in result.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bad", "status"), [(False, 3), (True, 1)])
 def test_the_status_of_several_decks_is_that_of_the_worst(slow_deck, tmp_path, bad, status):
     good = Path(shutil.copy(DECK, tmp_path / "good.crd"))

@@ -16,7 +16,7 @@ GOLDEN = ROOT / "fixtures" / "st_thomas" / "st_thomas.lst"
 HOSTILE = "\x1b]0;x\x07\x9b2J\u202e"  # title of the window, clear the screen, write from right to left
 musat = partial(commands.musat, color=True, env={"NO_COLOR": "1"})
 ESCAPED = r"\x1b]0;x\x07\x9b2J\u202e"
-OWN_OUTPUT = {"messages.py", "live.py", "live_line.py", "run.py"}  # by `printable`, and lines written anew
+OWN_OUTPUT = {"messages.py", "live.py", "live_line.py", "run.py", "options.py"}  # `printable`, lines written anew
 
 
 @pytest.fixture

@@ -212,6 +212,7 @@ def test_a_missing_package_is_named(
     assert f"the package {package}: pip install 'musatpy[{extra}]'" in result.stderr
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_model(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     result = depth("picture", tmp_path / "model.png", *PAIR, "--width", 2250)

@@ -173,6 +173,7 @@ def test_a_run_tells_its_phases(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_search_tells_its_phases(tmp_path: Path) -> None:
     deck = tmp_path / "bad.crd"
     text = DECK.read_text()

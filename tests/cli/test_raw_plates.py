@@ -84,6 +84,7 @@ def test_the_listing_says_what_was_largest_and_on_which_side(run):
     assert len(section(listing, "Plate Reduction: Residuals Of Fiducial Marks: Transformed Minus Calibrated")) >= 24
 
 
+@pytest.mark.slow
 def test_the_listing_of_a_grid_job_has_the_earth_curvature(run):
     from formats.deck_edits import in_system
     from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Plates, ReductionOptions

@@ -46,6 +46,7 @@ def test_the_fixture_is_what_the_simulation_makes() -> None:
         assert (SEA / name).read_text() == text, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "rejected"), [("fourier", 3), pytest.param("grid", 4, marks=pytest.mark.slow)])
 def test_a_height_of_no_water_is_listed_as_rejected(tmp_path: Path, model: str, rejected: int) -> None:
     lines = (SEA / "water.csv").read_text().splitlines()
@@ -81,6 +82,7 @@ def test_waves_of_the_pair_and_its_bottom(tmp_path: Path) -> None:
     assert max(wave) < 0.01
 
 
+@pytest.mark.slow
 def test_the_grid_of_the_pair(tmp_path: Path) -> None:
     surface = fitted(tmp_path, "--model", "grid", "--spacing", "20", "--curvature", "0.005")
     text = (tmp_path / "water.surface.txt").read_text()
@@ -308,6 +310,7 @@ def test_wishes_that_cannot_be_met_are_errors(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -331,6 +334,7 @@ def test_a_file_that_is_no_surface_is_an_error(tmp_path: Path, change, message: 
     assert not (tmp_path / "true.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_grid_with_uneven_nodes_is_no_surface(tmp_path: Path) -> None:
     surface = fitted(tmp_path, "--model", "grid")
     record = json.loads(surface.read_text())

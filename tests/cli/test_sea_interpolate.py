@@ -48,6 +48,7 @@ def table(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["both.csv", "dz.csv", "true.csv"])
 def test_heights_are_corrected_by_control_of_every_form(job: Path, control: str) -> None:
     result = musat(job / "mapped.csv", job / control, "-o", job / "new" / "out.csv", *FAST)
@@ -299,6 +300,7 @@ def on_the_ellipsoid(places: np.ndarray, system: str) -> np.ndarray:
     return restated.restated(places, restated.MAP, system)
 
 
+@pytest.mark.slow
 def test_a_record_on_the_ellipsoid_is_corrected_as_a_local_one(job: Path) -> None:
     """A geographic job and its check points: heights as of the local job, places in degrees."""
     local = record(job)
@@ -325,6 +327,7 @@ def test_a_record_on_the_ellipsoid_is_corrected_as_a_local_one(job: Path) -> Non
     np.testing.assert_allclose(restated.restated(found, "EPSG:4326", restated.MAP), flat, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", [pytest.param("EPSG:4326", marks=pytest.mark.slow), "EPSG:32620"])
 def test_points_in_a_system_of_proj(job: Path, system: str) -> None:
     assert musat(job / "mapped.csv", job / "true.csv", "-o", job / "local.csv", *FAST).exit_code == 0

@@ -28,6 +28,7 @@ def well(*arguments) -> str:
     return result.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FILES)
 def test_a_job_comes_back_from_files_in_its_system(tmp_path, family):
     files, back = tmp_path / FILES[family], tmp_path / "back.crd"

@@ -85,6 +85,7 @@ def misses(path: Path, system: str) -> np.ndarray:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["GEOG", "GEOC"])
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_points_in_any_system_are_those_of_the_local_job(tmp_path: Path, kind: str, system: str) -> None:
@@ -98,6 +99,7 @@ def test_points_in_any_system_are_those_of_the_local_job(tmp_path: Path, kind: s
     assert "points taken as" in result.output
 
 
+@pytest.mark.slow
 def test_a_tangent_plane_taken_for_a_local_job_would_not_do(tmp_path: Path) -> None:
     """What the curvature of the water comes to at the ends of the lagoon."""
     run, origin = lagoon_run(), restated.geographic(np.zeros(3))
@@ -113,6 +115,7 @@ def test_a_tangent_plane_taken_for_a_local_job_would_not_do(tmp_path: Path) -> N
     assert np.nanmax(np.abs(back[found.fault == 0])) > 20.0 * NEAR
 
 
+@pytest.mark.slow
 def test_a_run_without_a_system_is_taken_in_longitude_and_latitude(tmp_path: Path) -> None:
     result = correct(points_file(tmp_path, "EPSG:4326"), written(tmp_path, run_on_the_ellipsoid()))
     assert result.output.splitlines()[-1] == (
@@ -165,6 +168,7 @@ def test_heights_above_a_geoid(tmp_path: Path, geoid: Path) -> None:
     assert "has EGM96 height: the grid file of its geoid model is needed (--geoid)" in alone.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -199,6 +203,7 @@ def test_a_coordinate_that_is_missing_is_a_reason_of_its_point(tmp_path: Path) -
     assert "2 not: a coordinate is no number" in result.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["las", "laz"])
 def test_a_las_file_has_its_own_system_and_keeps_it(tmp_path: Path, kind: str) -> None:
     laspy = pytest.importorskip("laspy")

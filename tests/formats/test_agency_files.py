@@ -33,6 +33,7 @@ def files_in(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", AGENCIES)
 @settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), system=st.sampled_from(SYSTEMS))
@@ -208,6 +209,7 @@ def test_photos_without_fiducial_marks_are_no_cards_of_readings(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", AGENCIES)
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))

@@ -123,6 +123,7 @@ def spoilt(texts: list[str], letters: str, rng) -> list[str]:
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edit", NUMBERS)
 def test_columns_of_spoilt_numbers_equal_their_fields(edit):
     parsed = parse_edit(edit)
@@ -224,6 +225,7 @@ exact_ties = st.builds(
 any_number = st.floats() | plain_numbers | near_ties | exact_ties | st.sampled_from([0.0, -0.0, 1e15, -1e15, 0.5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edit", [edit for edit in NUMBERS if edit[0] == "F"])
 def test_columns_near_ties_and_powers_are_written_as_their_fields_are(edit):
     parsed = parse_edit(edit)

@@ -32,6 +32,7 @@ def unchecked(data: bytes) -> model.Block:
     return assembly.block_of(draft_of(read, family))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), system=st.sampled_from(SYSTEMS))
 def test_a_written_deck_is_written_again_to_the_byte(seed: int, system: CoordinateSystem) -> None:

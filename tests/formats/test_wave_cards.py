@@ -158,6 +158,7 @@ def test_the_list_of_a_job_names_its_waves() -> None:
     assert re.search(r"waves on the water \.+ SW, CHOP \(to be found\)\n", text)
 
 
+@pytest.mark.slow
 def test_the_origin_stands_in_the_system_of_the_deck() -> None:
     """Of what is stated, of what is punched in the system of the answer, and of a place that the system lacks."""
     utm = model.SystemSpec(kind="PROJ", definition="+proj=utm +zone=17 +ellps=clrk66", axes="GRID")

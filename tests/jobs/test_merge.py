@@ -40,6 +40,7 @@ def strips() -> tuple[model.Block, model.Block]:
 # --- nothing lost, nothing twice ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("cut", [("837-840", "841-846"), ("837-842", "840-846"), ("837-846", "837-846")])
 def test_parts_of_a_strip_make_the_strip(cut: tuple[str, str], order: int) -> None:

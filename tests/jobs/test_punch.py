@@ -66,6 +66,7 @@ LAND = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", list(Program))
 @pytest.mark.parametrize("plan", LAND)
 def test_a_restart_on_land_comes_to_rest_at_once(plan: Plan, program: Program) -> None:
@@ -92,6 +93,7 @@ def test_a_restart_of_program_iia_with_water_ends_in_the_same_place(refraction: 
     assert refraction is not Refraction.NONE or len(second.iterations) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", [cayman, st_thomas])
 def test_a_restart_of_program_iiia_with_water_comes_to_rest_at_once(deck: Callable[[], Block]) -> None:
     """Both decks have points that are flagged as submerged and stand dry: these are found before the first step."""
@@ -102,6 +104,7 @@ def test_a_restart_of_program_iiia_with_water_comes_to_rest_at_once(deck: Callab
     assert {step.outer_pass for step in first.iterations} > {step.outer_pass for step in second.iterations} == {1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -310,6 +313,7 @@ def test_tides_and_water_of_a_result() -> None:
     assert block.water.tilt_sigma == water.tilt_sigma.max()
 
 
+@pytest.mark.slow
 def test_a_result_is_control_of_the_strip_that_goes_on() -> None:
     """The east of a strip by itself lacks control; with the result of the west it can be adjusted."""
     block = cayman()

@@ -127,6 +127,7 @@ def test_readings_and_refined_coordinates_do_not_mix():
     assert "what plate cards give is readings (RAW) in a.crd, refined in b.crd" in complaints(first, second)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", Content)
 def test_refined_coordinates_are_punched(content):
     solution = adjust(raw_block())

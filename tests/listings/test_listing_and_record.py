@@ -287,6 +287,7 @@ def places(value, path=()):
         yield from places(entry, (*path, key))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", [SEA, RAW])
 def test_a_listing_can_be_held_against_a_record_that_is_not_as_ours_are(deck):
     _, listing, text = run_of(deck)

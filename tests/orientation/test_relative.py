@@ -44,6 +44,7 @@ def angles(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.linalg.norm(found - true, axis=(1, 2)) / np.sqrt(2.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("relief", [0.0, 0.02, 0.1])
 @pytest.mark.parametrize(("tilt", "oblique"), [(0.03, 0.0), (0.03, 0.5), (0.2, 0.0)])
 def test_exact_images_give_the_exact_orientation(relief: float, tilt: float, oblique: float) -> None:

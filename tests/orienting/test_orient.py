@@ -46,6 +46,7 @@ def record(deck: Path) -> dict[str, Any]:
     return values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method", "control", "plane"),
     [
@@ -173,6 +174,7 @@ def test_photos_without_common_points(case: str, tmp_path: Path) -> None:
     assert message in " ".join(result.output.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plane", "tide", "sigma", "tilt", "message"),
     [
@@ -197,6 +199,7 @@ def test_water_that_contradicts_the_images_is_named(
     assert message in result.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "COMBINED", "TRIPLET"])
 def test_cameras_of_different_focal_lengths(method: str, tmp_path: Path) -> None:
     """The second photo again with twice the focal length, images and their sigmas: nothing changes.
@@ -245,6 +248,7 @@ def test_an_answer_that_most_points_contradict_is_none(tmp_path: Path) -> None:
     assert re.search("no orientation fits more than|does not converge|no solution", result.output)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "control", "status", "message"),
     [
@@ -290,6 +294,7 @@ def test_points_that_no_condition_uses_have_a_reason(number: int) -> None:
     ] * number
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("system", "places"), [("LOCL", 1e-8), ("GEOG", 0.05), ("GEOC", 0.05)])
 @pytest.mark.parametrize(("method", "photos"), [("SINGLE-RAY", 1), ("COMBINED", 2)])
 def test_a_flight_in_any_system(system: str, places: float, method: str, photos: int) -> None:
@@ -315,6 +320,7 @@ def test_a_flight_in_any_system(system: str, places: float, method: str, photos:
     assert np.abs(answer.attitude - truth.attitude[rows]).max() < max(places / 3000.0, 1e-12)
 
 
+@pytest.mark.slow
 def test_other_exact_solutions_of_a_minimum_set_are_listed(tmp_path: Path) -> None:
     """Four full points and one in plan: nine conditions for nine unknowns."""
     block, _, _ = deck_block("lab", "SINGLE-RAY", 5, noise=0.0)
@@ -329,6 +335,7 @@ def test_other_exact_solutions_of_a_minimum_set_are_listed(tmp_path: Path) -> No
     assert ("Other Exact Solutions" in deck.with_suffix(".lst").read_text()) == (count[1] != "0")
 
 
+@pytest.mark.slow
 def test_the_study_of_a_deck(tmp_path: Path) -> None:
     deck = written(tmp_path, deck_block("lab", "SINGLE-RAY", 20)[0])
     assert orient(deck, "--study").exit_code == 0

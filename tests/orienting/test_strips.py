@@ -73,6 +73,7 @@ def test_a_strip_over_a_known_plane_stays_within_three_sigmas_of_iiia(name: str,
     assert 1e-6 < np.abs(away).max() < 3.0
 
 
+@pytest.mark.slow
 def test_what_a_strip_punches_iiia_starts_from(tmp_path: Path) -> None:
     run(tmp_path, strip_block("lab", 6)[0], "--punch")
     adjusted = tmp_path / "adjusted.crd"
@@ -81,6 +82,7 @@ def test_what_a_strip_punches_iiia_starts_from(tmp_path: Path) -> None:
     assert result.exit_code == 0 and re.search(r"ACCEPTED, .* [2-5] iterations", result.output)
 
 
+@pytest.mark.slow
 def test_a_wrong_image_is_named_whatever_the_order_of_the_names(tmp_path: Path) -> None:
     block, _ = strip_block("lab", 6)
     plates, ids = block.plates, block.points.ids[::-1]
@@ -102,6 +104,7 @@ def test_a_strip_without_control_is_a_model(tmp_path: Path) -> None:
     assert max(np.abs(row["position"]).max() for row in values["against_iiia"]) < 0.02  # type: ignore[call-overload]
 
 
+@pytest.mark.slow
 def test_a_strip_from_the_air_says_that_it_creeps(tmp_path: Path) -> None:
     result = run(tmp_path, strip_block("aerial", 8)[0])
     text = " ".join(result.output.split())
@@ -111,6 +114,7 @@ def test_a_strip_from_the_air_says_that_it_creeps(tmp_path: Path) -> None:
     assert run(tmp_path, strip_block("aerial", 8)[0], "--strict").exit_code == 4
 
 
+@pytest.mark.slow
 def test_a_strip_that_fits_much_of_its_control_badly_keeps_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -126,6 +130,7 @@ def test_a_strip_that_fits_much_of_its_control_badly_keeps_it(
     assert len(record(tmp_path)["control"]) == len(ids)
 
 
+@pytest.mark.slow
 def test_a_strip_whose_images_do_not_fit_is_rejected(tmp_path: Path) -> None:
     """Errors of twice the sigma of the images; points that no test of a single one finds are kept."""
     block, _ = strip_block("lab", 5, noise=2.0)
@@ -153,6 +158,7 @@ def test_photos_of_a_strip_in_any_order(tmp_path: Path) -> None:
     assert np.abs(errors(tmp_path, true, "lab")).max() < 4.0
 
 
+@pytest.mark.slow
 def test_the_picture_and_the_study_of_a_strip(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("musatpy.orienting.studied._STARTS", 3)
     assert run(tmp_path, strip_block("lab", 4)[0], "--study").exit_code == 0

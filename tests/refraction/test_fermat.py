@@ -124,6 +124,7 @@ def _minima_by_scanning(sea, camera, ground) -> int:
     return int(less.sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ground", [[3.0, 1.0, -20.0], [0.0, 0.0, -12.0], [-4.0, 7.5, -30.0]])
 def test_all_refraction_points_are_found(ground) -> None:
     ground = np.array(ground)

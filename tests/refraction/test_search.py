@@ -78,6 +78,7 @@ def test_none_is_lost(name: str) -> None:
     assert several >= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HARD)
 def test_many_rays_at_once_are_as_one_at_a_time(name: str) -> None:
     surface, rays = HARD[name], some_rays(12, seed=6, deepest=60.0)

@@ -63,6 +63,7 @@ def run(grade):
     return statistics
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grade", Grade)
 def test_every_page_of_a_run_that_is_not_accepted_says_so(grade):
     headers = [page[0] for page in pages_of(listing_of(run(grade)))]
@@ -107,6 +108,7 @@ def test_pages_that_are_named_show_what_is_meant(grade, brief):
     assert set(shown.values()) <= titles and ("Input: Cameras" in titles) is not brief
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grade", Grade)
 @pytest.mark.parametrize("brief", [False, True])
 def test_audit_and_comparison_read_listings_of_every_grade(grade, brief):

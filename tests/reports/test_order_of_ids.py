@@ -43,6 +43,7 @@ def files(tmp_path, cards):
     return result.listing.read_bytes(), result.record.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "deck",
     [

@@ -53,6 +53,7 @@ def rows(text, title, skip=0):
     return [line.split()[skip:] for line in lines[rule + 1 :]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(SPECS))
 def test_pages_fit_the_paper(name):
     text = listing(solution_in(name, given_in=SPECS["UTM, local sigmas"]))

@@ -89,6 +89,7 @@ def test_a_histogram_has_as_much_ink_as_points() -> None:
     assert blue > 3 * peaked > 0
 
 
+@pytest.mark.slow
 def test_maps_show_both_signs_and_the_same_every_time() -> None:
     spec = spec_of(
         WaveSpec,

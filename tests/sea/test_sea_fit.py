@@ -211,6 +211,7 @@ def test_least_squares_stay_at_the_truth_and_see_a_wave_that_is_there_twice() ->
 # --- grid ---
 
 
+@pytest.mark.slow
 def test_the_grid_follows_a_smooth_sea_without_noise() -> None:
     swell = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, crest=3.0, level=0.1)
     fit = fit_grid(points_on(swell, 1000), spacing=15.0)
@@ -288,6 +289,7 @@ def test_a_cell_without_points_is_not_covered_unless_it_is_surrounded() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_hole_among_the_points_is_a_hole_of_the_surface() -> None:
     points = points_on(SEA, 500)
     away = np.hypot(*(points.position[:, :2] - [165.0, 100.0]).T) > 60.0
@@ -320,6 +322,7 @@ def test_gross_errors_are_rejected_with_their_reason(model) -> None:
     assert np.abs(error / sigma)[known, 0].max() < 4.0  # of 60 deviates; a gross error of 6 m has left nothing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [fit_fourier, fit_grid])
 @pytest.mark.parametrize("height", [1e300, 1e9, -1e9, 1e6, -1e4])
 def test_a_height_of_no_water_goes_before_the_fit(model, height: float) -> None:

@@ -71,6 +71,7 @@ def test_on_level_water_it_is_the_correction_of_musat_depth() -> None:
     np.testing.assert_allclose(here.position, there.position, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SEAS)
 def test_partials_by_rays_and_by_apparent_points(name: str) -> None:
     sea, step = SEAS[name], 1e-6
@@ -99,6 +100,7 @@ def test_partials_by_rays_and_by_apparent_points(name: str) -> None:
         np.testing.assert_allclose((high - low) / (2.0 * step), by_apparent.by_given[:, :, axis], atol=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sinusoidal", "superposed", "gridded"])
 def test_partials_by_the_shape_of_the_surface(name: str) -> None:
     """The surface is raised and tilted where the left ray meets it, then where the right one does."""

@@ -43,6 +43,7 @@ def spec(system: str, *waves: dict[str, Any], **tables: Any) -> Any:
     return spec_from_table({**table, **tables})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "program"),
     [

@@ -66,6 +66,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("system", "water", "options"), CASES)
 def test_unknown_water_is_found_as_it_is(system, water, options):
     """Plates end at 1e-6 mm: by the adjustment's own sigmas that leaves 4e-5 m, 0.013 arc seconds and 3e-6 at most.

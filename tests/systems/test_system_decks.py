@@ -130,6 +130,7 @@ def rays_and_points(record: dict, block: Block) -> tuple[np.ndarray, np.ndarray]
     return rays(block, stations["position"], stations["attitude"], residual), earth.cartesian(level) + earth.origin
 
 
+@pytest.mark.slow
 @NAMES
 def test_one_answer_from_decks(name, tmp_path, base, fine, wide, monkeypatch):
     """The words of the deck are those of PROJ and scipy; only its cards are written by what is tested."""
@@ -149,6 +150,7 @@ def test_one_answer_from_decks(name, tmp_path, base, fine, wide, monkeypatch):
     np.testing.assert_allclose((stated - coordinates(block, words, level)) * rate, 0.0, rtol=0, atol=POINTS)
 
 
+@pytest.mark.slow
 @NAMES
 def test_one_deck_answers_in_every_system(name, tmp_path, base, fine):
     block, native = base

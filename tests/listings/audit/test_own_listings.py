@@ -43,6 +43,7 @@ def test_listings_of_all_systems_are_consistent(system, refraction):
     assert audited(listing_text(sample_solution(system, refraction=refraction))) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["feet", "geocentric", "tilt"])
 def test_listings_stated_in_other_systems_are_consistent(name):
     block = sample_solution().block

@@ -67,6 +67,7 @@ SPECS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECS)
 def test_a_stated_listing_is_like_the_record_of_its_run(name, tmp_path):
     solution = stated(SPECS[name])

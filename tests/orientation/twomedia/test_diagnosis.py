@@ -42,6 +42,7 @@ def test_photos_are_named_where_there_are_several():
     assert result.weakest[0].words == "phi of P1 with level with Z0 of P1 with omega of P1"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "equal"),
     [(name, False) for name in METHODS if name != "SINGLE-FERMAT"]

@@ -29,6 +29,7 @@ def oriented(method: str, *, equal: bool, seed: int = 1) -> Oriented:
     return orient(noisy(method, seed), METHODS[method], Plane(), base, equal=equal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["SINGLE-RAY", "PAIR-SUCCESSIVE"])
 def test_equal_weights_propagate_the_errors_of_the_images(method):
     """The covariance against that of solutions with each image moved by a tenth of its sigma, one by one."""
@@ -58,6 +59,7 @@ def test_equal_weights_have_no_measure_for_what_is_known_of_the_water():
     assert orient(sights, METHODS["SINGLE-RAY"], held, equal=True).sigma.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_no_weights_are_better_than_those_of_the_images(method):
     """Gauss and Markov: no sigma is smaller, but for solutions that are sigmas apart; and all is said of them."""

@@ -77,6 +77,7 @@ def test_the_truth_from_nothing(name, method):
     assert not result.outliers.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draws", [2, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("name", "method"),
@@ -107,6 +108,7 @@ def noise_free(name: str, method: str) -> Problem:
     return problem_of(sights_of(geometry(name, method), control_of(METHODS[method])), METHODS[method], Plane())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method"),
     [
@@ -132,6 +134,7 @@ def test_the_truth_from_starts_of_level_1(name, method):
         assert scaled_errors(again.at, scene_of).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method", "treatment", "printed"),
     [
@@ -367,6 +370,7 @@ def fermat_as_a_ratio(rays: Rays, control: FloatArray, at: Orientation) -> Miscl
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least", "most"),
     [

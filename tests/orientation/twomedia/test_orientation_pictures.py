@@ -39,6 +39,7 @@ def basins(outcomes: list[int]) -> Basins:
     )
 
 
+@pytest.mark.slow
 def test_basins_have_the_areas_of_their_shares() -> None:
     all_alike, mixed = (basins_picture(basins(outcomes)) for outcomes in ([0] * 8, [0] * 4 + [1, 1, -1, -1]))
     assert area(all_alike, RED) < 0.02 * area(all_alike, BLUE)  # the key alone
@@ -47,6 +48,7 @@ def test_basins_have_the_areas_of_their_shares() -> None:
     assert basins_picture(basins([0, 1, -1])) == basins_picture(basins([0, 1, -1]))
 
 
+@pytest.mark.slow
 def test_precision_draws_designs_limit_and_the_geometry_at_hand() -> None:
     precision = Precision(
         depths=np.array([0.01, 0.1, 1.0]),
@@ -61,6 +63,7 @@ def test_precision_draws_designs_limit_and_the_geometry_at_hand() -> None:
     assert png == precision_picture(precision, "lab")
 
 
+@pytest.mark.slow
 def test_correlations_are_dark_where_they_are_strong() -> None:
     sights = sights_of(geometry("aerial", "SINGLE-RAY"), 20)
     png = correlation_picture(orient(sights, METHODS["SINGLE-RAY"], Plane()))

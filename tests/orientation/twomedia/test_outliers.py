@@ -62,6 +62,7 @@ def recovered(method: str, control: int, seed: int) -> tuple[set[int], bool]:
     return touched, touched <= set(np.flatnonzero(result.outliers)) and bool(np.abs(errors).max() < 3.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["COMBINED", "SINGLE-RAY", "PAIR-SUCCESSIVE"])
 def test_wrong_images_and_control_are_named(method):
     touched, right = recovered(method, control_of(METHODS[method]), 10)
@@ -87,6 +88,7 @@ def test_of_a_hundred_contaminated_orientations_95_are_recovered(method):
     assert np.mean(results) >= 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_point_is_tested_against_the_others(method):
     """By its misclosure in the solution without it; errors of a hundredth of their sigmas keep that linear."""
@@ -113,6 +115,7 @@ def test_a_point_is_tested_against_the_others(method):
             row -= k
 
 
+@pytest.mark.slow
 def test_squares_of_the_test_values_of_good_points_are_1_in_the_mean():
     """Pairs of one condition a point: four standard deviations of the mean of 40 draws."""
     true, rng = geometry("lab", "PAIR-SUCCESSIVE"), np.random.default_rng(8)

@@ -47,6 +47,7 @@ def roots_of(method: str, seed: int) -> Orientation:
     return exact_roots(problem, adjust(problem, truth_of(geometry("lab", method))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["SINGLE-RAY", "PAIR-SUCCESSIVE"])
 def test_a_minimum_set_has_other_exact_solutions(method):
     """All fulfil the conditions to a thousandth of a sigma, and differ by what a level of the water shows."""

@@ -151,6 +151,7 @@ def checked(told: FloatArray, plane: str) -> FloatArray:
     return loose
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plane", "common"), [("tide", True), ("known", False)])
 def test_errors_of_a_strip_by_chance(plane: str, common: bool) -> None:
     true, sights = small_strip()
@@ -206,6 +207,7 @@ def test_errors_of_a_strip_against_differences(plane: str, common: bool) -> None
     np.testing.assert_allclose(np.sqrt(total[loose]), np.sqrt(told[loose]), rtol=0.01)
 
 
+@pytest.mark.slow
 def test_one_plane_for_all_triplets_lowers_the_error_of_height_at_the_end() -> None:
     """In the axes of the first triplet, 12 photos: sigma of the last station .030 m over planes of their own."""
     sights, _ = strip_sights(strip_scene("lab", 12), noise=1.0)
@@ -221,6 +223,7 @@ def test_a_plane_from_the_air_is_not_determined() -> None:
     assert orient_strip(strip_sights(true, noise=1.0)[0], Plane()).verdict(0.1)[0] is Verdict.DETERMINED
 
 
+@pytest.mark.slow
 def test_wrong_control_and_wrong_images_are_left_out() -> None:
     true = strip_scene("lab", 6, 30)
     known = [*corners(true), *range(20, 26)]

@@ -90,6 +90,7 @@ def test_a_chain_over_one_plane_changes_with_its_images_as_its_links_say() -> No
         assert np.abs(part).max() < 3e-3 * np.abs(moved).max()  # weights and gains change with the triplets
 
 
+@pytest.mark.slow
 def test_tests_of_control_are_one_in_the_mean() -> None:
     """Squares of three coordinates over their covariances, of draws of images and control."""
     true = strip_scene("lab", 4, 24)

@@ -116,6 +116,7 @@ def test_precision_with_dry_control_is_that_of_photos_of_it() -> None:
     assert of_dry.sigma[0, 0] == pytest.approx(of_dry.at_hand, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_an_outlier_is_no_point_of_a_design() -> None:
     sights = sights_of(geometry("lab", "SINGLE-RAY"), 20)
     image = sights.image.copy()
@@ -127,6 +128,7 @@ def test_an_outlier_is_no_point_of_a_design() -> None:
     assert precision.at_hand == pytest.approx(level_sigma(result), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_starts_near_the_solution_lead_to_it() -> None:
     """In axes whose origin is far away too: the error of the level is one over the points."""
     shift = np.array([300.0, -200.0, 5.0])
@@ -152,6 +154,7 @@ def test_the_solution_is_the_truth_of_its_study_whatever_noise_and_priors_are() 
     np.testing.assert_array_equal(basins_of(result, np.zeros(1), 1).shares, [[1.0, 0.0, 0.0]])
 
 
+@pytest.mark.slow
 def test_other_solutions_are_told_apart() -> None:
     result = oriented("PAIR-INDEPENDENT")
     basins = basins_of(result, np.array([3.0]), 100)
