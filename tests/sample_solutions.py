@@ -49,8 +49,10 @@ from musatpy.model import (
     Refraction,
     ReseauCrosses,
     Solution,
+    StationPairs,
     Water,
     WaterPass,
+    WaterPrecision,
     WaveOrigin,
     Waves,
 )
@@ -153,6 +155,10 @@ def sample_solution(
             ObservationKind.HEIGHT_DIFFERENCE: np.array([-3.2041]),
         },
         water=_water(block),
+        pairs=StationPairs(photo=np.array([[0, 1], [1, 2]]), covariance=rng.normal(0.0, 1e-3, (2, 6, 6))),
+        water_precision=WaterPrecision(
+            names=("water level",), covariance=np.array([[0.01]]), stations=rng.normal(0.0, 1e-3, (n, 6, 1))
+        ),
         observed=_observed(rng, block),
         dependence=_dependence(rng, n),
         findings=(

@@ -140,6 +140,10 @@ class DepthError(ProblemsError):
     """A file of cameras or points that cannot be used, or an extra package that is not installed."""
 
 
+class CompilationError(ProblemsError):
+    """A triangulation, a stereomodel or readings in one that cannot be used."""
+
+
 class SystemsError(ProblemsError):
     """A coordinate system that cannot be used, or something that cannot be stated in it."""
 

@@ -42,6 +42,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "orienting": {"model", "geometry", "orientation", "reduction", "jobs"},
+    "compilation": {"model", "geometry", "refraction", "adjustment"},
     "reports": {"model", "statistics", "comparison", "jobs", "sea", "orientation", "orienting"},
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},

@@ -66,7 +66,7 @@ def considered_parameters(
 
     `network` has the true rays, `factor` that of its normals with full weights, in which `held` unknowns stay.
     """
-    wide = _extended(block, network, state)
+    wide = extended(block, network, state)
     known, sigma = wide.known, wide.sigma
     if not len(sigma):
         return None
@@ -97,7 +97,7 @@ def considered_parameters(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Extended:
+class Extended:
     """A network with c considered parameters in its border, as if they were unknown, and its state."""
 
     network: Network
@@ -108,7 +108,8 @@ class _Extended:
     sigma: FloatArray  # (c,)
 
 
-def _extended(block: Block, network: Network, state: State) -> _Extended:
+def extended(block: Block, network: Network, state: State) -> Extended:
+    """Return a network with the considered parameters of its block in the border."""
     water, border = block.water, network.border
     levels = considered_levels(block, network.water)
     tilt = 0.0 if network.water.tilt_unknown or water is None else water.tilt_sigma or 0.0
@@ -138,7 +139,7 @@ def _extended(block: Block, network: Network, state: State) -> _Extended:
         known += [number >= before for number in range(len(now))]
         names += now[before:]
         units += ["deg" if name.endswith("azimuth") else _UNITS.get(kind, "m") for name in now[before:]]
-    return _Extended(
+    return Extended(
         network=replace(network, water=knowledge, sea=sea, border=wide),
         state=state,
         known=np.array(known + [False] * 3 * len(wide.kept), dtype=bool),

@@ -14,6 +14,7 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.dependence import Diagonal
+from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
@@ -21,9 +22,19 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import is_considered
 from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.model import Block, ConsideredWater, Observations, PointStatus, Program, Weights
+from musatpy.model import (
+    Block,
+    ConsideredWater,
+    Observations,
+    PointStatus,
+    Program,
+    StationPairs,
+    WaterPrecision,
+    Weights,
+)
 
 if TYPE_CHECKING:
+    from musatpy.adjustment.considered import Considered
     from musatpy.adjustment.datum import Freedom, InnerConstraints
 
 
@@ -42,6 +53,8 @@ class Precision:
     observed: Observations
     diagonal: Diagonal
     considered: ConsideredWater | None
+    pairs: StationPairs
+    water: WaterPrecision | None
 
 
 def factor_of(matrix: NormalMatrix) -> Factor:
@@ -61,7 +74,6 @@ def precision(
     part: Participation,
     factor: Factor,
     free: Freedom | None,
-    *,
     residual: FloatArray,
     squares: float,
     dof: int,
@@ -115,6 +127,39 @@ def precision(
         observed=observed,
         diagonal=spread.diagonal,
         considered=considered.parameters if considered else None,
+        pairs=_pairs(unknowns),
+        water=_water_precision(network, cofactors.times(unit_sigma**2), considered),
+    )
+
+
+def _pairs(covariances: Cofactors) -> StationPairs:
+    """Return the covariances of stations that meet in a point."""
+    photo = covariances.pattern.pairs
+    apart = photo[:, 0] < photo[:, 1]
+    return StationPairs(photo=photo[apart], covariance=covariances.blocks[apart, :6, :6])
+
+
+def _water_precision(
+    network: Network, estimated: Cofactors, considered: Considered | None
+) -> WaterPrecision | None:
+    """Return the joint covariances of the water: those of the adjustment, and of what is considered."""
+    border, rows, corner = network.border, estimated.border, estimated.corner
+    if considered is not None:
+        border, spread = considered.network.border, considered.cofactors
+        wide = np.zeros((len(considered.free), len(considered.free)))
+        wide[np.ix_(considered.free, considered.free)] = corner
+        corner, full = wide + spread.corner, spread.border.copy()
+        full[:, considered.free] += rows
+        rows = full
+    water = np.concatenate([border.numbers(kind.observed) for kind in WATER])
+    if not len(water):
+        return None
+    names = border.names([""] * network.points)
+    of_stations = rows[:, water].reshape(network.photos, network.pattern.size, -1)
+    return WaterPrecision(
+        names=tuple(names[column] for column in water),
+        covariance=corner[np.ix_(water, water)],
+        stations=of_stations[:, :6],
     )
 
 

@@ -80,10 +80,8 @@ def solution(
     part, state = _without_unmet(network, part, state, sigma0)
     warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
-    residuals = _plate_residuals(network, measured, state, part)
-    known = precision(
-        block, refracted, state, part, factor, free, residual=residuals.residual, squares=line.objective, dof=dof
-    )
+    plates, squares = _plate_residuals(network, measured, state, part), line.objective
+    known = precision(block, refracted, state, part, factor, free, plates.residual, squares, dof)
     points = _points_of(refracted, state, part, known.points)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
     level_sigmas = np.sqrt(np.diagonal(known.unknowns.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
@@ -99,18 +97,20 @@ def solution(
         passes=passes,
         sigma0=sigma0,
         degrees_of_freedom=dof,
-        sum_of_squares=line.objective,
+        sum_of_squares=squares,
         observations=counts.observations,
         unknowns=counts.unknowns,
         stations=stations,
         points=points,
-        plates=residuals,
+        plates=plates,
         bathymetric=bathymetric_points(block, measured, state, every, np.sqrt(known.depths)),
         levels=state.levels,
         level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
         measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
         observed=known.observed,
+        pairs=known.pairs,
+        water_precision=known.water,
         considered=known.considered,
         dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
     )

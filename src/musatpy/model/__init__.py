@@ -50,7 +50,9 @@ from musatpy.model.solution import (
     PlateResiduals,
     PointStatus,
     Solution,
+    StationPairs,
     WaterPass,
+    WaterPrecision,
 )
 from musatpy.model.systems import SystemSpec
 from musatpy.model.verdict import Concern, Grade, Reason, Verdict
@@ -119,6 +121,7 @@ __all__ = [
     "Refused",
     "ReseauCrosses",
     "Solution",
+    "StationPairs",
     "StripPlane",
     "SystemSpec",
     "Transformation",
@@ -128,6 +131,7 @@ __all__ = [
     "WaterConditions",
     "WaterLevel",
     "WaterPass",
+    "WaterPrecision",
     "WaveOrigin",
     "WaveShape",
     "Waves",

@@ -71,6 +71,27 @@ class AdjustedStations(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class StationPairs(Table):
+    """e pairs of photos that share a point, the first before the second in the order of `Block.photos`."""
+
+    photo: IntArray = per_row(2)  # (e, 2)
+    covariance: FloatArray = per_row(6, 6)  # (e, 6, 6) of the parameters of the first with those of the second
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WaterPrecision:
+    """Joint covariances of g quantities of the water, adjusted and considered ones, in m and rad.
+
+    A posteriori, as those of the stations, with which they stand here too. Levels that every photo has of its own
+    as an unknown are not among them.
+    """
+
+    names: tuple[str, ...]  # (g,) in the order of the border of the normal equations
+    covariance: FloatArray  # (g, g)
+    stations: FloatArray  # (n, 6, g) of the parameters of stations with the water
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GroundPoints(Table):
     """p ground points, row by row those of `Block.points`; NaN where not determined."""
 
@@ -155,6 +176,8 @@ class Solution:
         ObservationKind, FloatArray
     ]  # (r,) adjusted lengths, ... of a table; NaN: an end has no place
     water: AdjustedWater | None = None  # None: a job without water
+    pairs: StationPairs | None = None  # None: the solution was not built by an adjustment
+    water_precision: WaterPrecision | None = None  # None: nothing of the water is uncertain
     considered: ConsideredWater | None = None  # None: nothing of the water has a sigma without being unknown
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise

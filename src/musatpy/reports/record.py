@@ -25,7 +25,7 @@ from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, same
 from musatpy.statistics import Statistics
 
-SCHEMA_VERSION = "1.7"
+SCHEMA_VERSION = "1.8"
 _ABOUT = (
     "The numbers of one job at full precision. Positions are in the system of the job: latitude, longitude, "
     "ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up (X, Y, Z in "
@@ -72,6 +72,7 @@ _TABLES: tuple[Node[Statistics], ...] = (
     job_record.DISTORTION,
     job_record.FIDUCIALS,
     result_record.STATIONS,
+    result_record.PAIRS,
     result_record.POINTS,
     stated_record.STATED,
     result_record.BATHYMETRIC,
@@ -81,6 +82,7 @@ _TABLES: tuple[Node[Statistics], ...] = (
     result_record.DISTANCES,
     result_record.HEIGHT_DIFFERENCES,
     quality_record.ADJUSTED_WATER,
+    result_record.WATER_PRECISION,
     quality_record.TESTS,
     quality_record.OBSERVATIONS,
     quality_record.DEPENDENCE,

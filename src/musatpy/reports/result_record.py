@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from musatpy.arrays import TextArray
-from musatpy.model import ControlKind, Iteration, ObservationKind, PointStatus, Solution, WaterPass
+from musatpy.model import (
+    ControlKind,
+    Iteration,
+    ObservationKind,
+    PointStatus,
+    Solution,
+    StationPairs,
+    WaterPass,
+    WaterPrecision,
+)
 from musatpy.reports.encoding import names, plain
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import PLATE_KINDS, Analysis, DifferenceStatistics, Statistics
@@ -203,6 +212,42 @@ STATIONS = Table(
         Field("tide_day", "string", "day of the exposure", lambda s: s.block.photos.tide_day),
         Field(
             "time", "number?", "of the exposure, on one clock for all photos", lambda s: s.block.photos.time, "s",
+        ),
+    ),
+)  # fmt: skip
+
+
+def _pairs(statistics: Statistics) -> tuple[TextArray, StationPairs] | None:
+    pairs = statistics.solution.pairs
+    return None if pairs is None else (statistics.block.photos.ids, pairs)
+
+
+PAIRS = Rows[Statistics, tuple[TextArray, StationPairs]](
+    "station_pairs",
+    "one row per pair of photos that share a point",
+    _pairs,
+    (
+        Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
+        Field(
+            "covariance",
+            "6x6 number?",
+            "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with those of the second",
+            lambda p: p[1].covariance,
+            "m2, m rad, rad2",
+        ),
+    ),
+)
+WATER_PRECISION = Rows[Statistics, WaterPrecision](
+    "water_precision",
+    "one row per quantity of the water that is adjusted or considered, but unknown levels of single photos",
+    lambda s: s.solution.water_precision,
+    (
+        Field("quantity", "string", "level, tilt, index or parameter of a wave", lambda w: w.names),
+        Field("covariance", "* number?", "a posteriori, with all of them in this order", unit="m, rad"),
+        Field(
+            "stations", "* number?",
+            "a posteriori, with east, north, up, X-tilt, Y-tilt, heading of each station, one after the other",
+            lambda w: w.stations.reshape(-1, len(w.names)).T, "m, rad",
         ),
     ),
 )  # fmt: skip

@@ -1,0 +1,54 @@
+"""What the errors of two stations, of the water and of pointing do to what is compiled of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.reliability import Piece
+from musatpy.arrays import FloatArray
+from musatpy.compilation.triangulation import Triangulation
+
+
+def joint_covariances(run: Triangulation, network: Network) -> Cofactors:
+    """Return the covariances of stations and water in the pattern of a network."""
+    pattern, q = network.pattern, network.pattern.size
+    blocks = np.zeros((len(pattern.pairs), q, q))
+    blocks[pattern.diagonal, :6, :6] = run.covariance
+    rows = {(int(i), int(j)): row for row, (i, j) in enumerate(run.pairs.photo)}
+    for place, (i, j) in enumerate(pattern.pairs.tolist()):
+        if i < j and (i, j) in rows:
+            blocks[place, :6, :6] = run.pairs.covariance[rows[i, j]]
+    size = network.border.size
+    border, corner = np.zeros((pattern.count, q, size)), np.zeros((size, size))
+    if run.water is not None:
+        border[:, :6], corner[:] = run.water.stations, run.water.covariance
+    return Cofactors(pattern=pattern, blocks=blocks, border=border.reshape(pattern.order, size), corner=corner)
+
+
+def y_parallax(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray]:
+    """Return how far the right images (k,) mm are off the rays of the left ones, and their sigmas.
+
+    The four image coordinates of a point have one condition a'dl = 0 with a'B = 0, B their partials by the point:
+    the right image is off its epipolar curve by a'(read - adjusted) over the length of its part of a, positive
+    along y.
+    """
+    N, E = piece.E.normals, piece.E
+    k, m = piece.group.rays.shape
+    a = _left_null(N.B.reshape(k, 2 * m, 3)).reshape(k, m, 2)
+    size = np.linalg.norm(a[:, 1], axis=1) * np.where(a[:, 1, 1] < 0.0, -1.0, 1.0)
+    a /= size[:, None, None]
+    off = -np.einsum("kma,kma->k", a, N.residual)
+    by_station = np.einsum("kma,kmaq->kmq", a, N.images.by_station).reshape(k, -1)
+    J = np.concatenate([by_station, np.einsum("kma,kmax->kx", a, E.extras.images)], axis=1)
+    variance = np.einsum("ki,kij,kj->k", J, piece.Q, J)
+    variance += np.einsum("kma,kma->k", np.square(a), 1.0 / network.weight[piece.group.rays])
+    return off, np.sqrt(variance)
+
+
+def _left_null(B: FloatArray) -> FloatArray:
+    """Return the rows a (k, 4) with a'B = 0 of matrices B (k, 4, 3): their cofactors."""
+    rows = np.arange(4)
+    minors = [np.linalg.det(B[:, rows != row]) for row in rows]
+    return np.stack([minor if row % 2 == 0 else -minor for row, minor in enumerate(minors)], axis=1)

@@ -1,0 +1,197 @@
+"""Points compiled in a stereomodel: the least squares of their images through the water, stations held.
+
+What the triangulation does to points that it keeps out, with its stations, water and joint covariances: the same
+network of rays with other measurements, so that both agree to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment.bathymetric import bathymetric_points
+from musatpy.adjustment.building import build_network
+from musatpy.adjustment.considered import extended
+from musatpy.adjustment.ground import PARALLEL, intersect_freely
+from musatpy.adjustment.network import Network, PointGroup, group_points, participation
+from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
+from musatpy.adjustment.sightings import residuals, straight_rays
+from musatpy.adjustment.unknowns import State, initial_state
+from musatpy.adjustment.water_surface import is_considered
+from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
+from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.compilation.errors_of_pairs import joint_covariances, y_parallax
+from musatpy.compilation.triangulation import Triangulation
+from musatpy.geometry.collinearity import in_front
+from musatpy.geometry.intersection import widest_angle
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.model import Block, PlateMeasurements, Points
+
+_TURNS = 8  # times that rays may change between wet and dry
+PARALLEL_RAYS, BEHIND = "its rays are parallel", "its rays meet behind a camera"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """k points read on the plates of two photos: refined plate coordinates xy (k, 2, 2) mm, left and right."""
+
+    ids: TextArray  # (k,)
+    submerged: BoolArray  # (k,)
+    xy: FloatArray  # (k, 2, 2)
+    sigma: FloatArray  # (k, 2, 2) mm, of a pointing
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TruePoints:
+    """k points in the system of the job; NaN where there is none, and `reasons` says why.
+
+    covariance (k, 3, 3) along east, north, up; apparent (k, 3) where the straight rays meet. Depths are below the
+    mean water of both photos. residual (k, 2, 2) mm, adjusted minus read; y_parallax (k,) mm by which the right
+    image is off, with its sigma of pointing, stations and water; wet (k, 2) rays.
+    """
+
+    position: FloatArray
+    covariance: FloatArray
+    apparent: FloatArray
+    water_level: FloatArray
+    depth: FloatArray
+    depth_sigma: FloatArray
+    incidence: FloatArray
+    residual: FloatArray
+    y_parallax: FloatArray
+    y_parallax_sigma: FloatArray
+    wet: BoolArray
+    reasons: dict[int, str]
+
+
+def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
+    """Return the points of readings on two photos (rows) of a run."""
+    block, measured, state = _network(run, photos, readings)
+    submerged = readings.submerged
+    every = np.ones(2 * len(submerged), dtype=bool)
+    groups = group_points(measured.photo, measured.point, every, every[: len(submerged)])
+    line, state = _at_rest(measured, state, groups, submerged)
+    network = measured.with_plates(measured.xy, line.wet)
+    reasons = _lost(network, state, groups)
+    ground = state.ground.copy()
+    ground[list(reasons)] = np.nan
+    state = replace(state, ground=ground)
+    return _described(run, block, measured, network, state, groups, line, reasons)
+
+
+def _network(run: Triangulation, photos: tuple[int, int], readings: Readings) -> tuple[Block, Network, State]:
+    """Return the block of the readings on the photos of the run, its network, and its first state."""
+    count, block = len(readings.ids), run.block
+    block = replace(
+        block,
+        points=Points(ids=readings.ids, bathymetric=readings.submerged),
+        plates=PlateMeasurements(
+            photo=np.repeat(np.array(photos), count),
+            point=np.tile(np.arange(count), 2),
+            xy=np.concatenate([readings.xy[:, 0], readings.xy[:, 1]]),
+            sigma=np.concatenate([readings.sigma[:, 0], readings.sigma[:, 1]]),
+            triangulated=np.zeros(2 * count, dtype=bool),
+        ),
+        options=replace(block.options, submerged_factor=1.0),
+    )
+    frame = run.frame
+    network = build_network(block, frame, participation(block))
+    if np.isfinite(run.given).all():  # the axes of the covariances
+        axes = frame.axes(frame.working(run.given))
+        M = attitude_matrix(network.attitude) @ network.axes
+        network = replace(network, axes=axes, attitude=attitude_from_matrix(M @ np.swapaxes(axes, 1, 2)))
+    state = initial_state(network)
+    if is_considered(block, network.water):
+        wide = extended(block, network, state)
+        network, state = wide.network, wide.state
+    return block, network, state
+
+
+def _at_rest(
+    measured: Network, state: State, groups: Iterable[PointGroup], submerged: BoolArray
+) -> tuple[WaterLine, State]:
+    """Return which rays are wet, and the state with the points where these rays meet."""
+    state = intersect_freely(measured, state, groups)
+    line = water_line(measured, state, submerged)
+    for _ in range(_TURNS):
+        network, state = refracted(measured, line, state)
+        state = intersect_freely(network, state, groups)
+        new = best_line(measured, line, state, submerged)
+        if new.same_as(line):
+            break
+        line = new
+    return line, state
+
+
+def _lost(network: Network, state: State, groups: Iterable[PointGroup]) -> dict[int, str]:
+    """Return why points have no position."""
+    reasons: dict[int, str] = {}
+    for group in groups:
+        _, direction = straight_rays(network, state, group.rays)
+        X = state.ground[group.point]
+        photo = network.photo[group.rays]
+        seen = in_front(X[:, None] - state.position[photo], state.M[photo]).all(axis=1)
+        parallel = widest_angle(direction) < PARALLEL
+        reasons |= dict.fromkeys(group.point[~seen].tolist(), BEHIND)
+        reasons |= dict.fromkeys(group.point[parallel].tolist(), PARALLEL_RAYS)
+    return reasons
+
+
+def _described(
+    run: Triangulation,
+    block: Block,
+    measured: Network,
+    network: Network,
+    state: State,
+    groups: tuple[PointGroup, ...],
+    line: WaterLine,
+    reasons: dict[int, str],
+) -> TruePoints:
+    covariances = joint_covariances(run, network)
+    submerged = block.points.bathymetric
+    count = len(submerged)
+    known = np.asarray(np.isfinite(state.ground).all(axis=1))
+    covariance, depth = np.full((count, 3, 3), np.nan), np.full(count, np.nan)
+    parallax, parallax_sigma = np.full(count, np.nan), np.full(count, np.nan)
+    for group in groups:
+        part = group.part(known[group.point])
+        for rows, piece in pieces(network, state, part, covariances):
+            point = part.point[rows]
+            covariance[point] = point_covariances(network, piece, covariances, None)
+            parallax[point], parallax_sigma[point] = y_parallax(network, piece)
+            wet = submerged[point]
+            if wet.any():
+                depth[point] = np.where(wet, depth_cofactors(network, state, piece, covariances, None), np.nan)
+    v = np.full((2 * count, 2), np.nan)
+    rays = np.flatnonzero(known[network.point])
+    v[rays] = residuals(network, state, rays)
+    bathymetric = bathymetric_points(block, measured, state, groups, np.sqrt(depth))
+
+    def of_all(values: FloatArray) -> FloatArray:
+        every = np.full((count, *values.shape[1:]), np.nan)
+        every[bathymetric.point] = values
+        return every
+
+    return TruePoints(
+        position=_in_system(network, state.ground),
+        covariance=covariance,
+        apparent=of_all(bathymetric.apparent),
+        water_level=of_all(bathymetric.water_level),
+        depth=of_all(bathymetric.depth),
+        depth_sigma=of_all(bathymetric.depth_sigma),
+        incidence=of_all(bathymetric.incidence),
+        residual=np.swapaxes(v.reshape(2, count, 2), 0, 1),
+        y_parallax=parallax,
+        y_parallax_sigma=parallax_sigma,
+        wet=line.wet.reshape(2, count).T,
+        reasons=reasons,
+    )
+
+
+def _in_system(network: Network, ground: FloatArray) -> FloatArray:
+    position = np.full(ground.shape, np.nan)
+    known = np.isfinite(ground).all(axis=1)
+    position[known] = network.frame.system(ground[known])
+    return position
