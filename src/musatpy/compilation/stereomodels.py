@@ -1,0 +1,126 @@
+"""A stereomodel: two photos of a run in axes of their own, as the plotter has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.compilation.triangulation import Triangulation
+from musatpy.errors import CompilationError, Problem
+from musatpy.geometry import collinearity, intersection
+from musatpy.geometry.rotations import attitude_matrix
+
+_LEAST_BASE = 0.01  # of the flying height, across the vertical
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stereomodel:
+    """Model axes: X along the base of photos left and right (rows of the run), Z up at the origin, metres.
+
+    `origin` (3,) working, the middle of the footprint of the base on the water, or at height 0 of a run without
+    water. axes (3, 3): X, Y, Z of the model as rows in working axes.
+    """
+
+    run: Triangulation
+    left: int
+    right: int
+    origin: FloatArray
+    axes: FloatArray
+
+    def model(self, working: FloatArray) -> FloatArray:
+        """Return model coordinates (..., 3) of working ones."""
+        return np.asarray((working - self.origin) @ self.axes.T)
+
+    def working(self, model: FloatArray) -> FloatArray:
+        """Return working coordinates (..., 3) of model ones."""
+        return np.asarray(model @ self.axes + self.origin)
+
+    @property
+    def photos(self) -> tuple[int, int]:
+        """Left and right."""
+        return self.left, self.right
+
+    @cached_property
+    def stations(self) -> FloatArray:
+        """(2, 3) in the model: B_1 and B_2 of ETL-0306, section 5."""
+        positions = self.run.block.photos.position[list(self.photos)]
+        return self.model(self.run.frame.working(positions))
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """(2, 3, 3) model axes to photo."""
+        photos, frame = self.run.block.photos, self.run.frame
+        rows = list(self.photos)
+        axes = frame.axes(frame.working(photos.position[rows]))
+        return np.asarray(attitude_matrix(photos.attitude[rows]) @ axes @ self.axes.T)
+
+    @cached_property
+    def tides(self) -> FloatArray:
+        """(2,) m, heights of the water at the exposures."""
+        return self.run.block.photos.tide[list(self.photos)]
+
+    @property
+    def index(self) -> float:
+        """Refractive index of the water, 1 without any."""
+        return self.run.block.water.index if self.run.block.water else 1.0
+
+    @property
+    def base(self) -> float:
+        """Length of the base, m."""
+        return float(np.linalg.norm(self.stations[1] - self.stations[0]))
+
+    @property
+    def height(self) -> float:
+        """Mean height (m) of the stations over the origin."""
+        return float(self.stations[:, 2].mean())
+
+    def camera(self, name: str) -> FloatArray:
+        """Return `focal_length`, `principal_point` or `format_size` of the cameras of both photos, (2, ...)."""
+        block = self.run.block
+        return np.asarray(getattr(block.cameras, name)[block.photos.camera[list(self.photos)]])
+
+    def rays(self, xy: FloatArray) -> FloatArray:
+        """Return the unit rays (k, 2, 3) in the model of plate coordinates (k, 2, 2) mm."""
+        return collinearity.ray(xy, self.rotation, self.camera("focal_length"), self.camera("principal_point"))
+
+    def images(self, targets: FloatArray) -> FloatArray:
+        """Return plate coordinates (k, 2, 2) mm of targets (k, 2, 3) of each photo's ray in air, in the model."""
+        focal_length, principal_point = self.camera("focal_length"), self.camera("principal_point")
+        return collinearity.image(targets - self.stations, self.rotation, focal_length, principal_point)
+
+    def apparent(self, xy: FloatArray) -> FloatArray:
+        """Return where the straight rays of plate coordinates (k, 2, 2) mm meet best, (k, 3) in the model."""
+        return intersection.first_pair(np.broadcast_to(self.stations, (len(xy), 2, 3)), self.rays(xy))
+
+
+def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
+    """Return the stereomodel of two photos by their names.
+
+    Raises `CompilationError` where the run has none of a name, and where the base is nearly zero or vertical.
+    """
+    rows = [run.photo(left), run.photo(right)]
+    frame, photos = run.frame, run.block.photos
+    stations = frame.working(photos.position[rows])
+    level = frame.level(stations.mean(axis=0))
+    tides = photos.tide[rows]
+    level[2] = tides.mean() if np.isfinite(tides).all() else 0.0
+    origin = frame.from_level(level)
+    up = frame.axes(origin)[2]
+    base = stations[1] - stations[0]
+    along = base - up * (base @ up)
+    height = float((stations.mean(axis=0) - origin) @ up)
+    if np.linalg.norm(along) < _LEAST_BASE * abs(height):
+        message = f"photos {left} and {right} have no base across the vertical: {np.linalg.norm(along):.2f} m"
+        raise CompilationError([Problem(message=message)])
+    x = along / np.linalg.norm(along)
+    return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))
+
+
+def off_plate(model: Stereomodel, xy: FloatArray) -> BoolArray:
+    """Return (k, 2) which plate coordinates (k, 2, 2) mm lie outside the formats of the cameras."""
+    size = model.camera("format_size")
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(xy) > 0.5 * size).any(axis=-1))

@@ -1,0 +1,102 @@
+"""Pairs of vertical photographs over flat and curved water, with images traced without what is tested."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from musatpy import model
+from musatpy.arrays import FloatArray
+from musatpy.compilation.stereomodels import Stereomodel
+from musatpy.compilation.triangulation import Triangulation
+from musatpy.model.tables import empty
+from musatpy.refraction.flat import air_tangent
+from musatpy.simulation.raytrace import trace
+
+SPHERE = model.EllipsoidSpec(semi_major_axis=6_371_000.0, inverse_flattening=0.0)
+INDEX = 1.34
+
+
+def pair(
+    height: float, base: float, tides: tuple[float, float] = (0.0, 0.0), *, sphere: bool = False
+) -> Triangulation:
+    """Return a run of two photographs, straight down, along X or along the equator, without errors."""
+    position = np.array([[0.0, 0.0, height], [base, 0.0, height]])
+    if sphere:
+        radius = 6_371_000.0
+        position = np.array([[0.0, east / (radius + height), height] for east in (0.0, base)])
+    nothing = np.full((2, 3), np.nan)
+    block = model.Block(
+        titles=(),
+        options=model.Options(
+            program=model.Program.IIIA,
+            system=model.CoordinateSystem.GEOGRAPHIC if sphere else model.CoordinateSystem.LOCAL,
+            plate_sigma=0.005,
+        ),
+        ellipsoid=SPHERE if sphere else None,
+        water=model.Water(index=INDEX),
+        cameras=model.Cameras(
+            ids=np.array(["C"]),
+            focal_length=np.array([152.4]),
+            principal_point=np.zeros((1, 2)),
+            format_size=np.full((1, 2), 1e4),
+        ),
+        photos=model.Photos(
+            ids=np.array(["1", "2"]),
+            camera=np.zeros(2, dtype=int),
+            position=position,
+            position_sigma=nothing,
+            attitude=np.zeros((2, 3)),
+            attitude_sigma=nothing,
+            tide=np.array(tides),
+        ),
+        points=empty(model.Points),
+    )
+    return Triangulation(
+        block=block,
+        given=position,
+        covariance=np.zeros((2, 6, 6)),
+        pairs=model.StationPairs(photo=np.array([[0, 1]]), covariance=np.zeros((1, 6, 6))),
+        water=None,
+        position=np.zeros((0, 3)),
+        point_covariance=np.zeros((0, 3, 3)),
+        triangulated=np.zeros(0, dtype=bool),
+        unit_sigma=1.0,
+    )
+
+
+def flat_images(run: Triangulation, points: FloatArray) -> FloatArray:
+    """Return the images (k, 2, 2) mm of points (k, 3) below flat water, by the tangent of their rays in air."""
+    photos, f = run.block.photos, run.block.cameras.focal_length[0]
+    gap = points[:, None] - photos.position
+    D = np.linalg.norm(gap[..., :2], axis=-1)
+    tangent = air_tangent(photos.position[:, 2] - photos.tide, photos.tide - points[:, None, 2], D, INDEX)
+    return np.asarray(f * tangent[..., None] * gap[..., :2] / D[..., None])
+
+
+def grid(X: tuple[float, float], Y: float, number: int = 15) -> FloatArray:
+    """Return places (number squared, 2) between limits of X and -Y and Y."""
+    places = np.meshgrid(np.linspace(*X, number), np.linspace(-Y, Y, number))
+    return np.stack([part.ravel() for part in places], axis=1)
+
+
+def at_depth(places: FloatArray, depth: float) -> FloatArray:
+    """Return points (k, 3) at a depth below height 0."""
+    return np.column_stack([places, np.full(len(places), -depth)])
+
+
+def curved_images(stereo: Stereomodel, places: FloatArray, depth: float) -> tuple[FloatArray, FloatArray]:
+    """Return working coordinates (k, 3) of points at a depth below a sphere of water, and their images (k, 2, 2).
+
+    `places` (k, 2) are metres along the equator and towards north.
+    """
+    frame, photos = stereo.run.frame, stereo.run.block.photos
+    radius = 6_371_000.0
+    level = np.column_stack([places[:, 1] / radius, places[:, 0] / radius, np.full(len(places), -depth)])
+    water = np.zeros(len(places))
+    xy = np.empty((len(places), 2, 2))
+    for photo, station in enumerate(frame.working(photos.position)):
+        geocentric = np.broadcast_to(station + frame.origin, (len(places), 3))
+        incidence = trace(geocentric, level, water, INDEX, (radius, 0.0)).incidence - frame.origin
+        target = stereo.model(incidence)
+        xy[:, photo] = stereo.images(np.stack([target, target], axis=1))[:, photo]
+    return frame.working(level), xy
