@@ -20,6 +20,7 @@ from musatpy.errors import MusatError, printable
 COMMANDS = {
     "run": "musatpy.cli.run",
     "orient": "musatpy.cli.orient",
+    "as11": "musatpy.cli.as11",
     "batch": "musatpy.cli.batch",
     "baseline": "musatpy.cli.baseline",
     "check": "musatpy.cli.check",

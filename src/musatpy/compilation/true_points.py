@@ -21,7 +21,7 @@ from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.adjustment.water_surface import is_considered
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
-from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.errors_of_pairs import joint_covariances, y_parallax
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.geometry.collinearity import in_front
@@ -41,6 +41,12 @@ class Readings:
     submerged: BoolArray  # (k,)
     xy: FloatArray  # (k, 2, 2)
     sigma: FloatArray  # (k, 2, 2) mm, of a pointing
+
+    def part(self, rows: IntArray) -> Readings:
+        """Return some of the readings."""
+        return Readings(
+            ids=self.ids[rows], submerged=self.submerged[rows], xy=self.xy[rows], sigma=self.sigma[rows]
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,10 +71,20 @@ class TruePoints:
     wet: BoolArray
     reasons: dict[int, str]
 
+    def among(self, rows: IntArray, count: int, without: dict[int, str]) -> TruePoints:
+        """Return the points as `rows` of `count`; others have no position, and reasons of their own."""
+        columns: dict[str, FloatArray] = {}
+        for name, values in vars(self).items():
+            if name != "reasons":
+                columns[name] = np.full((count, *values.shape[1:]), False if values.dtype == bool else np.nan)
+                columns[name][rows] = values
+        reasons = {int(rows[row]): why for row, why in self.reasons.items()}
+        return replace(self, **columns, reasons=reasons | without)  # type: ignore[arg-type]
+
 
 def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
     """Return the points of readings on two photos (rows) of a run."""
-    block, measured, state = _network(run, photos, readings)
+    block, measured, state = network_of(run, photos, readings)
     submerged = readings.submerged
     every = np.ones(2 * len(submerged), dtype=bool)
     groups = group_points(measured.photo, measured.point, every, every[: len(submerged)])
@@ -81,7 +97,7 @@ def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings)
     return _described(run, block, measured, network, state, groups, line, reasons)
 
 
-def _network(run: Triangulation, photos: tuple[int, int], readings: Readings) -> tuple[Block, Network, State]:
+def network_of(run: Triangulation, photos: tuple[int, int], readings: Readings) -> tuple[Block, Network, State]:
     """Return the block of the readings on the photos of the run, its network, and its first state."""
     count, block = len(readings.ids), run.block
     block = replace(

@@ -54,7 +54,6 @@ converted](../docs/formats.md) is said elsewhere.
 
 def card_manual(family: Family) -> str:
     """Return the manual of `family` in Markdown: the keys of its files; ruler, sample and fields of each card."""
-    cards = family.cards.values()
     parts = [
         _INTRODUCTION,
         "## Keys of a file\n",
@@ -62,11 +61,19 @@ def card_manual(family: Family) -> str:
         "Keys of each `[[field]]`:\n",
         _key_table(FieldSpec),
         _NUMBERS,
+        *card_sections(family),
+    ]
+    return "\n".join(parts)
+
+
+def card_sections(family: Family) -> list[str]:
+    """Return the cards of a family in Markdown: which there are, and ruler, sample and fields of each."""
+    cards = family.cards.values()
+    return [
         f"## The cards of `{family.name}`\n",
         _table(["card", "", "in a deck"], ([_link(card), card.title, _occurrence(card)] for card in cards)),
         *(_card_section(card) for card in cards),
     ]
-    return "\n".join(parts)
 
 
 def _card_section(card: CardSpec) -> str:
@@ -175,7 +182,8 @@ def _table(header: list[str], rows: Iterable[list[str]]) -> str:
 def manual() -> str:
     """Return the manual of all formats of the program."""
     cards = card_manual(load_family(card_formats_folder() / "musat"))
-    return f"{cards}\n{records_manual([family.files for family in agencies().values()])}"
+    compilation = "\n".join(card_sections(load_family(card_formats_folder() / "as11")))
+    return f"{cards}\n{compilation}\n{records_manual([family.files for family in agencies().values()])}"
 
 
 if __name__ == "__main__":

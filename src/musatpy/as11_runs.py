@@ -1,0 +1,77 @@
+"""A compilation deck on the record of a run: read, set up, compile, report (`musat as11 compile`)."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+
+from musatpy.compilation.against_run import against_run
+from musatpy.compilation.compiled import Compiled, compiled
+from musatpy.compilation.triangulation import of_record
+from musatpy.errors import CompilationError, Problem, ProblemsError
+from musatpy.files import write_files
+from musatpy.formats.compilation_deck import read_compilation
+from musatpy.reports import compilation
+from musatpy.reports.csv_files import csv_files
+from musatpy.reports.record import dumps
+from musatpy.runs import ExitStatus, output_paths
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompileResult:
+    """A compilation deck after its compilation: what came of it, None where nothing did, and the files written."""
+
+    status: ExitStatus
+    problems: tuple[Problem, ...]
+    compiled: Compiled | None
+    files: tuple[Path, ...] = ()  # the listing first, then the record, tables
+
+
+def compile_deck(
+    run: Path,
+    deck: Path,
+    out_dir: Path | None = None,
+    *,
+    carriage_control: bool = False,
+    csv: bool = False,
+    date: datetime.date | None = None,
+) -> CompileResult:
+    """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
+
+    With `csv` also the tables of the listing, in `NAME_tables`. Where run or deck cannot be used nothing is
+    written, and every reason is in `problems`. Raises `OSError` where files cannot be read or written.
+    """
+    problems: list[Problem] = []
+    triangulation = contents = None
+    for part in ("run", "deck"):
+        try:
+            if part == "run":
+                triangulation = of_record(run)
+            else:
+                contents, warnings = read_compilation(deck)
+                problems += warnings
+        except ProblemsError as error:
+            problems += error.problems
+    if triangulation is None or contents is None:
+        return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
+    try:
+        result = compiled(triangulation, contents)
+    except CompilationError as error:
+        return CompileResult(
+            status=ExitStatus.UNUSABLE, problems=(*problems, *_of_deck(deck, error)), compiled=None
+        )
+    against = [against_run(model) for model in result.models]
+    sections = compilation.sections_of(result, against)
+    listing, record = output_paths(deck, out_dir)[:2]
+    text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
+    files = {listing: text.encode(), record: dumps(compilation.record_of(result, against)).encode()}
+    if csv:
+        folder = listing.with_name(f"{deck.stem}_tables")
+        files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
+    write_files(files)
+    return CompileResult(status=ExitStatus.DONE, problems=tuple(problems), compiled=result, files=tuple(files))
+
+
+def _of_deck(deck: Path, error: CompilationError) -> list[Problem]:
+    return [Problem(file=str(deck), message=problem.message) for problem in error.problems]

@@ -1,0 +1,14 @@
+"""`musat as11`: points compiled in stereomodels of a run; its commands are loaded when used."""
+
+from __future__ import annotations
+
+import click
+
+from musatpy.cli.lazy import LazyGroup
+
+COMMANDS = {"compile": "musatpy.cli.as11_compile"}
+
+
+@click.group(name="as11", cls=LazyGroup, modules=COMMANDS, short_help="Compile points in stereomodels of a run.")
+def command() -> None:
+    """Set stereomodels up from a run, and compile points in them through the water."""

@@ -1,0 +1,54 @@
+"""`musat as11 compile`: the points of a compilation deck, with their sigmas."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import click
+
+from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
+from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
+
+
+@click.command(name="compile", short_help="Compile the points of a deck.")
+@click.argument("run", type=NamedPath())
+@click.argument("deck", type=NamedPath())
+@out_option
+@click.option(
+    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
+)
+@click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
+@click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    run: Path,
+    deck: Path,
+    out_dir: Path | None,
+    carriage_control: bool,
+    csv: bool,
+    dated: bool,
+) -> None:
+    """Compile the compilation DECK in stereomodels of RUN.json: the listing NAME.lst and the record NAME.json.
+
+    RUN.json is the record of a run. Exit status: 0 done, 1 the run or the deck cannot be used.
+    """
+    from musatpy.as11_runs import compile_deck
+    from musatpy.runs import output_paths
+
+    refuse_overwriting(output_paths(deck, out_dir)[:2], [run, deck])
+    date = datetime.date.today() if dated else None
+    result = compile_deck(run, deck, out_dir, carriage_control=carriage_control, csv=csv, date=date)
+    complain_of(result.problems)
+    if result.compiled is None:
+        errors = sum(problem.severity == "error" for problem in result.problems)
+        complain(f"{name_of(deck)}: not compiled, {count_of(errors, 'error')}")
+        ctx.exit(result.status)
+    for warning in result.compiled.warnings():
+        complain(f"{name_of(deck)}: {warning}")
+    points = len(result.compiled.rows)
+    lost = sum(reason is not None for reason in result.compiled.reasons)
+    without = f", {lost} without coordinates" if lost else ""
+    of = f"{count_of(points, 'point')} in {count_of(len(result.compiled.models), 'model')}"
+    tell(f"{name_of(deck)}: {of}{without}, listing {name_of(result.files[0])}")

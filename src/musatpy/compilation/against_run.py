@@ -1,0 +1,84 @@
+"""Compiled points against those of the run by the same names: where they lie, and what the stages should read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy.adjustment.sightings import image_coordinates
+from musatpy.adjustment.waterline import water_line
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.compilation.compiled import CompiledModel
+from musatpy.compilation.true_points import network_of
+
+_SAME = 1e-6  # mm, of readings that are those of the run
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgainstRun:
+    """r points of a model that the run has too: `rows` of its readings, `points` rows of those of the run.
+
+    difference (r, 3) m, compiled minus run along east, north, up; shared (r,) are those whose readings are the
+    plate measurements of the run; stages (r, 2, 2) mm read minus predicted by the points of the run.
+    """
+
+    rows: IntArray
+    points: IntArray
+    difference: FloatArray
+    shared: BoolArray
+    stages: FloatArray
+
+    @property
+    def length(self) -> FloatArray:
+        """(r,) m, of the differences."""
+        return np.asarray(np.linalg.norm(self.difference, axis=1))
+
+
+def against_run(model: CompiledModel) -> AgainstRun:
+    """Return the points of a model beside those of the run."""
+    run = model.stereo.run
+    number = {name: row for row, name in enumerate(run.block.points.ids.tolist())}
+    point = np.array([number.get(name, -1) for name in model.readings.ids.tolist()], dtype=np.int64)
+    known = (point >= 0) & np.isfinite(model.points.position).all(axis=1)
+    rows = np.flatnonzero(known & np.isfinite(run.position[point]).all(axis=1))
+    points, frame = point[rows], run.frame
+    at = frame.working(run.position[points])
+    gap = frame.working(model.points.position[rows]) - at
+    return AgainstRun(
+        rows=rows,
+        points=points,
+        difference=np.einsum("kij,kj->ki", frame.axes(at), gap),
+        shared=_shared(model, rows, points),
+        stages=model.readings.xy[rows] - predicted(model, points),
+    )
+
+
+def predicted(model: CompiledModel, points: IntArray) -> FloatArray:
+    """Return what the stages (r, 2, 2) mm should read of points (r,) of the run."""
+    run = model.stereo.run
+    readings = replace(
+        model.readings.part(np.zeros(len(points), dtype=np.int64)),
+        ids=run.block.points.ids[points],
+        submerged=run.block.points.bathymetric[points],
+    )
+    _, network, state = network_of(run, model.stereo.photos, readings)
+    state = replace(state, ground=run.frame.working(run.position[points]))
+    line = water_line(network, state, readings.submerged)
+    network = network.with_plates(network.xy, line.wet)
+    xy = image_coordinates(network, state, np.arange(2 * len(points)), state.ground[network.point])
+    return np.swapaxes(xy.reshape(2, len(points), 2), 0, 1)
+
+
+def _shared(model: CompiledModel, rows: IntArray, points: IntArray) -> BoolArray:
+    """Return which readings are plate measurements of the run."""
+    plates = model.stereo.run.block.plates
+    measured = dict(zip(zip(plates.photo.tolist(), plates.point.tolist(), strict=True), plates.xy, strict=True))
+    same = np.zeros(len(rows), dtype=bool)
+    for place, (row, point) in enumerate(zip(rows.tolist(), points.tolist(), strict=True)):
+        xy = [measured.get((photo, point)) for photo in model.stereo.photos]
+        same[place] = all(
+            given is not None and np.abs(model.readings.xy[row, side] - given).max() <= _SAME
+            for side, given in enumerate(xy)
+        )
+    return same

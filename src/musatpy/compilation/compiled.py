@@ -1,0 +1,164 @@
+"""A compilation deck on a run: every model set up, every reading a point with its sigma, or the reason why not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.compilation.printed import Printed, printed_points
+from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
+from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.true_points import Readings, TruePoints, true_points
+from musatpy.errors import CompilationError, Problem
+from musatpy.model.compilation import RECOVERABLE, Compilation, Mode
+
+OFF_PLATE = "its image lies off the plate"
+NO_TIDE = "it is submerged, and the tide of a photo is not given"
+_ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
+_MISSED = 3.29  # sigmas of a y-parallax, of 99.9 %
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledModel:
+    """A stereomodel with its k readings, `rows` of those of the deck, and points; pointing and limit in mm."""
+
+    name: str
+    stereo: Stereomodel
+    mode: Mode
+    printed: Printed
+    pointing: float
+    limit: float
+    rows: IntArray
+    readings: Readings
+    points: TruePoints
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compiled:
+    """All models of a compilation deck."""
+
+    deck: Compilation
+    run: Triangulation
+    models: tuple[CompiledModel, ...]
+
+    @property
+    def rows(self) -> IntArray:
+        """(k,) the readings of the deck, model by model."""
+        return np.concatenate([model.rows for model in self.models])
+
+    def gathered(self, name: str) -> FloatArray:
+        """Return a column of the points of all models."""
+        return np.concatenate([getattr(model.points, name) for model in self.models])
+
+    @property
+    def model_ids(self) -> TextArray:
+        """(k,) the model of each point."""
+        return np.repeat([model.name for model in self.models], [len(model.rows) for model in self.models])
+
+    @cached_property
+    def reasons(self) -> list[str | None]:
+        """(k,) why points have no position."""
+        return [model.points.reasons.get(row) for model in self.models for row in range(len(model.rows))]
+
+    @property
+    def sigma(self) -> FloatArray:
+        """(k, 3) m, east, north, up."""
+        return np.sqrt(np.diagonal(self.gathered("covariance"), axis1=1, axis2=2))
+
+    @property
+    def parallax_test(self) -> FloatArray:
+        """(k,) y-parallaxes over their sigmas."""
+        return self.gathered("y_parallax") / self.gathered("y_parallax_sigma")
+
+    @property
+    def submerged(self) -> BoolArray:
+        """(k,) flagged so."""
+        return np.concatenate([model.readings.submerged for model in self.models])
+
+    def warnings(self) -> Iterator[str]:
+        """Yield what is odd about the readings."""
+        pairs = zip(self.deck.stages.ids[self.rows].tolist(), self.model_ids.tolist(), strict=True)
+        names = [f"point {point} of model {model}" for point, model in pairs]
+        parallax, test = 1e3 * self.gathered("y_parallax"), np.abs(self.parallax_test)
+        depth = self.gathered("depth")
+        for row in np.flatnonzero(test > _MISSED).tolist():
+            yield f"{names[row]} has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas"
+        for row in np.flatnonzero(-depth > _ABOVE * self.gathered("depth_sigma")).tolist():
+            yield f"{names[row]} is flagged as submerged and stands {-depth[row]:.2f} m above the water"
+
+
+def compiled(run: Triangulation, deck: Compilation) -> Compiled:
+    """Return the points of a compilation deck. Raises `CompilationError` with every model that cannot be set up."""
+    problems: list[Problem] = []
+    models = []
+    for row, name in enumerate(deck.models.ids.tolist()):
+        try:
+            stereo = set_up(run, str(deck.models.left[row]), str(deck.models.right[row]))
+        except CompilationError as error:
+            problems += [replace(problem, message=f"model {name}: {problem.message}") for problem in error.problems]
+            continue
+        models.append(_compiled_model(run, deck, row, stereo))
+    if problems:
+        raise CompilationError(problems)
+    return Compiled(deck=deck, run=run, models=tuple(models))
+
+
+def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Stereomodel) -> CompiledModel:
+    models, stages = deck.models, deck.stages
+    pointing, limit = float(models.pointing[row]), float(models.limit[row])
+    if not np.isfinite(pointing):
+        pointing = run.block.options.plate_sigma * run.unit_sigma
+    rows = stages.of_model(row)
+    sigma = np.where(np.isfinite(stages.sigma[rows]), stages.sigma[rows], pointing)
+    readings = Readings(
+        ids=stages.ids[rows],
+        submerged=stages.submerged[rows],
+        xy=stages.xy[rows],
+        sigma=np.broadcast_to(sigma[:, None, None], (len(rows), 2, 2)),
+    )
+    printed = Printed(
+        shared_point=models.rays[row] == "SHARED",
+        model_vertical=models.vertical[row] == "MODEL",
+        mean_tide=models.tide[row] == "MEAN",
+    )
+    mode = Mode(str(models.mode[row]) or Mode.IMAGE)
+    points = _points(stereo, readings)
+    if mode is Mode.PRINTED:
+        points = _as_printed(stereo, readings, points, printed)
+    return CompiledModel(
+        name=str(models.ids[row]),
+        stereo=stereo,
+        mode=mode,
+        printed=printed,
+        pointing=pointing,
+        limit=limit if np.isfinite(limit) else RECOVERABLE,
+        rows=rows,
+        readings=readings,
+        points=points,
+    )
+
+
+def _points(stereo: Stereomodel, readings: Readings) -> TruePoints:
+    """Return the points, without those whose images or water do not allow one."""
+    off = np.flatnonzero(off_plate(stereo, readings.xy).any(axis=1))
+    without = dict.fromkeys(off.tolist(), OFF_PLATE)
+    if not np.isfinite(stereo.tides).all() or stereo.run.block.water is None:
+        without |= dict.fromkeys(np.flatnonzero(readings.submerged).tolist(), NO_TIDE)
+    kept = np.setdiff1d(np.arange(len(readings.ids)), list(without))
+    points = true_points(stereo.run, stereo.photos, readings.part(kept))
+    return points.among(kept, len(readings.ids), without)
+
+
+def _as_printed(stereo: Stereomodel, readings: Readings, points: TruePoints, printed: Printed) -> TruePoints:
+    """Return the points with submerged ones by the formulas of ETL-0306; what is known of their errors stays."""
+    frame = stereo.run.frame
+    wet = np.flatnonzero(readings.submerged & points.wet.all(axis=1) & np.isfinite(points.depth))
+    working = stereo.working(printed_points(stereo, readings.xy[wet], printed))
+    position, depth = points.position.copy(), points.depth.copy()
+    position[wet] = frame.system(working)
+    depth[wet] = points.water_level[wet] - frame.height(working)
+    return replace(points, position=position, depth=depth)

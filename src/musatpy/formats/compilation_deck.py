@@ -1,0 +1,119 @@
+"""Compilation decks: cards of the family `as11` -> stereomodels and readings, with every problem of the deck."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.errors import DeckError, Problem
+from musatpy.formats.cards.deck import CardDeck, CardTable, read_cards
+from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
+from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
+from musatpy.units import MICROMETRE
+
+_SHARED = ("TTL", "END")  # cards of triangulation decks that these have too
+
+
+@lru_cache(maxsize=1)
+def compilation_family() -> Family:
+    """Return the cards of compilation decks. Raises `CardFormatError` for formats that are wrong."""
+    folder = card_formats_folder()
+    cards = {**load_family(folder / "as11").cards}
+    cards |= {name: card for name, card in load_family(folder / "musat").cards.items() if name in _SHARED}
+    ordered = sorted(cards.values(), key=lambda card: (card.order, card.mnemonic))
+    return Family(name="as11", cards=MappingProxyType({card.mnemonic: card for card in ordered}))
+
+
+def read_compilation(source: Path | str | bytes) -> tuple[Compilation, tuple[Problem, ...]]:
+    """Return what a compilation deck says, and warnings.
+
+    Raises `DeckError` with every problem where there is an error, and `OSError`.
+    """
+    deck = read_cards(source, compilation_family())
+    problems = [*deck.problems, *_cross_checks(deck)]
+    if any(problem.severity == "error" for problem in problems):
+        raise DeckError(sorted(problems, key=lambda problem: problem.line or 0))
+    cards = compilation_family().cards
+    titles, models, stages = (deck.table(cards[name]) for name in ("TTL", "MDL", "STG"))
+    number = {name: row for row, name in enumerate(_text(models, "model").tolist())}
+    return (
+        Compilation(
+            titles=tuple(_text(titles, "text").tolist()),
+            models=StereomodelSpecs(
+                ids=_text(models, "model"),
+                left=_text(models, "left"),
+                right=_text(models, "right"),
+                mode=_text(models, "mode"),
+                vertical=_text(models, "vertical"),
+                tide=_text(models, "tide"),
+                rays=_text(models, "rays"),
+                pointing=_number(models, "pointing") * MICROMETRE,
+                limit=_number(models, "limit") * MICROMETRE,
+            ),
+            stages=StageReadings(
+                model=np.array([number[name] for name in _text(stages, "model").tolist()], dtype=np.int64),
+                ids=_text(stages, "point"),
+                kind=np.where(_text(stages, "class") == "", "G", _text(stages, "class")),
+                submerged=_text(stages, "bathymetric") == "B",
+                xy=_coordinates(stages),
+                sigma=_number(stages, "sigma") * MICROMETRE,
+            ),
+        ),
+        tuple(problems),
+    )
+
+
+def _text(table: CardTable, name: str) -> TextArray:
+    return np.asarray(table.columns[name], dtype=np.str_)
+
+
+def _number(table: CardTable, name: str) -> FloatArray:
+    return np.asarray(table.columns[name], dtype=float)
+
+
+def _coordinates(stages: CardTable) -> FloatArray:
+    names = ("x_left", "y_left", "x_right", "y_right")
+    return np.stack([_number(stages, name) for name in names], axis=1).reshape(-1, 2, 2)
+
+
+def _cross_checks(deck: CardDeck) -> Iterator[Problem]:
+    cards = compilation_family().cards
+    models, stages = deck.table(cards["MDL"]), deck.table(cards["STG"])
+    ids = _text(models, "model")
+    for row in _repeated([ids]):
+        yield _problem(deck, models, row, "model", f"model {ids[row]} is defined twice")
+    for row in np.flatnonzero(_text(models, "left") == _text(models, "right")).tolist():
+        yield _problem(deck, models, row, "right", f"model {ids[row]} has one photo on both stages")
+    for name in ("pointing", "limit"):
+        for row in np.flatnonzero(_number(models, name) <= 0.0).tolist():
+            yield _problem(deck, models, row, name, "not greater than zero")
+    of, points = _text(stages, "model"), _text(stages, "point")
+    for row in np.flatnonzero(~np.isin(of, ids)).tolist():
+        yield _problem(deck, stages, row, "model", f"there is no MDL card of model {of[row]}")
+    for row in _repeated([of, points]):
+        yield _problem(deck, stages, row, "point", f"point {points[row]} is read twice in model {of[row]}")
+    for row in np.flatnonzero(_number(stages, "sigma") <= 0.0).tolist():
+        yield _problem(deck, stages, row, "sigma", "not greater than zero")
+
+
+def _repeated(columns: Sequence[TextArray]) -> list[int]:
+    """Return the rows that are like one before them."""
+    rows = np.stack(columns, axis=1) if len(columns) > 1 else columns[0][:, None]
+    _, first = np.unique(rows, axis=0, return_index=True)
+    again: IntArray = np.setdiff1d(np.arange(len(rows)), first)
+    return [int(row) for row in again]
+
+
+def _problem(deck: CardDeck, table: CardTable, row: int, field: str, message: str) -> Problem:
+    line, spec = int(table.lines[row]), table.spec.field(field)
+    text = deck.text(line)
+    found = text[spec.first - 1 : spec.last].strip()
+    return Problem(
+        file=deck.file, line=line, columns=spec.columns, card=table.spec.mnemonic, field=field, found=found,
+        message=message, text=text,
+    )  # fmt: skip

@@ -1,0 +1,60 @@
+"""A compilation deck: stereomodels of a run, and what was read in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.tables import Table, per_row
+
+RECOVERABLE = 0.015  # mm, "recoverable to within 10-15 microns" (ETL-0306, section 6)
+
+
+class Mode(StrEnum):
+    """How true coordinates are found."""
+
+    IMAGE = "IMAGE"
+    PRINTED = "PRINTED"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StereomodelSpecs(Table):
+    """m stereomodels, in the order of the deck; empty texts and NaN stand for what a card leaves open."""
+
+    ids: TextArray = per_row()  # (m,)
+    left: TextArray = per_row()  # (m,) photo ids
+    right: TextArray = per_row()
+    mode: TextArray = per_row()  # (m,) IMAGE, PRINTED
+    vertical: TextArray = per_row()  # (m,) POINT, MODEL
+    tide: TextArray = per_row()  # (m,) PHOTO, MEAN
+    rays: TextArray = per_row()  # (m,) OWN, SHARED
+    pointing: FloatArray = per_row()  # (m,) mm
+    limit: FloatArray = per_row()  # (m,) mm
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StageReadings(Table):
+    """k points read on the stages of a model, in the order of the deck."""
+
+    model: IntArray = per_row()  # (k,) link to the models
+    ids: TextArray = per_row()  # (k,)
+    kind: TextArray = per_row()  # (k,) G, P, S, R
+    submerged: BoolArray = per_row()  # (k,)
+    xy: FloatArray = per_row(2, 2)  # (k, 2, 2) mm, left and right, x and y
+    sigma: FloatArray = per_row()  # (k,) mm, NaN: the pointing of the model
+
+    def of_model(self, row: int) -> IntArray:
+        """Return the rows of the readings in a model."""
+        return np.flatnonzero(self.model == row)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compilation:
+    """What a compilation deck says."""
+
+    titles: tuple[str, ...]
+    models: StereomodelSpecs
+    stages: StageReadings

@@ -1,0 +1,286 @@
+"""The listing and the record of a compilation (`musat as11 compile`)."""
+
+from __future__ import annotations
+
+import datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.model import CoordinateSystem
+from musatpy.reports.columns import position_columns, vector
+from musatpy.reports.encoding import Json
+from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
+from musatpy.reports.origin import Origin
+from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
+from musatpy.reports.table import Choice, Column, Report, key
+from musatpy.reports.text import labelled, wrapped
+
+if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
+    from musatpy.compilation.against_run import AgainstRun
+    from musatpy.compilation.compiled import Compiled, CompiledModel
+
+_VERSION = "1.0"
+_ABOUT = (
+    "Points compiled in stereomodels of a run, in metres and radians; positions are in the system of the job, "
+    "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
+)
+
+JOB: Group[Compiled, Compiled] = Group(
+    "job",
+    "what was compiled",
+    same,
+    (
+        Field("titles", "* string", "titles of the deck", lambda c: c.deck.titles),
+        Field("system", "string", "coordinate system of the run", lambda c: c.run.block.options.system),
+        Field("index", "number?", "refractive index of the water", lambda c: _index(c)),
+    ),
+)
+MODELS: Each[Compiled, CompiledModel] = Each(
+    "models",
+    "one row per stereomodel",
+    lambda c: c.models,
+    (
+        Field("model", "string", "model id", lambda m: m.name),
+        Field("photos", "2 string", "left and right", lambda m: _ids(m)),
+        Field("mode", "string", "IMAGE or PRINTED", lambda m: m.mode),
+        Field("vertical", "string", "POINT or MODEL", lambda m: "MODEL" if m.printed.model_vertical else "POINT"),
+        Field("tide", "string", "PHOTO or MEAN", lambda m: "MEAN" if m.printed.mean_tide else "PHOTO"),
+        Field("rays", "string", "OWN or SHARED", lambda m: "SHARED" if m.printed.shared_point else "OWN"),
+        Field("pointing", "number", "sigma of a pointing", lambda m: m.pointing, "mm"),
+        Field("limit", "number", "of differences of re-measured points", lambda m: m.limit, "mm"),
+        Field("base", "number", "length of the base", lambda m: m.stereo.base, "m"),
+        Field("height", "number", "of the stations over the origin", lambda m: m.stereo.height, "m"),
+        Field("tides", "2 number?", "of the photos", lambda m: m.stereo.tides, "m"),
+        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m"),
+        Field("axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes),
+        Field("working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m"),
+        Field("points", "integer", "readings", lambda m: len(m.rows)),
+        Field("compiled", "integer", "of these with a position", lambda m: len(m.rows) - len(m.points.reasons)),
+        Field(
+            "y_parallax", "number?", "root mean square of all points",
+            lambda m: _rms(m.points.y_parallax), "mm",
+        ),
+    ),
+)  # fmt: skip
+POINTS: Rows[Compiled, Compiled] = Rows(
+    "points",
+    "one row per reading",
+    same,
+    (
+        Field("model", "string", "model id", lambda c: c.model_ids),
+        Field("point", "string", "point or feature", lambda c: c.deck.stages.ids[c.rows]),
+        Field("class", "string", "G, P, S, R", lambda c: c.deck.stages.kind[c.rows]),
+        Field("submerged", "boolean", "flagged so", lambda c: c.submerged),
+        Field("position", "3 number?", "true", lambda c: c.gathered("position"), "rad, rad, m (GEOG) or m"),
+        Field("sigma", "3 number?", "east north up", lambda c: c.sigma, "m"),
+        Field("covariance", "3x3 number?", "of east, north, up", lambda c: c.gathered("covariance"), "m2"),
+        Field("apparent", "3 number?", "where the straight rays meet", lambda c: c.gathered("apparent")),
+        Field("water_level", "number?", "mean of both photos, there", lambda c: c.gathered("water_level"), "m"),
+        Field("depth", "number?", "below that", lambda c: c.gathered("depth"), "m"),
+        Field("depth_sigma", "number?", "of the depth", lambda c: c.gathered("depth_sigma"), "m"),
+        Field("incidence", "number?", "mean of both rays, in air", lambda c: c.gathered("incidence"), "rad"),
+        Field("wet", "2 boolean", "the ray goes through the water", lambda c: c.gathered("wet")),
+        Field(
+            "y_parallax", "number?", "by which the right image is off its epipolar curve",
+            lambda c: c.gathered("y_parallax"), "mm",
+        ),
+        Field("y_parallax_test", "number?", "over its sigma", lambda c: c.parallax_test),
+        Field("reason", "string?", "why it has no position", lambda c: c.reasons),
+    ),
+)  # fmt: skip
+RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[AgainstRun]]] = Rows(
+    "against_run",
+    "one row per point that the run has too",
+    same,
+    (
+        Field("model", "string", "model id", lambda s: _models_of(s)),
+        Field("point", "string", "point id", lambda s: _points_of(s)),
+        Field("shared", "boolean", "its readings are those of the run", lambda s: _of(s, "shared")),
+        Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"), "m"),
+        Field("length", "number", "of that", lambda s: _of(s, "length"), "m"),
+        Field(
+            "stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"), "mm",
+        ),
+    ),
+)  # fmt: skip
+
+
+def record_of(compiled: Compiled, against: list[AgainstRun]) -> dict[str, Json]:
+    """Return the record of a compilation, with its points beside those of the run."""
+    nodes: tuple[Node[Compiled], ...] = (JOB, MODELS, POINTS)
+    return {
+        "compilation_version": _VERSION,
+        **{node.name: node.json(compiled) for node in nodes},
+        RUN_POINTS.name: RUN_POINTS.json((compiled, against)),
+        "warnings": list(compiled.warnings()),
+    }
+
+
+def schema() -> Schema:
+    """Return the JSON Schema of the record."""
+    nodes: tuple[Node[Any], ...] = (
+        Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
+        *(JOB, MODELS, POINTS, RUN_POINTS),
+        Field("warnings", "* string", "what is odd about the readings"),
+    )
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "musatpy compilation",
+        "description": _ABOUT,
+        "type": "object",
+        **properties_of(nodes),
+    }
+
+
+def _index(compiled: Compiled) -> float | None:
+    water = compiled.run.block.water
+    return None if water is None else water.index
+
+
+def _ids(model: CompiledModel) -> list[str]:
+    return [str(name) for name in model.stereo.run.block.photos.ids[list(model.stereo.photos)]]
+
+
+def _rms(values: FloatArray) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else None
+
+
+def _of(source: tuple[Compiled, list[AgainstRun]], name: str) -> Any:
+    return np.concatenate([getattr(part, name) for part in source[1]])
+
+
+def _points_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
+    compiled, against = source
+    parts = zip(compiled.models, against, strict=True)
+    return np.concatenate([model.readings.ids[part.rows] for model, part in parts])
+
+
+def _models_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
+    compiled, against = source
+    return np.repeat([model.name for model in compiled.models], [len(part.rows) for part in against])
+
+
+# --- the listing ---
+
+_PLACE = position_columns("position", 4)
+
+
+def _in_system(compiled: Compiled) -> tuple[Column[Any], ...]:
+    angular, plane = _PLACE.variants
+    return angular if compiled.run.block.options.system == CoordinateSystem.GEOGRAPHIC else plane
+
+
+MODEL_TABLE: Report[Any] = Report(
+    title="Model Set-Up",
+    table=MODELS,
+    columns=(
+        key("Model", "A8", "model"),
+        *vector(("Left", "Right"), ("A8", "A8"), shows="photos"),
+        Column("Mode", "A7", shows="mode"),
+        Column("Vert.", "A5", shows="vertical"),
+        Column("Tide", "A5", shows="tide"),
+        Column("Rays", "A6", shows="rays"),
+        Column("Pointing\num", "F8.2", shows="pointing"),
+        Column("Base\nm", "F10.3", shows="base"),
+        Column("Height\nm", "F10.3", shows="height"),
+        *vector(("Tide left\nm", "Tide right\nm"), ("F9.3", "F10.3"), shows="tides"),
+        Column("Points", "I6", shows="points"),
+        Column("Compiled", "I8", shows="compiled"),
+        Column("RMS py\num", "F7.2", shows="y_parallax"),
+    ),
+)
+POINT_TABLE: Report[Any] = Report(
+    title="Point Compilation: True Coordinates",
+    table=POINTS,
+    columns=(
+        key("Model", "A8", "model"),
+        key("Point", "A8", "point"),
+        Column("Class", "A5", shows="class"),
+        Column("Bath", "A4", shows=Origin(field="submerged", true="B")),
+        Choice(_PLACE.variants, _in_system),
+        *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F8.3",) * 3, shows="sigma"),
+        Column("Depth\nm", "F8.3", shows="depth"),
+        Column("Sigma\nm", "F7.3", shows="depth_sigma"),
+    ),
+)
+RAY_TABLE: Report[Any] = Report(
+    title="Point Compilation: Water And Rays",
+    table=POINTS,
+    columns=(
+        key("Model", "A8", "model"),
+        key("Point", "A8", "point"),
+        Column("Water\nm", "F10.3", shows="water_level"),
+        Column("Incidence\ndegrees", "F9.3", shows="incidence"),
+        Column("Wet\nleft", "A4", shows=Origin(field="wet[0]", true="W")),
+        Column("Wet\nright", "A5", shows=Origin(field="wet[1]", true="W")),
+        Column("py\num", "F9.2", shows="y_parallax"),
+        Column("Test py", "F7.2", shows="y_parallax_test"),
+    ),
+)  # fmt: skip
+RUN_TABLE: Report[Any] = Report(
+    title="Comparison With The Run",
+    table=RUN_POINTS,
+    columns=(
+        key("Model", "A8", "model"),
+        key("Point", "A8", "point"),
+        Column("Shared", "A6", shows=Origin(field="shared", true="S")),
+        *vector(("East\nm", "North\nm", "Up\nm"), ("F10.4",) * 3, shows="difference"),
+        Column("Length\nm", "F9.4", shows="length"),
+        *(
+            Column(f"{side} {axis}\num", "F10.3", shows=f"stages[{i}][{j}]")
+            for i, side in enumerate(("Left", "Right"))
+            for j, axis in enumerate("xy")
+        ),
+    ),
+)
+STATED = (MODEL_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
+
+
+def sections_of(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
+    """Return what the listing says, section by section."""
+    names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
+    reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
+    warnings = list(compiled.warnings())
+    shown = [part for part in against if len(part.rows)]
+    return [
+        MODEL_TABLE.section(compiled),
+        *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
+        *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
+        POINT_TABLE.section(compiled, new_page=True),
+        RAY_TABLE.section(compiled),
+        *([RUN_TABLE.section((compiled, against), new_page=True), _analysis(shown)] if shown else []),
+    ]
+
+
+def _analysis(against: list[AgainstRun]) -> Section:
+    """Return the differences from the run in short."""
+    difference = np.concatenate([part.difference for part in against])
+    length = np.linalg.norm(difference, axis=1)
+    lines = {
+        "Points": str(len(difference)),
+        "Least, mean and largest vector, m": f"{length.min():.4f}, {length.mean():.4f}, {length.max():.4f}",
+    }
+    for axis, values in zip(("east", "north", "up"), difference.T, strict=True):
+        lines[f"Mean and RMS {axis}, m"] = f"{values.mean():.4f}, {np.sqrt(np.mean(np.square(values))):.4f}"
+    return Section(title="Comparison With The Run: In Short", lines=labelled(lines))
+
+
+def listing_of(
+    compiled: Compiled,
+    sections: list[Section],
+    *,
+    carriage_control: bool = False,
+    date: datetime.date | None = None,
+) -> str:
+    """Return the listing of a compilation from its sections, on pages of 60 lines of 132 columns."""
+    title = compiled.deck.titles[0] if compiled.deck.titles else ""
+    left, day = f"MUSATPY  COMPILATION  {title:<60.60}", date.isoformat() if date else ""
+    pages, _ = laid_out(sections)
+    return print_pages(
+        pages,
+        lambda page: f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}",
+        carriage_control=carriage_control,
+    )
