@@ -111,3 +111,26 @@ def test_readings_off_the_plate() -> None:
     xy = np.zeros((2, 2, 2))
     xy[1, 0, 1] = -5001.0
     assert off_plate(model, xy).tolist() == [[False, False], [True, False]]
+
+
+def test_sigmas_of_two_thousand_pointings() -> None:
+    """Errors over told sigmas in each coordinate within 5 %: three deviations of 2,000 draws; stations exact."""
+    run = pair(3000.0, 1810.0, (0.4, -0.3))
+    draws = np.random.default_rng(7)
+    places = np.column_stack([draws.uniform(200.0, 1600.0, 2000), draws.uniform(-1700.0, 1700.0, 2000)])
+    points = np.column_stack([places, -draws.uniform(1.0, 30.0, 2000)])
+    xy = flat_images(run, points)
+    sigma = np.full(xy.shape, 0.005)
+    readings = Readings(
+        ids=np.arange(2000).astype(np.str_),
+        submerged=np.ones(2000, dtype=bool),
+        xy=xy + sigma * draws.normal(size=xy.shape),
+        sigma=sigma,
+    )
+    compiled = true_points(run, (0, 1), readings)
+    scaled = (compiled.position - points) / np.sqrt(np.diagonal(compiled.covariance, axis1=1, axis2=2))
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(scaled), axis=0)), 1.0, atol=0.05)
+    depth = (compiled.depth - (0.05 - points[:, 2])) / compiled.depth_sigma
+    assert np.sqrt(np.mean(np.square(depth))) == pytest.approx(1.0, abs=0.05)
+    parallax = compiled.y_parallax / compiled.y_parallax_sigma
+    assert np.sqrt(np.mean(np.square(parallax))) == pytest.approx(1.0, abs=0.05)

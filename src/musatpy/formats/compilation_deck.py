@@ -1,4 +1,4 @@
-"""Compilation decks: cards of the family `as11` -> stereomodels and readings, with every problem of the deck."""
+"""Compilation decks: cards of the family `as11` <-> stereomodels and readings, with every problem of the deck."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
-from musatpy.formats.cards.deck import CardDeck, CardTable, read_cards
-from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
+from musatpy.formats.cards.codec import Column
+from musatpy.formats.cards.deck import CardDeck, CardTable, read_cards, write_cards
+from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
 from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.units import MICROMETRE
 
 _SHARED = ("TTL", "END")  # cards of triangulation decks that these have too
+_COORDINATES = ("x_left", "y_left", "x_right", "y_right")
 
 
 @lru_cache(maxsize=1)
@@ -68,6 +70,41 @@ def read_compilation(source: Path | str | bytes) -> tuple[Compilation, tuple[Pro
     )
 
 
+def compilation_bytes(deck: Compilation) -> bytes:
+    """Return the canonical deck of a compilation.
+
+    Raises `DeckError` with every value that its field cannot hold.
+    """
+    cards, models, stages = compilation_family().cards, deck.models, deck.stages
+    names = ("left", "right", "mode", "vertical", "tide", "rays")
+    coordinates = stages.xy.reshape(-1, 4).T
+    tables: list[tuple[CardSpec, dict[str, Column]]] = [
+        (cards["TTL"], {"text": np.array(deck.titles, dtype=np.str_)}),
+        (
+            cards["MDL"],
+            {
+                "model": models.ids,
+                **{name: getattr(models, name) for name in names},
+                "pointing": models.pointing / MICROMETRE,
+                "limit": models.limit / MICROMETRE,
+            },
+        ),
+        (
+            cards["STG"],
+            {
+                "model": models.ids[stages.model],
+                "point": stages.ids,
+                "class": stages.kind,
+                "bathymetric": np.where(stages.submerged, "B", ""),
+                **dict(zip(_COORDINATES, coordinates, strict=True)),
+                "sigma": stages.sigma / MICROMETRE,
+            },
+        ),
+        (cards["END"], {}),
+    ]
+    return write_cards(tables)
+
+
 def _text(table: CardTable, name: str) -> TextArray:
     return np.asarray(table.columns[name], dtype=np.str_)
 
@@ -77,8 +114,7 @@ def _number(table: CardTable, name: str) -> FloatArray:
 
 
 def _coordinates(stages: CardTable) -> FloatArray:
-    names = ("x_left", "y_left", "x_right", "y_right")
-    return np.stack([_number(stages, name) for name in names], axis=1).reshape(-1, 2, 2)
+    return np.stack([_number(stages, name) for name in _COORDINATES], axis=1).reshape(-1, 2, 2)
 
 
 def _cross_checks(deck: CardDeck) -> Iterator[Problem]:

@@ -1,0 +1,144 @@
+"""`musat as11 compile`: the deck of St. Thomas against its truth and golden listing, and decks that are wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import stage_readings
+from json_schema import violations
+from musatpy.cli.main import main as musat
+from musatpy.errors import DeckError
+from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
+from musatpy.reports.compilation import schema
+
+FIXTURES = stage_readings.FIXTURES
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the record of the run of St. Thomas."""
+    folder = tmp_path_factory.mktemp("run")
+    result = CliRunner().invoke(musat, ["run", str(FIXTURES / "st_thomas/st_thomas.crd"), "-q", "-o", str(folder)])
+    assert result.exit_code == 0
+    return folder / "st_thomas.json"
+
+
+def compiled(run: Path, deck: Path, folder: Path, *options: str) -> Result:
+    return CliRunner().invoke(musat, ["as11", "compile", str(run), str(deck), "-o", str(folder), *options])
+
+
+def changed(folder: Path, *changes: tuple[str, str]) -> Path:
+    """Return the deck of the fixture with texts replaced."""
+    text = stage_readings.DECK.read_text()
+    for old, new in changes:
+        assert old in text and len(old) == len(new)
+        text = text.replace(old, new)
+    deck = folder / "changed.crd"
+    deck.write_text(text)
+    return deck
+
+
+def test_the_deck_of_the_fixture_is_what_its_generator_writes() -> None:
+    data = compilation_bytes(stage_readings.compilation())
+    assert stage_readings.DECK.read_bytes() == data
+    assert compilation_bytes(read_compilation(data)[0]) == data
+
+
+def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path, tmp_path: Path) -> None:
+    result = compiled(run, stage_readings.DECK, tmp_path, "--csv")
+    assert result.exit_code == 0 and "76 points in 2 models, listing" in result.output
+    listing = (tmp_path / "st_thomas_as11.lst").read_text()
+    assert listing == stage_readings.DECK.with_suffix(".lst").read_text()
+    assert max(map(len, listing.splitlines())) <= 132
+    record, of_record = json.loads((tmp_path / "st_thomas_as11.json").read_text()), schema()
+    assert not list(violations(record, of_record, of_record))
+    assert list(record) == list(of_record["properties"])
+    table = tmp_path / "st_thomas_as11_tables/point_compilation_true_coordinates.csv"
+    assert len(table.read_text().splitlines()) == 77
+
+
+def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:
+    """Of 50 points, which depend on each other by the stations."""
+    compiled(run, stage_readings.DECK, tmp_path)
+    rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
+    truth, scaled = stage_readings.bottom(), []
+    for row in (row for row in rows if row["class"] == "G"):
+        true = truth[int(row["point"][1:])]
+        north, east, up = (np.array(row["position"]) - true) * [6.35e6, 6.37e6 * np.cos(true[0]), 1.0]
+        scaled.append(np.array([east, north, up]) / row["sigma"])
+    assert len(scaled) == 50
+    rms = np.sqrt(np.mean(np.square(scaled), axis=0))
+    assert (rms > 0.3).all() and (rms < 1.5).all()
+
+
+def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_path: Path) -> None:
+    """(5.17) weighs objects, not images: some millimetres; the program of 1983 some centimetres beside them."""
+    positions = {}
+    blank = " " * 35 + "5.00"
+    for name, card in (
+        ("IMAGE", blank),
+        ("PRINTED", " " * 7 + "PRINTED" + " " * 21 + "5.00"),
+        ("1983", " " * 7 + "PRINTED MODEL MEAN  SHARED  5.00"),
+    ):
+        assert len(card) == len(blank)
+        result = compiled(run, changed(tmp_path, (blank, card)), tmp_path)
+        assert result.exit_code == 0
+        rows = json.loads((tmp_path / "changed.json").read_text())["points"]
+        positions[name] = np.array([row["position"] for row in rows if row["submerged"]])
+    metres = [6.35e6, 6.0e6, 1.0]
+    near, far = (np.abs((positions[name] - positions["IMAGE"]) * metres).max() for name in ("PRINTED", "1983"))
+    assert 1e-5 < near < 0.02
+    assert 0.05 < far < 0.5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("MDL 2122     21       22      ", "MDL 2122     21       29      ", "model 2122: the run has no photo 29"),
+        ("MDL 2223     22       23      ", "MDL 2223     22       22      ", "one photo on both stages"),
+        ("MDL 2223     22 ", "MDL 2122     22 ", "changed.crd:3 cols 5-12 MDL.model: model 2122 is defined twice"),
+        ("STG 2122     202 ", "STG 2122     102 ", "point 102 is read twice in model 2122"),
+        ("STG 2122     202 ", "STG 2129     202 ", "there is no MDL card of model 2129"),
+        ("   5.00         00000002", "   -5.0         00000002", "changed.crd:2 cols 58-63 MDL.pointing"),
+        ("R    3.994012", "Q    3.994012", "'Q' is not A1 (one of G, P, S, R)"),
+        ("3.994012", "3.9940l2", "changed.crd:4 cols 25-35 STG.x_left"),
+    ],
+)
+def test_a_bad_deck_is_refused_with_its_cards(run: Path, tmp_path: Path, old: str, new: str, message: str) -> None:
+    result = compiled(run, changed(tmp_path, (old, new)), tmp_path)
+    assert result.exit_code == 1 and message in " ".join(result.output.split())
+    assert not (tmp_path / "changed.lst").exists()
+
+
+def test_readings_that_give_no_point_are_listed_with_their_reasons(run: Path, tmp_path: Path) -> None:
+    deck = changed(tmp_path, ("   3.994012", " 193.994012"), ("  10.548236", " -95.548236"))
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0 and "2 without coordinates" in result.output
+    listing = (tmp_path / "changed.lst").read_text()
+    assert "Point 102 of model 2122: its image lies off the plate." in listing
+    assert "Point 202 of model 2122: its rays meet behind a camera." in listing
+
+
+def test_a_blunder_of_the_operator_shows_in_its_y_parallax(run: Path, tmp_path: Path) -> None:
+    result = compiled(run, changed(tmp_path, ("  85.021980", "  85.221980")), tmp_path)
+    assert "point 102 of model 2122 has a y-parallax of -1" in result.output
+    assert "Warnings" in (tmp_path / "changed.lst").read_text()
+
+
+def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path) -> None:
+    deck = changed(tmp_path, ("R    3.994012", "Q    3.994012"))
+    other = tmp_path / "run.json"
+    other.write_text("{}")
+    result = compiled(other, deck, tmp_path)
+    assert result.exit_code == 1
+    assert "is not the record of a run" in result.output and "STG.class" in result.output
+
+
+def test_a_deck_without_readings_is_refused() -> None:
+    with pytest.raises(DeckError, match="no STG card"):
+        read_compilation(b"MDL 2122     21       22".ljust(80) + b"\nEND\n")

@@ -1,0 +1,104 @@
+"""A compilation deck for the tests: what an operator reads in the models of fixtures/st_thomas.
+
+`python tests/stage_readings.py` writes the deck of fixtures/st_thomas_as11 again. A test holds the file to it.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from musatpy import read_deck
+from musatpy.arrays import FloatArray
+from musatpy.formats.compilation_deck import compilation_bytes
+from musatpy.geometry.collinearity import image
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.rotations import attitude_matrix
+from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
+from musatpy.simulation.raytrace import trace
+from musatpy.units import DEGREE
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+DECK = FIXTURES / "st_thomas_as11" / "st_thomas_as11.crd"
+MODELS = (("2122", "21", "22"), ("2223", "22", "23"))
+POINTING = 0.005  # mm, 1 sigma
+_INDEX = 1.34
+
+
+def bottom(number: int = 40) -> FloatArray:
+    """Return latitude, longitude (rad), height (m) of points on a bottom that falls from the shore to 25 m."""
+    draws = np.random.default_rng(1811)
+    east, south = draws.uniform(-64.9418, -64.9180, number), draws.uniform(0.0, 1.0, number)
+    latitude = 18.3345 - 0.0085 * south
+    height = -2.0 - 23.0 * south**1.5 + 0.3 * draws.normal(size=number)
+    return np.stack([latitude * DEGREE, east * DEGREE, height], axis=1)
+
+
+def images(photo: str, points: FloatArray) -> FloatArray:
+    """Return the exact images (k, 2) mm of submerged points on a true photo of the fixture."""
+    block = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
+    truth = json.loads((FIXTURES / "st_thomas" / "st_thomas.truth.json").read_text())["stations"][photo]
+    assert block.ellipsoid is not None
+    ellipsoid = Ellipsoid.of(block.ellipsoid)
+    a, b = ellipsoid.axes
+    station = np.array(truth["position"]) * [DEGREE, DEGREE, 1.0]
+    camera = np.broadcast_to(ellipsoid.geocentric(station), (len(points), 3))
+    level = np.full(len(points), truth["tide"])
+    rays = trace(camera, points, level, _INDEX, (a, 1.0 - (b / a) ** 2))
+    M = attitude_matrix(np.array(truth["attitude"]) * DEGREE) @ ellipsoid.frame(station)
+    return image(rays.air, M, block.cameras.focal_length[0], block.cameras.principal_point[0])
+
+
+def compilation(pointing: float = POINTING) -> Compilation:
+    """Return the deck: points of the run read again, and points of the bottom, with errors of pointing."""
+    block = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
+    draws = np.random.default_rng(22)
+    photos = block.photos.ids.tolist()
+    plates = dict(
+        zip(
+            zip(block.plates.photo.tolist(), block.plates.point.tolist(), strict=True), block.plates.xy, strict=True
+        )
+    )
+    new = bottom()
+    rows: list[tuple[int, str, str, bool, FloatArray]] = []
+    for number, (_, left, right) in enumerate(MODELS):
+        pair = photos.index(left), photos.index(right)
+        for point, name in enumerate(block.points.ids.tolist()):
+            if all((photo, point) in plates for photo in pair):
+                xy = np.array([plates[photo, point] for photo in pair])
+                rows.append((number, name, "R", bool(block.points.bathymetric[point]), xy))
+        xy = np.stack([images(left, new), images(right, new)], axis=1)
+        seen = np.flatnonzero((np.abs(xy) < 108.0).all(axis=(1, 2)))
+        rows += [(number, f"G{point:03d}", "G", True, xy[point]) for point in seen.tolist()]
+    model, ids, kind, submerged, read = zip(*rows, strict=True)
+    every = np.array(read)
+    blank, none = np.array(["", ""]), np.full(2, np.nan)
+    return Compilation(
+        titles=("ST THOMAS USVI  POINTS OF THE RUN AND OF THE BOTTOM  SIMULATED",),
+        models=StereomodelSpecs(
+            ids=np.array([name for name, _, _ in MODELS]),
+            left=np.array([left for _, left, _ in MODELS]),
+            right=np.array([right for _, _, right in MODELS]),
+            mode=blank,
+            vertical=blank,
+            tide=blank,
+            rays=blank,
+            pointing=np.full(2, POINTING),
+            limit=none,
+        ),
+        stages=StageReadings(
+            model=np.array(model),
+            ids=np.array(ids),
+            kind=np.array(kind),
+            submerged=np.array(submerged),
+            xy=np.round(every + pointing * draws.normal(size=every.shape), 6),
+            sigma=np.full(len(every), np.nan),
+        ),
+    )
+
+
+if __name__ == "__main__":
+    DECK.parent.mkdir(exist_ok=True)
+    DECK.write_bytes(compilation_bytes(compilation()))
