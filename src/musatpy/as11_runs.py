@@ -25,6 +25,7 @@ class CompileResult:
     status: ExitStatus
     problems: tuple[Problem, ...]
     compiled: Compiled | None
+    warnings: tuple[str, ...] = ()  # what is odd about the readings
     files: tuple[Path, ...] = ()  # the listing first, then the record, tables
 
 
@@ -44,15 +45,15 @@ def compile_deck(
     """
     problems: list[Problem] = []
     triangulation = contents = None
-    for part in ("run", "deck"):
-        try:
-            if part == "run":
-                triangulation = of_record(run)
-            else:
-                contents, warnings = read_compilation(deck)
-                problems += warnings
-        except ProblemsError as error:
-            problems += error.problems
+    try:
+        triangulation = of_record(run)
+    except ProblemsError as error:
+        problems += error.problems
+    try:
+        contents, of_cards = read_compilation(deck)
+        problems += of_cards
+    except ProblemsError as error:
+        problems += error.problems
     if triangulation is None or contents is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     try:
@@ -61,16 +62,23 @@ def compile_deck(
         return CompileResult(
             status=ExitStatus.UNUSABLE, problems=(*problems, *_of_deck(deck, error)), compiled=None
         )
-    against = [against_run(model) for model in result.models]
-    sections = compilation.sections_of(result, against)
+    against = [against_run(model, contents.stages.kind[model.rows] == "R") for model in result.models]
+    warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
+    sections = compilation.sections_of(result, against, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
-    files = {listing: text.encode(), record: dumps(compilation.record_of(result, against)).encode()}
+    files = {listing: text.encode(), record: dumps(compilation.record_of(result, against, warnings)).encode()}
     if csv:
         folder = listing.with_name(f"{deck.stem}_tables")
         files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
     write_files(files)
-    return CompileResult(status=ExitStatus.DONE, problems=tuple(problems), compiled=result, files=tuple(files))
+    return CompileResult(
+        status=ExitStatus.DONE,
+        problems=tuple(problems),
+        compiled=result,
+        warnings=warnings,
+        files=tuple(files),
+    )
 
 
 def _of_deck(deck: Path, error: CompilationError) -> list[Problem]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -142,3 +143,18 @@ def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path)
 def test_a_deck_without_readings_is_refused() -> None:
     with pytest.raises(DeckError, match="no STG card"):
         read_compilation(b"MDL 2122     21       22".ljust(80) + b"\nEND\n")
+
+
+def test_plates_that_have_moved_are_not_recovered(run: Path, tmp_path: Path) -> None:
+    """The right stage of one model reads 40 um too much in y."""
+    lines = stage_readings.DECK.read_text().splitlines()
+    for row, line in enumerate(lines):
+        if line.startswith("STG 2122"):
+            lines[row] = f"{line[:57]}{float(line[57:68]) + 0.04:11.6f}{line[68:]}"
+    deck = tmp_path / "moved.crd"
+    deck.write_text("\n".join(lines) + "\n")
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0
+    assert re.search(r"model 2122 is not recovered: .* by 4[0-9]\.[0-9] um RMS, [45][0-9]", result.output)
+    assert "model 2223 is not recovered" not in result.output
+    assert re.search(r"^2122 .* NO$", (tmp_path / "moved.lst").read_text(), re.MULTILINE)

@@ -45,7 +45,7 @@ def command(
         errors = sum(problem.severity == "error" for problem in result.problems)
         complain(f"{name_of(deck)}: not compiled, {count_of(errors, 'error')}")
         ctx.exit(result.status)
-    for warning in result.compiled.warnings():
+    for warning in result.warnings:
         complain(f"{name_of(deck)}: {warning}")
     points = len(result.compiled.rows)
     lost = sum(reason is not None for reason in result.compiled.reasons)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,23 +21,54 @@ class AgainstRun:
     """r points of a model that the run has too: `rows` of its readings, `points` rows of those of the run.
 
     difference (r, 3) m, compiled minus run along east, north, up; shared (r,) are those whose readings are the
-    plate measurements of the run; stages (r, 2, 2) mm read minus predicted by the points of the run.
+    plate measurements of the run; stages (r, 2, 2) mm read minus predicted by the points of the run. `again` (r,)
+    are those of class R, which say whether the `model` is recovered.
     """
 
+    model: CompiledModel
     rows: IntArray
     points: IntArray
     difference: FloatArray
     shared: BoolArray
     stages: FloatArray
+    again: BoolArray
 
     @property
     def length(self) -> FloatArray:
         """(r,) m, of the differences."""
         return np.asarray(np.linalg.norm(self.difference, axis=1))
 
+    @property
+    def rms(self) -> FloatArray:
+        """(2, 2) mm, of the points read again: left and right, x and y; NaN without any."""
+        squares = np.square(self.stages[self.again])
+        return np.sqrt(squares.mean(axis=0)) if len(squares) else np.full((2, 2), np.nan)
 
-def against_run(model: CompiledModel) -> AgainstRun:
-    """Return the points of a model beside those of the run."""
+    @property
+    def largest(self) -> tuple[float, str | None]:
+        """The largest difference of a coordinate of a stage, mm, and its point; None without any."""
+        size = np.abs(self.stages[self.again]).max(axis=(1, 2), initial=0.0)
+        if not len(size):
+            return np.nan, None
+        return float(size.max()), str(self.model.readings.ids[self.rows[self.again]][size.argmax()])
+
+    @property
+    def recovered(self) -> bool | None:
+        """Whether no root mean square is over the limit of the model; None without points read again."""
+        return bool((self.rms <= self.model.limit).all()) if self.again.any() else None
+
+    def warnings(self) -> Iterator[str]:
+        """Yield that the model is not recovered."""
+        if self.recovered is False:
+            size, point = self.largest
+            yield (
+                f"model {self.model.name} is not recovered: points read again differ from the run by "
+                f"{1e3 * self.rms.max():.1f} um RMS, {1e3 * size:.1f} um at point {point}"
+            )
+
+
+def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
+    """Return the points of a model beside those of the run; `again` (k,) are readings of class R."""
     run = model.stereo.run
     number = {name: row for row, name in enumerate(run.block.points.ids.tolist())}
     point = np.array([number.get(name, -1) for name in model.readings.ids.tolist()], dtype=np.int64)
@@ -46,6 +78,8 @@ def against_run(model: CompiledModel) -> AgainstRun:
     at = frame.working(run.position[points])
     gap = frame.working(model.points.position[rows]) - at
     return AgainstRun(
+        model=model,
+        again=again[rows],
         rows=rows,
         points=points,
         difference=np.einsum("kij,kj->ki", frame.axes(at), gap),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -105,16 +106,31 @@ RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[Against
         ),
     ),
 )  # fmt: skip
+RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
+    "recovered",
+    "one row per model: readings of class R less what the points of the run predict",
+    lambda s: s[1],
+    (
+        Field("model", "string", "model id", lambda a: a.model.name),
+        Field("points", "integer", "read again", lambda a: int(a.again.sum())),
+        Field("rms", "2x2 number?", "left and right, x and y", lambda a: a.rms, "mm"),
+        Field("largest", "number?", "of a coordinate", lambda a: a.largest[0], "mm"),
+        Field("point", "string?", "of the largest", lambda a: a.largest[1]),
+        Field("limit", "number", "of the root mean squares", lambda a: a.model.limit, "mm"),
+        Field("recovered", "boolean?", "none is over it; null without points", lambda a: a.recovered),
+    ),
+)
 
 
-def record_of(compiled: Compiled, against: list[AgainstRun]) -> dict[str, Json]:
+def record_of(compiled: Compiled, against: list[AgainstRun], warnings: Sequence[str]) -> dict[str, Json]:
     """Return the record of a compilation, with its points beside those of the run."""
     nodes: tuple[Node[Compiled], ...] = (JOB, MODELS, POINTS)
     return {
         "compilation_version": _VERSION,
         **{node.name: node.json(compiled) for node in nodes},
+        RECOVERED.name: RECOVERED.json((compiled, against)),
         RUN_POINTS.name: RUN_POINTS.json((compiled, against)),
-        "warnings": list(compiled.warnings()),
+        "warnings": list(warnings),
     }
 
 
@@ -122,7 +138,7 @@ def schema() -> Schema:
     """Return the JSON Schema of the record."""
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(JOB, MODELS, POINTS, RUN_POINTS),
+        *(JOB, MODELS, POINTS, RECOVERED, RUN_POINTS),
         Field("warnings", "* string", "what is odd about the readings"),
     )
     return {
@@ -235,17 +251,34 @@ RUN_TABLE: Report[Any] = Report(
         ),
     ),
 )
-STATED = (MODEL_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
+RECOVERED_TABLE: Report[Any] = Report(
+    title="Recoverability: Points Read Again, Less What The Run Predicts",
+    table=RECOVERED,
+    columns=(
+        key("Model", "A8", "model"),
+        Column("Points", "I6", shows="points"),
+        *(
+            Column(f"RMS {side} {axis}\num", "F9.2", shows=f"rms[{i}][{j}]")
+            for i, side in enumerate(("L", "R"))
+            for j, axis in enumerate("xy")
+        ),
+        Column("Largest\num", "F9.2", shows="largest"),
+        Column("at Point", "A8", shows="point"),
+        Column("Limit\num", "F8.2", shows="limit"),
+        Column("Recovered", "A9", shows=Origin(field="recovered", true="yes", false="NO")),
+    ),
+)
+STATED = (MODEL_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
 
 
-def sections_of(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
+def sections_of(compiled: Compiled, against: list[AgainstRun], warnings: Sequence[str]) -> list[Section]:
     """Return what the listing says, section by section."""
     names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
-    warnings = list(compiled.warnings())
     shown = [part for part in against if len(part.rows)]
     return [
         MODEL_TABLE.section(compiled),
+        *([RECOVERED_TABLE.section((compiled, against))] if any(part.again.any() for part in against) else []),
         *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
         POINT_TABLE.section(compiled, new_page=True),
