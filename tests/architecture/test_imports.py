@@ -42,7 +42,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
     "orienting": {"model", "geometry", "orientation", "reduction", "jobs"},
-    "compilation": {"model", "geometry", "refraction", "adjustment"},
+    "compilation": {"model", "geometry", "refraction", "adjustment", "pointfiles"},
     "reports": {"model", "statistics", "comparison", "jobs", "sea", "orientation", "orienting", "compilation"},
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
@@ -61,6 +61,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "runs",
         "orient_runs",
         "as11_runs",
+        "compilation",
         "simulation",
         "jobs",
         "reports",

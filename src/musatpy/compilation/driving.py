@@ -1,0 +1,98 @@
+"""A path of the mark driven at a rate: what the stages do, and whether every cycle of the loop ends in time."""
+
+from __future__ import annotations
+
+import csv
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.compilation.loop import Loop
+from musatpy.errors import CompilationError, Problem
+from musatpy.pointfiles.csv_tables import column_faults, names_of, number
+
+COLUMNS = ("t", "X", "Y", "Z")
+_MOST_CYCLES = 1e7  # two days at 50 Hz: more is another unit of time
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Driven:
+    """c cycles: times t (c,) s, stages xy (c, 2, 2) mm, and the seconds (c,) that each cycle took."""
+
+    t: FloatArray
+    xy: FloatArray
+    seconds: FloatArray
+    rate: float
+
+    @property
+    def missed(self) -> int:
+        """Cycles that took longer than the rate allows."""
+        return int(np.count_nonzero(self.seconds * self.rate > 1.0))
+
+    @property
+    def speed(self) -> float:
+        """Largest speed of a stage along an axis, mm/s."""
+        change = np.abs(np.diff(self.xy, axis=0)).max(axis=(1, 2), initial=0.0)
+        return float((change / np.diff(self.t)).max(initial=0.0))
+
+
+def read_path(source: Path) -> FloatArray:
+    """Return the path (r, 4): time (s) and the mark in the model (m), of a file with the columns t, X, Y, Z.
+
+    Raises `CompilationError` with every line that cannot be used, and `OSError`.
+    """
+    with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        header, *lines = list(csv.reader(file)) or [[]]
+    names = names_of(",".join(header))
+    if faults := column_faults(names, COLUMNS, ()):
+        raise CompilationError([Problem(file=str(source), line=1, message=message) for message in faults])
+    places = [[name.lower() for name in names].index(name.lower()) for name in COLUMNS]
+    rows: list[list[float]] = []
+    problems = []
+    for line, cells in enumerate(lines, 2):
+        if not any(cells):
+            continue
+        values = [number(cells[place]) if place < len(cells) else math.nan for place in places]
+        if not np.isfinite(values).all():
+            name = COLUMNS[int(np.argmin(np.isfinite(values)))]
+            problems.append(Problem(file=str(source), line=line, field=name, message=f"{name} is no number"))
+        elif rows and values[0] <= rows[-1][0]:
+            problems.append(Problem(file=str(source), line=line, field="t", message="time does not go on"))
+        rows.append(values)
+    if len(rows) < 2 and not problems:
+        problems.append(Problem(file=str(source), message=f"{len(rows)} rows: a path has two at least"))
+    if problems:
+        raise CompilationError(problems)
+    return np.array(rows)
+
+
+def driven(loop: Loop, path: FloatArray, rate: float) -> Driven:
+    """Return what driving a path (r, 4) does at so many cycles a second; between rows the mark goes straight.
+
+    Raises `CompilationError` for a path of more than ten million cycles.
+    """
+    cycles = (path[-1, 0] - path[0, 0]) * rate
+    if cycles > _MOST_CYCLES:
+        message = f"{cycles:.3g} cycles from t = {path[0, 0]:g} to {path[-1, 0]:g} s: t counts seconds"
+        raise CompilationError([Problem(message=message)])
+    t = path[0, 0] + np.arange(math.floor(cycles) + 1) / rate
+    marks = np.stack([np.interp(t, path[:, 0], path[:, axis]) for axis in (1, 2, 3)], axis=1)
+    xy, seconds = np.empty((len(t), 2, 2)), np.empty(len(t))
+    loop.stages(marks[:1])  # what the first cycle loads
+    for cycle in range(len(t)):
+        start = time.perf_counter()
+        xy[cycle] = loop.stages(marks[cycle : cycle + 1]).xy[0]
+        seconds[cycle] = time.perf_counter() - start
+    return Driven(t=t, xy=xy, seconds=seconds, rate=rate)
+
+
+def driven_csv(result: Driven) -> str:
+    """Return the stages of every cycle as comma-separated values."""
+    lines = ["t,x1,y1,x2,y2"]
+    rows = zip(result.t.tolist(), result.xy.reshape(-1, 4).tolist(), strict=True)
+    lines += [f"{t:.4f}," + ",".join(f"{value:.6f}" for value in xy) for t, xy in rows]
+    return "\n".join(lines) + "\n"

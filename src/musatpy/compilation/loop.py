@@ -1,0 +1,93 @@
+"""The plotter's real-time loop: the mark in the model -> both stages, and back, through the water.
+
+`TRUE`: the mark is the true point, the stages stand at its refracted images, no y-parallax is left. `AIR`: the mark
+is where straight rays meet, as on the AS-11AM of 1983. Stages are refined plate coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from musatpy.adjustment.water_surface import surface
+from musatpy.arrays import FloatArray
+from musatpy.compilation.stereomodels import Stereomodel
+from musatpy.errors import CompilationError, Problem
+from musatpy.geometry import collinearity
+from musatpy.refraction import flat
+
+_STEPS = 20
+_STILL = 1e-11  # m; the step after one of this size is rounding
+
+
+class Drive(StrEnum):
+    """What the mark is."""
+
+    TRUE = "TRUE"
+    AIR = "AIR"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stages:
+    """Plate coordinates xy (k, 2, 2) mm of both stages, and their partials by_mark (k, 2, 2, 3) mm/m."""
+
+    xy: FloatArray
+    by_mark: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loop:
+    """The loop of one stereomodel; what stays from cycle to cycle is computed once.
+
+    Raises `CompilationError` where marks are true points and the water is not known at both photos.
+    """
+
+    stereo: Stereomodel
+    drive: Drive = Drive.TRUE
+    camera: FloatArray = field(init=False)  # (2, 3) working
+    turn: FloatArray = field(init=False)  # (2, 3, 3) working axes to photo
+    focal_length: FloatArray = field(init=False)  # (2,) mm
+    principal_point: FloatArray = field(init=False)  # (2, 2) mm
+    slope: FloatArray = field(init=False)  # (3,) of the water, working
+
+    def __post_init__(self) -> None:
+        stereo, water = self.stereo, self.stereo.run.block.water
+        if self.drive is Drive.TRUE and (water is None or not np.isfinite(stereo.tides).all()):
+            raise CompilationError([Problem(message="true marks need water with a tide at both photos: drive AIR")])
+        tilt = np.zeros(2) if water is None else np.array([water.tilt_east or 0.0, water.tilt_north or 0.0])
+        for name, value in (
+            ("camera", stereo.working(stereo.stations)),
+            ("turn", stereo.rotation @ stereo.axes),
+            ("focal_length", stereo.camera("focal_length")),
+            ("principal_point", stereo.camera("principal_point")),
+            ("slope", tilt @ stereo.run.frame.axes(np.zeros(3))[:2]),
+        ):
+            object.__setattr__(self, name, value)
+
+    def stages(self, mark: FloatArray) -> Stages:
+        """Return the stages of marks (k, 3) in the model, with their partials."""
+        ground = np.repeat(self.stereo.working(mark)[:, None], 2, axis=1)
+        v, by_ground = ground - self.camera, np.broadcast_to(np.eye(3), (*ground.shape, 3))
+        if self.drive is Drive.TRUE:
+            over = surface(self.stereo.run.frame, self.slope, self.stereo.tides, ground)
+            bent = flat.incidence(
+                np.broadcast_to(self.camera, ground.shape), ground, over.normal, over.depth, self.stereo.index
+            )
+            v, by_ground = bent.v, bent.by_ground
+        xy, by_v = collinearity.image_by_vector(v, self.turn, self.focal_length, self.principal_point)
+        return Stages(xy=xy, by_mark=by_v @ by_ground @ self.stereo.axes.T)
+
+    def mark(self, xy: FloatArray) -> FloatArray:
+        """Return the marks (k, 3) in the model of stages (k, 2, 2) mm: the least squares of their coordinates."""
+        mark = self.stereo.apparent(xy)
+        for _ in range(_STEPS):
+            now = self.stages(mark)
+            B, v = now.by_mark.reshape(-1, 4, 3), (xy - now.xy).reshape(-1, 4, 1)
+            Bt = np.swapaxes(B, 1, 2)
+            step = np.linalg.solve(Bt @ B, Bt @ v)[..., 0]
+            mark = mark + step
+            if not np.abs(step).max(initial=0.0) > _STILL:
+                break
+        return mark

@@ -1,0 +1,125 @@
+"""The real-time loop: marks to stages and back, partials, the water line, and a path that is driven."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from compilation.scenes import at_depth, flat_images, grid, pair
+from musatpy import model, read_deck
+from musatpy.adjustment.programs import adjust
+from musatpy.cli.main import main as musat
+from musatpy.compilation.driving import driven, read_path
+from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.stereomodels import Stereomodel, set_up
+from musatpy.compilation.triangulation import of_solution
+from musatpy.errors import CompilationError
+from musatpy.reports.record import dumps, record
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+MARKS = np.array([[100.0, -300.0, -12.0], [-500.0, 900.0, -1.0], [0.0, 0.0, 40.0], [300.0, 5.0, -25.0]])
+
+
+@pytest.fixture(scope="module")
+def solution() -> model.Solution:
+    return adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd"))
+
+
+@pytest.fixture(scope="module")
+def st_thomas(solution: model.Solution) -> Stereomodel:
+    """Return a model with tilted water, tides apart."""
+    run = of_solution(solution)
+    assert run.block.water is not None
+    tilted = replace(run.block.water, tilt_east=2e-5, tilt_north=-1e-5)
+    return set_up(replace(run, block=replace(run.block, water=tilted)), "21", "22")
+
+
+def test_stages_of_true_marks_are_traced_images() -> None:
+    run = pair(3000.0, 1810.0, (0.4, -0.3))
+    points = at_depth(grid((200.0, 1600.0), 1700.0, 5), 12.0)
+    stereo = set_up(run, "1", "2")
+    marks = stereo.model(run.frame.working(points))
+    np.testing.assert_allclose(Loop(stereo=stereo).stages(marks).xy, flat_images(run, points), rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("drive", Drive)
+def test_stages_and_marks_are_inverse(st_thomas: Stereomodel, drive: Drive) -> None:
+    loop = Loop(stereo=st_thomas, drive=drive)
+    np.testing.assert_allclose(loop.mark(loop.stages(MARKS).xy), MARKS, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("drive", Drive)
+def test_partials_of_the_stages(st_thomas: Stereomodel, drive: Drive) -> None:
+    """Central differences over 1 m; the vertical is held, and what its turn adds is up to 1.5e-6 of them."""
+    loop, h = Loop(stereo=st_thomas, drive=drive), 0.5
+    partials = loop.stages(MARKS).by_mark
+    for axis, step in enumerate(h * np.eye(3)):
+        by = (loop.stages(MARKS + step).xy - loop.stages(MARKS - step).xy) / (2 * h)
+        np.testing.assert_allclose(partials[..., axis], by, rtol=0.0, atol=1.5e-6 * np.abs(partials).max())
+
+
+def test_the_mark_goes_through_the_water_line_without_a_jump(st_thomas: Stereomodel) -> None:
+    """Below 1e-6 um at depth 0, where the formulas change."""
+    frame = st_thomas.run.frame
+    level = frame.level(st_thomas.working(MARKS))
+    level[:, 2] = st_thomas.tides[0]
+    for _ in range(3):  # the tilted water stands higher or lower there
+        place = frame.from_level(level)
+        loop = Loop(stereo=st_thomas)
+        level[:, 2] = st_thomas.tides[0] + place @ loop.slope
+    places = (frame.from_level(level + np.array([0.0, 0.0, rise])) for rise in (-1e-12, 1e-12))
+    below, above = (loop.stages(st_thomas.model(place)).xy for place in places)
+    assert np.abs(below - above)[:, 0].max() < 1e-9
+
+
+def test_true_marks_need_water(solution: model.Solution) -> None:
+    run = of_solution(solution)
+    dry = replace(run, block=replace(run.block, water=None))
+    with pytest.raises(CompilationError, match="drive AIR"):
+        Loop(stereo=set_up(dry, "21", "22"))
+    assert Loop(stereo=set_up(dry, "21", "22"), drive=Drive.AIR).stages(MARKS).xy.shape == (4, 2, 2)
+
+
+def test_a_path_is_driven_at_its_rate(st_thomas: Stereomodel) -> None:
+    path = np.array([[0.0, 0.0, 0.0, -5.0], [2.0, 10.0, 0.0, -5.0]])
+    result = driven(Loop(stereo=st_thomas), path, 50.0)
+    assert len(result.t) == 101 and result.t[-1] == 2.0
+    scale = 152.25 / 2400.0
+    assert result.speed == pytest.approx(5.0 * scale, rel=0.05)  # 5 m/s over the ground
+    assert (result.seconds > 0.0).all()
+
+
+def test_a_path_in_nanoseconds_is_refused(st_thomas: Stereomodel) -> None:
+    with pytest.raises(CompilationError, match=r"5e\+10 cycles .* t counts seconds"):
+        driven(Loop(stereo=st_thomas), np.array([[0.0, 0, 0, 0], [1e9, 0, 0, 0]]), 50.0)
+
+
+def test_drive_at_the_shell(solution: model.Solution, tmp_path: Path) -> None:
+    run, path = tmp_path / "run.json", tmp_path / "path.csv"
+    run.write_text(dumps(record(solution)))
+    path.write_text("t,X,Y,Z\n0,0,0,-5\n1,10,0,-5\n")
+    result = CliRunner().invoke(musat, ["as11", "drive", str(run), "21", "22", str(path)])
+    assert result.exit_code == 0 and "51 cycles at 50 Hz" in result.output
+    rows = (tmp_path / "path.stages.csv").read_text().splitlines()
+    assert rows[0] == "t,x1,y1,x2,y2" and len(rows) == 52
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no column t"),
+        ("t,X,Y\n", "no column Z"),
+        ("t,X,Y,Z\n0,0,0,0\n", "1 rows: a path has two"),
+        ("t,X,Y,Z\n0,0,0,0\n1,a,0,0\n", "X is no number"),
+        ("t,X,Y,Z\n0,0,0,0\n0,0,0,0\n", "time does not go on"),
+    ],
+)
+def test_paths_that_cannot_be_driven(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "path.csv"
+    path.write_text(text)
+    with pytest.raises(CompilationError, match=message):
+        read_path(path)
