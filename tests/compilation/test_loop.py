@@ -76,6 +76,20 @@ def test_the_mark_goes_through_the_water_line_without_a_jump(st_thomas: Stereomo
     assert np.abs(below - above)[:, 0].max() < 1e-9
 
 
+def test_marks_on_the_water_line_are_found(st_thomas: Stereomodel) -> None:
+    """Points at the tide, with errors that take them to either side: most come to their optimum, all to rest."""
+    loop, place = Loop(stereo=st_thomas), st_thomas.working(np.zeros((200, 3)))
+    level = st_thomas.run.frame.level(place)
+    level[:, 2] = np.linspace(-0.4, 0.4, 200)
+    xy = loop.stages(st_thomas.model(st_thomas.run.frame.from_level(level))).xy
+    xy[:, 1, 0] += 0.002 * np.random.default_rng(1).normal(size=200)
+    mark = loop.mark(xy)
+    B = loop.stages(mark).by_mark.reshape(-1, 4, 3)
+    Bt, v = np.swapaxes(B, 1, 2), (xy - loop.stages(mark).xy).reshape(-1, 4, 1)
+    pull = np.abs(np.linalg.solve(Bt @ B, Bt @ v))
+    assert (pull.max(axis=(1, 2)) < 1e-6).mean() > 0.9 and np.isfinite(mark).all()
+
+
 def test_true_marks_need_water(solution: model.Solution) -> None:
     run = of_solution(solution)
     dry = replace(run, block=replace(run.block, water=None))

@@ -18,8 +18,8 @@ from musatpy.errors import CompilationError, Problem
 from musatpy.geometry import collinearity
 from musatpy.refraction import flat
 
-_STEPS = 20
-_STILL = 1e-11  # m; the step after one of this size is rounding
+_STEPS = 60
+_STILL = 1e-7  # m; what is left after a step of this size is rounding
 
 
 class Drive(StrEnum):
@@ -80,14 +80,22 @@ class Loop:
         return Stages(xy=xy, by_mark=by_v @ by_ground @ self.stereo.axes.T)
 
     def mark(self, xy: FloatArray) -> FloatArray:
-        """Return the marks (k, 3) in the model of stages (k, 2, 2) mm: the least squares of their coordinates."""
-        mark = self.stereo.apparent(xy)
+        """Return the marks (k, 3) in the model of stages (k, 2, 2) mm: the least squares of their coordinates.
+
+        A mark on the water line, from whose either side the other is nearer, is approached by ever shorter steps.
+        """
+        mark, active = self.stereo.apparent(xy), np.arange(len(xy))
+        factor, last = np.ones(len(xy)), np.full(len(xy), np.inf)
         for _ in range(_STEPS):
-            now = self.stages(mark)
-            B, v = now.by_mark.reshape(-1, 4, 3), (xy - now.xy).reshape(-1, 4, 1)
+            now = self.stages(mark[active])
+            B, v = now.by_mark.reshape(-1, 4, 3), (xy[active] - now.xy).reshape(-1, 4, 1)
             Bt = np.swapaxes(B, 1, 2)
-            step = np.linalg.solve(Bt @ B, Bt @ v)[..., 0]
-            mark = mark + step
-            if not np.abs(step).max(initial=0.0) > _STILL:
+            step = np.linalg.solve(Bt @ B, Bt @ v)[..., 0] * factor[active, None]
+            mark[active] += step
+            size = np.abs(step).max(axis=1)
+            factor[active] *= np.where(size > 0.5 * last[active], 0.5, 1.0)
+            last[active] = size
+            active = active[size > _STILL]
+            if not len(active):
                 break
         return mark

@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.adjustment.bathymetric import bathymetric_points
 from musatpy.adjustment.building import build_network
 from musatpy.adjustment.considered import extended
-from musatpy.adjustment.ground import PARALLEL, intersect_freely
+from musatpy.adjustment.ground import PARALLEL, intersect_freely, settle_group
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.sightings import residuals, straight_rays
@@ -133,7 +133,10 @@ def _at_rest(
     line = water_line(measured, state, submerged)
     for _ in range(_TURNS):
         network, state = refracted(measured, line, state)
-        state = intersect_freely(network, state, groups)
+        ground = state.ground.copy()
+        for group in groups:
+            ground[group.point], _ = settle_group(network, state, group, ground[group.point])
+        state = replace(state, ground=ground)
         new = best_line(measured, line, state, submerged)
         if new.same_as(line):
             break
