@@ -16,7 +16,7 @@ from musatpy.formats.compilation_deck import compilation_bytes
 from musatpy.geometry.collinearity import image
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
+from musatpy.model.compilation import Compilation, ContourSpec, SoundingDatum, StageReadings, StereomodelSpecs
 from musatpy.simulation.raytrace import trace
 from musatpy.units import DEGREE
 
@@ -27,7 +27,7 @@ POINTING = 0.005  # mm, 1 sigma
 _INDEX = 1.34
 
 
-def bottom(number: int = 40) -> FloatArray:
+def bottom(number: int = 120) -> FloatArray:
     """Return latitude, longitude (rad), height (m) of points on a bottom that falls from the shore to 25 m."""
     draws = np.random.default_rng(1811)
     east, south = draws.uniform(-64.9418, -64.9180, number), draws.uniform(0.0, 1.0, number)
@@ -96,6 +96,8 @@ def compilation(pointing: float = POINTING) -> Compilation:
             xy=np.round(every + pointing * draws.normal(size=every.shape), 6),
             sigma=np.full(len(every), np.nan),
         ),
+        datum=SoundingDatum(name="MLLW", height=-0.15, sigma=0.05),
+        contours=ContourSpec(interval=2.0, index=5, longest_edge=600.0, shortest=20.0),
     )
 
 

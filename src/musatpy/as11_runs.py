@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from musatpy.compilation.against_run import against_run
+from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.triangulation import of_record
 from musatpy.errors import CompilationError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_deck import read_compilation
+from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation
+from musatpy.reports.compilation_bottom import contours_csv
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
@@ -36,11 +39,13 @@ def compile_deck(
     *,
     carriage_control: bool = False,
     csv: bool = False,
+    plots: bool = False,
     date: datetime.date | None = None,
 ) -> CompileResult:
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
-    With `csv` also the tables of the listing, in `NAME_tables`. Where run or deck cannot be used nothing is
+    With contours also `NAME.contours.csv`, and with `plots` `NAME.contours.png`; with `csv` the tables of the
+    listing, in `NAME_tables`. Where run or deck cannot be used nothing is
     written, and every reason is in `problems`. Raises `OSError` where files cannot be read or written.
     """
     problems: list[Problem] = []
@@ -62,15 +67,23 @@ def compile_deck(
         return CompileResult(
             status=ExitStatus.UNUSABLE, problems=(*problems, *_of_deck(deck, error)), compiled=None
         )
-    against = [against_run(model, contents.stages.kind[model.rows] == "R") for model in result.models]
+    against = [against_run(model, contents.stages.kind[model.rows] == AGAIN) for model in result.models]
+    bottoms = bottoms_of(result)
     warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
-    sections = compilation.sections_of(result, against, warnings)
+    sections = compilation.sections_of(result, against, bottoms, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
-    files = {listing: text.encode(), record: dumps(compilation.record_of(result, against, warnings)).encode()}
+    files = {
+        listing: text.encode(),
+        record: dumps(compilation.record_of(result, against, bottoms, warnings)).encode(),
+    }
     if csv:
         folder = listing.with_name(f"{deck.stem}_tables")
         files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
+    if bottoms:
+        files[listing.with_suffix(".contours.csv")] = contours_csv(bottoms, result.datum.height).encode()
+    if plots and bottoms:
+        files[listing.with_suffix(".contours.png")] = _picture(result, bottoms)
     write_files(files)
     return CompileResult(
         status=ExitStatus.DONE,
@@ -79,6 +92,13 @@ def compile_deck(
         warnings=warnings,
         files=tuple(files),
     )
+
+
+def _picture(result: Compiled, bottoms: list[Bottom]) -> bytes:
+    from musatpy.compilation.pictures import contour_picture  # few users draw
+
+    title = result.deck.titles[0] if result.deck.titles else "Bottom"
+    return contour_picture(bottoms, title, result.datum.name or "the height 0")
 
 
 def _of_deck(deck: Path, error: CompilationError) -> list[Problem]:

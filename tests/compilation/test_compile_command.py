@@ -52,7 +52,7 @@ def test_the_deck_of_the_fixture_is_what_its_generator_writes() -> None:
 
 def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path, tmp_path: Path) -> None:
     result = compiled(run, stage_readings.DECK, tmp_path, "--csv")
-    assert result.exit_code == 0 and "76 points in 2 models, listing" in result.output
+    assert result.exit_code == 0 and "168 points in 2 models, listing" in result.output
     listing = (tmp_path / "st_thomas_as11.lst").read_text()
     assert listing == stage_readings.DECK.with_suffix(".lst").read_text()
     assert max(map(len, listing.splitlines())) <= 132
@@ -60,11 +60,44 @@ def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path
     assert not list(violations(record, of_record, of_record))
     assert list(record) == list(of_record["properties"])
     table = tmp_path / "st_thomas_as11_tables/point_compilation_true_coordinates.csv"
-    assert len(table.read_text().splitlines()) == 77
+    assert len(table.read_text().splitlines()) == 169
+
+
+def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, tmp_path: Path) -> None:
+    """Every vertex stands at its depth below the datum, and within the model."""
+    assert compiled(run, stage_readings.DECK, tmp_path, "--plots").exit_code == 0
+    head, *lines = (tmp_path / "st_thomas_as11.contours.csv").read_text().splitlines()
+    assert head == "line,model,depth,index,closed,latitude,longitude,height"
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])
+    np.testing.assert_allclose(rows[:, 7], -0.15 - rows[:, 2], rtol=0.0, atol=1e-4)
+    assert set(rows[rows[:, 3] == 1.0, 2]) == {10.0, 20.0}
+    assert (np.abs(rows[:, 5] - 18.33) < 0.01).all() and (np.abs(rows[:, 6] + 64.93) < 0.015).all()
+    record = json.loads((tmp_path / "st_thomas_as11.json").read_text())
+    assert sum(row["lines"] for row in record["contours"]) == int(rows[:, 0].max())
+    assert (tmp_path / "st_thomas_as11.contours.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:
+    """Depths at the vertices by the formula of the fixture: its scatter of .3 m, and sigmas of the points."""
+    compiled(run, stage_readings.DECK, tmp_path)
+    lines = (tmp_path / "st_thomas_as11.contours.csv").read_text().splitlines()[1:]
+    rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])
+    south = np.clip((18.3345 - rows[:, 5]) / 0.0085, 0.0, 1.0)
+    error = rows[:, 7] - (-2.0 - 23.0 * south**1.5)
+    assert np.sqrt(np.mean(np.square(error))) < 0.7 and abs(error.mean()) < 0.2
+
+
+def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
+    lines = stage_readings.DECK.read_text().splitlines()
+    kept = [line for line in lines if not (line.startswith("STG 2223") and line[22:24] == "GB")]
+    deck = tmp_path / "changed.crd"
+    deck.write_text("\n".join(kept) + "\n")
+    assert compiled(run, deck, tmp_path).exit_code == 0
+    assert "no submerged point of it has a position" in (tmp_path / "changed.lst").read_text()
 
 
 def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:
-    """Of 50 points, which depend on each other by the stations."""
+    """Of 142 points, which depend on each other by the stations."""
     compiled(run, stage_readings.DECK, tmp_path)
     rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
     truth, scaled = stage_readings.bottom(), []
@@ -72,7 +105,7 @@ def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tm
         true = truth[int(row["point"][1:])]
         north, east, up = (np.array(row["position"]) - true) * [6.35e6, 6.37e6 * np.cos(true[0]), 1.0]
         scaled.append(np.array([east, north, up]) / row["sigma"])
-    assert len(scaled) == 50
+    assert len(scaled) == 142
     rms = np.sqrt(np.mean(np.square(scaled), axis=0))
     assert (rms > 0.3).all() and (rms < 1.5).all()
 
@@ -102,12 +135,12 @@ def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_pa
     [
         ("MDL 2122     21       22      ", "MDL 2122     21       29      ", "model 2122: the run has no photo 29"),
         ("MDL 2223     22       23      ", "MDL 2223     22       22      ", "one photo on both stages"),
-        ("MDL 2223     22 ", "MDL 2122     22 ", "changed.crd:3 cols 5-12 MDL.model: model 2122 is defined twice"),
+        ("MDL 2223     22 ", "MDL 2122     22 ", "changed.crd:5 cols 5-12 MDL.model: model 2122 is defined twice"),
         ("STG 2122     202 ", "STG 2122     102 ", "point 102 is read twice in model 2122"),
         ("STG 2122     202 ", "STG 2129     202 ", "there is no MDL card of model 2129"),
-        ("   5.00         00000002", "   -5.0         00000002", "changed.crd:2 cols 58-63 MDL.pointing"),
+        ("   5.00         00000004", "   -5.0         00000004", "changed.crd:4 cols 58-63 MDL.pointing"),
         ("R    3.994012", "Q    3.994012", "'Q' is not A1 (one of G, P, S, R)"),
-        ("3.994012", "3.9940l2", "changed.crd:4 cols 25-35 STG.x_left"),
+        ("3.994012", "3.9940l2", "changed.crd:6 cols 25-35 STG.x_left"),
     ],
 )
 def test_a_bad_deck_is_refused_with_its_cards(run: Path, tmp_path: Path, old: str, new: str, message: str) -> None:

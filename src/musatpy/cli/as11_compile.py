@@ -19,6 +19,7 @@ from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
 @click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
+@click.option("--plots", is_flag=True, help="A picture of the contours too (NAME.contours.png).")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.pass_context
 def command(
@@ -28,6 +29,7 @@ def command(
     out_dir: Path | None,
     carriage_control: bool,
     csv: bool,
+    plots: bool,
     dated: bool,
 ) -> None:
     """Compile the compilation DECK in stereomodels of RUN.json: the listing NAME.lst and the record NAME.json.
@@ -39,7 +41,7 @@ def command(
 
     refuse_overwriting(output_paths(deck, out_dir)[:2], [run, deck])
     date = datetime.date.today() if dated else None
-    result = compile_deck(run, deck, out_dir, carriage_control=carriage_control, csv=csv, date=date)
+    result = compile_deck(run, deck, out_dir, carriage_control=carriage_control, csv=csv, plots=plots, date=date)
     complain_of(result.problems)
     if result.compiled is None:
         errors = sum(problem.severity == "error" for problem in result.problems)

@@ -14,7 +14,7 @@ from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
 from musatpy.errors import CompilationError, Problem
-from musatpy.model.compilation import RECOVERABLE, Compilation, Mode
+from musatpy.model.compilation import RECOVERABLE, Compilation, Mode, SoundingDatum
 
 OFF_PLATE = "its image lies off the plate"
 NO_TIDE = "it is submerged, and the tide of a photo is not given"
@@ -78,6 +78,19 @@ class Compiled:
     def submerged(self) -> BoolArray:
         """(k,) flagged so."""
         return np.concatenate([model.readings.submerged for model in self.models])
+
+    @property
+    def datum(self) -> SoundingDatum:
+        """The sounding datum of the deck, or the height 0."""
+        return self.deck.datum or SoundingDatum()
+
+    @cached_property
+    def datum_depth(self) -> tuple[FloatArray, FloatArray]:
+        """(k,) depths below the sounding datum, m, and their sigmas."""
+        frame, position = self.run.frame, self.gathered("position")
+        known, depth = np.isfinite(position).all(axis=1), np.full(len(position), np.nan)
+        depth[known] = self.datum.height - frame.height(frame.working(position[known]))
+        return depth, np.hypot(self.sigma[:, 2], self.datum.sigma)
 
     def warnings(self) -> Iterator[str]:
         """Yield what is odd about the readings."""

@@ -14,10 +14,11 @@ from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.codec import Column
 from musatpy.formats.cards.deck import CardDeck, CardTable, read_cards, write_cards
 from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
-from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
+from musatpy.model.compilation import Compilation, ContourSpec, SoundingDatum, StageReadings, StereomodelSpecs
 from musatpy.units import MICROMETRE
 
 _SHARED = ("TTL", "END")  # cards of triangulation decks that these have too
+_POSITIVE = {"MDL": ("pointing", "limit"), "STG": ("sigma",), "CIN": ("interval", "index", "longest_edge")}
 _COORDINATES = ("x_left", "y_left", "x_right", "y_right")
 
 
@@ -65,9 +66,30 @@ def read_compilation(source: Path | str | bytes) -> tuple[Compilation, tuple[Pro
                 xy=_coordinates(stages),
                 sigma=_number(stages, "sigma") * MICROMETRE,
             ),
+            datum=_datum(deck.table(cards["VDT"])),
+            contours=_contours(deck.table(cards["CIN"])),
         ),
         tuple(problems),
     )
+
+
+def _datum(table: CardTable) -> SoundingDatum | None:
+    if not len(table):
+        return None
+    return SoundingDatum(
+        name=str(table.columns["name"][0]),
+        height=float(table.columns["height"][0]),
+        sigma=float(table.columns["sigma"][0]),
+    )
+
+
+def _contours(table: CardTable) -> ContourSpec | None:
+    if not len(table):
+        return None
+    given = {name: float(values[0]) for name, values in table.columns.items() if np.isfinite(values[0])}
+    if "index" in given:
+        given["index"] = int(given["index"])
+    return ContourSpec(**given)  # type: ignore[arg-type]
 
 
 def compilation_bytes(deck: Compilation) -> bytes:
@@ -80,6 +102,7 @@ def compilation_bytes(deck: Compilation) -> bytes:
     coordinates = stages.xy.reshape(-1, 4).T
     tables: list[tuple[CardSpec, dict[str, Column]]] = [
         (cards["TTL"], {"text": np.array(deck.titles, dtype=np.str_)}),
+        *_of_surface(deck),
         (
             cards["MDL"],
             {
@@ -105,6 +128,23 @@ def compilation_bytes(deck: Compilation) -> bytes:
     return write_cards(tables)
 
 
+def _of_surface(deck: Compilation) -> list[tuple[CardSpec, dict[str, Column]]]:
+    """Return the cards of the sounding datum and of contours, as far as there are any."""
+    cards, tables = compilation_family().cards, []
+    for name, part in (("VDT", deck.datum), ("CIN", deck.contours)):
+        if part is not None:
+            values = {key: np.array([value]) for key, value in vars(part).items()}
+            tables.append((cards[name], {key: _finite(value) for key, value in values.items()}))
+    return tables
+
+
+def _finite(values: Column) -> Column:
+    """Return numbers without those that a blank field stands for."""
+    if values.dtype.kind == "U":
+        return values
+    return np.where(np.isfinite(values.astype(float)), values.astype(float), np.nan)
+
+
 def _text(table: CardTable, name: str) -> TextArray:
     return np.asarray(table.columns[name], dtype=np.str_)
 
@@ -125,16 +165,16 @@ def _cross_checks(deck: CardDeck) -> Iterator[Problem]:
         yield _problem(deck, models, row, "model", f"model {ids[row]} is defined twice")
     for row in np.flatnonzero(_text(models, "left") == _text(models, "right")).tolist():
         yield _problem(deck, models, row, "right", f"model {ids[row]} has one photo on both stages")
-    for name in ("pointing", "limit"):
-        for row in np.flatnonzero(_number(models, name) <= 0.0).tolist():
-            yield _problem(deck, models, row, name, "not greater than zero")
+    for mnemonic, names in _POSITIVE.items():
+        table = deck.table(cards[mnemonic])
+        for name in names:
+            for row in np.flatnonzero(_number(table, name) <= 0.0).tolist():
+                yield _problem(deck, table, row, name, "not greater than zero")
     of, points = _text(stages, "model"), _text(stages, "point")
     for row in np.flatnonzero(~np.isin(of, ids)).tolist():
         yield _problem(deck, stages, row, "model", f"there is no MDL card of model {of[row]}")
     for row in _repeated([of, points]):
         yield _problem(deck, stages, row, "point", f"point {points[row]} is read twice in model {of[row]}")
-    for row in np.flatnonzero(_number(stages, "sigma") <= 0.0).tolist():
-        yield _problem(deck, stages, row, "sigma", "not greater than zero")
 
 
 def _repeated(columns: Sequence[TextArray]) -> list[int]:

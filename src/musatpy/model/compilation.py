@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -10,6 +11,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.tables import Table, per_row
 
+AGAIN = "R"  # class of points of the run that are read again
 RECOVERABLE = 0.015  # mm, "recoverable to within 10-15 microns" (ETL-0306, section 6)
 
 
@@ -51,6 +53,25 @@ class StageReadings(Table):
         return np.flatnonzero(self.model == row)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SoundingDatum:
+    """The height from which charted depths count, in heights of the job (m), and its sigma, 0 where it is exact."""
+
+    name: str = ""
+    height: float = 0.0
+    sigma: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContourSpec:
+    """Contours of depth at multiples of an interval, every so many drawn thick, over triangles of limited edges."""
+
+    interval: float
+    index: int = 5
+    longest_edge: float = math.inf
+    shortest: float = 0.0  # pieces shorter than this are left out
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Compilation:
     """What a compilation deck says."""
@@ -58,3 +79,5 @@ class Compilation:
     titles: tuple[str, ...]
     models: StereomodelSpecs
     stages: StageReadings
+    datum: SoundingDatum | None = None  # None: no card
+    contours: ContourSpec | None = None  # None: none are asked for

@@ -10,6 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
+from musatpy.reports import compilation_bottom
 from musatpy.reports.columns import position_columns, vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
@@ -20,6 +21,7 @@ from musatpy.reports.text import labelled, wrapped
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
+    from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.compiled import Compiled, CompiledModel
 
 _VERSION = "1.0"
@@ -36,6 +38,9 @@ JOB: Group[Compiled, Compiled] = Group(
         Field("titles", "* string", "titles of the deck", lambda c: c.deck.titles),
         Field("system", "string", "coordinate system of the run", lambda c: c.run.block.options.system),
         Field("index", "number?", "refractive index of the water", lambda c: _index(c)),
+        Field("datum", "string?", "sounding datum", lambda c: c.deck.datum.name if c.deck.datum else None),
+        Field("datum_height", "number", "of the datum", lambda c: c.datum.height, "m"),
+        Field("datum_sigma", "number", "of that", lambda c: c.datum.sigma, "m"),
     ),
 )
 MODELS: Each[Compiled, CompiledModel] = Each(
@@ -81,6 +86,8 @@ POINTS: Rows[Compiled, Compiled] = Rows(
         Field("water_level", "number?", "mean of both photos, there", lambda c: c.gathered("water_level"), "m"),
         Field("depth", "number?", "below that", lambda c: c.gathered("depth"), "m"),
         Field("depth_sigma", "number?", "of the depth", lambda c: c.gathered("depth_sigma"), "m"),
+        Field("datum_depth", "number?", "below the sounding datum", lambda c: c.datum_depth[0], "m"),
+        Field("datum_depth_sigma", "number?", "of that", lambda c: c.datum_depth[1], "m"),
         Field("incidence", "number?", "mean of both rays, in air", lambda c: c.gathered("incidence"), "rad"),
         Field("wet", "2 boolean", "the ray goes through the water", lambda c: c.gathered("wet")),
         Field(
@@ -122,14 +129,17 @@ RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
 )
 
 
-def record_of(compiled: Compiled, against: list[AgainstRun], warnings: Sequence[str]) -> dict[str, Json]:
-    """Return the record of a compilation, with its points beside those of the run."""
+def record_of(
+    compiled: Compiled, against: list[AgainstRun], bottoms: list[Bottom], warnings: Sequence[str]
+) -> dict[str, Json]:
+    """Return the record of a compilation, with its points beside those of the run, and the bottom."""
     nodes: tuple[Node[Compiled], ...] = (JOB, MODELS, POINTS)
     return {
         "compilation_version": _VERSION,
         **{node.name: node.json(compiled) for node in nodes},
         RECOVERED.name: RECOVERED.json((compiled, against)),
         RUN_POINTS.name: RUN_POINTS.json((compiled, against)),
+        **{node.name: node.json(bottoms) for node in compilation_bottom.RECORD},
         "warnings": list(warnings),
     }
 
@@ -139,6 +149,7 @@ def schema() -> Schema:
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
         *(JOB, MODELS, POINTS, RECOVERED, RUN_POINTS),
+        *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
     )
     return {
@@ -159,9 +170,9 @@ def _ids(model: CompiledModel) -> list[str]:
     return [str(name) for name in model.stereo.run.block.photos.ids[list(model.stereo.photos)]]
 
 
-def _rms(values: FloatArray) -> float | None:
+def _rms(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else None
+    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan
 
 
 def _of(source: tuple[Compiled, list[AgainstRun]], name: str) -> Any:
@@ -228,6 +239,8 @@ RAY_TABLE: Report[Any] = Report(
         key("Model", "A8", "model"),
         key("Point", "A8", "point"),
         Column("Water\nm", "F10.3", shows="water_level"),
+        Column("Below datum\nm", "F11.3", shows="datum_depth"),
+        Column("Sigma\nm", "F7.3", shows="datum_depth_sigma"),
         Column("Incidence\ndegrees", "F9.3", shows="incidence"),
         Column("Wet\nleft", "A4", shows=Origin(field="wet[0]", true="W")),
         Column("Wet\nright", "A5", shows=Origin(field="wet[1]", true="W")),
@@ -271,7 +284,9 @@ RECOVERED_TABLE: Report[Any] = Report(
 STATED = (MODEL_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
 
 
-def sections_of(compiled: Compiled, against: list[AgainstRun], warnings: Sequence[str]) -> list[Section]:
+def sections_of(
+    compiled: Compiled, against: list[AgainstRun], bottoms: list[Bottom], warnings: Sequence[str]
+) -> list[Section]:
     """Return what the listing says, section by section."""
     names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
@@ -283,6 +298,7 @@ def sections_of(compiled: Compiled, against: list[AgainstRun], warnings: Sequenc
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
         POINT_TABLE.section(compiled, new_page=True),
         RAY_TABLE.section(compiled),
+        *compilation_bottom.sections_of(bottoms),
         *([RUN_TABLE.section((compiled, against), new_page=True), _analysis(shown)] if shown else []),
     ]
 

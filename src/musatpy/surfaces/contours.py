@@ -1,0 +1,107 @@
+"""Contours of a network of triangles: straight in each of them, with the greater values on their right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.canvas import new_figure
+from musatpy.errors import Problem, SurfaceError
+from musatpy.surfaces.tin import Tin
+
+_MOST_LEVELS = 2000
+_SAME = 1e-9  # m, of the ends of a closed line
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contour:
+    """A line of a level: xy (k, 2) m, its end its beginning where it is closed. `index` lines are drawn thick."""
+
+    level: float
+    xy: FloatArray
+    closed: bool
+    index: bool = False
+
+    @property
+    def length(self) -> float:
+        """In plan, m."""
+        return float(np.linalg.norm(np.diff(self.xy, axis=0), axis=1).sum())
+
+    @property
+    def area(self) -> float:
+        """Of a closed line, m2: positive where it runs counter-clockwise, around lesser values; else 0."""
+        if not self.closed:
+            return 0.0
+        x, y = (self.xy - self.xy[0]).T
+        return float(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contours:
+    """The lines of a surface, level by level, and how many pieces were too short to be drawn."""
+
+    lines: tuple[Contour, ...]
+    dropped: int
+
+
+def levels_between(low: float, high: float, interval: float) -> FloatArray:
+    """Return the multiples of an interval within limits. Raises `SurfaceError` for too many of them."""
+    first, last = np.ceil(low / interval), np.floor(high / interval)
+    if not last - first < _MOST_LEVELS:
+        message = f"{last - first + 1.0:.3g} contours from {low:g} to {high:g} m, {_MOST_LEVELS} are the most"
+        raise SurfaceError([Problem(message=message)])
+    return np.asarray(interval * np.arange(first, last + 1.0) + 0.0)  # no -0
+
+
+def contours(tin: Tin, levels: Sequence[float], index: Sequence[float] = (), shortest: float = 0.0) -> Contours:
+    """Return the contours of a network at levels; pieces shorter than a limit (m) are left out.
+
+    Raises `MusatError` where matplotlib is missing.
+    """
+    lines, dropped = [], 0
+    for level, xy in _traced(tin, sorted(levels)):
+        closed = bool(np.abs(xy[0] - xy[-1]).max() <= _SAME) and len(xy) > 3
+        line = Contour(level=level, xy=_turned(tin, xy), closed=closed, index=level in index)
+        if line.length < max(shortest, _SAME):
+            dropped += 1
+        else:
+            lines.append(line)
+    return Contours(lines=tuple(lines), dropped=dropped)
+
+
+def _traced(tin: Tin, levels: Sequence[float]) -> Iterator[tuple[float, FloatArray]]:
+    """Yield the lines of each level."""
+    figure = new_figure(1.0, 1.0)
+    from matplotlib.tri import Triangulation
+
+    mesh = Triangulation(tin.xy[:, 0], tin.xy[:, 1], tin.triangles, mask=~tin.kept)
+    reached = [level for level in levels if tin.z.min() < level < tin.z.max()]
+    if not reached:
+        return
+    drawn = figure.add_subplot().tricontour(mesh, tin.z, levels=reached)
+    for level, path in zip(reached, drawn.get_paths(), strict=True):
+        for xy in path.to_polygons(closed_only=False):
+            if len(xy) > 1:
+                yield float(level), np.asarray(xy, dtype=float)
+
+
+def _turned(tin: Tin, xy: FloatArray) -> FloatArray:
+    """Return a line in the direction that has the greater values on its right."""
+    middle, along = 0.5 * (xy[:-1] + xy[1:]), np.diff(xy, axis=0)
+    right = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    with np.errstate(invalid="ignore"):
+        pull = np.nansum(np.sum(tin.at(middle).gradient * right, axis=1))
+    return np.asarray(xy if pull >= 0.0 else xy[::-1])
+
+
+def bounds(lines: Sequence[Contour]) -> list[tuple[float, int, float, float]]:
+    """Return level, number of lines, length (m) and enclosed area (m2) of each level."""
+    rows = []
+    for level in sorted({line.level for line in lines}):
+        of_level = [line for line in lines if line.level == level]
+        area = abs(sum(line.area for line in of_level))
+        rows.append((level, len(of_level), sum(line.length for line in of_level), area))
+    return rows

@@ -1,0 +1,123 @@
+"""A triangulated irregular network over points in a plane: linear in each triangle, nothing outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.errors import Problem, SurfaceError
+
+INSIDE, OUTSIDE, LONG_EDGE = range(3)
+REASONS = {OUTSIDE: "outside the surface", LONG_EDGE: "an edge of the surface there is too long"}
+_FLAT = 1e-9  # of the extent along: points on a line have no triangles
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TinValues:
+    """What a surface is at m places: value (m,) and gradient (m, 2), NaN where there is none, for a `reason` (m,).
+
+    sigma (m,) of the value by those of the corners of its triangle.
+    """
+
+    value: FloatArray
+    gradient: FloatArray
+    sigma: FloatArray
+    triangle: IntArray
+    reason: IntArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tin:
+    """The Delaunay triangles (t, 3) of points xy (n, 2) m with values z (n,) and sigmas (n,).
+
+    kept (t,) are those that make the surface: no edge is longer than a limit. merged: points that fell on others.
+    """
+
+    xy: FloatArray
+    z: FloatArray
+    sigma: FloatArray
+    triangles: IntArray
+    kept: BoolArray
+    merged: int
+    search: object
+
+    @classmethod
+    def of(cls, points: FloatArray, sigma: FloatArray | None = None, longest_edge: float = np.inf) -> Tin:
+        """Return the network of points (n, 3) with sigmas (n,) of their values; those in one place are meaned.
+
+        Raises `SurfaceError` for fewer than three places, and for places on a line.
+        """
+        from scipy.spatial import Delaunay  # it takes long to load
+
+        sigma = np.zeros(len(points)) if sigma is None else sigma
+        xy, place, count = np.unique(points[:, :2], axis=0, return_inverse=True, return_counts=True)
+        place = place.reshape(-1)
+        z = np.bincount(place, weights=points[:, 2], minlength=len(xy)) / count
+        variance = np.bincount(place, weights=np.square(sigma), minlength=len(xy)) / count**2
+        if len(xy) < 3:
+            raise SurfaceError([Problem(message=f"a surface needs three places, not {len(xy)}")])
+        extent = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
+        if extent[1] <= _FLAT * extent[0]:
+            raise SurfaceError([Problem(message=f"the {len(xy)} places lie on a line: they make no surface")])
+        search = Delaunay(xy)
+        corners = xy[search.simplices]
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        return cls(
+            xy=xy,
+            z=z,
+            sigma=np.sqrt(variance),
+            triangles=search.simplices.astype(np.int64),
+            kept=edges.max(axis=1) <= longest_edge,
+            merged=len(points) - len(xy),
+            search=search,
+        )
+
+    @property
+    def gradients(self) -> FloatArray:
+        """(t, 2) of the triangles."""
+        a, b, c = (self.xy[self.triangles[:, corner]] for corner in range(3))
+        za, zb, zc = (self.z[self.triangles[:, corner]] for corner in range(3))
+        u, v, du, dv = b - a, c - a, zb - za, zc - za
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        return np.stack([du * v[:, 1] - dv * u[:, 1], dv * u[:, 0] - du * v[:, 0]], axis=1) / area[:, None]
+
+    @property
+    def area(self) -> float:
+        """Of the surface in plan, m2."""
+        a, b, c = (self.xy[self.triangles[self.kept, corner]] for corner in range(3))
+        u, v = b - a, c - a
+        return float(0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum())
+
+    def at(self, places: FloatArray) -> TinValues:
+        """Return the surface at places (m, 2)."""
+        triangle = np.asarray(self.search.find_simplex(places))  # type: ignore[attr-defined]
+        inside = triangle >= 0
+        reason = np.where(inside, np.where(self.kept[triangle], INSIDE, LONG_EDGE), OUTSIDE)
+        good = np.flatnonzero(reason == INSIDE)
+        corners = self.triangles[triangle[good]]
+        gradient, value = np.full((len(places), 2), np.nan), np.full(len(places), np.nan)
+        sigma = np.full(len(places), np.nan)
+        gradient[good] = self.gradients[triangle[good]]
+        offset = places[good] - self.xy[corners[:, 0]]
+        value[good] = self.z[corners[:, 0]] + np.sum(gradient[good] * offset, axis=1)
+        sigma[good] = np.sqrt(np.sum(np.square(self._weights(places[good], corners) * self.sigma[corners]), axis=1))
+        return TinValues(value=value, gradient=gradient, sigma=sigma, triangle=triangle, reason=reason)
+
+    def _weights(self, places: FloatArray, corners: IntArray) -> FloatArray:
+        """Return the barycentric weights (m, 3) of places in their triangles."""
+        a, b, c = (self.xy[corners[:, corner]] for corner in range(3))
+
+        def twice(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
+            u, v = q - p, r - p
+            return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+        whole = twice(a, b, c)
+        return np.stack([twice(places, b, c), twice(a, places, c), twice(a, b, places)], axis=1) / whole[:, None]
+
+
+def words_of(reasons: Iterable[int]) -> list[str]:
+    """Return the reasons in words, empty where there is a surface."""
+    return [REASONS.get(int(reason), "") for reason in reasons]
