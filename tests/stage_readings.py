@@ -1,6 +1,6 @@
 """A compilation deck for the tests: what an operator reads in the models of fixtures/st_thomas.
 
-`python tests/stage_readings.py` writes the deck of fixtures/st_thomas_as11 again. A test holds the file to it.
+`python tests/stage_readings.py` writes the files of fixtures/st_thomas_as11 again. A test holds these to it.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from musatpy.units import DEGREE
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 DECK = FIXTURES / "st_thomas_as11" / "st_thomas_as11.crd"
+SOUNDINGS = DECK.with_name("soundings.csv")
 MODELS = (("2122", "21", "22"), ("2223", "22", "23"))
 POINTING = 0.005  # mm, 1 sigma
 _INDEX = 1.34
@@ -101,6 +102,18 @@ def compilation(pointing: float = POINTING) -> Compilation:
     )
 
 
+def soundings(number: int = 200) -> str:
+    """Return soundings of the bottom below the datum, good to 0.1 m, three of them with gross errors."""
+    draws = np.random.default_rng(44)
+    south, longitude = draws.uniform(0.0, 1.0, number), draws.uniform(-64.9418, -64.9180, number)
+    depth = -0.15 + 2.0 + 23.0 * south**1.5 + 0.1 * draws.normal(size=number)
+    depth[[20, 90, 150]] += [10.0, -5.0, 3.0]
+    rows = zip(18.3345 - 0.0085 * south, longitude, depth, strict=True)
+    lines = [f"S{row:03d},{lat:.7f},{lon:.7f},{value:.2f},0.10" for row, (lat, lon, value) in enumerate(rows)]
+    return "\n".join(["name,lat,lon,depth,sigma", *lines]) + "\n"
+
+
 if __name__ == "__main__":
     DECK.parent.mkdir(exist_ok=True)
     DECK.write_bytes(compilation_bytes(compilation()))
+    SOUNDINGS.write_text(soundings())

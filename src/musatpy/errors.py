@@ -144,6 +144,10 @@ class CompilationError(ProblemsError):
     """A triangulation, a stereomodel or readings in one that cannot be used."""
 
 
+class SoundingError(ProblemsError):
+    """A file of soundings that cannot be used."""
+
+
 class SurfaceError(ProblemsError):
     """Points that make no surface, or contours that cannot be drawn."""
 

@@ -43,7 +43,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "comparison": {"model", "geometry"},
     "orienting": {"model", "geometry", "orientation", "reduction", "jobs"},
     "surfaces": set(),
-    "compilation": {"model", "geometry", "refraction", "adjustment", "pointfiles", "surfaces"},
+    "soundings": {"statistics", "pointfiles"},
+    "compilation": {"model", "geometry", "refraction", "adjustment", "pointfiles", "surfaces", "soundings"},
     "reports": {
         "model",
         "statistics",
@@ -54,6 +55,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "orienting",
         "compilation",
         "surfaces",
+        "soundings",
     },
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
@@ -73,6 +75,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "orient_runs",
         "as11_runs",
         "compilation",
+        "soundings",
         "simulation",
         "jobs",
         "reports",

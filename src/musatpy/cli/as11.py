@@ -6,7 +6,11 @@ import click
 
 from musatpy.cli.lazy import LazyGroup
 
-COMMANDS = {"compile": "musatpy.cli.as11_compile", "drive": "musatpy.cli.as11_drive"}
+COMMANDS = {
+    "compile": "musatpy.cli.as11_compile",
+    "compare-soundings": "musatpy.cli.as11_soundings",
+    "drive": "musatpy.cli.as11_drive",
+}
 
 
 @click.group(name="as11", cls=LazyGroup, modules=COMMANDS, short_help="Compile points in stereomodels of a run.")

@@ -21,22 +21,58 @@ from musatpy.surfaces.tin import Tin
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Bottom:
+class Surface:
     """The surface of a model in plan, metres east and north of its middle (X, Y of local jobs), depths positive.
 
-    None with its `reason` where the points make none. `plan` takes places back to the job, None in local jobs.
+    The network is None, with its `reason`, where the points make none. `plan` takes places back to the job, None in
+    local jobs.
     """
 
     model: CompiledModel
     tin: Tin | None
-    lines: Contours
     plan: Plan | None
     reason: str = ""
 
-    def coordinates(self, xy: FloatArray, depth: float, datum: float) -> FloatArray:
-        """Return coordinates (k, 3) of the job of places (k, 2) at a depth below a datum."""
-        places = np.column_stack([xy, np.full(len(xy), datum - depth)])
+    def coordinates(self, xy: FloatArray, height: FloatArray) -> FloatArray:
+        """Return coordinates (k, 3) of the job of places (k, 2) at heights (k,)."""
+        places = np.column_stack([xy, height])
         return places if self.plan is None else self.plan.coordinates(places)
+
+    def places(self, coordinates: FloatArray) -> FloatArray:
+        """Return the places (k, 2) of the first two coordinates (k, 2) of the job."""
+        if self.plan is None:
+            return coordinates
+        return self.plan.places(np.column_stack([coordinates, np.zeros(len(coordinates))]))[:, :2]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bottom:
+    """The surface of a model with its contours."""
+
+    surface: Surface
+    lines: Contours
+
+    @property
+    def model(self) -> CompiledModel:
+        """The model."""
+        return self.surface.model
+
+    @property
+    def tin(self) -> Tin | None:
+        """The triangles."""
+        return self.surface.tin
+
+
+def surfaces_of(compiled: Compiled) -> list[Surface]:
+    """Return the surface of each model: depths below the sounding datum."""
+    longest = compiled.deck.contours.longest_edge if compiled.deck.contours else np.inf
+    (depth, sigma), first, surfaces = compiled.datum_depth, 0, []
+    for model in compiled.models:
+        rows = slice(first, first := first + len(model.rows))
+        again = compiled.deck.stages.kind[model.rows] == AGAIN
+        used = np.flatnonzero(model.readings.submerged & ~again & np.isfinite(depth[rows]))
+        surfaces.append(_surface(model, used, np.stack([depth[rows], sigma[rows]])[:, used], longest))
+    return surfaces
 
 
 def bottoms_of(compiled: Compiled) -> list[Bottom]:
@@ -44,37 +80,31 @@ def bottoms_of(compiled: Compiled) -> list[Bottom]:
 
     Raises `MusatError` where matplotlib is missing, and `SurfaceError` for too many contours.
     """
-    spec, (depth, sigma), first = compiled.deck.contours, compiled.datum_depth, 0
-    bottoms: list[Bottom] = []
-    if spec is None:
-        return bottoms
-    for model in compiled.models:
-        rows = slice(first, first := first + len(model.rows))
-        again = compiled.deck.stages.kind[model.rows] == AGAIN
-        used = np.flatnonzero(model.readings.submerged & ~again & np.isfinite(depth[rows]))
-        bottoms.append(_bottom(model, spec, used, np.stack([depth[rows], sigma[rows]])[:, used]))
-    return bottoms
+    spec = compiled.deck.contours
+    return [] if spec is None else [_bottom(surface, spec) for surface in surfaces_of(compiled)]
 
 
-def _bottom(model: CompiledModel, spec: ContourSpec, rows: IntArray, depths: FloatArray) -> Bottom:
-    """Return the bottom by the points `rows` (k,) of a model, with depths (2, k) and their sigmas."""
-    nothing = Contours(lines=(), dropped=0)
+def _surface(model: CompiledModel, rows: IntArray, depths: FloatArray, longest_edge: float) -> Surface:
+    """Return the surface by the points `rows` (k,) of a model, with depths (2, k) and their sigmas."""
     if not len(rows):
-        return Bottom(
-            model=model, tin=None, lines=nothing, plan=None, reason="no submerged point of it has a position"
-        )
+        return Surface(model=model, tin=None, plan=None, reason="no submerged point of it has a position")
     position, system = model.points.position[rows], _system(model)
     plan = None if system is None else Plan.about(system, position)
     xy = (position if plan is None else plan.places(position))[:, :2]
     try:
-        tin = Tin.of(np.column_stack([xy, depths[0]]), depths[1], spec.longest_edge)
+        tin = Tin.of(np.column_stack([xy, depths[0]]), depths[1], longest_edge)
     except SurfaceError as error:
-        return Bottom(model=model, tin=None, lines=nothing, plan=plan, reason=error.problems[0].message)
+        return Surface(model=model, tin=None, plan=plan, reason=error.problems[0].message)
+    return Surface(model=model, tin=tin, plan=plan)
+
+
+def _bottom(surface: Surface, spec: ContourSpec) -> Bottom:
+    tin = surface.tin
+    if tin is None:
+        return Bottom(surface=surface, lines=Contours(lines=(), dropped=0))
     levels = levels_between(float(tin.z.min()), float(tin.z.max()), spec.interval)
     thick = levels[np.rint(levels / spec.interval) % spec.index == 0]
-    return Bottom(
-        model=model, tin=tin, lines=contours(tin, levels.tolist(), thick.tolist(), spec.shortest), plan=plan
-    )
+    return Bottom(surface=surface, lines=contours(tin, levels.tolist(), thick.tolist(), spec.shortest))
 
 
 def _system(model: CompiledModel) -> System | None:

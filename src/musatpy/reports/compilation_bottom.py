@@ -31,7 +31,7 @@ SURFACES: Each[list[Bottom], Bottom] = Each(
         Field("least", "number?", "depth below the datum", lambda b: _depth(b, np.min), "m"),
         Field("greatest", "number?", "depth below the datum", lambda b: _depth(b, np.max), "m"),
         Field("dropped", "integer", "pieces of contours that were too short", lambda b: b.lines.dropped),
-        Field("reason", "string", "why there is no surface; empty where there is", lambda b: b.reason),
+        Field("reason", "string", "why there is no surface; empty where there is", lambda b: b.surface.reason),
     ),
 )
 CONTOURS: Each[list[Bottom], Level] = Each(
@@ -114,6 +114,6 @@ def contours_csv(bottoms: list[Bottom], datum: float) -> str:
         for line in bottom.lines.lines:
             number += 1
             head = f"{number},{bottom.model.name},{line.level:g},{int(line.index)},{int(line.closed)},"
-            for vertex in bottom.coordinates(line.xy, line.level, datum) / unit:
+            for vertex in bottom.surface.coordinates(line.xy, np.full(len(line.xy), datum - line.level)) / unit:
                 lines.append(head + ",".join(f"{v:.{d}f}" for v, d in zip(vertex, decimals, strict=True)))
     return "\n".join(lines) + "\n"

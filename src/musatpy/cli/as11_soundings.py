@@ -1,0 +1,62 @@
+"""`musat as11 compare-soundings`: a compiled bottom beside soundings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from musatpy.cli.messages import complain, count_of, name_of, tell
+from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
+
+
+@click.command(name="compare-soundings", short_help="Hold the bottom of a deck against soundings.")
+@click.argument("run", type=NamedPath())
+@click.argument("deck", type=NamedPath())
+@click.argument("soundings", type=NamedPath())
+@out_option
+@click.option("--datum", type=float, default=0.0, help="How far the datum of the soundings is below the deck's, m.")
+@click.option("--datum-sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of that, m.")
+@click.option("--sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of soundings whose file has none, m.")
+@click.option("--plan-sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of the places of soundings, m.")
+@click.option("--steepest", type=click.FloatRange(min=0.0), default=None, help="Slope of the bottom at most.")
+def command(
+    run: Path, deck: Path, soundings: Path, out_dir: Path | None, steepest: float | None, **sigmas: float
+) -> None:
+    """Compile DECK in stereomodels of RUN.json, and hold its bottom against the CSV file SOUNDINGS.
+
+    Columns of SOUNDINGS are lat and lon (degrees) or x and y, depth or height, and sigma and name as far as known.
+    The listing goes to SOUNDINGS.soundings.lst, the record to SOUNDINGS.soundings.json.
+    """
+    import math
+
+    from musatpy.compilation.bottom import surfaces_of
+    from musatpy.compilation.compiled import compiled
+    from musatpy.compilation.sounded import Matching, sounded
+    from musatpy.compilation.triangulation import of_record
+    from musatpy.files import write_files
+    from musatpy.formats.compilation_deck import read_compilation
+    from musatpy.reports import soundings as report
+    from musatpy.reports.record import dumps
+    from musatpy.soundings.differences import samples, scale_warning
+    from musatpy.soundings.sounding_files import read_soundings
+
+    stem = (soundings.parent if out_dir is None else out_dir) / f"{soundings.stem}.soundings"
+    listing, record = stem.with_name(f"{stem.name}.lst"), stem.with_name(f"{stem.name}.json")
+    refuse_overwriting([listing, record], [run, deck, soundings])
+    contents, _ = read_compilation(deck)
+    result = compiled(of_record(run), contents)
+    how = Matching(steepest=math.inf if steepest is None else steepest, **sigmas)
+    compared = sounded(surfaces_of(result), read_soundings(soundings), how)
+    if not len(compared.rows):
+        why = next(iter(compared.reasons.values()), "there is no bottom")
+        raise click.ClickException(f"no sounding meets the bottom: {why}")
+    text, values = report.listing_of(compared, result), dumps(report.record_of(compared, result))
+    write_files({listing: text.encode(), record: values.encode()})
+    if warning := scale_warning(compared.differences):
+        complain(f"{name_of(soundings)}: {warning}")
+    first = samples(compared.differences)[0]
+    tell(
+        f"{name_of(soundings)}: {len(compared.rows)} of {count_of(len(compared.soundings.names), 'sounding')}, "
+        f"median {first.median:.3f} m, NMAD {first.spread:.3f} m, listing {name_of(listing)}"
+    )

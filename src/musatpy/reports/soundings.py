@@ -1,0 +1,206 @@
+"""The listing and the record of a comparison with soundings (`musat as11 compare-soundings`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from musatpy.reports.encoding import Json
+from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
+from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
+from musatpy.reports.table import Column, Report, key
+from musatpy.reports.text import labelled, wrapped
+from musatpy.soundings.differences import (
+    OrderShare,
+    Regression,
+    Sample,
+    order_shares,
+    regression,
+    samples,
+    scale_warning,
+)
+from musatpy.soundings.s44 import NO_ORDER, orders_met, source, survey_orders
+
+if TYPE_CHECKING:
+    from musatpy.compilation.compiled import Compiled
+    from musatpy.compilation.sounded import Sounded
+
+_VERSION = "1.0"
+_LARGEST = 20  # blunders that are named
+
+SAMPLES: Each[Sounded, Sample] = Each(
+    "samples",
+    "compiled less sounded depths, in numbers",
+    lambda s: samples(s.differences),
+    (
+        Field("sample", "string", "which soundings, by sounded depth", lambda p: p.what),
+        Field("size", "integer", "sample size N", lambda p: p.statistics.size),
+        Field("sum", "number", "of the differences", lambda p: p.statistics.sum, "m"),
+        Field("mean", "number?", "sum / N", lambda p: p.statistics.mean, "m"),
+        Field("rms", "number?", "root of the sum of squares / N", lambda p: p.statistics.rms, "m"),
+        Field(
+            "deviation", "number?", "standard deviation from the mean, N - 1", lambda p: p.statistics.deviation, "m"
+        ),
+        Field(
+            "maximum", "number?", "signed difference of the largest magnitude", lambda p: p.statistics.maximum, "m"
+        ),
+        Field("maximum_id", "string?", "its sounding", lambda p: p.statistics.maximum_id or None),
+        Field("median", "number?", "", lambda p: p.median, "m"),
+        Field("spread", "number?", "median absolute deviation times 1.4826", lambda p: p.spread, "m"),
+    ),
+)
+REGRESSION: Group[Sounded, Regression] = Group(
+    "regression",
+    "difference = a + b depth without blunders; null for fewer than three depths",
+    lambda s: regression(s.differences),
+    (
+        Field("a", "number", "tells of tide or datum", unit="m"),
+        Field("a_sigma", "number", "of a", unit="m"),
+        Field("b", "number", "tells of refraction"),
+        Field("b_sigma", "number", "of b"),
+        Field("correlation", "number", "of a and b"),
+        Field("sigma0", "number", "of the differences over their sigmas"),
+    ),
+    optional=True,
+)
+SHARES: Each[Sounded, OrderShare] = Each(
+    "orders",
+    "differences within the vertical uncertainty of the orders of S-44",
+    lambda s: order_shares(s.differences),
+    (
+        Field("order", "string", "of the survey", lambda o: o.name),
+        Field("share", "number", "of the differences", lambda o: o.share),
+        Field("met", "boolean", "95 % are within"),
+    ),
+)
+DIFFERENCES: Rows[Sounded, Sounded] = Rows(
+    "differences",
+    "one row per sounding that meets the bottom",
+    same,
+    (
+        Field("sounding", "string", "its name, or line", lambda s: s.differences.names),
+        Field("compiled", "number", "depth", lambda s: s.differences.compiled, "m"),
+        Field("sounded", "number", "depth below the same datum", lambda s: s.differences.sounded, "m"),
+        Field("difference", "number", "compiled less sounded", lambda s: s.differences.difference, "m"),
+        Field("sigma", "number", "of the difference", lambda s: s.differences.sigma, "m"),
+        Field("blunder", "boolean", "beyond 3.29 robust deviations", lambda s: s.differences.blunders),
+    ),
+)
+LEFT_OUT: Rows[Sounded, Sounded] = Rows(
+    "left_out",
+    "soundings that do not meet the bottom",
+    same,
+    (
+        Field("sounding", "string", "its name, or line", lambda s: s.soundings.names[list(s.reasons)]),
+        Field("reason", "string", "why", lambda s: list(s.reasons.values())),
+    ),
+)
+RECORD: tuple[Node[Sounded], ...] = (SAMPLES, REGRESSION, SHARES, DIFFERENCES, LEFT_OUT)
+
+SAMPLE_TABLE: Report[Any] = Report(
+    title="Comparison With Soundings: Compiled Less Sounded Depths",
+    table=SAMPLES,
+    columns=(
+        key("Sample", "A16", "sample"),
+        Column("Size", "I7", shows="size"),
+        Column("Sum\nm", "F11.3", shows="sum"),
+        Column("Mean\nm", "F9.3", shows="mean"),
+        Column("RMS\nm", "F9.3", shows="rms"),
+        Column("Deviation\nm", "F9.3", shows="deviation"),
+        Column("Median\nm", "F9.3", shows="median"),
+        Column("NMAD\nm", "F9.3", shows="spread"),
+        Column("Maximum\nm", "F9.3", shows="maximum"),
+        Column("at", "A10", shows="maximum_id"),
+    ),
+)
+SHARE_TABLE: Report[Any] = Report(
+    title="Orders Of S-44 Met By The Differences",
+    table=SHARES,
+    columns=(
+        key("Order", "A10", "order"),
+        Column("Within", "F7.3", shows="share"),
+        Column("95 %", "A4", lambda s: ["met" if share.met else "NO" for share in order_shares(s.differences)]),
+    ),
+)
+STATED = (SAMPLE_TABLE, SHARE_TABLE)
+
+
+def record_of(compared: Sounded, compiled: Compiled) -> dict[str, Json]:
+    """Return the record of a comparison."""
+    nodes = {node.name: node.json(compared) for node in RECORD}
+    return {"soundings_version": _VERSION, **nodes, "point_orders": point_orders(compiled)}
+
+
+def schema() -> Schema:
+    """Return the JSON Schema of the record."""
+    version: Field[Sounded] = Field("soundings_version", "const", "of this schema", choices=(_VERSION,))
+    orders: Field[Sounded] = Field(
+        "point_orders", "map", "compiled points by the order of S-44 that their sigmas meet"
+    )
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "musatpy soundings",
+        "description": "Compiled less sounded depths, metres. A number that does not exist is null",
+        "type": "object",
+        **properties_of((version, *RECORD, orders)),
+    }
+
+
+def point_orders(compiled: Compiled) -> dict[str, int]:
+    """Return how many submerged points meet each order by their own sigmas, as the strictest."""
+    depth, covariance = compiled.datum_depth[0], compiled.gathered("covariance").copy()
+    covariance[:, 2, 2] += compiled.datum.sigma**2
+    rows = compiled.submerged & np.isfinite(depth)
+    names = [*(order.name for order in survey_orders()), NO_ORDER]
+    counts = np.bincount(orders_met(depth[rows], covariance[rows]), minlength=len(names))
+    return dict(zip(names, counts.tolist(), strict=True))
+
+
+def sections_of(compared: Sounded, compiled: Compiled) -> list[Section]:
+    """Return what the listing says, section by section."""
+    line, warning = regression(compared.differences), scale_warning(compared.differences)
+    blunders = compared.differences.part(compared.differences.blunders)
+    named = [
+        f"{name}: compiled {of:.2f} m, sounded {read:.2f} m"
+        for name, of, read in zip(blunders.names[:_LARGEST], blunders.compiled, blunders.sounded, strict=False)
+    ]
+    lost: dict[str, int] = {}
+    for reason in compared.reasons.values():
+        lost[reason] = lost.get(reason, 0) + 1
+    sections = [SAMPLE_TABLE.section(compared)]
+    if warning:
+        sections.insert(0, Section(title="Warning", lines=wrapped([f"{warning}."])))
+    if line is not None:
+        lines = {
+            "a, m (tide, datum)": f"{line.a:.4f}, sigma {line.a_sigma:.4f}",
+            "b (refraction)": f"{line.b:.5f}, sigma {line.b_sigma:.5f}",
+            "Correlation of a and b": f"{line.correlation:.3f}",
+            "Sigma0": f"{line.sigma0:.3f}",
+        }
+        sections.append(Section(title="Regression: Difference = a + b Depth", lines=labelled(lines)))
+    sections.append(SHARE_TABLE.section(compared))
+    met = {name: f"{count} points" for name, count in point_orders(compiled).items()}
+    sections.append(
+        Section(title="Orders Of S-44 Met By The Sigmas Of The Points", lines=[*labelled(met), "", f"{source()}."])
+    )
+    if named:
+        more = len(blunders.names) - len(named)
+        tail = [f"and {more} more"] if more > 0 else []
+        sections.append(Section(title="Blunders", lines=wrapped([*named, *tail])))
+    if lost:
+        lines = {reason.capitalize(): f"{count} soundings" for reason, count in lost.items()}
+        sections.append(Section(title="Soundings That Do Not Meet The Bottom", lines=labelled(lines)))
+    return sections
+
+
+def listing_of(compared: Sounded, compiled: Compiled, *, carriage_control: bool = False) -> str:
+    """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
+    title = compiled.deck.titles[0] if compiled.deck.titles else ""
+    left = f"MUSATPY  SOUNDINGS  {title:<60.60}"
+    pages, _ = laid_out(sections_of(compared, compiled))
+    return print_pages(
+        pages,
+        lambda page: f"{left}{f'PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}",
+        carriage_control=carriage_control,
+    )

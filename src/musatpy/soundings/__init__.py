@@ -1,0 +1,1 @@
+"""Soundings beside a compiled bottom: what differs, why, and by which standard."""

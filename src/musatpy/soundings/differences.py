@@ -1,0 +1,163 @@
+"""Compiled less sounded depths: who meets the bottom, and what the differences say, by depth and by regression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.soundings.s44 import survey_orders
+from musatpy.statistics.analyses import DifferenceStatistics, difference_statistics
+
+BANDS = (0.0, 2.0, 5.0, 10.0, 20.0, np.inf)  # m, limits of the bands of depth
+_NORMAL = 1.4826  # sigma of a normal distribution over its median absolute deviation
+_BLUNDER = 3.29  # of that, 99.9 %
+_ROUNDS = 10
+_SHARE = 0.95  # of differences that an order asks for
+_SCALES = {-1.0: "heights, positive up", 3.281: "feet", 0.5468: "fathoms"}
+_LIKE = 0.05  # relative, of a slope
+_LEAST = 0.9  # correlation of depths that differ by a scale
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Differences:
+    """n soundings that meet a bottom: compiled and sounded depths (n,) m, and the sigma (n,) of a difference."""
+
+    names: TextArray
+    compiled: FloatArray
+    sounded: FloatArray
+    sigma: FloatArray
+
+    @property
+    def difference(self) -> FloatArray:
+        """(n,) m, compiled less sounded."""
+        return self.compiled - self.sounded
+
+    @property
+    def blunders(self) -> BoolArray:
+        """(n,) beyond 3.29 robust deviations from the median, of those that are no blunders themselves."""
+        good = np.ones(len(self.sounded), dtype=bool)
+        for _ in range(_ROUNDS):
+            middle, spread = median_and_spread(self.difference[good])
+            kept = np.abs(self.difference - middle) <= _BLUNDER * max(spread, 1e-9)
+            if np.array_equal(kept, good):
+                break
+            good = kept
+        return ~good
+
+    def part(self, rows: BoolArray) -> Differences:
+        """Return some of the soundings."""
+        return Differences(
+            names=self.names[rows], compiled=self.compiled[rows], sounded=self.sounded[rows], sigma=self.sigma[rows]
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """Differences in numbers: those of the tables of ETL-0306, section 6, the median and the scaled MAD, m."""
+
+    what: str
+    statistics: DifferenceStatistics
+    median: float
+    spread: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Regression:
+    """difference = a + b depth by weighted least squares, with sigmas, the correlation of a and b, and sigma0.
+
+    a (m) tells of the tide or the datum, b of refraction: uncorrected depths are less by a quarter and more.
+    """
+
+    a: float
+    b: float
+    a_sigma: float
+    b_sigma: float
+    correlation: float
+    sigma0: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderShare:
+    """The share of differences within the vertical uncertainty of an order of S-44, and whether it is 95 %."""
+
+    name: str
+    share: float
+
+    @property
+    def met(self) -> bool:
+        """Whether the share is that which the order asks for."""
+        return self.share >= _SHARE
+
+
+def median_and_spread(values: FloatArray) -> tuple[float, float]:
+    """Return the median and the median absolute deviation, scaled to a normal sigma; NaN without values."""
+    if not len(values):
+        return np.nan, np.nan
+    middle = float(np.median(values))
+    return middle, float(_NORMAL * np.median(np.abs(values - middle)))
+
+
+def samples(found: Differences) -> list[Sample]:
+    """Return all differences, those without blunders, and those without blunders by bands of sounded depth."""
+    good = found.part(~found.blunders)
+    out = [_sample("all", found), _sample("without blunders", good)]
+    for low, high in pairwise(BANDS):
+        rows = (good.sounded >= low) & (good.sounded < high)
+        if rows.any():
+            out.append(_sample(f"over {low:g} m" if high == np.inf else f"{low:g} to {high:g} m", good.part(rows)))
+    return out
+
+
+def _sample(what: str, part: Differences) -> Sample:
+    middle, spread = median_and_spread(part.difference)
+    return Sample(
+        what=what, statistics=difference_statistics(part.difference, part.names), median=middle, spread=spread
+    )
+
+
+def regression(found: Differences) -> Regression | None:
+    """Return the regression on the sounded depth without blunders; None for fewer than three, or of one depth."""
+    good = found.part(~found.blunders)
+    if len(good.sounded) < 3 or not np.ptp(good.sounded) > 0.0:
+        return None
+    A = np.column_stack([np.ones(len(good.sounded)), good.sounded])
+    N = A.T @ (A / np.square(good.sigma)[:, None])
+    Q = np.linalg.inv(N)
+    x = Q @ (A.T @ (good.difference / np.square(good.sigma)))
+    v = good.difference - A @ x
+    sigma0 = float(np.sqrt(np.sum(np.square(v / good.sigma)) / (len(v) - 2)))
+    a_sigma, b_sigma = sigma0 * np.sqrt(np.diagonal(Q))
+    correlation = Q[0, 1] / np.sqrt(Q[0, 0] * Q[1, 1])
+    return Regression(
+        a=float(x[0]),
+        b=float(x[1]),
+        a_sigma=float(a_sigma),
+        b_sigma=float(b_sigma),
+        correlation=float(correlation),
+        sigma0=sigma0,
+    )
+
+
+def order_shares(found: Differences) -> list[OrderShare]:
+    """Return the share of all differences within the vertical uncertainty of each order of S-44."""
+    size = np.abs(found.difference)
+    return [
+        OrderShare(name=order.name, share=float(np.mean(size <= order.vertical(found.sounded))))
+        for order in survey_orders()
+    ]
+
+
+def scale_warning(found: Differences) -> str:
+    """Return what soundings look like that differ from compiled depths by a scale or a sign; empty if by none."""
+    if len(found.sounded) < 3 or not np.ptp(found.sounded) > 0.0 or not np.ptp(found.compiled) > 0.0:
+        return ""
+    if abs(float(np.corrcoef(found.compiled, found.sounded)[0, 1])) < _LEAST:
+        return ""
+    slope = float(np.polyfit(found.compiled, found.sounded, 1)[0])
+    for scale, unit in _SCALES.items():
+        if abs(slope / scale - 1.0) < _LIKE:
+            return f"the soundings grow with {slope:.4g} times the compiled depths: they look like {unit}"
+    return ""

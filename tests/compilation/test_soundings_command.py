@@ -1,0 +1,92 @@
+"""`musat as11 compare-soundings`: the bottom of St. Thomas beside soundings, and what these can have wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import stage_readings
+from json_schema import violations
+from musatpy.cli.main import main as musat
+from musatpy.reports.soundings import schema
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the record of the run of St. Thomas."""
+    folder = tmp_path_factory.mktemp("run")
+    deck = stage_readings.FIXTURES / "st_thomas/st_thomas.crd"
+    assert CliRunner().invoke(musat, ["run", str(deck), "-q", "-o", str(folder)]).exit_code == 0
+    return folder / "st_thomas.json"
+
+
+def compared(run: Path, folder: Path, text: str, *options: str) -> Result:
+    file = folder / "s.csv"
+    file.write_text(text)
+    return CliRunner().invoke(
+        musat, ["as11", "compare-soundings", str(run), str(stage_readings.DECK), str(file), *options]
+    )
+
+
+def scaled(factor: float, shift: float = 0.0) -> str:
+    """Return the soundings with other depths."""
+    head, *lines = stage_readings.soundings().splitlines()
+    rows = [line.split(",") for line in lines]
+    return "\n".join(
+        [head, *(",".join([*row[:3], f"{float(row[3]) * factor + shift:.3f}", row[4]]) for row in rows)]
+    )
+
+
+def test_the_soundings_of_the_fixture_are_what_its_generator_writes() -> None:
+    assert stage_readings.SOUNDINGS.read_text() == stage_readings.soundings()
+
+
+def test_soundings_of_the_bottom(run: Path, tmp_path: Path) -> None:
+    """No refraction is left (b), the datum is right (a); the scatter is that of bottom and points, .4 m."""
+    result = compared(run, tmp_path, stage_readings.soundings(), "--plan-sigma", "1")
+    assert result.exit_code == 0 and "of 200 soundings, median" in result.output
+    record, of_record = json.loads((tmp_path / "s.soundings.json").read_text()), schema()
+    assert not list(violations(record, of_record, of_record))
+    line = record["regression"]
+    assert abs(line["b"]) < 3.0 * line["b_sigma"] and line["b_sigma"] < 0.01 and abs(line["a"]) < 0.25
+    good = record["samples"][1]
+    assert abs(good["median"]) < 0.2 and 0.2 < good["rms"] < 0.6
+    blunders = {row["sounding"] for row in record["differences"] if row["blunder"]}
+    assert {"S020", "S090", "S150"} - {row["sounding"] for row in record["left_out"]} <= blunders
+    assert len(record["differences"]) + len(record["left_out"]) == 200
+    assert sum(record["point_orders"].values()) == 152
+    listing = (tmp_path / "s.soundings.lst").read_text()
+    assert "edition 6.1.0" in listing and max(map(len, listing.splitlines())) <= 132
+
+
+def test_a_datum_shows_in_a_and_an_option_takes_it_away(run: Path, tmp_path: Path) -> None:
+    compared(run, tmp_path, scaled(1.0, -0.5))
+    shifted = json.loads((tmp_path / "s.soundings.json").read_text())["regression"]["a"]
+    compared(run, tmp_path, scaled(1.0, -0.5), "--datum", "0.5")
+    right = json.loads((tmp_path / "s.soundings.json").read_text())["regression"]["a"]
+    assert shifted - right == pytest.approx(0.5, abs=0.01)  # and b times the shift
+
+
+def test_soundings_in_feet_are_named(run: Path, tmp_path: Path) -> None:
+    result = compared(run, tmp_path, scaled(3.2808))
+    assert result.exit_code == 0 and "they look like feet" in result.output
+    assert "they look like feet" in (tmp_path / "s.soundings.lst").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("x,y,depth\n1,2,3\n", (), "the job has lat and lon"),
+        ("lat,lon,depth\n10,20,3\n", (), "no sounding meets the bottom: outside the surface"),
+        (stage_readings.soundings(), ("--steepest", "0"), "the bottom is steeper there than the limit"),
+    ],
+)
+def test_soundings_that_meet_nothing(
+    run: Path, tmp_path: Path, text: str, options: tuple[str, ...], message: str
+) -> None:
+    result = compared(run, tmp_path, text, *options)
+    assert result.exit_code == 1 and message in " ".join(result.output.split())
+    assert not (tmp_path / "s.soundings.lst").exists()

@@ -1,0 +1,138 @@
+"""Compiled against sounded depths: closed forms, refraction in the regression, orders, blunders, units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from musatpy.arrays import FloatArray
+from musatpy.errors import SoundingError
+from musatpy.refraction.flat import air_tangent
+from musatpy.soundings.differences import (
+    Differences,
+    median_and_spread,
+    order_shares,
+    regression,
+    samples,
+    scale_warning,
+)
+from musatpy.soundings.s44 import orders_met, source, survey_orders
+from musatpy.soundings.sounding_files import read_soundings
+from musatpy.units import DEGREE
+
+
+def differences(compiled: FloatArray, sounded: FloatArray, sigma: float = 0.1) -> Differences:
+    names = np.arange(len(sounded)).astype(np.str_)
+    return Differences(names=names, compiled=compiled, sounded=sounded, sigma=np.full(len(sounded), sigma))
+
+
+def soundings(number: int = 400, noise: float = 0.1) -> tuple[FloatArray, FloatArray]:
+    """Return true depths, and these with the noise of a compilation."""
+    draws = np.random.default_rng(8)
+    depth = draws.uniform(0.5, 30.0, number)
+    return depth, depth + noise * draws.normal(size=number)
+
+
+def test_the_median_and_its_spread() -> None:
+    middle, spread = median_and_spread(np.array([1.0, 2.0, 3.0, 4.0, 100.0]))
+    assert middle == 3.0 and spread == pytest.approx(1.4826)
+    normal = np.random.default_rng(1).normal(size=20000)
+    assert median_and_spread(normal)[1] == pytest.approx(1.0, abs=0.03)
+
+
+def test_bands_and_blunders() -> None:
+    """Two soundings of a wrong digit are blunders; the bands are without them."""
+    sounded, compiled = soundings()
+    sounded = sounded.copy()
+    sounded[:2] += 10.0
+    found = differences(compiled, sounded)
+    assert np.flatnonzero(found.blunders).tolist()[:2] == [0, 1] and found.blunders.sum() <= 4
+    rows = {sample.what: sample for sample in samples(found)}
+    assert list(rows) == ["all", "without blunders", "0 to 2 m", "2 to 5 m", "5 to 10 m", "10 to 20 m", "over 20 m"]
+    assert rows["all"].statistics.maximum == pytest.approx(-10.0, abs=0.5)
+    assert rows["all"].statistics.size == 400
+    of_bands = [sample.statistics.size for sample in samples(found)[2:]]
+    assert sum(of_bands) == rows["without blunders"].statistics.size == 400 - found.blunders.sum()
+    assert rows["without blunders"].statistics.rms == pytest.approx(0.1, rel=0.1)
+
+
+def test_the_regression_of_a_line() -> None:
+    sounded, _ = soundings()
+    exact = regression(differences(sounded + 0.3 - 0.02 * sounded, sounded))
+    assert exact is not None
+    assert exact.a == pytest.approx(0.3) and exact.b == pytest.approx(-0.02)
+    noisy = [
+        regression(differences(sounded + 0.1 * np.random.default_rng(i).normal(size=400), sounded))
+        for i in range(200)
+    ]
+    scaled = np.array([[found.a / found.a_sigma, found.b / found.b_sigma] for found in noisy if found])
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(scaled), axis=0)), 1.0, atol=0.15)
+    assert -1.0 < exact.correlation < -0.8
+
+
+@pytest.mark.parametrize(("corrected", "low", "high"), [(False, -0.31, -0.25), (True, -0.01, 0.01)])
+def test_refraction_shows_in_the_slope(corrected: bool, low: float, high: float) -> None:
+    """Apparent depths of one vertical pair are less by 25 to 31 % of the true ones."""
+    depth, noisy = soundings()
+    H, D = 1500.0, np.random.default_rng(3).uniform(0.0, 500.0, len(depth))
+    tangent = air_tangent(H, depth, D, 1.34)
+    apparent = D / tangent - H
+    found = regression(differences(noisy if corrected else apparent + noisy - depth, depth))
+    assert found is not None and low < found.b < high
+
+
+def test_orders_of_the_standard() -> None:
+    assert source().startswith("IHO") and "6.1.0" in source()
+    special = survey_orders()[1]
+    assert special.vertical(np.array([0.0, 20.0])) == pytest.approx([0.25, np.hypot(0.25, 0.15)])
+    assert survey_orders()[3].horizontal(np.array([50.0])) == pytest.approx([25.0])
+    depth, compiled = soundings(noise=0.12)
+    shares = {share.name: share for share in order_shares(differences(compiled, depth))}
+    assert shares["Special"].met and not shares["Exclusive"].met and shares["2"].share == 1.0
+
+
+def test_orders_of_points_by_their_sigmas() -> None:
+    sigmas = np.array([[0.3, 0.1, 0.07], [0.3, 0.1, 0.12], [1.0, 0.1, 0.12], [9.0, 1.0, 0.1], [0.1, 0.1, 2.0]])
+    covariance = np.einsum("ki,ij->kij", np.square(sigmas), np.eye(3))
+    assert orders_met(np.full(5, 5.0), covariance).tolist() == [0, 1, 2, 4, 4]
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"), [(3.2808, "feet"), (0.5468, "fathoms"), (-1.0, "positive up"), (1.0, "")]
+)
+def test_soundings_in_another_unit_are_named(scale: float, words: str) -> None:
+    depth, compiled = soundings()
+    warning = scale_warning(differences(compiled, scale * depth))
+    assert (words in warning) if words else not warning
+
+
+def test_soundings_are_read_by_their_names(tmp_path: Path) -> None:
+    file = tmp_path / "s.csv"
+    file.write_text("Longitude, Latitude,Depth,sigma,id\n-64.93,18.33,2.5,0.2,A\n\n-64.94,18.34,-0.3,0.1,B\n")
+    found = read_soundings(file)
+    assert found.angular and found.names.tolist() == ["A", "B"]
+    np.testing.assert_allclose(found.place[0] / DEGREE, [18.33, -64.93])
+    assert found.depth.tolist() == [2.5, -0.3] and found.sigma.tolist() == [0.2, 0.1]
+    file.write_text("x,y,z\n1,2,-3\n")
+    assert read_soundings(file).depth.tolist() == [3.0] and not read_soundings(file).angular
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no columns lat and lon"),
+        ("x,y\n1,2\n", "no column depth or height"),
+        ("x;y;depth\n1;2;3\n", "semicolons"),
+        ("x,y,depth\n", "no sounding"),
+        ("x,y,depth\n1,2,3\n1,b,3\n1,2\n", "3.*y.*'b'|a number"),
+    ],
+)
+def test_files_that_cannot_be_used(text: str, message: str, tmp_path: Path) -> None:
+    file = tmp_path / "s.csv"
+    file.write_text(text)
+    with pytest.raises(SoundingError, match=message) as caught:
+        read_soundings(file)
+    if "1,b,3" in text:
+        assert [problem.line for problem in caught.value.problems] == [3, 4]
