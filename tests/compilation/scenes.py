@@ -60,6 +60,7 @@ def pair(
         position=np.zeros((0, 3)),
         point_covariance=np.zeros((0, 3, 3)),
         triangulated=np.zeros(0, dtype=bool),
+        control=np.zeros(0, dtype=bool),
         unit_sigma=1.0,
     )
 

@@ -11,8 +11,11 @@ from musatpy.adjustment.sightings import image_coordinates
 from musatpy.adjustment.waterline import water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import CompiledModel
+from musatpy.compilation.errors_of_differences import difference_covariances
 from musatpy.compilation.true_points import network_of
 
+_NONE = 1e-9  # of the largest variance, up to which a direction has none
+_EXACT = 1e-6  # m: sigmas of differences of points that are the same
 _SAME = 1e-6  # mm, of readings that are those of the run
 
 
@@ -20,7 +23,8 @@ _SAME = 1e-6  # mm, of readings that are those of the run
 class AgainstRun:
     """r points of a model that the run has too: `rows` of its readings, `points` rows of those of the run.
 
-    difference (r, 3) m, compiled minus run along east, north, up; shared (r,) are those whose readings are the
+    difference (r, 3) m, compiled minus run along east, north, up, with its covariance (r, 3, 3), NaN where that is
+    not known; shared (r,) are those whose readings are the
     plate measurements of the run; stages (r, 2, 2) mm read minus predicted by the points of the run. `again` (r,)
     are those of class R, which say whether the `model` is recovered.
     """
@@ -29,6 +33,7 @@ class AgainstRun:
     rows: IntArray
     points: IntArray
     difference: FloatArray
+    covariance: FloatArray
     shared: BoolArray
     stages: FloatArray
     again: BoolArray
@@ -37,6 +42,23 @@ class AgainstRun:
     def length(self) -> FloatArray:
         """(r,) m, of the differences."""
         return np.asarray(np.linalg.norm(self.difference, axis=1))
+
+    @property
+    def sigma(self) -> FloatArray:
+        """(r, 3) m, of the differences."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
+
+    @property
+    def test(self) -> FloatArray:
+        """(r,) roots of the mean squares of the differences in their covariances; NaN where these are not known."""
+        out = np.full(len(self.rows), np.nan)
+        known = np.isfinite(self.covariance).all(axis=(1, 2))
+        for row in np.flatnonzero(known & (self.sigma.max(axis=1) > _EXACT)).tolist():
+            values, axes = np.linalg.eigh(self.covariance[row])
+            held = values > _NONE * values[-1]
+            along = axes.T[held] @ self.difference[row]
+            out[row] = np.sqrt(np.mean(np.square(along) / values[held]))
+        return out
 
     @property
     def rms(self) -> FloatArray:
@@ -75,7 +97,7 @@ def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
     known = (point >= 0) & np.isfinite(model.points.position).all(axis=1)
     rows = np.flatnonzero(known & np.isfinite(run.position[point]).all(axis=1))
     points, frame = point[rows], run.frame
-    at = frame.working(run.position[points])
+    at, shared = frame.working(run.position[points]), _shared(model, rows, points)
     gap = frame.working(model.points.position[rows]) - at
     return AgainstRun(
         model=model,
@@ -83,7 +105,8 @@ def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
         rows=rows,
         points=points,
         difference=np.einsum("kij,kj->ki", frame.axes(at), gap),
-        shared=_shared(model, rows, points),
+        covariance=difference_covariances(model, rows, points, shared),
+        shared=shared,
         stages=model.readings.xy[rows] - predicted(model, points),
     )
 

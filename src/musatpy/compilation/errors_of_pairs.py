@@ -7,20 +7,25 @@ import numpy as np
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.reliability import Piece
+from musatpy.adjustment.sparse import Pattern
 from musatpy.arrays import FloatArray
 from musatpy.compilation.triangulation import Triangulation
 
 
 def joint_covariances(run: Triangulation, network: Network) -> Cofactors:
     """Return the covariances of stations and water in the pattern of a network."""
-    pattern, q = network.pattern, network.pattern.size
+    return covariances_in(run, network.pattern, network.border.size)
+
+
+def covariances_in(run: Triangulation, pattern: Pattern, size: int) -> Cofactors:
+    """Return the covariances of stations that meet in a pattern, and of `size` quantities of the water."""
+    q = pattern.size
     blocks = np.zeros((len(pattern.pairs), q, q))
     blocks[pattern.diagonal, :6, :6] = run.covariance
     rows = {(int(i), int(j)): row for row, (i, j) in enumerate(run.pairs.photo)}
     for place, (i, j) in enumerate(pattern.pairs.tolist()):
         if i < j and (i, j) in rows:
             blocks[place, :6, :6] = run.pairs.covariance[rows[i, j]]
-    size = network.border.size
     border, corner = np.zeros((pattern.count, q, size)), np.zeros((size, size))
     if run.water is not None:
         border[:, :6], corner[:] = run.water.stations, run.water.covariance

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.adjustment.network import job_frame
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import CompilationError, Problem, RecordError
 from musatpy.geometry.frames import Frame
 from musatpy.json_files import read_record
@@ -49,6 +49,10 @@ _NEEDS = {
     "plates": ("photo", "point", "xy", "sigma", "triangulated"),
     "adjusted_water": ("tide", "tilt", "index"),
     "station_pairs": ("photos", "covariance"),
+    "control": ("point", "kind"),
+    "equal_elevations": ("points",),
+    "distances": ("points",),
+    "height_differences": ("points",),
     "water_precision": ("quantity", "covariance", "stations"),
 }  # fmt: skip
 
@@ -60,7 +64,8 @@ class Triangulation:
     The block has the photos at their adjusted stations and tides, the adjusted water, and the points and plate
     measurements of the run. `given` (n, 3) are the stations of the deck, about which the axes of covariances stand
     and the water tilts, NaN where there were none. position (p, 3) in the system of the job and covariance (p, 3,
-    3) of its points, NaN where not determined; triangulated (m,) measurements. covariance (n, 6, 6) of stations,
+    3) of its points, NaN where not determined; triangulated (m,) measurements, points of
+    control (p,). covariance (n, 6, 6) of stations,
     with those of pairs and of the water; `unit_sigma` is the a posteriori sigma of unit weight.
     """
 
@@ -72,6 +77,7 @@ class Triangulation:
     position: FloatArray
     point_covariance: FloatArray
     triangulated: BoolArray
+    control: BoolArray
     unit_sigma: float
 
     @cached_property
@@ -119,6 +125,7 @@ def of_solution(solution: Solution) -> Triangulation:
         position=solution.points.position,
         point_covariance=solution.points.covariance,
         triangulated=block.plates.triangulated,
+        control=np.isin(np.arange(len(block.points.ids)), _known(block)),
         unit_sigma=solution.unit_sigma,
     )
 
@@ -149,8 +156,25 @@ def of_record(path: Path) -> Triangulation:
         position=_array([row["position"] or [None] * 3 for row in points], 3),
         point_covariance=_array([row["covariance"] or [[None] * 3] * 3 for row in points], 3, 3),
         triangulated=np.array([row["triangulated"] for row in record["plates"]], dtype=bool),
+        control=np.isin([row["point"] for row in points], _known_of(record)),
         unit_sigma=float(solution["unit_sigma"] or 1.0),
     )
+
+
+def _known(block: Block) -> IntArray:
+    """Return the points that control or a group of equal elevations holds."""
+    held = block.control.point[block.control.known.any(axis=1)]
+    measured = [table.point.reshape(-1) for table in (block.distances, block.height_differences)]
+    return np.concatenate([held, block.equal_elevations.point, *measured])
+
+
+def _known_of(record: Any) -> list[str]:
+    """Return the ids of these points."""
+    held = [row["point"] for row in record["control"] if row["kind"] != "check"]
+    held += [point for row in record["equal_elevations"] for point in row["points"]]
+    return held + [
+        point for name in ("distances", "height_differences") for row in record[name] for point in row["points"]
+    ]
 
 
 def _array(rows: list[Any], *shape: int) -> FloatArray:

@@ -99,20 +99,23 @@ def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings)
 
 def network_of(run: Triangulation, photos: tuple[int, int], readings: Readings) -> tuple[Block, Network, State]:
     """Return the block of the readings on the photos of the run, its network, and its first state."""
-    count, block = len(readings.ids), run.block
-    block = replace(
-        block,
-        points=Points(ids=readings.ids, bathymetric=readings.submerged),
-        plates=PlateMeasurements(
-            photo=np.repeat(np.array(photos), count),
-            point=np.tile(np.arange(count), 2),
-            xy=np.concatenate([readings.xy[:, 0], readings.xy[:, 1]]),
-            sigma=np.concatenate([readings.sigma[:, 0], readings.sigma[:, 1]]),
-            triangulated=np.zeros(2 * count, dtype=bool),
-        ),
-        options=replace(block.options, submerged_factor=1.0),
+    count = len(readings.ids)
+    plates = PlateMeasurements(
+        photo=np.repeat(np.array(photos), count),
+        point=np.tile(np.arange(count), 2),
+        xy=np.concatenate([readings.xy[:, 0], readings.xy[:, 1]]),
+        sigma=np.concatenate([readings.sigma[:, 0], readings.sigma[:, 1]]),
+        triangulated=np.zeros(2 * count, dtype=bool),
     )
-    frame = run.frame
+    return network_of_plates(run, Points(ids=readings.ids, bathymetric=readings.submerged), plates)
+
+
+def network_of_plates(
+    run: Triangulation, points: Points, plates: PlateMeasurements
+) -> tuple[Block, Network, State]:
+    """Return the block of points that a run holds no station by, its network, and its first state."""
+    options = replace(run.block.options, submerged_factor=1.0)
+    block, frame = replace(run.block, points=points, plates=plates, options=options), run.frame
     network = build_network(block, frame, participation(block))
     if np.isfinite(run.given).all():  # the axes of the covariances
         axes = frame.axes(frame.working(run.given))

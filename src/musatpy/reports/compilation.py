@@ -108,6 +108,8 @@ RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[Against
         Field("shared", "boolean", "its readings are those of the run", lambda s: _of(s, "shared")),
         Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"), "m"),
         Field("length", "number", "of that", lambda s: _of(s, "length"), "m"),
+        Field("sigma", "3 number?", "of the difference; null where not known", lambda s: _of(s, "sigma"), "m"),
+        Field("test", "number?", "root of the mean square over its covariance", lambda s: _of(s, "test")),
         Field(
             "stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"), "mm",
         ),
@@ -254,11 +256,13 @@ RUN_TABLE: Report[Any] = Report(
     columns=(
         key("Model", "A8", "model"),
         key("Point", "A8", "point"),
-        Column("Shared", "A6", shows=Origin(field="shared", true="S")),
-        *vector(("East\nm", "North\nm", "Up\nm"), ("F10.4",) * 3, shows="difference"),
-        Column("Length\nm", "F9.4", shows="length"),
+        Column("Same", "A4", shows=Origin(field="shared", true="S")),
+        *vector(("East\nm", "North\nm", "Up\nm"), ("F7.4",) * 3, shows="difference"),
+        Column("Length\nm", "F8.4", shows="length"),
+        *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F7.4",) * 3, shows="sigma"),
+        Column("Test", "F6.2", shows="test"),
         *(
-            Column(f"{side} {axis}\num", "F10.3", shows=f"stages[{i}][{j}]")
+            Column(f"{side} {axis}\num", "F7.2", shows=f"stages[{i}][{j}]")
             for i, side in enumerate(("Left", "Right"))
             for j, axis in enumerate("xy")
         ),
@@ -311,6 +315,9 @@ def _analysis(against: list[AgainstRun]) -> Section:
         "Points": str(len(difference)),
         "Least, mean and largest vector, m": f"{length.min():.4f}, {length.mean():.4f}, {length.max():.4f}",
     }
+    tests = np.concatenate([part.test for part in against])
+    if np.isfinite(tests).any():
+        lines["Tests, root of the mean square"] = f"{np.sqrt(np.nanmean(np.square(tests))):.2f}"
     for axis, values in zip(("east", "north", "up"), difference.T, strict=True):
         lines[f"Mean and RMS {axis}, m"] = f"{values.mean():.4f}, {np.sqrt(np.mean(np.square(values))):.4f}"
     return Section(title="Comparison With The Run: In Short", lines=labelled(lines))
