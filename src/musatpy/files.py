@@ -62,6 +62,12 @@ def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> N
                 leftover.unlink()
 
 
+def write_file(path: Path, data: bytes) -> None:
+    """Write one file as `write_files` does; what a killed process left of it is removed. Raises `OSError`."""
+    remove_leftovers([path])
+    write_files({path: data})
+
+
 def _to_disk(file: BinaryIO) -> None:
     """Have the system write a file to the disk: after a loss of power its new name may be there without it else."""
     file.flush()
@@ -136,6 +142,8 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
             raise OSError(error.errno, error.strerror, str(path)) from error
         with file:
             yield file
+            with _about(path):
+                file.flush()
 
 
 @contextmanager

@@ -7,6 +7,7 @@ extra `gis`.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -19,7 +20,7 @@ import pyproj
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError, Problem
-from musatpy.files import write_files
+from musatpy.files import write_file
 from musatpy.interchange.layers import Column, Lines, Points, placed
 from musatpy.interchange.packages import fault, package, refuse, require_content, upsets
 
@@ -51,7 +52,7 @@ def write(path: Path, layers: Mapping[str, Points | Lines], text_height: float =
                 _draw_points(drawing, _layer_name(path, name), layer, text_height)
             else:
                 _draw_lines(drawing, path, name, layer)
-    write_files({path: out.getvalue().encode("cp1252", "replace")})
+    write_file(path, out.getvalue().encode("cp1252", "replace"))
 
 
 def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> tuple[Points, Lines]:
@@ -103,24 +104,25 @@ def _stated(path: Path) -> tuple[pyproj.CRS | None, str]:
 
 
 def _draw_points(drawing: Any, name: str, points: Points, text_height: float) -> None:
-    depths = points.columns.get(_DEPTH)
-    texts = [""] * len(points.xyz) if depths is None else [f"{depth:.1f}" for depth in depths.values.tolist()]
-    for place, text in zip(_rounded(points.xyz), texts, strict=True):
+    for place, text in zip(_rounded(points.xyz), _depth_texts(points, len(points.xyz), ".1f"), strict=True):
         drawing.add_point(place, layer=name)
         if text:
             drawing.add_text(text, insert=place, height=text_height, layer=name)
 
 
 def _draw_lines(drawing: Any, path: Path, name: str, lines: Lines) -> None:
-    depths = lines.columns.get(_DEPTH)
-    names = (
-        [name] * len(lines.vertices)
-        if depths is None
-        else [f"{name}_{round(depth, _DECIMALS) + 0.0:g}" for depth in depths.values.tolist()]
-    )
+    depths = _depth_texts(lines, len(lines.vertices), "g")
+    names = [f"{name}_{depth}" if depth else name for depth in depths]
     known = {text: _layer_name(path, text) for text in dict.fromkeys(names)}
     for vertices, is_ring, text in zip(lines.vertices, lines.closed.tolist(), names, strict=True):
         drawing.add_polyline(_rounded(vertices), closed=is_ring, layer=known[text])
+
+
+def _depth_texts(layer: Points | Lines, count: int, form: str) -> list[str]:
+    """Return the depths of a layer as text, empty where it has none."""
+    column = layer.columns.get(_DEPTH)
+    depths = [math.nan] * count if column is None else column.values.astype(float).tolist()
+    return [f"{depth:z{form}}" if math.isfinite(depth) else "" for depth in depths]  # no zero has a sign
 
 
 def _rounded(xyz: FloatArray) -> list[list[float]]:

@@ -23,7 +23,7 @@ from pyproj.transformer import TransformerGroup
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
-from musatpy.files import write_files
+from musatpy.files import write_file
 from musatpy.geometry.projected import no_network
 from musatpy.interchange.layers import Column, Lines, Points
 from musatpy.interchange.packages import fault, refuse, require_content, upsets
@@ -61,7 +61,7 @@ def write(path: Path, layer: Points | Lines) -> None:
     head = {"type": "FeatureCollection", **members, "units": units}
     lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)
     text = f'{json.dumps(head, ensure_ascii=False)[:-1]}, "features": [\n{lines}\n]}}\n'
-    write_files({path: text.encode()})
+    write_file(path, text.encode())
 
 
 def read(path: Path, heights: str = "") -> Points | Lines:
@@ -178,10 +178,15 @@ def _vertices(feature: dict[str, Any], kind: str, in_space: bool) -> FloatArray:
         raise _FeatureError(f"a geometry of the kind {geometry.get('type')}", f"a {kind} as most features")
     coordinates = geometry.get("coordinates")
     try:
-        vertices = np.array([coordinates] if kind == _POINT else coordinates, dtype=float)
-    except (TypeError, ValueError):
+        vertices = np.array([coordinates] if kind == _POINT else coordinates)
+    except ValueError:  # positions of different lengths
         vertices = np.empty(0)
-    if vertices.ndim != 2 or vertices.shape[1] < 2 or len(vertices) < (1 if kind == _POINT else 2):
+    if (
+        vertices.dtype.kind not in "if"
+        or vertices.ndim != 2
+        or vertices.shape[1] < 2
+        or len(vertices) < (1 if kind == _POINT else 2)
+    ):
         raise _FeatureError("its coordinates are no positions", "longitude, latitude and height")
     if (vertices.shape[1] > 2) != in_space:
         raise _FeatureError("heights in positions of some features only", "all or none")
@@ -201,11 +206,16 @@ def _columns(features: list[dict[str, Any]], units: dict[str, Any], left_out: Se
     names = dict.fromkeys(name for row in rows for name in row if name not in left_out)
     columns = {}
     for name in names:
-        values = [row.get(name) for row in rows]
+        values = [_scalar(row.get(name)) for row in rows]
         if all(value is None or isinstance(value, int | float) for value in values) and None in values:
             values = [np.nan if value is None else float(value) for value in values]
         columns[name] = Column.of(values, str(units.get(name, "")))
     return columns
+
+
+def _scalar(value: Any) -> Any:
+    """Return a value of JSON, a list or an object as its text."""
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, list | dict) else value
 
 
 def _require_wgs84(path: Path, members: dict[str, Any]) -> None:

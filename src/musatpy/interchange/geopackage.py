@@ -7,7 +7,6 @@ described. Needs the packages pyogrio and shapely, the extra `gis`.
 from __future__ import annotations
 
 import sqlite3
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -46,8 +45,7 @@ def write(path: Path, layers: Mapping[str, Points | Lines]) -> None:
     """
     raw, shapely = package("pyogrio.raw", _USE), package("shapely", _USE)
     with upsets(path, "cannot be written"), whole_path(path) as temporary:
-        with _fixed_date(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the suffix of the temporary name
+        with _fixed_date():
             for position, (name, layer) in enumerate(layers.items()):
                 fields = list(layer.columns)
                 raw.write(

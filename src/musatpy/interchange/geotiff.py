@@ -12,7 +12,7 @@ import numpy as np
 import pyproj
 
 from musatpy.errors import InterchangeError, Problem
-from musatpy.files import write_files
+from musatpy.files import write_file
 from musatpy.interchange.layers import LOCAL, Grid, placed
 from musatpy.interchange.packages import fault, package, require_content, upsets
 
@@ -29,7 +29,7 @@ def write(path: Path, grid: Grid) -> None:
     rasterio = package("rasterio", _USE)
     rows, columns = grid.shape
     half = grid.spacing / 2.0
-    corner = (grid.west - half, grid.south + (rows - 1) * grid.spacing + half)
+    west, north = grid.west - half, grid.south + (rows - 1) * grid.spacing + half  # corner of the first pixel
     profile = {
         "driver": "GTiff",
         "width": columns,
@@ -38,7 +38,7 @@ def write(path: Path, grid: Grid) -> None:
         "dtype": "float64",
         "nodata": np.nan,
         "crs": rasterio.crs.CRS.from_wkt(LOCAL if grid.crs is None else grid.crs.to_wkt()),
-        "transform": rasterio.transform.from_origin(*corner, grid.spacing, grid.spacing),
+        "transform": rasterio.Affine(grid.spacing, 0.0, west, 0.0, -grid.spacing, north),
         "compress": "deflate",
         "interleave": "band",
     }
@@ -51,7 +51,7 @@ def write(path: Path, grid: Grid) -> None:
                 dataset.set_band_description(band, name)
                 dataset.set_band_unit(band, grid.units.get(name, ""))
         content = memory.read()
-    write_files({path: content})
+    write_file(path, content)
 
 
 def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> Grid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -42,7 +43,9 @@ def upsets(path: Path, what: str) -> Iterator[None]:
     system about files (`OSError` with its number) stay.
     """
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what these packages put right by themselves
+            yield
     except MusatError:
         raise
     except Exception as error:

@@ -17,7 +17,7 @@ import pyproj
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError, Problem
-from musatpy.files import write_files
+from musatpy.files import write_file
 from musatpy.interchange.layers import Column, Points
 from musatpy.interchange.packages import fault, refuse, require_content
 from musatpy.pointfiles.csv_tables import ENCODING, Layout, names_of, number
@@ -46,7 +46,7 @@ def write(path: Path, points: Points) -> None:
         units = [f"{name} [{column.unit}]" if column.unit else name for name, column in points.columns.items()]
         writer.writerow([*_AXES, *units])
     writer.writerows(zip(*values, strict=True))
-    write_files({path: out.getvalue().encode(**ENCODING)})
+    write_file(path, out.getvalue().encode(**ENCODING))
 
 
 def read(path: Path, columns: Sequence[str] = _AXES, crs: pyproj.CRS | None = None, heights: str = "") -> Points:

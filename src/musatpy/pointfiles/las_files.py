@@ -20,7 +20,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import DepthError, Problem
-from musatpy.files import whole_file
+from musatpy.files import whole_file, write_file
 from musatpy.pointfiles.las_headers import Headed, checked_head, name_all
 
 SUFFIXES = (".las", ".laz")
@@ -163,8 +163,10 @@ def write_columns(
             points[name] = np.ones(len(coordinates), dtype=np.uint8)
     except Exception as error:  # of names, kinds and coordinates, and of no common kind
         raise _unusable(target, f"cannot hold the points: {error}") from error
-    with whole_file(target) as file, _opened_for_writing(file, header, target) as writer:
+    out = io.BytesIO()
+    with _opened_for_writing(out, header, target) as writer:
         writer.write_points(points)
+    write_file(target, out.getvalue())
 
 
 def record_of(source: Path, user: str) -> bytes:
