@@ -164,6 +164,10 @@ class SeaError(ProblemsError):
     """A file of points on the water, or of a surface, that cannot be used."""
 
 
+class InterchangeError(ProblemsError):
+    """A file of another program that cannot be read, or written as asked, or an extra package that is missing."""
+
+
 def without_names(text: str) -> str:
     """Return what a message has in common with others of its kind: all but names, quoted text and numbers."""
     return _NAMES.sub("", text)

@@ -10,6 +10,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+_JOURNAL = "-journal"  # behind the name of a database of SQLite, while it is written
+
 
 def real_path(path: Path) -> Path:
     """Return where a path leads; unlike `Path.resolve` one whose links lead in a circle stays as it is."""
@@ -60,6 +62,12 @@ def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> N
                 leftover.unlink()
 
 
+def write_file(path: Path, data: bytes) -> None:
+    """Write one file as `write_files` does; what a killed process left of it is removed. Raises `OSError`."""
+    remove_leftovers([path])
+    write_files({path: data})
+
+
 def _to_disk(file: BinaryIO) -> None:
     """Have the system write a file to the disk: after a loss of power its new name may be there without it else."""
     file.flush()
@@ -91,7 +99,7 @@ def remove_leftovers(paths: Iterable[Path]) -> None:
         folders.setdefault(path.parent, set()).add(path.name)
     for folder, names in folders.items():
         for left in folder.glob(".*") if os.path.isdir(folder) else ():
-            parts = re.fullmatch(r"\.(.+)\.(\d+)", left.name)
+            parts = re.fullmatch(rf"\.(.+)\.(\d+)(?:{_JOURNAL})?", left.name)
             if parts and parts[1] in names and not is_alive(int(parts[2])):
                 with suppress(OSError):
                     left.unlink()
@@ -127,21 +135,34 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
     A missing folder is made, and what a killed process left of the file removed. Raises `OSError`.
     """
+    with whole_path(path) as temporary:
+        try:
+            file = temporary.open("wb")
+        except OSError as error:  # of the name that was asked for
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        with file:
+            yield file
+            with _about(path):
+                file.flush()
+
+
+@contextmanager
+def whole_path(path: Path) -> Iterator[Path]:
+    """Yield the temporary name under which a package writes a file in its folder; it gets its own at the end.
+
+    A missing folder is made, and what a killed process left of the file removed. Raises `OSError`.
+    """
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers([path])
     try:
-        file = temporary.open("wb")
-    except OSError as error:  # of the name that was asked for
-        raise OSError(error.errno, error.strerror, str(path)) from error
-    try:
-        with file:
-            yield file
-            with _about(path):
-                _to_disk(file)
+        yield temporary
+        with _about(path), temporary.open("rb+") as file:
+            _to_disk(file)
         _rename(temporary, path)
     finally:
-        with suppress(OSError):
-            temporary.unlink()
+        for leftover in (temporary, temporary.with_name(f"{temporary.name}{_JOURNAL}")):
+            with suppress(OSError):
+                leftover.unlink()

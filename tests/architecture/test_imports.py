@@ -29,6 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "draws": set(),
     "canvas": set(),
     "pointfiles": set(),
+    "interchange": {"pointfiles", "geometry"},
     "json_files": set(),
     "model": set(),
     "geometry": set(),

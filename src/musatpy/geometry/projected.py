@@ -54,7 +54,7 @@ class Geoid:
         self.name = Path(grid).name
         path = grid_file(grid)
         try:
-            with _no_network():
+            with no_network():
                 self._shift = pyproj.Transformer.from_pipeline(f'+proj=vgridshift +grids="{path}" +multiplier=1')
         except ProjError as error:
             raise SystemsError(
@@ -246,7 +246,7 @@ def crs_of(definition: str) -> Any:
     if not _DEFINITION.match(text):
         raise _refused(definition, "is no coordinate system: give its code (EPSG:32617), a PROJ string or WKT")
     try:
-        with _no_network():
+        with no_network():
             crs = pyproj.CRS.from_user_input(f"EPSG:{text}" if text.isdigit() else text)
     except CRSError as error:
         raise _refused(definition, "is no coordinate system that PROJ knows") from error
@@ -292,7 +292,7 @@ def _ignored(text: str) -> list[str]:
     given = [word for word in terms if word not in _ABOUT_TEXT]
     if "[" in text or not any(word.startswith("proj=") for word in terms):
         return []
-    with _no_network():
+    with no_network():
         used = pyproj.Transformer.from_pipeline(" ".join(f"+{word}" for word in given)).definition
     keys = [word.partition("=")[0] for word in used.split()]
     return [word for i, word in enumerate(given) if word.partition("=")[0] not in keys or word in given[:i]]
@@ -318,7 +318,7 @@ def _short(definition: str) -> str:
 
 def _conversion(definition: str, base: Any, crs: Any) -> pyproj.Transformer:
     """Return the projection from longitude and latitude of its base. Raises `SystemsError` where PROJ lacks it."""
-    with _no_network():
+    with no_network():
         group = TransformerGroup(base, crs, always_xy=True, allow_ballpark=False)
     if group.unavailable_operations or len(group.transformers) != 1:
         missing = ", ".join(grid.short_name for way in group.unavailable_operations for grid in way.grids)
@@ -344,7 +344,7 @@ def grid_file(grid: str) -> Path:
 
 
 @contextmanager
-def _no_network() -> Iterator[None]:
+def no_network() -> Iterator[None]:
     """Keep PROJ from downloading what it lacks, whatever its settings say."""
     before = is_network_enabled()
     set_network_enabled(False)

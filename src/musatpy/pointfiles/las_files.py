@@ -1,12 +1,14 @@
-"""LAS and LAZ files that are written again with other coordinates and more dimensions.
+"""LAS and LAZ files: written again with other coordinates and more dimensions, or read and written as columns.
 
-All else of a file is kept: header, coordinate system, records behind the points, dimensions. Needs the package
-laspy, the extra `las`.
+Of one that is written again all else is kept: header, coordinate system, records behind the points, dimensions.
+Needs the package laspy, the extra `las`.
 """
 
 from __future__ import annotations
 
+import datetime
 import io
+import uuid
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -18,7 +20,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import DepthError, Problem
-from musatpy.files import whole_file
+from musatpy.files import whole_file, write_file
 from musatpy.pointfiles.las_headers import Headed, checked_head, name_all
 
 SUFFIXES = (".las", ".laz")
@@ -26,6 +28,8 @@ CHUNK = 16384  # points at a time
 _AXES = ("x", "y", "z")
 _OCTREE = "copc"  # user of the records of cloud-optimised files
 _EXTENDED = (1, 4)  # version from which a file has records behind its points
+_NEW = {"version": "1.4", "point_format": 6}  # the plainest form that says its system as WKT
+_FIRST_DAY = datetime.date(2011, 11, 14)  # of LAS 1.4; equal points make equal files
 Done = TypeVar("Done")
 
 
@@ -106,6 +110,70 @@ def rewrite(
                 if progress:
                     progress(len(given))
             _write_last_records(reader, writer)
+
+
+def read_columns(source: Path) -> tuple[FloatArray, dict[str, tuple[Any, str]]]:
+    """Return the coordinates (n, 3) of a file and its extra dimensions of one number: name -> values, description.
+
+    Raises as `opened`.
+    """
+    with opened(source) as reader:
+        extra = [d for d in reader.header.point_format.extra_dimensions if d.num_elements == 1]
+        records = list(_chunks(reader, CHUNK, source))
+    xyz = [np.column_stack([np.asarray(record[name]) for name in _AXES]) for record in records]
+    columns = {
+        d.name: (np.concatenate([np.asarray(record[d.name]) for record in records]), d.description) for d in extra
+    }
+    return np.concatenate([np.empty((0, 3)), *xyz]), columns if records else {}
+
+
+def write_columns(
+    target: Path,
+    coordinates: FloatArray,
+    columns: Mapping[str, tuple[Any, str]],
+    scales: tuple[float, float, float],
+    crs: Any = None,
+    records: Mapping[str, bytes] | None = None,
+) -> None:
+    """Write a new file: coordinates (n, 3) to their `scales`, and columns, name -> values and description.
+
+    `crs`: of pyproj; `records`: further ones before the points, by their users. The same points give the same
+    bytes. Raises `DepthError` without laspy, and for what a file cannot hold; `OSError`.
+    """
+    laspy = _laspy()
+    header = laspy.LasHeader(**_NEW)
+    header.creation_date, header.uuid = _FIRST_DAY, uuid.UUID(int=0)
+    header.system_identifier, header.generating_software = "OTHER", "musatpy"
+    header.scales = np.array(scales)
+    header.offsets = np.floor(coordinates.min(axis=0)) if len(coordinates) else np.zeros(3)
+    try:
+        kinds = {name: np.asarray(values).dtype.str[1:] for name, (values, _) in columns.items()}
+        header.add_extra_dims(
+            [laspy.ExtraBytesParams(name=name, type=kinds[name], description=columns[name][1]) for name in columns]
+        )
+        if crs is not None:
+            header.add_crs(crs)
+        header.vlrs.extend(laspy.VLR(user, 1, record_data=data) for user, data in (records or {}).items())
+        points = laspy.ScaleAwarePointRecord.zeros(len(coordinates), header=header)
+        for name, values in zip(_AXES, coordinates.T, strict=True):
+            setattr(points, name, values)
+        for name, (values, _) in columns.items():
+            points[name] = values
+        for name in ("return_number", "number_of_returns"):
+            points[name] = np.ones(len(coordinates), dtype=np.uint8)
+    except Exception as error:  # of names, kinds and coordinates, and of no common kind
+        raise _unusable(target, f"cannot hold the points: {error}") from error
+    out = io.BytesIO()
+    with _opened_for_writing(out, header, target) as writer:
+        writer.write_points(points)
+    write_file(target, out.getvalue())
+
+
+def record_of(source: Path, user: str) -> bytes:
+    """Return the first record of a user before the points of a file, empty for none. Raises as `opened`."""
+    with opened(source) as reader:
+        records = [record.record_data_bytes() for record in reader.header.vlrs if record.user_id == user]
+    return records[0] if records else b""
 
 
 def _opened_for_writing(file: BinaryIO, header: Any, target: Path) -> Any:

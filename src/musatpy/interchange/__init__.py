@@ -1,0 +1,1 @@
+"""Points, lines and grids in the formats of geographic information systems, CAD and chart production."""

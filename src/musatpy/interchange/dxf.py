@@ -1,0 +1,185 @@
+"""DXF, the drawings of CAD: lines as 3-D polylines, points with their depths as text.
+
+Written as Release 12, which has no dates, handles or marks of the writer, and which every reader takes. A drawing
+has no coordinate system: comments at its beginning say it, and what heights are above. Needs the package ezdxf, the
+extra `gis`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+
+from musatpy.arrays import FloatArray
+from musatpy.errors import InterchangeError, Problem
+from musatpy.files import write_file
+from musatpy.interchange.layers import Column, Lines, Points, placed
+from musatpy.interchange.packages import fault, package, refuse, require_content, upsets
+
+_USE = "DXF files need"
+_DEPTH = "depth"  # column by which lines go to layers, and whose numbers stand at points
+_DECIMALS = 4  # 0.1 mm
+_LONGEST = 31  # characters of the name of a layer in Release 12
+_COMMENT, _SHOWN = "999", 200  # group of comments, and characters of one
+_CRS, _HEIGHTS = "CRS ", "HEIGHTS "  # what comments begin with
+_NOTES = {"TEXT", "MTEXT", "ATTDEF", "DIMENSION", "LEADER", "MULTILEADER", "TOLERANCE", "VIEWPORT"}
+_FITTED = 6  # flags of polylines that are fitted curves
+_READ = "points, lines and polylines"
+
+
+def write(path: Path, layers: Mapping[str, Points | Lines], text_height: float = 2.0) -> None:
+    """Write layers by their names: lines on one for each depth (`CONTOURS_2_5`), depths of points as text.
+
+    Depths are the column `depth`; `text_height` (m). The same layers give the same bytes. Raises `InterchangeError`
+    without ezdxf, for layers in different systems and for names that are too long; `OSError`.
+    """
+    writer = package("ezdxf.addons.r12writer", _USE).r12writer
+    if len({(layer.crs and layer.crs.to_wkt(), layer.heights) for layer in layers.values()}) > 1:
+        raise refuse(path, "", "layers of different coordinate systems or heights", "one of a drawing")
+    out = StringIO()
+    out.write("".join(_comments(layer) for layer in list(layers.values())[:1]))
+    with writer(out) as drawing:
+        for name, layer in layers.items():
+            if isinstance(layer, Points):
+                _draw_points(drawing, _layer_name(path, name), layer, text_height)
+            else:
+                _draw_lines(drawing, path, name, layer)
+    write_file(path, out.getvalue().encode("cp1252", "replace"))
+
+
+def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> tuple[Points, Lines]:
+    """Read the points and the lines of a drawing, the names of their layers as a column; notes are passed over.
+
+    `crs` and `heights` stand in for what no comment says. Raises `InterchangeError` with all that is wrong: curves
+    and other entities that are neither, polylines without heights; `OSError`.
+    """
+    ezdxf = package("ezdxf", _USE)
+    require_content(path)
+    with upsets(path, "is no DXF file"):
+        entities = [entity for entity in ezdxf.readfile(path).modelspace() if entity.dxftype() not in _NOTES]
+        stated, words = _stated(path)
+    if problems := [*_strange(path, entities)]:
+        raise InterchangeError(problems)
+    dots = [entity for entity in entities if entity.dxftype() == "POINT"]
+    drawn = [entity for entity in entities if entity.dxftype() != "POINT"]
+    vertices, closed = [_vertices(entity) for entity in drawn], [_is_closed(entity) for entity in drawn]
+    if problems := [*_without_heights(path, drawn, vertices)]:
+        raise InterchangeError(problems)
+    place: dict[str, Any] = {"crs": placed(stated or crs), "heights": words or heights}
+    xyz = np.array([tuple(dot.dxf.location) for dot in dots]).reshape(-1, 3)
+    lines = Lines.of_paths(
+        [np.concatenate([line, line[:1]]) if ring else line for line, ring in zip(vertices, closed, strict=True)],
+        columns=_layers(drawn),
+        **place,
+    )
+    return Points(xyz=xyz, columns=_layers(dots), **place), lines
+
+
+def _comments(layer: Points | Lines) -> str:
+    """Return the comments that say the system of a layer, and what its heights are above."""
+    texts = {_CRS: layer.crs.to_string() if layer.crs is not None else "", _HEIGHTS: layer.heights}
+    return "".join(
+        f"{_COMMENT}\n{begin}{text[start : start + _SHOWN]}\n"
+        for begin, text in texts.items()
+        for start in range(0, len(text), _SHOWN)
+    )
+
+
+def _stated(path: Path) -> tuple[pyproj.CRS | None, str]:
+    """Return the system and the words for heights that the comments of a drawing say."""
+    comments = [str(tag.value) for tag in package("ezdxf.comments", _USE).from_file(str(path))]
+    definition, words = (
+        "".join(comment.removeprefix(begin) for comment in comments if comment.startswith(begin))
+        for begin in (_CRS, _HEIGHTS)
+    )
+    return (pyproj.CRS.from_user_input(definition) if definition else None), words
+
+
+def _draw_points(drawing: Any, name: str, points: Points, text_height: float) -> None:
+    for place, text in zip(_rounded(points.xyz), _depth_texts(points, len(points.xyz), ".1f"), strict=True):
+        drawing.add_point(place, layer=name)
+        if text:
+            drawing.add_text(text, insert=place, height=text_height, layer=name)
+
+
+def _draw_lines(drawing: Any, path: Path, name: str, lines: Lines) -> None:
+    depths = _depth_texts(lines, len(lines.vertices), "g")
+    names = [f"{name}_{depth}" if depth else name for depth in depths]
+    known = {text: _layer_name(path, text) for text in dict.fromkeys(names)}
+    for vertices, is_ring, text in zip(lines.vertices, lines.closed.tolist(), names, strict=True):
+        drawing.add_polyline(_rounded(vertices), closed=is_ring, layer=known[text])
+
+
+def _depth_texts(layer: Points | Lines, count: int, form: str) -> list[str]:
+    """Return the depths of a layer as text, empty where it has none."""
+    column = layer.columns.get(_DEPTH)
+    depths = [math.nan] * count if column is None else column.values.astype(float).tolist()
+    return [f"{depth:z{form}}" if math.isfinite(depth) else "" for depth in depths]  # no zero has a sign
+
+
+def _rounded(xyz: FloatArray) -> list[list[float]]:
+    return (np.round(xyz, _DECIMALS) + 0.0).tolist()  # no zero has a sign
+
+
+def _layer_name(path: Path, text: str) -> str:
+    """Return a name as Release 12 has them: capitals, digits, `-` and `_`. Raises `InterchangeError`."""
+    name = re.sub(r"[^A-Z0-9_-]", "_", text.upper())
+    if len(name) > _LONGEST:
+        raise refuse(path, f"layer {text}", f"a name of {len(name)} characters", f"{_LONGEST} at most")
+    return name
+
+
+def _strange(path: Path, entities: list[Any]) -> Iterator[Problem]:
+    """Yield what a drawing has that is neither point nor line, and that it has none."""
+    kinds = Counter((entity.dxf.layer, why) for entity in entities if (why := _reason(entity)))
+    for (layer, kind), count in kinds.items():
+        yield fault(path, f"layer {layer}", f"{count} of the kind {kind}", _READ)
+    if not entities:
+        yield fault(path, "", "the drawing has none", _READ)
+
+
+def _reason(entity: Any) -> str:
+    """Return what an entity is that is neither point nor line of two vertices or more, else nothing."""
+    kind = str(entity.dxftype())
+    if kind in ("POINT", "LINE"):
+        return ""
+    if kind not in ("LWPOLYLINE", "POLYLINE"):
+        return kind
+    if kind == "POLYLINE" and (entity.is_poly_face_mesh or entity.is_polygon_mesh):
+        return "mesh"
+    if entity.has_arc or (kind == "POLYLINE" and entity.dxf.flags & _FITTED):
+        return f"{kind} with curves"
+    return "" if len(entity) > 1 else f"{kind} of one vertex"
+
+
+def _vertices(entity: Any) -> FloatArray:
+    """Return the vertices (k, 3) of a line or polyline."""
+    kind = entity.dxftype()
+    if kind == "LINE":
+        return np.array([tuple(entity.dxf.start), tuple(entity.dxf.end)])
+    places = entity.vertices_in_wcs() if kind == "LWPOLYLINE" else entity.points_in_wcs()
+    return np.array([tuple(place) for place in places])
+
+
+def _is_closed(entity: Any) -> bool:
+    return entity.dxftype() != "LINE" and bool(entity.is_closed)
+
+
+def _without_heights(path: Path, drawn: list[Any], vertices: list[FloatArray]) -> Iterator[Problem]:
+    """Yield a problem where all lines are at the height 0: that of 2-D drawings, in which none is given."""
+    if vertices and not any(line[:, 2].any() for line in vertices):
+        kinds = ", ".join(sorted({entity.dxftype() for entity in drawn}))
+        expected = "3-D polylines, or polylines with an elevation"
+        yield fault(path, "", f"no line has a height (2-D): {kinds}", expected)
+
+
+def _layers(entities: list[Any]) -> dict[str, Column]:
+    return {"layer": Column.of(np.array([entity.dxf.layer for entity in entities], dtype=np.str_))}

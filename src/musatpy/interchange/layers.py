@@ -1,0 +1,143 @@
+"""What is exchanged with other programs: points, lines and grids, with their coordinate system and its heights.
+
+Coordinates stand in the order x (easting, longitude), y (northing, latitude), z, whatever order the register gives
+the axes of the system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+
+if TYPE_CHECKING:
+    import pyproj
+
+# The engineering system by which files and callers say that coordinates are local, where a system is required.
+LOCAL = (
+    'ENGCRS["local",EDATUM["local"],CS[Cartesian,2],AXIS["easting",east],AXIS["northing",north],'
+    'LENGTHUNIT["metre",1]]'
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Column:
+    """One value of each point or line: numbers, NaN where there is none, or texts."""
+
+    values: FloatArray | IntArray | TextArray  # (n,)
+    unit: str = ""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its values are texts."""
+        return self.values.dtype.kind == "U"
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether its values are whole numbers."""
+        return self.values.dtype.kind == "i"
+
+    @classmethod
+    def of(cls, values: Any, unit: str = "") -> Column:
+        """Return a column of any values (n,): whole numbers, numbers (None is NaN), or else texts (None is '')."""
+        array = np.asarray(values)
+        if array.dtype.kind in "biu":
+            return cls(values=array.astype(np.int64), unit=unit)
+        if array.dtype.kind == "f":
+            return cls(values=array.astype(float), unit=unit)
+        texts = ["" if value is None else str(value) for value in array.tolist()]
+        return cls(values=np.array(texts, dtype=np.str_), unit=unit)
+
+
+def placed(crs: pyproj.CRS | None) -> pyproj.CRS | None:
+    """Return the system of a layer, None for an engineering one: its coordinates are local."""
+    return None if crs is None or crs.is_engineering else crs
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layer:
+    """A coordinate system, None of a local one, and in words what heights are above."""
+
+    crs: pyproj.CRS | None = None
+    heights: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Points(Layer):
+    """n points. Raises `ValueError` where arrays are not of one length, as lines do."""
+
+    xyz: FloatArray  # (n, 3)
+    columns: Mapping[str, Column] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.xyz.ndim != 2 or self.xyz.shape[1] != 3:
+            raise ValueError(f"points are rows of x, y, z, not an array of the shape {self.xyz.shape}")
+        _require_length(self.columns, len(self.xyz))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lines(Layer):
+    """n lines; one that is closed does not repeat its first vertex."""
+
+    vertices: Sequence[FloatArray]  # n of (k, 3)
+    closed: BoolArray  # (n,)
+    columns: Mapping[str, Column] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for line in self.vertices:
+            if line.ndim != 2 or line.shape[1] != 3 or len(line) < 2:
+                raise ValueError(f"lines are two rows of x, y, z or more, not an array of the shape {line.shape}")
+        if len(self.closed) != len(self.vertices):
+            raise ValueError(f"{len(self.closed)} lines are closed or not, and {len(self.vertices)} have vertices")
+        _require_length(self.columns, len(self.vertices))
+
+    @classmethod
+    def of_paths(cls, paths: Sequence[FloatArray], **others: Any) -> Lines:
+        """Return the lines of paths, of which those are closed that end where they begin."""
+        closed = [len(path) > 3 and bool((path[0] == path[-1]).all()) for path in paths]
+        vertices = [path[:-1] if is_ring else path for path, is_ring in zip(paths, closed, strict=True)]
+        return cls(vertices=vertices, closed=np.array(closed, dtype=bool), **others)
+
+    def paths(self) -> list[FloatArray]:
+        """Return the vertices of each line as they are drawn: those of a closed one end with the first."""
+        return [
+            np.concatenate([line, line[:1]]) if is_ring else line
+            for line, is_ring in zip(self.vertices, self.closed.tolist(), strict=True)
+        ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Grid(Layer):
+    """Nodes of a square grid: rows go north from `south`, columns east from `west`; NaN where a node is empty.
+
+    Raises `ValueError` where bands are of different shapes, or the spacing is none.
+    """
+
+    west: float
+    south: float
+    spacing: float  # m or, of longitudes and latitudes, degrees
+    bands: Mapping[str, FloatArray]  # (rows, columns) each
+    units: Mapping[str, str] = field(default_factory=dict)  # of bands
+
+    def __post_init__(self) -> None:
+        shapes = {values.shape for values in self.bands.values()}
+        if len(shapes) != 1 or any(len(shape) != 2 for shape in shapes):
+            raise ValueError(f"bands of a grid are of one shape (rows, columns), not of {sorted(shapes)}")
+        if not self.spacing > 0.0:
+            raise ValueError(f"the spacing of a grid is {self.spacing}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = next(iter(self.bands.values())).shape
+        return rows, columns
+
+
+def _require_length(columns: Mapping[str, Column], count: int) -> None:
+    for name, column in columns.items():
+        if column.values.shape != (count,):
+            raise ValueError(f"column {name} has the shape {column.values.shape}, and there are {count} rows")

@@ -1,0 +1,131 @@
+"""DXF drawings, read by GDAL; and what other programs draw, written by ezdxf."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+
+from interchange.layer_samples import DIGIT, HEIGHTS, UTM, lines, points, same_twice
+from musatpy.errors import InterchangeError
+from musatpy.interchange import dxf
+
+ezdxf = pytest.importorskip("ezdxf")
+raw = pytest.importorskip("pyogrio.raw")
+shapely = pytest.importorskip("shapely")
+
+
+def test_a_drawing_is_read_by_gdal(tmp_path: Path) -> None:
+    path, contours, spots = tmp_path / "a.dxf", lines(), points()
+    same_twice(path, lambda target: dxf.write(target, {"contours": contours, "spots": spots}))
+    meta, _, encoded, values = raw.read(path)
+    fields = dict(zip(meta["fields"], values, strict=True))
+    shapes = shapely.from_wkb(encoded)
+    drawn = [shape for shape in shapes if shape.geom_type == "LineString"]
+    for shape, line, closed in zip(drawn, contours.vertices, contours.closed, strict=True):
+        xyz = shapely.get_coordinates(shape, include_z=True)
+        np.testing.assert_allclose(xyz[: len(line)], line, rtol=0, atol=DIGIT)
+        assert shape.is_closed == closed
+    names = fields["Layer"][[shape.geom_type == "LineString" for shape in shapes]]
+    assert names.tolist() == [f"CONTOURS_{depth}" for depth in ("2_5", "5", "7_5", "10", "12_5", "15")]
+    at = [shape.geom_type == "Point" and not text for shape, text in zip(shapes, fields["Text"], strict=True)]
+    xyz = shapely.get_coordinates(shapes[at], include_z=True)
+    np.testing.assert_allclose(xyz, spots.xyz, rtol=0, atol=DIGIT)
+    texts = [text for text in fields["Text"] if text]
+    assert texts == [f"{depth:.1f}" for depth in spots.columns["depth"].values if np.isfinite(depth)]
+
+
+@pytest.mark.parametrize("crs", [UTM, None, pyproj.CRS("+proj=tmerc +lat_0=18.3 +lon_0=-64.9 +ellps=clrk66")])
+def test_what_is_read_is_what_was_written(tmp_path: Path, crs: pyproj.CRS | None) -> None:
+    contours, spots = lines(crs), points(crs)
+    dxf.write(tmp_path / "a.dxf", {"contours": contours, "spots": spots})
+    dots, drawn = dxf.read(tmp_path / "a.dxf")
+    assert dots.heights == drawn.heights == HEIGHTS
+    assert (dots.crs, drawn.crs) == (crs, crs)
+    np.testing.assert_allclose(dots.xyz, spots.xyz, rtol=0, atol=DIGIT)
+    np.testing.assert_array_equal(drawn.closed, contours.closed)
+    np.testing.assert_allclose(np.array(drawn.vertices), np.array(contours.vertices), rtol=0, atol=DIGIT)
+    assert drawn.columns["layer"].values[0] == "CONTOURS_2_5"
+
+
+def drawing(path: Path, *kinds: str) -> Path:
+    """Write a drawing of a newer release with entities of some kinds."""
+    document = ezdxf.new("R2010")
+    space = document.modelspace()
+    draw = {
+        "elevated": lambda: space.add_lwpolyline(
+            [(0, 0), (1, 1), (2, 0)], close=True, dxfattribs={"elevation": -5}
+        ),
+        "flat": lambda: space.add_lwpolyline([(0, 0), (1, 1)], dxfattribs={"layer": "FLAT"}),
+        "old": lambda: space.add_polyline2d([(0, 0), (3, 1)], dxfattribs={"elevation": (0, 0, -7)}),
+        "line": lambda: space.add_line((0, 0, -1), (1, 1, -2)),
+        "bulge": lambda: space.add_lwpolyline([(0, 0, 0.5), (1, 1, 0)], format="xyb", dxfattribs={"layer": "B"}),
+        "circle": lambda: space.add_circle((0, 0), 5, dxfattribs={"layer": "C"}),
+        "point": lambda: space.add_point((1, 2, -3)),
+        "text": lambda: space.add_text("5"),
+    }
+    for kind in kinds:
+        draw[kind]()
+    document.saveas(path)
+    return path
+
+
+def test_polylines_of_each_kind_are_read(tmp_path: Path) -> None:
+    dots, drawn = dxf.read(drawing(tmp_path / "a.dxf", "elevated", "old", "line", "point", "text"), crs=UTM)
+    assert dots.xyz.tolist() == [[1.0, 2.0, -3.0]]
+    assert [line.tolist() for line in drawn.vertices] == [
+        [[0.0, 0.0, -5.0], [1.0, 1.0, -5.0], [2.0, 0.0, -5.0]],
+        [[0.0, 0.0, -7.0], [3.0, 1.0, -7.0]],
+        [[0.0, 0.0, -1.0], [1.0, 1.0, -2.0]],
+    ]
+    assert drawn.closed.tolist() == [True, False, False]
+    assert drawn.crs == UTM
+
+
+@pytest.mark.parametrize(
+    ("kinds", "words"),
+    [
+        (
+            ("flat",),
+            ["no line has a height (2-D): LWPOLYLINE; expected: 3-D polylines, or polylines with an elevation"],
+        ),
+        (("text",), ["the drawing has none; expected: points, lines and polylines"]),
+        (
+            ("circle", "circle", "bulge", "line"),
+            [
+                "layer C: 2 of the kind CIRCLE; expected: points, lines and polylines",
+                "layer B: 1 of the kind LWPOLYLINE with curves; expected: points, lines and polylines",
+            ],
+        ),
+    ],
+)
+def test_drawings_without_what_is_needed(tmp_path: Path, kinds: tuple[str, ...], words: list[str]) -> None:
+    with pytest.raises(InterchangeError) as caught:
+        dxf.read(drawing(tmp_path / "a.dxf", *kinds))
+    assert Counter(problem.message for problem in caught.value.problems) == Counter(words)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "the file is empty"),
+        (b"nothing\n", "is no DXF file"),
+        (b"0\nSECTION\n2\nENTITIES\n0\nPOI", "no DXF file"),
+    ],
+)
+def test_files_that_are_none(tmp_path: Path, content: bytes, words: str) -> None:
+    (tmp_path / "a.dxf").write_bytes(content)
+    with pytest.raises(InterchangeError, match=words):
+        dxf.read(tmp_path / "a.dxf")
+
+
+def test_drawings_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(InterchangeError, match="different coordinate systems"):
+        dxf.write(tmp_path / "a.dxf", {"a": points(), "b": lines(None)})
+    with pytest.raises(InterchangeError, match="a name of 32 characters"):
+        dxf.write(tmp_path / "a.dxf", {"n" * 32: replace(points(), columns={})})
+    assert not list(tmp_path.iterdir())

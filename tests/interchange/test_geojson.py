@@ -1,0 +1,197 @@
+"""GeoJSON, read by json; in longitude and latitude of WGS 84 or not written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+import pytest
+
+from interchange.layer_samples import HEIGHTS, UTM, lines, points, same_twice
+from musatpy.errors import InterchangeError
+from musatpy.interchange import geojson
+from musatpy.interchange.layers import LOCAL, Column, Lines, Points
+
+DEGREES = 0.5001e-9  # half of the last digit that is written
+SPACE = pyproj.CRS("EPSG:4979")
+
+
+def utm(longitude: float, latitude: float) -> tuple[float, float]:
+    """Return easting and northing in zone 20 of WGS 84 by Redfearn's series (Snyder, USGS 1395, 8-9 and 8-10)."""
+    a, e2 = 6378137.0, 0.0066943799901413165
+    phi, dl = np.radians(latitude), np.radians(longitude + 63.0)
+    second, N = e2 / (1 - e2), a / np.sqrt(1 - e2 * np.sin(phi) ** 2)
+    T, C, A = np.tan(phi) ** 2, second * np.cos(phi) ** 2, dl * np.cos(phi)
+    sines = (e2, e2**2, e2**3)
+    terms = [
+        (1, (-1 / 4, -3 / 64, -5 / 256)),
+        (0, (-3 / 8, -3 / 32, -45 / 1024)),
+        (0, (0, 15 / 256, 45 / 1024)),
+        (0, (0, 0, -35 / 3072)),
+    ]
+    M = sum(
+        (one + sum(c * e for c, e in zip(factors, sines, strict=True))) * (phi if k == 0 else np.sin(2 * k * phi))
+        for k, (one, factors) in enumerate(terms)
+    )
+    x = N * (A + (1 - T + C) * A**3 / 6 + (5 - 18 * T + T**2 + 72 * C - 58 * second) * A**5 / 120)
+    y = a * M + N * np.tan(phi) * (A**2 / 2 + (5 - T + 9 * C + 4 * C**2) * A**4 / 24)
+    return 500000.0 + 0.9996 * x, 0.9996 * y
+
+
+def test_points_are_read_by_json(tmp_path: Path) -> None:
+    given = points()
+    text = same_twice(tmp_path / "a.geojson", lambda target: geojson.write(target, given))
+    content = json.loads(text)
+    assert (content["type"], content["heights"], content["units"]) == ("FeatureCollection", HEIGHTS, {"depth": "m"})
+    assert content["transformation"].endswith("accuracy 0 m")
+    assert "crs" not in content  # RFC 7946, 4
+    features = content["features"]
+    for feature, xyz in zip(features, given.xyz, strict=True):
+        longitude, latitude = feature["geometry"]["coordinates"]
+        # The series is good to 0.1 mm, two degrees from the meridian; nine decimals of a degree are 0.06 mm.
+        np.testing.assert_allclose(utm(longitude, latitude), xyz[:2], rtol=0, atol=5e-4)
+        assert feature["properties"]["z"] == pytest.approx(xyz[2], abs=0.5001e-4)
+    assert features[3]["properties"]["depth"] is None
+    assert [feature["properties"]["rays"] for feature in features[:6]] == [0, 1, 2, 3, 4, 0]
+
+
+def test_heights_of_the_ellipsoid_are_third_coordinates(tmp_path: Path) -> None:
+    degrees = replace(points(SPACE), xyz=np.array([[-64.9, 18.3, -48.25], [-64.8, 18.2, -40.0]]), columns={})
+    geojson.write(tmp_path / "a.geojson", degrees)
+    content = json.loads((tmp_path / "a.geojson").read_text())
+    places = [feature["geometry"]["coordinates"] for feature in content["features"]]
+    assert places == [[-64.9, 18.3, -48.25], [-64.8, 18.2, -40.0]]
+    assert "z" not in content["features"][0]["properties"]
+    answer = geojson.read(tmp_path / "a.geojson")
+    assert answer.crs == SPACE and isinstance(answer, Points)
+    np.testing.assert_array_equal(answer.xyz, degrees.xyz)
+
+
+def test_what_is_read_is_what_was_written(tmp_path: Path) -> None:
+    given = lines()
+    geojson.write(tmp_path / "a.geojson", given)
+    answer = geojson.read(tmp_path / "a.geojson")
+    assert isinstance(answer, Lines) and answer.heights == HEIGHTS and answer.crs == pyproj.CRS("OGC:CRS84")
+    np.testing.assert_array_equal(answer.closed, given.closed)
+    back = pyproj.Transformer.from_crs("OGC:CRS84", UTM, always_xy=True)
+    for read, line in zip(answer.vertices, given.vertices, strict=True):
+        east, north = back.transform(*read[:, :2].T)
+        np.testing.assert_allclose(
+            np.column_stack([east, north, read[:, 2]]), line, rtol=0, atol=1e-4
+        )  # nine decimals
+    assert answer.columns["depth"].unit == "m" and list(answer.columns) == ["depth", "kind"]
+    for name, column in given.columns.items():
+        assert answer.columns[name].values.tolist() == column.values.tolist()
+
+
+@pytest.mark.parametrize(
+    ("crs", "words"),
+    [
+        (None, "the coordinates are local"),
+        (pyproj.CRS("+proj=utm +zone=20 +ellps=clrk66"), "no transformation from unknown to WGS 84"),
+        (pyproj.CRS("EPSG:26720"), "no transformation from NAD27 / UTM zone 20N"),  # none of NAD27 for the islands
+        (pyproj.CRS("EPSG:32620+5773"), "without us_nga_egm96_15.tif"),
+        (pyproj.CRS.from_wkt(LOCAL), "does not reach the coordinates"),
+    ],
+)
+def test_systems_that_have_no_way_to_wgs_84(tmp_path: Path, crs: pyproj.CRS | None, words: str) -> None:
+    with pytest.raises(InterchangeError, match=words) as caught:
+        geojson.write(tmp_path / "a.geojson", points(crs))
+    assert "expected: longitude and latitude of WGS 84 (RFC 7946)" in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_datum_is_shifted(tmp_path: Path) -> None:
+    """NAD27 as PROJ's own definition has it: by tens of metres, the file says by what."""
+    crs = pyproj.CRS("+proj=utm +zone=20 +datum=NAD27")
+    geojson.write(tmp_path / "a.geojson", points(crs))
+    geojson.write(tmp_path / "b.geojson", points(UTM))
+    first, second = (json.loads((tmp_path / f"{name}.geojson").read_text()) for name in "ab")
+    assert "NAD27 to WGS 84" in first["transformation"]
+    latitudes = [content["features"][0]["geometry"]["coordinates"][1] for content in (first, second)]
+    assert 1e-4 < abs(latitudes[0] - latitudes[1]) < 3e-3  # degrees
+
+
+def test_heights_along_a_line_need_a_datum(tmp_path: Path) -> None:
+    slope = [line + np.arange(9)[:, None] * (0.0, 0.0, 1.0) for line in lines().vertices]
+    with pytest.raises(InterchangeError, match="line 1: heights above a datum that the system does not say"):
+        geojson.write(tmp_path / "a.geojson", replace(lines(), vertices=slope))
+
+
+def test_the_antimeridian_is_not_crossed(tmp_path: Path) -> None:
+    degrees = replace(points(SPACE), xyz=np.array([[179.9, 18.3, 0.0], [-179.9, 18.2, 0.0]]), columns={})
+    with pytest.raises(InterchangeError, match="antimeridian"):
+        geojson.write(tmp_path / "a.geojson", degrees)
+
+
+def feature(kind: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ([], ["there are no features; expected: a FeatureCollection with points or lines"]),
+        ({"features": []}, ["there are no features; expected: a FeatureCollection with points or lines"]),
+        (
+            {"crs": {"properties": {"name": "EPSG:32620"}}, "features": [feature("Point", [1, 2, 3])]},
+            ["crs: EPSG:32620; expected: WGS 84, the only system of RFC 7946"],
+        ),
+        (
+            {
+                "features": [
+                    feature("Point", [1, 2], z=3),
+                    feature("Point", [1, 2]),
+                    feature("LineString", [[1, 2], [2, 3]]),
+                    feature("Point", [500000, 2], z=3),
+                    feature("Point", ["1", None], z=3),
+                    feature("Point", [1, 2, 3]),
+                    {"type": "Feature", "geometry": None},
+                ]
+            },
+            [
+                "feature 2: it has no heights (2-D); expected: a third coordinate, or a property z",
+                "feature 3: a geometry of the kind LineString; expected: a Point as most features",
+                "feature 4: its coordinates are none of the globe; "
+                "expected: longitude and latitude in degrees, height",
+                "feature 5: its coordinates are no positions; expected: longitude, latitude and height",
+                "feature 6: heights in positions of some features only; expected: all or none",
+                "feature 7: a geometry of the kind None; expected: a Point as most features",
+            ],
+        ),
+        (
+            {"features": [feature("LineString", [[1, 2, 3]])]},
+            ["feature 1: its coordinates are no positions; expected: longitude, latitude and height"],
+        ),
+    ],
+)
+def test_features_that_cannot_be_read(tmp_path: Path, content: Any, words: list[str]) -> None:
+    (tmp_path / "a.geojson").write_text(json.dumps(content))
+    with pytest.raises(InterchangeError) as caught:
+        geojson.read(tmp_path / "a.geojson")
+    assert [problem.message for problem in caught.value.problems] == words
+    assert {problem.file for problem in caught.value.problems} == {str(tmp_path / "a.geojson")}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"", "the file is empty"), (b'{"features": [', "is no GeoJSON"), (b"[" * 99999, "is no GeoJSON")],
+)
+def test_files_that_are_none(tmp_path: Path, content: bytes, words: str) -> None:
+    (tmp_path / "a.geojson").write_bytes(content)
+    with pytest.raises(InterchangeError, match=words):
+        geojson.read(tmp_path / "a.geojson")
+
+
+def test_properties_that_are_missing(tmp_path: Path) -> None:
+    features = [feature("Point", [1, 2, 3], a=5, b="x"), feature("Point", [1, 2, 4], c=[1])]
+    (tmp_path / "a.geojson").write_text(json.dumps({"features": features}))
+    answer = geojson.read(tmp_path / "a.geojson", heights=HEIGHTS)
+    columns = {name: column.values.tolist() for name, column in answer.columns.items()}
+    assert columns["a"][0] == 5.0 and np.isnan(columns["a"][1])
+    assert (columns["b"], columns["c"]) == (["x", ""], ["", "[1]"])
+    assert answer.heights == HEIGHTS and not any(isinstance(c, Column) and c.unit for c in answer.columns.values())

@@ -1,0 +1,123 @@
+"""GeoPackages, read by SQLite and shapely; what was written by SQLite."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+
+from interchange.layer_samples import HEIGHTS, UTM, lines, points, same_twice
+from musatpy.errors import InterchangeError
+from musatpy.interchange import geopackage
+
+pyogrio = pytest.importorskip("pyogrio")
+shapely = pytest.importorskip("shapely")
+ENVELOPES = {0: 0, 1: 32, 2: 48}  # bytes of an envelope by its kind (OGC 12-128, 2.1.3)
+
+
+def geometries(path: Path, layer: str) -> list[shapely.Geometry]:
+    with closing(sqlite3.connect(path)) as database:
+        blobs = [row[0] for row in database.execute(f'SELECT geom FROM "{layer}" ORDER BY fid')]
+    assert all(blob[:2] == b"GP" for blob in blobs)
+    return [shapely.from_wkb(blob[8 + ENVELOPES[blob[3] >> 1 & 7] :]) for blob in blobs]
+
+
+def test_layers_are_read_by_sqlite_and_shapely(tmp_path: Path) -> None:
+    path, contours, spots = tmp_path / "a.gpkg", lines(), points()
+    same_twice(path, lambda target: geopackage.write(target, {"contours": contours, "spots": spots}))
+    # Doubles are kept as they are.
+    xyz = [shapely.get_coordinates(geometry, include_z=True) for geometry in geometries(path, "contours")]
+    for drawn, line, closed in zip(xyz, contours.vertices, contours.closed, strict=True):
+        np.testing.assert_array_equal(drawn[: len(line)], line)
+        assert (drawn[len(line) :] == line[:1]).all() and len(drawn) == len(line) + closed
+    xyz = [shapely.get_coordinates(geometry, include_z=True)[0] for geometry in geometries(path, "spots")]
+    np.testing.assert_array_equal(xyz, spots.xyz)
+    with closing(sqlite3.connect(path)) as database:
+        depths = [row[0] for row in database.execute("SELECT depth FROM spots ORDER BY fid")]
+        kinds = [row[0] for row in database.execute("SELECT kind FROM contours ORDER BY fid")]
+        contents = database.execute("SELECT description, srs_id, last_change FROM gpkg_contents").fetchall()
+        described = database.execute(
+            "SELECT table_name, column_name, description FROM gpkg_data_columns"
+        ).fetchall()
+    assert depths[3] is None
+    np.testing.assert_array_equal(np.array(depths, dtype=float), spots.columns["depth"].values)
+    assert kinds == contours.columns["kind"].values.tolist()
+    assert contents == [(HEIGHTS, 32620, "1983-09-01T00:00:00.000Z")] * 2
+    assert described == [("contours", "depth", "unit: m"), ("spots", "depth", "unit: m")]
+
+
+@pytest.mark.parametrize("crs", [UTM, None, pyproj.CRS("EPSG:4979")])
+def test_what_is_read_is_what_was_written(tmp_path: Path, crs: pyproj.CRS | None) -> None:
+    path, contours, spots = tmp_path / "a.gpkg", lines(crs), points(crs)
+    geopackage.write(path, {"contours": contours, "spots": spots})
+    for name, layer in (("contours", contours), ("spots", spots)):
+        answer = geopackage.read(path, name)
+        assert (answer.crs, answer.heights) == (crs, HEIGHTS)
+        assert {key: column.unit for key, column in answer.columns.items()} == {
+            key: column.unit for key, column in layer.columns.items()
+        }
+        for key, column in layer.columns.items():
+            np.testing.assert_array_equal(answer.columns[key].values, column.values)
+        if name == "spots":
+            np.testing.assert_array_equal(answer.xyz, spots.xyz)
+        else:
+            np.testing.assert_array_equal(answer.closed, contours.closed)
+            for read, line in zip(answer.vertices, contours.vertices, strict=True):
+                np.testing.assert_array_equal(read, line)
+
+
+def test_layers_that_are_missing_or_not_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.gpkg"
+    geopackage.write(path, {"contours": lines(), "spots": points()})
+    with pytest.raises(InterchangeError, match="layer depths: it is missing among layers contours, spots"):
+        geopackage.read(path, "depths")
+    with pytest.raises(InterchangeError, match="layers contours, spots; expected: one, or the name"):
+        geopackage.read(path)
+
+
+def test_geometries_that_are_none_of_ours(tmp_path: Path) -> None:
+    path = tmp_path / "a.gpkg"
+    texts = ["LINESTRING Z (0 0 1, 1 1 1)", "LINESTRING (0 0, 1 1)", "POLYGON Z ((0 0 1, 1 0 1, 1 1 1, 0 0 1))"]
+    texts += ["MULTILINESTRING Z ((0 0 1, 1 1 1), (5 5 1, 6 6 1))", "LINESTRING Z (0 0 nan, 1 1 1)"]
+    shapes = [*shapely.from_wkt(texts), None]
+    encoded = shapely.to_wkb(shapes, output_dimension=3, flavor="iso")
+    write = {"field_data": [], "fields": [], "driver": "GPKG", "geometry_type": "Unknown", "crs": "EPSG:32620"}
+    pyogrio.raw.write(path, geometry=encoded, **write)
+    with pytest.raises(InterchangeError) as caught:
+        geopackage.read(path)
+    texts = [problem.message for problem in caught.value.problems]
+    assert texts == [
+        "layer a feature 2: it has no heights (2-D); expected: x, y and z",
+        "layer a feature 3: a Polygon; expected: lines",
+        "layer a feature 5: a coordinate is no number; expected: x, y and z",
+        "layer a feature 6: it has no geometry; expected: lines",
+    ]
+    assert {problem.file for problem in caught.value.problems} == {str(path)}
+    pyogrio.raw.write(path, geometry=encoded[[0, 3]], **write)
+    parts = geopackage.read(path)
+    assert [line[0].tolist() for line in parts.vertices] == [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [5.0, 5.0, 1.0]]
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.gpkg"
+    with pytest.raises(FileNotFoundError):
+        geopackage.read(path)
+    for content, words in ((b"", "the file is empty"), (b"SQLite format 3\0" + bytes(900), "is no GeoPackage")):
+        path.write_bytes(content)
+        with pytest.raises(InterchangeError, match=words) as caught:
+            geopackage.read(path)
+        assert caught.value.problems[0].file == str(path)
+    geopackage.write(path, {"none": replace(points(), xyz=np.empty((0, 3)), columns={})})
+    with pytest.raises(InterchangeError, match="layer none: it has no features"):
+        geopackage.read(path)
+
+
+def test_the_settings_of_gdal_are_as_they_were(tmp_path: Path) -> None:
+    geopackage.write(tmp_path / "a.gpkg", {"spots": points()})
+    assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") is None
+    assert pyogrio.get_gdal_config_option("OGR_SQLITE_SYNCHRONOUS") is None

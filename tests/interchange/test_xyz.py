@@ -1,0 +1,90 @@
+"""Points as text, read by numpy and csv."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+
+from interchange.layer_samples import DIGIT, HEIGHTS, UTM, points, same_twice
+from musatpy.errors import InterchangeError
+from musatpy.interchange import xyz
+from musatpy.interchange.layers import Column
+
+
+def test_named_columns_are_read_by_csv(tmp_path: Path) -> None:
+    given = points()
+    given = replace(given, columns=given.columns | {"why": Column.of(['dry, or "wet"'] * len(given.xyz))})
+    text = same_twice(tmp_path / "a.csv", lambda target: xyz.write(target, given)).decode()
+    names, *rows = csv.reader(text.splitlines())
+    assert names == ["x", "y", "z", "depth [m]", "rays", "why"]
+    np.testing.assert_allclose(np.array([row[:3] for row in rows], dtype=float), given.xyz, rtol=0, atol=DIGIT)
+    assert rows[3][3:] == ["", "3", 'dry, or "wet"']
+    answer = xyz.read(tmp_path / "a.csv", crs=UTM, heights=HEIGHTS)
+    assert (answer.crs, answer.heights, answer.columns["depth"].unit) == (UTM, HEIGHTS, "m")
+    for name, column in given.columns.items():
+        if column.is_text:
+            assert answer.columns[name].values.tolist() == column.values.tolist()
+        else:
+            np.testing.assert_allclose(answer.columns[name].values, column.values, rtol=0, atol=DIGIT)
+
+
+def test_bare_numbers_are_read_by_numpy(tmp_path: Path) -> None:
+    given = points()
+    same_twice(tmp_path / "a.xyz", lambda target: xyz.write(target, given))
+    table = np.loadtxt(tmp_path / "a.xyz")
+    np.testing.assert_allclose(table[:, :3], given.xyz, rtol=0, atol=DIGIT)
+    np.testing.assert_allclose(table[:, 3], given.columns["depth"].values, rtol=0, atol=DIGIT)
+    answer = xyz.read(tmp_path / "a.xyz")
+    np.testing.assert_array_equal(answer.xyz, table[:, :3])
+    np.testing.assert_array_equal(answer.columns["column5"].values, given.columns["rays"].values)
+
+
+def test_degrees_have_nine_decimals(tmp_path: Path) -> None:
+    degrees = replace(points(pyproj.CRS("EPSG:4979")), xyz=np.array([[-64.123456789, 18.0, -3.0]]), columns={})
+    xyz.write(tmp_path / "a.csv", degrees)
+    assert (tmp_path / "a.csv").read_text() == "x,y,z\n-64.123456789,18.000000000,-3.0000\n"
+
+
+def test_columns_of_coordinates_by_their_names(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("id,Depth [ft],Easting,Northing,Z\nA1,7,1,2,-3\n\nA2,,4,5,-6\n")
+    answer = xyz.read(tmp_path / "a.csv", columns=("easting", "northing", "z"))
+    assert answer.xyz.tolist() == [[1.0, 2.0, -3.0], [4.0, 5.0, -6.0]]
+    assert answer.columns["id"].values.tolist() == ["A1", "A2"]
+    depth = answer.columns["Depth"]
+    assert depth.unit == "ft" and depth.values[0] == 7.0 and np.isnan(depth.values[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "lines", "words"),
+    [
+        ("a.csv", "", [None], "the file is empty"),
+        ("a.csv", "x,y,z\n", [None], "there are no points"),
+        ("a.xyz", "\n\n", [None], "there are no points"),
+        ("a.csv", "x,y\n1,2\n", [1], "no column z among x, y"),
+        ("a.csv", "x;y;z\n1;2;3\n", [1], "parted by semicolons"),
+        ("a.csv", "x,y,z\n1,2,3\n1,2\n1,two,3\n1,2,nan\n", [3, 4, 5], "2 values; expected: 3: x, y, z"),
+        ("a.csv", 'x,y,z\n"1,2,3\n', [2], "1 values"),
+        ("a.xyz", "1 2 3\n4 5 6 7\n1 2 1e99\n", [2, 3], "4 values; expected: 3"),
+        ("a.xyz", "1 2\n", [1], "2 values; expected: 3"),
+    ],
+)
+def test_lines_that_cannot_be_read(
+    tmp_path: Path, name: str, content: str, lines: list[int | None], words: str
+) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InterchangeError) as caught:
+        xyz.read(tmp_path / name)
+    problems = caught.value.problems
+    assert [problem.line for problem in problems] == lines
+    assert words in problems[0].headline() and problems[0].file == str(tmp_path / name)
+
+
+def test_texts_do_not_go_among_bare_numbers(tmp_path: Path) -> None:
+    texts = {"why": Column.of(["dry"] * 40)}
+    with pytest.raises(InterchangeError, match="columns why: texts in a file of bare numbers"):
+        xyz.write(tmp_path / "a.xyz", replace(points(), columns=texts))
