@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,12 +41,13 @@ def compile_deck(
     carriage_control: bool = False,
     csv: bool = False,
     plots: bool = False,
+    gis: bool = False,
     date: datetime.date | None = None,
 ) -> CompileResult:
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
-    With contours also `NAME.contours.csv`, and with `plots` `NAME.contours.png`; with `csv` the tables of the
-    listing, in `NAME_tables`. Where run or deck cannot be used nothing is
+    With contours also `NAME.contours.csv`, and with `plots` `NAME.contours.png`; with `gis` `NAME.gpkg` and
+    `NAME.dxf`; with `csv` the tables of the listing, in `NAME_tables`. Where run or deck cannot be used nothing is
     written, and every reason is in `problems`. Raises `OSError` where files cannot be read or written.
     """
     problems: list[Problem] = []
@@ -85,13 +87,26 @@ def compile_deck(
     if plots and bottoms:
         files[listing.with_suffix(".contours.png")] = _picture(result, bottoms)
     write_files(files)
+    written = [*files, *(_for_gis(result, bottoms, listing) if gis else ())]
     return CompileResult(
         status=ExitStatus.DONE,
         problems=tuple(problems),
         compiled=result,
         warnings=warnings,
-        files=tuple(files),
+        files=tuple(written),
     )
+
+
+def _for_gis(result: Compiled, bottoms: list[Bottom], listing: Path) -> Iterator[Path]:
+    """Write points and contours for GIS and CAD, and yield where they are."""
+    from musatpy.compilation.gis_layers import layers_of  # few users need these packages
+    from musatpy.interchange import dxf, geopackage
+
+    layers = layers_of(result, bottoms)
+    for suffix, write in ((".gpkg", geopackage.write), (".dxf", dxf.write)):
+        path = listing.with_suffix(suffix)
+        write(path, layers)
+        yield path
 
 
 def _picture(result: Compiled, bottoms: list[Bottom]) -> bytes:

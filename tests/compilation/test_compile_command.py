@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+import sqlite3
 from pathlib import Path
 
+import ezdxf
 import numpy as np
+import pyogrio
 import pytest
 from click.testing import CliRunner, Result
 
@@ -75,6 +78,27 @@ def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, t
     record = json.loads((tmp_path / "st_thomas_as11.json").read_text())
     assert sum(row["lines"] for row in record["contours"]) == int(rows[:, 0].max())
     assert (tmp_path / "st_thomas_as11.contours.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_files_for_gis_are_read_by_other_programs(run: Path, tmp_path: Path) -> None:
+    """Points and contours as sqlite and GDAL read them, twice the same bytes, on a map that names its ellipsoid."""
+    data = []
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        assert compiled(run, stage_readings.DECK, folder, "--gis").exit_code == 0
+        data.append([(folder / f"st_thomas_as11.{suffix}").read_bytes() for suffix in ("gpkg", "dxf")])
+    assert data[0] == data[1]
+    package = tmp_path / "a/st_thomas_as11.gpkg"
+    with sqlite3.connect(package) as database:
+        depths = dict(database.execute("select point || model, depth from points where submerged = 1"))
+        levels = {level for (level,) in database.execute("select depth from contours")}
+    record = json.loads((tmp_path / "a/st_thomas_as11.json").read_text())
+    told = {row["point"] + row["model"]: row["datum_depth"] for row in record["points"] if row["submerged"]}
+    assert depths == pytest.approx(told, abs=1e-9)
+    assert levels == {row["depth"] for row in record["contours"]}
+    crs = pyogrio.read_info(package, layer="contours")["crs"]
+    assert "Transverse_Mercator" in crs and "Clarke 1866" in crs
+    lines = ezdxf.readfile(tmp_path / "a/st_thomas_as11.dxf").modelspace().query("POLYLINE")
+    assert len(lines) == sum(row["lines"] for row in record["contours"])
 
 
 def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
 )
 @click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
 @click.option("--plots", is_flag=True, help="A picture of the contours too (NAME.contours.png).")
+@click.option("--gis", is_flag=True, help="Points and contours for GIS and CAD too (NAME.gpkg, NAME.dxf).")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.pass_context
 def command(
@@ -30,6 +31,7 @@ def command(
     carriage_control: bool,
     csv: bool,
     plots: bool,
+    gis: bool,
     dated: bool,
 ) -> None:
     """Compile the compilation DECK in stereomodels of RUN.json: the listing NAME.lst and the record NAME.json.
@@ -41,7 +43,9 @@ def command(
 
     refuse_overwriting(output_paths(deck, out_dir)[:2], [run, deck])
     date = datetime.date.today() if dated else None
-    result = compile_deck(run, deck, out_dir, carriage_control=carriage_control, csv=csv, plots=plots, date=date)
+    result = compile_deck(
+        run, deck, out_dir, carriage_control=carriage_control, csv=csv, plots=plots, gis=gis, date=date
+    )
     complain_of(result.problems)
     if result.compiled is None:
         errors = sum(problem.severity == "error" for problem in result.problems)

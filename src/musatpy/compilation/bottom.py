@@ -11,6 +11,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, CompiledModel
+from musatpy.compilation.triangulation import Triangulation
 from musatpy.errors import SurfaceError
 from musatpy.geometry.frames import GeocentricFrame, GeographicFrame
 from musatpy.geometry.plan import Plan
@@ -88,7 +89,7 @@ def _surface(model: CompiledModel, rows: IntArray, depths: FloatArray, longest_e
     """Return the surface by the points `rows` (k,) of a model, with depths (2, k) and their sigmas."""
     if not len(rows):
         return Surface(model=model, tin=None, plan=None, reason="no submerged point of it has a position")
-    position, system = model.points.position[rows], _system(model)
+    position, system = model.points.position[rows], system_of(model.stereo.run)
     plan = None if system is None else Plan.about(system, position)
     xy = (position if plan is None else plan.places(position))[:, :2]
     try:
@@ -107,9 +108,9 @@ def _bottom(surface: Surface, spec: ContourSpec) -> Bottom:
     return Bottom(surface=surface, lines=contours(tin, levels.tolist(), thick.tolist(), spec.shortest))
 
 
-def _system(model: CompiledModel) -> System | None:
+def system_of(run: Triangulation) -> System | None:
     """Return the system of the coordinates of a job on the ellipsoid, None of a local one."""
-    frame = model.stereo.run.frame
+    frame = run.frame
     if not isinstance(frame, GeocentricFrame):
         return None
     return (Geographic if isinstance(frame, GeographicFrame) else Geocentric)(frame.ellipsoid)
