@@ -71,6 +71,19 @@ def test_heights_of_the_ellipsoid_are_third_coordinates(tmp_path: Path) -> None:
     np.testing.assert_array_equal(answer.xyz, degrees.xyz)
 
 
+@pytest.mark.parametrize("crs", [UTM.to_3d(), pyproj.CRS("EPSG:4326"), pyproj.CRS("EPSG:4978")])
+def test_axes_stand_in_the_order_of_the_format(tmp_path: Path, crs: pyproj.CRS) -> None:
+    """Whatever order the register gives them: latitude first in EPSG:4326 and in EPSG:4979."""
+    place = (-64.9, 18.3, -48.25)
+    plan = pyproj.Transformer.from_crs(SPACE, crs, always_xy=True)
+    layer = replace(points(crs), xyz=np.array([plan.transform(*place)]), columns={})
+    geojson.write(tmp_path / "a.geojson", layer)
+    (written,) = json.loads((tmp_path / "a.geojson").read_text())["features"]
+    expected = place[:2] if len(crs.axis_info) == 2 else place
+    digits = [DEGREES, DEGREES, 0.5001e-4][: len(expected)]
+    assert (np.abs(np.subtract(written["geometry"]["coordinates"], expected)) <= digits).all()
+
+
 def test_what_is_read_is_what_was_written(tmp_path: Path) -> None:
     given = lines()
     geojson.write(tmp_path / "a.geojson", given)

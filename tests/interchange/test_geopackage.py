@@ -58,6 +58,11 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, crs: pyproj.CRS | None
     for name, layer in (("contours", contours), ("spots", spots)):
         answer = geopackage.read(path, name)
         assert (answer.crs, answer.heights) == (crs, HEIGHTS)
+        with closing(sqlite3.connect(path)) as database:
+            (number,) = database.execute(
+                "SELECT srs_id FROM gpkg_contents WHERE table_name = ?", (name,)
+            ).fetchone()
+        assert number == (-1 if crs is None else crs.to_epsg())  # -1: undefined Cartesian (OGC 12-128, 1.1.2)
         assert {key: column.unit for key, column in answer.columns.items()} == {
             key: column.unit for key, column in layer.columns.items()
         }

@@ -84,6 +84,15 @@ def test_a_missing_folder_is_made(tmp_path: Path, name: str) -> None:
     assert [left.name for left in (tmp_path / "new").iterdir()] == [name]
 
 
+@pytest.mark.parametrize("name", FILES)
+def test_what_a_killed_process_left_is_removed(tmp_path: Path, name: str) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", "pass"])
+    ended.wait()
+    (tmp_path / f".{name}.{ended.pid}").write_bytes(b"half a fi")
+    FILES[name][1](tmp_path / name)
+    assert [left.name for left in tmp_path.iterdir()] == [name]
+
+
 def test_what_a_killed_process_left_of_a_database(tmp_path: Path) -> None:
     ended = subprocess.Popen([sys.executable, "-c", "pass"])
     ended.wait()

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pyproj
 from pyproj.aoi import AreaOfInterest
+from pyproj.crs import GeographicCRS
 from pyproj.exceptions import ProjError
 from pyproj.transformer import TransformerGroup
 
@@ -127,7 +128,8 @@ def _to_wgs84(path: Path, layer: Points | Lines, xyz: FloatArray) -> tuple[Float
     )  # no zero has a sign
     if np.ptp(positions[:, 0]) > 180.0:
         raise refuse(path, "", "longitudes from -180 to 180 degrees: the antimeridian is between them", wanted)
-    members = {"transformation": f"{way.description}; accuracy {way.accuracy:g} m"}
+    accuracy = f"{way.accuracy:g} m" if way.accuracy >= 0.0 else "unknown"
+    members = {"transformation": f"{way.description}; accuracy {accuracy}"}
     return positions, members | ({} if in_space or not layer.heights else {"heights": layer.heights})
 
 
@@ -136,7 +138,7 @@ def _area(crs: pyproj.CRS, xyz: FloatArray) -> AreaOfInterest:
     geodetic = crs.geodetic_crs
     if geodetic is None:
         raise ProjError("it stands nowhere on the ellipsoid")
-    plan = pyproj.Transformer.from_crs(crs, geodetic.to_2d(), always_xy=True)
+    plan = pyproj.Transformer.from_crs(crs, GeographicCRS(datum=geodetic.datum), always_xy=True)
     degrees = _transformed(plan, xyz[:, : len(crs.axis_info)])
     return AreaOfInterest(*degrees[:, :2].min(axis=0).tolist(), *degrees[:, :2].max(axis=0).tolist())
 

@@ -179,9 +179,9 @@ def _check(shapely: Any, path: Path, name: str, geometries: Any) -> None:
     has_z, is_empty = shapely.has_z(geometries), shapely.is_empty(geometries) | (kinds < 0)
     finite = np.ones(len(geometries), dtype=bool)
     xyz, rows = shapely.get_coordinates(geometries, include_z=True, return_index=True)
-    finite[rows[~np.isfinite(xyz).all(axis=1)]] = False
+    finite[rows[~np.isfinite(xyz).all(axis=1)]] = False  # the heights of 2-D ones too
     problems = []
-    for row in np.flatnonzero(~is_wanted | ~has_z | is_empty | ~finite).tolist():
+    for row in np.flatnonzero(~is_wanted | is_empty | ~finite).tolist():
         place = f"layer {name} feature {row + 1}"
         if is_empty[row]:
             problems.append(fault(path, place, "it has no geometry", wanted))
