@@ -123,6 +123,16 @@ def test_files_that_are_none(tmp_path: Path, content: bytes, words: str) -> None
         dxf.read(tmp_path / "a.dxf")
 
 
+def test_coordinates_that_are_no_numbers(tmp_path: Path) -> None:
+    dxf.write(tmp_path / "a.dxf", {"spots": replace(points(), columns={})})
+    text = (tmp_path / "a.dxf").read_text()
+    x = f"{points().xyz[0, 0]:.4f}".rstrip("0")
+    assert x in text
+    (tmp_path / "a.dxf").write_text(text.replace(x, "nan", 1))
+    with pytest.raises(InterchangeError, match="layer SPOTS: a coordinate is no number"):
+        dxf.read(tmp_path / "a.dxf")
+
+
 def test_drawings_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(InterchangeError, match="different coordinate systems"):
         dxf.write(tmp_path / "a.dxf", {"a": points(), "b": lines(None)})

@@ -135,6 +135,12 @@ def test_heights_along_a_line_need_a_datum(tmp_path: Path) -> None:
         geojson.write(tmp_path / "a.geojson", replace(lines(), vertices=slope))
 
 
+def test_a_column_that_has_the_name_of_heights(tmp_path: Path) -> None:
+    columns = {"z": Column.of(np.zeros(40))}
+    with pytest.raises(InterchangeError, match="column z: it has the name of the heights"):
+        geojson.write(tmp_path / "a.geojson", replace(points(), columns=columns))
+
+
 def test_the_antimeridian_is_not_crossed(tmp_path: Path) -> None:
     degrees = replace(points(SPACE), xyz=np.array([[179.9, 18.3, 0.0], [-179.9, 18.2, 0.0]]), columns={})
     with pytest.raises(InterchangeError, match="antimeridian"):

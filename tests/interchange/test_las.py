@@ -76,6 +76,6 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         path.write_bytes(content)
         with pytest.raises(InterchangeError, match=words):
             las.read(path)
-    las.write(path, replace(points(), xyz=np.empty((0, 3)), columns={}))
+    las.write(path, replace(points(), xyz=np.empty((0, 3)), columns={"depth": Column.of(np.empty(0))}))
     with pytest.raises(InterchangeError, match="there are no points"):
         las.read(path)

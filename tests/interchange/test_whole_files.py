@@ -130,6 +130,8 @@ def test_a_missing_package_is_named(tmp_path: Path, name: str, extra: str, monke
     "make",
     [
         partial(Points, xyz=np.zeros((3, 2))),
+        partial(Points, xyz=np.full((3, 3), np.nan)),
+        partial(Lines, vertices=[np.full((3, 3), np.inf)], closed=np.array([False])),
         partial(Points, xyz=np.zeros((3, 3)), columns={"a": Column.of([1.0])}),
         partial(Lines, vertices=[np.zeros((1, 3))], closed=np.array([False])),
         partial(Lines, vertices=[np.zeros((2, 3))], closed=np.array([])),
@@ -139,5 +141,5 @@ def test_a_missing_package_is_named(tmp_path: Path, name: str, extra: str, monke
     ],
 )
 def test_layers_of_wrong_shapes(make: Callable[[], object]) -> None:
-    with pytest.raises(ValueError, match=r"shape|rows|closed|spacing"):
+    with pytest.raises(ValueError, match=r"shape|rows|closed|spacing|no number"):
         make()

@@ -71,10 +71,10 @@ def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> tuple[
     dots = [entity for entity in entities if entity.dxftype() == "POINT"]
     drawn = [entity for entity in entities if entity.dxftype() != "POINT"]
     vertices, closed = [_vertices(entity) for entity in drawn], [_is_closed(entity) for entity in drawn]
-    if problems := [*_without_heights(path, drawn, vertices)]:
+    xyz = np.array([tuple(dot.dxf.location) for dot in dots]).reshape(-1, 3)
+    if problems := [*_no_numbers(path, dots + drawn, [*xyz, *vertices]), *_without_heights(path, drawn, vertices)]:
         raise InterchangeError(problems)
     place: dict[str, Any] = {"crs": placed(stated or crs), "heights": words or heights}
-    xyz = np.array([tuple(dot.dxf.location) for dot in dots]).reshape(-1, 3)
     lines = Lines.of_paths(
         [np.concatenate([line, line[:1]]) if ring else line for line, ring in zip(vertices, closed, strict=True)],
         columns=_layers(drawn),
@@ -171,6 +171,12 @@ def _vertices(entity: Any) -> FloatArray:
 
 def _is_closed(entity: Any) -> bool:
     return entity.dxftype() != "LINE" and bool(entity.is_closed)
+
+
+def _no_numbers(path: Path, entities: list[Any], coordinates: list[FloatArray]) -> Iterator[Problem]:
+    for entity, xyz in zip(entities, coordinates, strict=True):
+        if not np.isfinite(xyz).all():
+            yield fault(path, f"layer {entity.dxf.layer}", "a coordinate is no number", "x, y and z")
 
 
 def _without_heights(path: Path, drawn: list[Any], vertices: list[FloatArray]) -> Iterator[Problem]:

@@ -48,6 +48,8 @@ def write(path: Path, layer: Points | Lines) -> None:
     positions, members = _to_wgs84(path, layer, xyz)
     properties = {name: _values(column) for name, column in layer.columns.items()}
     if positions.shape[1] == 2:
+        if _HEIGHT in properties:
+            raise refuse(path, f"column {_HEIGHT}", "it has the name of the heights", "another name")
         properties[_HEIGHT] = [_line_height(path, i, line[:, 2]) for i, line in enumerate(paths)]
     units = {name: column.unit for name, column in layer.columns.items() if column.unit}
     drawn = np.split(positions, np.searchsorted(index, np.arange(1, len(paths))))
@@ -123,9 +125,8 @@ def _to_wgs84(path: Path, layer: Points | Lines, xyz: FloatArray) -> tuple[Float
             positions = _transformed(way, xyz if in_space else xyz[:, :2])
         except ProjError as error:
             raise refuse(path, "", f"{crs.name} does not reach the coordinates ({error})", wanted) from error
-    positions = (
-        np.column_stack([np.round(a, d) for a, d in zip(positions.T, _DECIMALS, strict=False)]) + 0.0
-    )  # no zero has a sign
+    rounded = [np.round(axis, decimals) + 0.0 for axis, decimals in zip(positions.T, _DECIMALS, strict=False)]
+    positions = np.column_stack(rounded)  # + 0.0: no zero has a sign
     if np.ptp(positions[:, 0]) > 180.0:
         raise refuse(path, "", "longitudes from -180 to 180 degrees: the antimeridian is between them", wanted)
     accuracy = f"{way.accuracy:g} m" if way.accuracy >= 0.0 else "unknown"

@@ -68,7 +68,7 @@ class Layer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Points(Layer):
-    """n points. Raises `ValueError` where arrays are not of one length, as lines do."""
+    """n points. Raises `ValueError` for what is no number, and for arrays of other lengths; lines do too."""
 
     xyz: FloatArray  # (n, 3)
     columns: Mapping[str, Column] = field(default_factory=dict)
@@ -76,6 +76,7 @@ class Points(Layer):
     def __post_init__(self) -> None:
         if self.xyz.ndim != 2 or self.xyz.shape[1] != 3:
             raise ValueError(f"points are rows of x, y, z, not an array of the shape {self.xyz.shape}")
+        _require_finite(self.xyz)
         _require_length(self.columns, len(self.xyz))
 
 
@@ -91,6 +92,7 @@ class Lines(Layer):
         for line in self.vertices:
             if line.ndim != 2 or line.shape[1] != 3 or len(line) < 2:
                 raise ValueError(f"lines are two rows of x, y, z or more, not an array of the shape {line.shape}")
+            _require_finite(line)
         if len(self.closed) != len(self.vertices):
             raise ValueError(f"{len(self.closed)} lines are closed or not, and {len(self.vertices)} have vertices")
         _require_length(self.columns, len(self.vertices))
@@ -135,6 +137,11 @@ class Grid(Layer):
         """Rows and columns."""
         rows, columns = next(iter(self.bands.values())).shape
         return rows, columns
+
+
+def _require_finite(xyz: FloatArray) -> None:
+    if not np.isfinite(xyz).all():
+        raise ValueError("a coordinate is no number: what has no place has no row in a layer")
 
 
 def _require_length(columns: Mapping[str, Column], count: int) -> None:

@@ -56,14 +56,14 @@ def read(path: Path, columns: Sequence[str] = _AXES, crs: pyproj.CRS | None = No
     """
     require_content(path)
     with path.open(newline="", **ENCODING) as file:  # type: ignore[call-overload]
-        lines = file.read().removeprefix("\ufeff").splitlines()
+        lines = [line.rstrip("\r") for line in file.read().removeprefix("\ufeff").split("\n")]
     if path.suffix.lower() == _NAMED:
         layout = Layout.of(path, _without_units(lines[0]), columns, (), InterchangeError)
         names, places = layout.names, layout.places
         units = [_parted(name)[1] for name in names_of(lines[0])]
-        rows = [(number, next(csv.reader([line]))) for number, line in enumerate(lines[1:], 2) if line.strip()]
+        rows = [(place, next(csv.reader([line]))) for place, line in enumerate(lines[1:], 2) if line.strip()]
     else:
-        rows = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
+        rows = [(place, line.split()) for place, line in enumerate(lines, 1) if line.strip()]
         width = len(rows[0][1]) if rows else 0
         names = (*_AXES, *(f"column{place}" for place in range(4, width + 1)))
         places, units = (0, 1, 2), [""] * len(names)

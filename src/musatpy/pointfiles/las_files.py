@@ -120,11 +120,13 @@ def read_columns(source: Path) -> tuple[FloatArray, dict[str, tuple[Any, str]]]:
     with opened(source) as reader:
         extra = [d for d in reader.header.point_format.extra_dimensions if d.num_elements == 1]
         records = list(_chunks(reader, CHUNK, source))
+    if not records:
+        return np.empty((0, 3)), {}
     xyz = [np.column_stack([np.asarray(record[name]) for name in _AXES]) for record in records]
     columns = {
         d.name: (np.concatenate([np.asarray(record[d.name]) for record in records]), d.description) for d in extra
     }
-    return np.concatenate([np.empty((0, 3)), *xyz]), columns if records else {}
+    return np.concatenate(xyz), columns
 
 
 def write_columns(
