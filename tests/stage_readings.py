@@ -16,7 +16,14 @@ from musatpy.formats.compilation_deck import compilation_bytes
 from musatpy.geometry.collinearity import image
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.model.compilation import Compilation, ContourSpec, SoundingDatum, StageReadings, StereomodelSpecs
+from musatpy.model.compilation import (
+    Compilation,
+    ContourSpec,
+    ProfileSpecs,
+    SoundingDatum,
+    StageReadings,
+    StereomodelSpecs,
+)
 from musatpy.simulation.raytrace import trace
 from musatpy.units import DEGREE
 
@@ -35,6 +42,14 @@ def bottom(number: int = 120) -> FloatArray:
     latitude = 18.3345 - 0.0085 * south
     height = -2.0 - 23.0 * south**1.5 + 0.3 * draws.normal(size=number)
     return np.stack([latitude * DEGREE, east * DEGREE, height], axis=1)
+
+
+def line(number: int = 31) -> FloatArray:
+    """Return latitude, longitude (rad), height (m) of a line down the bottom; one reading is 4 m too high."""
+    south = np.linspace(0.05, 0.9, number)
+    height = -2.0 - 23.0 * south**1.5
+    height[12] += 4.0
+    return np.stack([(18.3345 - 0.0085 * south) * DEGREE, np.full(number, -64.9352 * DEGREE), height], axis=1)
 
 
 def images(photo: str, points: FloatArray) -> FloatArray:
@@ -73,6 +88,10 @@ def compilation(pointing: float = POINTING) -> Compilation:
         xy = np.stack([images(left, new), images(right, new)], axis=1)
         seen = np.flatnonzero((np.abs(xy) < 108.0).all(axis=(1, 2)))
         rows += [(number, f"G{point:03d}", "G", True, xy[point]) for point in seen.tolist()]
+    left, right = MODELS[0][1:]
+    down = np.stack([images(left, line()), images(right, line())], axis=1)
+    rows += [(0, "N", "G", True, down[0]), (0, "S", "G", True, down[-1])]
+    rows += [(0, "NS", "P", True, xy) for xy in down[np.random.default_rng(23).permutation(len(down))]]
     model, ids, kind, submerged, read = zip(*rows, strict=True)
     every = np.array(read)
     blank, none = np.array(["", ""]), np.full(2, np.nan)
@@ -96,6 +115,15 @@ def compilation(pointing: float = POINTING) -> Compilation:
             submerged=np.array(submerged),
             xy=np.round(every + pointing * draws.normal(size=every.shape), 6),
             sigma=np.full(len(every), np.nan),
+        ),
+        profiles=ProfileSpecs(
+            ids=np.array(["NS"]),
+            model=np.array([0]),
+            start=np.array(["N"]),
+            end=np.array(["S"]),
+            step=np.array([50.0]),
+            spike=np.array([2.0]),
+            tolerance=np.array([0.3]),
         ),
         datum=SoundingDatum(name="MLLW", height=-0.15, sigma=0.05),
         contours=ContourSpec(interval=2.0, index=5, longest_edge=600.0, shortest=20.0),

@@ -10,13 +10,15 @@ from pathlib import Path
 from musatpy.compilation.against_run import against_run
 from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
+from musatpy.compilation.profiles import profiles_of
 from musatpy.compilation.triangulation import of_record
 from musatpy.errors import CompilationError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_deck import read_compilation
+from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation
-from musatpy.reports.compilation_bottom import contours_csv
+from musatpy.reports.compilation_bottom import contours_csv, profiles_csv
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
@@ -46,9 +48,10 @@ def compile_deck(
 ) -> CompileResult:
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
-    With contours also `NAME.contours.csv`, and with `plots` `NAME.contours.png`; with `gis` `NAME.gpkg` and
-    `NAME.dxf`; with `csv` the tables of the listing, in `NAME_tables`. Where run or deck cannot be used nothing is
-    written, and every reason is in `problems`. Raises `OSError` where files cannot be read or written.
+    With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv`, and with `plots` their picture,
+    `NAME.contours.png`; with `gis` `NAME.gpkg` and `NAME.dxf`; with `csv` the tables of the listing, in
+    `NAME_tables`. Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises
+    `OSError` where files cannot be read or written.
     """
     problems: list[Problem] = []
     triangulation = contents = None
@@ -70,18 +73,21 @@ def compile_deck(
             status=ExitStatus.UNUSABLE, problems=(*problems, *_of_deck(deck, error)), compiled=None
         )
     against = [against_run(model, contents.stages.kind[model.rows] == AGAIN) for model in result.models]
-    bottoms = bottoms_of(result)
+    profiles, bottoms = profiles_of(result), bottoms_of(result)
     warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
-    sections = compilation.sections_of(result, against, bottoms, warnings)
+    sections = compilation.sections_of(result, against, profiles, bottoms, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
     files = {
         listing: text.encode(),
-        record: dumps(compilation.record_of(result, against, bottoms, warnings)).encode(),
+        record: dumps(compilation.record_of(result, against, profiles, bottoms, warnings)).encode(),
     }
     if csv:
         folder = listing.with_name(f"{deck.stem}_tables")
         files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
+    if profiles:
+        angular = triangulation.block.options.system is CoordinateSystem.GEOGRAPHIC
+        files[listing.with_suffix(".profiles.csv")] = profiles_csv(profiles, angular).encode()
     if bottoms:
         files[listing.with_suffix(".contours.csv")] = contours_csv(bottoms, result.datum.height).encode()
     if plots and bottoms:

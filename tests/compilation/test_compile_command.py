@@ -55,7 +55,7 @@ def test_the_deck_of_the_fixture_is_what_its_generator_writes() -> None:
 
 def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path, tmp_path: Path) -> None:
     result = compiled(run, stage_readings.DECK, tmp_path, "--csv")
-    assert result.exit_code == 0 and "168 points in 2 models, listing" in result.output
+    assert result.exit_code == 0 and "201 points in 2 models, listing" in result.output
     listing = (tmp_path / "st_thomas_as11.lst").read_text()
     assert listing == stage_readings.DECK.with_suffix(".lst").read_text()
     assert max(map(len, listing.splitlines())) <= 132
@@ -63,7 +63,7 @@ def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path
     assert not list(violations(record, of_record, of_record))
     assert list(record) == list(of_record["properties"])
     table = tmp_path / "st_thomas_as11_tables/point_compilation_true_coordinates.csv"
-    assert len(table.read_text().splitlines()) == 169
+    assert len(table.read_text().splitlines()) == 202
 
 
 def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, tmp_path: Path) -> None:
@@ -111,6 +111,40 @@ def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:
     assert np.sqrt(np.mean(np.square(error))) < 0.7 and abs(error.mean()) < 0.2
 
 
+def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: Path) -> None:
+    """Readings in any order; posts follow the true line to the pointing, the spike left out of bottom and posts."""
+    assert compiled(run, stage_readings.DECK, tmp_path).exit_code == 0
+    record = json.loads((tmp_path / "st_thomas_as11.json").read_text())
+    (row,) = record["profiles"]
+    assert (row["profile"], row["readings"], row["spikes"]) == ("NS", 31, 1) and row["needed"] < 31
+    assert row["length"] == pytest.approx(0.85 * 0.0085 * 110_670.0, abs=1.0)  # m in a degree of latitude there
+    head, *lines = (tmp_path / "st_thomas_as11.profiles.csv").read_text().splitlines()
+    assert head.endswith("latitude,longitude,height")
+    cells = [line.split(",") for line in lines]
+    posts = np.array([[float(cell[3]), float(cell[5])] for cell in cells if cell[0] == "post"])
+    south = 0.05 + 0.85 * posts[:, 0] / row["length"]
+    assert np.abs(posts[:, 1] - (2.0 - 0.15 + 23.0 * south**1.5)).max() < 1.5
+    assert np.allclose(np.diff(posts[:, 0]), 50.0) and len(posts) == 16
+    listing = (tmp_path / "st_thomas_as11.lst").read_text()
+    assert re.search(r"Model 2122, profile NS, station 3[12]\d\.\d\d m: depth [34]\.\d+ m", listing)
+    assert (
+        record["surfaces"][0]["points"]
+        == sum(row["model"] == "2122" and row["submerged"] and row["class"] != "R" for row in record["points"]) - 1
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("PRF NS       2122     N ", "PRF NS       2122     X ", "its end X has no position in the model"),
+        ("PRF NS       2122     N ", "PRF XX       2122     N ", "it has 0 readings with a position"),
+    ],
+)
+def test_a_profile_that_is_none_says_why(run: Path, tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert compiled(run, changed(tmp_path, (old, new)), tmp_path).exit_code == 0
+    assert message in (tmp_path / "changed.lst").read_text()
+
+
 def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
     lines = stage_readings.DECK.read_text().splitlines()
     kept = [line for line in lines if not (line.startswith("STG 2223") and line[22:24] == "GB")]
@@ -121,15 +155,16 @@ def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
 
 
 def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:
-    """Of 142 points, which depend on each other by the stations."""
+    """Of 144 points, which depend on each other by the stations."""
     compiled(run, stage_readings.DECK, tmp_path)
     rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
-    truth, scaled = stage_readings.bottom(), []
+    truth, scaled, line = stage_readings.bottom(), [], stage_readings.line()
+    ends = {"N": line[0], "S": line[-1]}
     for row in (row for row in rows if row["class"] == "G"):
-        true = truth[int(row["point"][1:])]
+        true = ends.get(row["point"]) if row["point"] in ends else truth[int(row["point"][1:])]
         north, east, up = (np.array(row["position"]) - true) * [6.35e6, 6.37e6 * np.cos(true[0]), 1.0]
         scaled.append(np.array([east, north, up]) / row["sigma"])
-    assert len(scaled) == 142
+    assert len(scaled) == 144
     rms = np.sqrt(np.mean(np.square(scaled), axis=0))
     assert (rms > 0.3).all() and (rms < 1.5).all()
 
@@ -164,7 +199,7 @@ def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_pa
         ("STG 2122     202 ", "STG 2129     202 ", "there is no MDL card of model 2129"),
         ("   5.00         00000004", "   -5.0         00000004", "changed.crd:4 cols 58-63 MDL.pointing"),
         ("R    3.994012", "Q    3.994012", "'Q' is not A1 (one of G, P, S, R)"),
-        ("3.994012", "3.9940l2", "changed.crd:6 cols 25-35 STG.x_left"),
+        ("3.994012", "3.9940l2", "changed.crd:7 cols 25-35 STG.x_left"),
     ],
 )
 def test_a_bad_deck_is_refused_with_its_cards(run: Path, tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -1,6 +1,6 @@
 """The bottom of a model: triangles over its submerged points, and contours of depth below the sounding datum.
 
-Points of the run that are read again check the model, and make no bottom.
+Points of the run that are read again check the model, and make no bottom; nor do spikes of profiles.
 """
 
 from __future__ import annotations
@@ -11,11 +11,9 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, CompiledModel
-from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.profiles import profiles_of
 from musatpy.errors import SurfaceError
-from musatpy.geometry.frames import GeocentricFrame, GeographicFrame
 from musatpy.geometry.plan import Plan
-from musatpy.geometry.systems import Geocentric, Geographic, System
 from musatpy.model.compilation import AGAIN, ContourSpec
 from musatpy.surfaces.contours import Contours, contours, levels_between
 from musatpy.surfaces.tin import Tin
@@ -68,10 +66,13 @@ def surfaces_of(compiled: Compiled) -> list[Surface]:
     """Return the surface of each model: depths below the sounding datum."""
     longest = compiled.deck.contours.longest_edge if compiled.deck.contours else np.inf
     (depth, sigma), first, surfaces = compiled.datum_depth, 0, []
+    spike = np.zeros(len(depth), dtype=bool)
+    for line in profiles_of(compiled):
+        spike[line.rows] |= line.profile.spike if line.profile else False
     for model in compiled.models:
         rows = slice(first, first := first + len(model.rows))
         again = compiled.deck.stages.kind[model.rows] == AGAIN
-        used = np.flatnonzero(model.readings.submerged & ~again & np.isfinite(depth[rows]))
+        used = np.flatnonzero(model.readings.submerged & ~again & ~spike[rows] & np.isfinite(depth[rows]))
         surfaces.append(_surface(model, used, np.stack([depth[rows], sigma[rows]])[:, used], longest))
     return surfaces
 
@@ -89,7 +90,7 @@ def _surface(model: CompiledModel, rows: IntArray, depths: FloatArray, longest_e
     """Return the surface by the points `rows` (k,) of a model, with depths (2, k) and their sigmas."""
     if not len(rows):
         return Surface(model=model, tin=None, plan=None, reason="no submerged point of it has a position")
-    position, system = model.points.position[rows], system_of(model.stereo.run)
+    position, system = model.points.position[rows], model.stereo.run.map_system
     plan = None if system is None else Plan.about(system, position)
     xy = (position if plan is None else plan.places(position))[:, :2]
     try:
@@ -106,11 +107,3 @@ def _bottom(surface: Surface, spec: ContourSpec) -> Bottom:
     levels = levels_between(float(tin.z.min()), float(tin.z.max()), spec.interval)
     thick = levels[np.rint(levels / spec.interval) % spec.index == 0]
     return Bottom(surface=surface, lines=contours(tin, levels.tolist(), thick.tolist(), spec.shortest))
-
-
-def system_of(run: Triangulation) -> System | None:
-    """Return the system of the coordinates of a job on the ellipsoid, None of a local one."""
-    frame = run.frame
-    if not isinstance(frame, GeocentricFrame):
-        return None
-    return (Geographic if isinstance(frame, GeographicFrame) else Geocentric)(frame.ellipsoid)

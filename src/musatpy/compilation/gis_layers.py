@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.compilation.bottom import Bottom, system_of
+from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
 from musatpy.geometry.plan import Plan
 from musatpy.interchange.layers import Column, Lines, Points
@@ -21,7 +21,7 @@ def layers_of(compiled: Compiled, bottoms: list[Bottom]) -> dict[str, Points | L
     """
     position = compiled.gathered("position")
     known = np.isfinite(position).all(axis=1)
-    system = system_of(compiled.run)
+    system = compiled.run.map_system
     plan = None if system is None or not known.any() else Plan.about(system, position[known])
     place: dict[str, Any] = {"crs": None, "heights": "heights of the job"}
     if plan is not None:

@@ -12,7 +12,8 @@ import numpy as np
 from musatpy.adjustment.network import job_frame
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import CompilationError, Problem, RecordError
-from musatpy.geometry.frames import Frame
+from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame
+from musatpy.geometry.systems import Geocentric, Geographic, System
 from musatpy.json_files import read_record
 from musatpy.model import (
     Block,
@@ -86,6 +87,14 @@ class Triangulation:
         photos = self.block.photos
         known = np.isfinite(self.given).all()
         return job_frame(replace(self.block, photos=replace(photos, position=self.given)) if known else self.block)
+
+    @property
+    def map_system(self) -> System | None:
+        """The system of its positions on an ellipsoid, None of a local job."""
+        if not isinstance(self.frame, GeocentricFrame):
+            return None
+        kind = Geographic if isinstance(self.frame, GeographicFrame) else Geocentric
+        return kind(self.frame.ellipsoid)
 
     def photo(self, name: str) -> int:
         """Return the row of a photo. Raises `CompilationError` where the run has none of this name."""

@@ -14,11 +14,24 @@ from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.codec import Column
 from musatpy.formats.cards.deck import CardDeck, CardTable, read_cards, write_cards
 from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
-from musatpy.model.compilation import Compilation, ContourSpec, SoundingDatum, StageReadings, StereomodelSpecs
+from musatpy.model.compilation import (
+    IN_PROFILE,
+    Compilation,
+    ContourSpec,
+    ProfileSpecs,
+    SoundingDatum,
+    StageReadings,
+    StereomodelSpecs,
+)
 from musatpy.units import MICROMETRE
 
 _SHARED = ("TTL", "END")  # cards of triangulation decks that these have too
-_POSITIVE = {"MDL": ("pointing", "limit"), "STG": ("sigma",), "CIN": ("interval", "index", "longest_edge")}
+_POSITIVE = {
+    "MDL": ("pointing", "limit"),
+    "STG": ("sigma",),
+    "CIN": ("interval", "index", "longest_edge"),
+    "PRF": ("step", "spike"),
+}
 _COORDINATES = ("x_left", "y_left", "x_right", "y_right")
 
 
@@ -66,10 +79,23 @@ def read_compilation(source: Path | str | bytes) -> tuple[Compilation, tuple[Pro
                 xy=_coordinates(stages),
                 sigma=_number(stages, "sigma") * MICROMETRE,
             ),
+            profiles=_profiles(deck.table(cards["PRF"]), number),
             datum=_datum(deck.table(cards["VDT"])),
             contours=_contours(deck.table(cards["CIN"])),
         ),
         tuple(problems),
+    )
+
+
+def _profiles(table: CardTable, models: dict[str, int]) -> ProfileSpecs:
+    return ProfileSpecs(
+        ids=_text(table, "profile"),
+        model=np.array([models[name] for name in _text(table, "model").tolist()], dtype=np.int64),
+        start=_text(table, "start"),
+        end=_text(table, "end"),
+        step=_number(table, "step"),
+        spike=_number(table, "spike"),
+        tolerance=_number(table, "tolerance"),
     )
 
 
@@ -110,6 +136,14 @@ def compilation_bytes(deck: Compilation) -> bytes:
                 **{name: getattr(models, name) for name in names},
                 "pointing": models.pointing / MICROMETRE,
                 "limit": models.limit / MICROMETRE,
+            },
+        ),
+        (
+            cards["PRF"],
+            {
+                "profile": deck.profiles.ids,
+                "model": models.ids[deck.profiles.model],
+                **{name: getattr(deck.profiles, name) for name in ("start", "end", "step", "spike", "tolerance")},
             },
         ),
         (
@@ -170,10 +204,16 @@ def _cross_checks(deck: CardDeck) -> Iterator[Problem]:
         for name in names:
             for row in np.flatnonzero(_number(table, name) <= 0.0).tolist():
                 yield _problem(deck, table, row, name, "not greater than zero")
+    profiles = deck.table(cards["PRF"])
+    for row in _repeated([_text(profiles, "model"), _text(profiles, "profile")]):
+        yield _problem(deck, profiles, row, "profile", "a second profile of this name in the model")
+    for row in np.flatnonzero(~np.isin(_text(profiles, "model"), ids)).tolist():
+        yield _problem(deck, profiles, row, "model", "there is no MDL card of this model")
     of, points = _text(stages, "model"), _text(stages, "point")
     for row in np.flatnonzero(~np.isin(of, ids)).tolist():
         yield _problem(deck, stages, row, "model", f"there is no MDL card of model {of[row]}")
-    for row in _repeated([of, points]):
+    single = np.flatnonzero(_text(stages, "class") != IN_PROFILE)
+    for row in single[_repeated([of[single], points[single]])].tolist():
         yield _problem(deck, stages, row, "point", f"point {points[row]} is read twice in model {of[row]}")
 
 

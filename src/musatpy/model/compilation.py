@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model.tables import Table, per_row
+from musatpy.model.tables import Table, empty, per_row
 
+IN_PROFILE = "P"  # class of readings of a profile
 AGAIN = "R"  # class of points of the run that are read again
 RECOVERABLE = 0.015  # mm, "recoverable to within 10-15 microns" (ETL-0306, section 6)
 
@@ -53,6 +55,19 @@ class StageReadings(Table):
         return np.flatnonzero(self.model == row)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProfileSpecs(Table):
+    """q profiles between points of a model, in the order of the deck; lengths in m."""
+
+    ids: TextArray = per_row()  # (q,)
+    model: IntArray = per_row()  # (q,) link to the models
+    start: TextArray = per_row()  # (q,) ids of readings
+    end: TextArray = per_row()
+    step: FloatArray = per_row()  # (q,)
+    spike: FloatArray = per_row()  # (q,) NaN: nothing is a spike
+    tolerance: FloatArray = per_row()  # (q,) 0: all readings are needed
+
+
 @dataclass(frozen=True, kw_only=True)
 class SoundingDatum:
     """The height from which charted depths count, in heights of the job (m), and its sigma, 0 where it is exact."""
@@ -79,5 +94,6 @@ class Compilation:
     titles: tuple[str, ...]
     models: StereomodelSpecs
     stages: StageReadings
+    profiles: ProfileSpecs = field(default_factory=partial(empty, ProfileSpecs))
     datum: SoundingDatum | None = None  # None: no card
     contours: ContourSpec | None = None  # None: none are asked for

@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.against_run import AgainstRun
     from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.compiled import Compiled, CompiledModel
+    from musatpy.compilation.profiles import CompiledProfile
 
 _VERSION = "1.0"
 _ABOUT = (
@@ -132,7 +133,11 @@ RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
 
 
 def record_of(
-    compiled: Compiled, against: list[AgainstRun], bottoms: list[Bottom], warnings: Sequence[str]
+    compiled: Compiled,
+    against: list[AgainstRun],
+    profiles: list[CompiledProfile],
+    bottoms: list[Bottom],
+    warnings: Sequence[str],
 ) -> dict[str, Json]:
     """Return the record of a compilation, with its points beside those of the run, and the bottom."""
     nodes: tuple[Node[Compiled], ...] = (JOB, MODELS, POINTS)
@@ -141,6 +146,7 @@ def record_of(
         **{node.name: node.json(compiled) for node in nodes},
         RECOVERED.name: RECOVERED.json((compiled, against)),
         RUN_POINTS.name: RUN_POINTS.json((compiled, against)),
+        compilation_bottom.PROFILES.name: compilation_bottom.PROFILES.json(profiles),
         **{node.name: node.json(bottoms) for node in compilation_bottom.RECORD},
         "warnings": list(warnings),
     }
@@ -151,6 +157,7 @@ def schema() -> Schema:
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
         *(JOB, MODELS, POINTS, RECOVERED, RUN_POINTS),
+        compilation_bottom.PROFILES,
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
     )
@@ -289,7 +296,11 @@ STATED = (MODEL_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
 
 
 def sections_of(
-    compiled: Compiled, against: list[AgainstRun], bottoms: list[Bottom], warnings: Sequence[str]
+    compiled: Compiled,
+    against: list[AgainstRun],
+    profiles: list[CompiledProfile],
+    bottoms: list[Bottom],
+    warnings: Sequence[str],
 ) -> list[Section]:
     """Return what the listing says, section by section."""
     names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
@@ -302,7 +313,7 @@ def sections_of(
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
         POINT_TABLE.section(compiled, new_page=True),
         RAY_TABLE.section(compiled),
-        *compilation_bottom.sections_of(bottoms),
+        *compilation_bottom.sections_of(bottoms, profiles),
         *([RUN_TABLE.section((compiled, against), new_page=True), _analysis(shown)] if shown else []),
     ]
 

@@ -1,4 +1,4 @@
-"""Surfaces and contours of a compilation, as tables and as lines in a file."""
+"""Profiles, surfaces and contours of a compilation, as tables and as lines in files."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.compilation.bottom import Bottom
+    from musatpy.compilation.profiles import CompiledProfile
 
 Level = tuple[str, float, bool, int, float, float]
 
@@ -47,7 +48,36 @@ CONTOURS: Each[list[Bottom], Level] = Each(
         Field("area", "number", "enclosed by closed lines", lambda c: c[5], "m2"),
     ),
 )
+PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
+    "profiles",
+    "one row per profile",
+    lambda profiles: profiles,
+    (
+        Field("model", "string", "model id", lambda p: p.model),
+        Field("profile", "string", "profile id", lambda p: p.name),
+        Field("readings", "integer", "with a position", lambda p: len(p.rows)),
+        Field("spikes", "integer", "readings beside the median of seven", lambda p: _number(p, "spike")),
+        Field("needed", "integer", "readings that thinning keeps", lambda p: _number(p, "kept")),
+        Field("length", "number?", "from the first to the last reading", lambda p: _of_stations(p), "m"),
+        Field("least", "number?", "depth below the datum", lambda p: _of_values(p, np.min), "m"),
+        Field("greatest", "number?", "depth below the datum", lambda p: _of_values(p, np.max), "m"),
+        Field("reason", "string", "why there is none; empty where there is", lambda p: p.reason),
+    ),
+)
 RECORD = (SURFACES, CONTOURS)
+
+
+def _number(part: CompiledProfile, name: str) -> int:
+    return 0 if part.profile is None else int(getattr(part.profile, name).sum())
+
+
+def _of_stations(part: CompiledProfile) -> float:
+    return np.nan if part.profile is None else float(np.ptp(part.profile.station))
+
+
+def _of_values(part: CompiledProfile, of: Any) -> float:
+    values = np.zeros(0) if part.profile is None else part.profile.value[~part.profile.spike]
+    return float(of(values)) if len(values) else np.nan
 
 
 def _depth(bottom: Bottom, of: Any) -> float:
@@ -91,14 +121,40 @@ CONTOUR_TABLE: Report[Any] = Report(
         Column("Enclosed area\nm2", "F14.1", shows="area"),
     ),
 )
-STATED = (SURFACE_TABLE, CONTOUR_TABLE)
+PROFILE_TABLE: Report[Any] = Report(
+    title="Profile Compilation",
+    table=PROFILES,
+    columns=(
+        key("Model", "A8", "model"),
+        key("Profile", "A8", "profile"),
+        Column("Readings", "I8", shows="readings"),
+        Column("Spikes", "I6", shows="spikes"),
+        Column("Needed", "I6", shows="needed"),
+        Column("Length\nm", "F10.2", shows="length"),
+        Column("Least depth\nm", "F11.3", shows="least"),
+        Column("Greatest depth\nm", "F14.3", shows="greatest"),
+        Column("Without, because", "A44", shows="reason"),
+    ),
+)
+STATED = (PROFILE_TABLE, SURFACE_TABLE, CONTOUR_TABLE)
 
 
-def sections_of(bottoms: list[Bottom]) -> list[Section]:
-    """Return the tables, nothing where no bottom was asked for."""
+def sections_of(bottoms: list[Bottom], profiles: list[CompiledProfile]) -> list[Section]:
+    """Return the tables, and the spikes of profiles; nothing of what was not asked for."""
+    sections = [PROFILE_TABLE.section(profiles, new_page=True)] if profiles else []
+    spikes = [
+        f"Model {part.model}, profile {part.name}, station {station:.2f} m: depth {value:.3f} m"
+        for part in profiles
+        if part.profile is not None
+        for station, value in zip(
+            part.profile.station[part.profile.spike], part.profile.value[part.profile.spike], strict=True
+        )
+    ]
+    if spikes:
+        sections.append(Section(title="Spikes Of Profiles", lines=spikes))
     if not bottoms:
-        return []
-    return [SURFACE_TABLE.section(bottoms, new_page=True), CONTOUR_TABLE.section(bottoms)]
+        return sections
+    return [*sections, SURFACE_TABLE.section(bottoms, new_page=True), CONTOUR_TABLE.section(bottoms)]
 
 
 def contours_csv(bottoms: list[Bottom], datum: float) -> str:
@@ -116,4 +172,29 @@ def contours_csv(bottoms: list[Bottom], datum: float) -> str:
             head = f"{number},{bottom.model.name},{line.level:g},{int(line.index)},{int(line.closed)},"
             for vertex in bottom.surface.coordinates(line.xy, np.full(len(line.xy), datum - line.level)) / unit:
                 lines.append(head + ",".join(f"{v:.{d}f}" for v, d in zip(vertex, decimals, strict=True)))
+    return "\n".join(lines) + "\n"
+
+
+def profiles_csv(profiles: list[CompiledProfile], angular: bool) -> str:
+    """Return the readings of profiles, and the depths at even steps, as comma-separated values (degrees, m).
+
+    What a row is stands first: a reading, a spike, a reading that thinning does not need, or a post.
+    """
+    lines = [f"row,model,profile,station,offset,depth,sigma,{'latitude,longitude,height' if angular else 'X,Y,Z'}"]
+    unit, decimals = (np.array([DEGREE, DEGREE, 1.0]), (10, 10, 4)) if angular else (np.ones(3), (4, 4, 4))
+    for part in profiles:
+        done = part.profile
+        if done is None:
+            continue
+        names = np.where(done.spike, "spike", np.where(done.kept, "reading", "not needed"))
+        for row, name in enumerate(names.tolist()):
+            place = ",".join(f"{v:.{d}f}" for v, d in zip(part.position[row] / unit, decimals, strict=True))
+            numbers = (done.station[row], done.offset[row], done.value[row], part.sigma[row])
+            texts = ",".join(f"{number:.3f}" for number in numbers)
+            lines.append(f"{name},{part.model},{part.name},{texts},{place}")
+        stations, depths = done.at_steps(part.step)
+        lines += [
+            f"post,{part.model},{part.name},{station:.3f},0.000,{depth:.3f},,,,"
+            for station, depth in zip(stations, depths, strict=True)
+        ]
     return "\n".join(lines) + "\n"

@@ -1,0 +1,80 @@
+"""Profiles: points along a line, put in order, cleared of spikes, thinned, and read off at even steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+
+_HALF = 3  # readings to either side of one whose median it is held against
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Profile:
+    """k readings in the order of their stations (k,) m along a line, `offset` (k,) m to its left; input `rows`.
+
+    spike (k,) are readings farther from the median of seven than a limit, kept (k,) those that a thinning needs.
+    """
+
+    rows: IntArray
+    station: FloatArray
+    offset: FloatArray
+    value: FloatArray
+    spike: BoolArray
+    kept: BoolArray
+
+    def at_steps(self, step: float) -> tuple[FloatArray, FloatArray]:
+        """Return stations (s,) from the first reading on, a step apart, and the values there, spikes left out."""
+        good = ~self.spike
+        station, first = np.unique(self.station[good], return_index=True)
+        if not len(station):
+            return np.zeros(0), np.zeros(0)
+        posts = np.arange(station[0], station[-1] + 1e-9 * max(step, 1.0), step)
+        return posts, np.interp(posts, station, self.value[good][first])
+
+
+def profile(
+    xy: FloatArray, value: FloatArray, start: FloatArray, end: FloatArray, *, spike: float, tolerance: float
+) -> Profile:
+    """Return the readings xy (k, 2) m with values (k,) along the line from `start` (2,) to `end` (2,).
+
+    `spike` and `tolerance` (m) are the limits of spikes and of thinning (Douglas and Peucker 1973, in station and
+    value); infinite for none of the first, 0 for none of the second.
+    """
+    along = (end - start) / np.linalg.norm(end - start)
+    station, offset = (xy - start) @ along, (xy - start) @ np.array([-along[1], along[0]])
+    order = np.argsort(station, kind="stable")
+    station, values = station[order], value[order]
+    spikes = np.abs(values - _running_median(values)) > spike
+    kept = np.zeros(len(order), dtype=bool)
+    good = np.flatnonzero(~spikes)
+    kept[good[_needed(station[good], values[good], tolerance)]] = True
+    return Profile(rows=order, station=station, offset=offset[order], value=values, spike=spikes, kept=kept)
+
+
+def _running_median(values: FloatArray) -> FloatArray:
+    """Return the median (k,) of each value and its three neighbours to either side, as far as there are any."""
+    count = len(values)
+    return np.array([np.median(values[max(i - _HALF, 0) : min(i + _HALF, count - 1) + 1]) for i in range(count)])
+
+
+def _needed(station: FloatArray, value: FloatArray, tolerance: float) -> BoolArray:
+    """Return which points (k,) a line needs that stays within a tolerance of the others."""
+    needed = np.zeros(len(station), dtype=bool)
+    if not tolerance > 0.0 or len(station) < 3:
+        return ~needed
+    needed[[0, -1]] = True
+    parts = [(0, len(station) - 1)]
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        line = np.interp(station[first : last + 1], station[[first, last]], value[[first, last]])
+        off = np.abs(value[first : last + 1] - line)
+        worst = first + int(off.argmax())
+        if off.max() > tolerance:
+            needed[worst] = True
+            parts += [(first, worst), (worst, last)]
+    return needed
