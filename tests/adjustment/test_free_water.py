@@ -96,6 +96,7 @@ def test_relative_orientation_through_water_after_a_similarity(method: str, inde
     assert water.index == pytest.approx(float(result.at.index), abs=1e-10)
 
 
+@pytest.mark.slow
 def test_covariances_are_those_of_a_dense_pseudo_inverse() -> None:
     solution = adjusted("TRIPLET")
     Q, part = dense_cofactors(solution)

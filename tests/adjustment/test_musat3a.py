@@ -91,6 +91,7 @@ def test_equals_rigorous_musat2a_on_every_fixture(deck: Path) -> None:
     assert_same(adjust(with_options(block, refraction=Refraction.RIGOROUS, **TIGHT)), simultaneous(block, **TIGHT))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["S1", "S2", "S4"])
 def test_equals_musat2a_on_a_real_block(variant: str) -> None:
     block = case_decks.strasbourg(case_decks.load_case("sxb"), variant)

@@ -85,6 +85,7 @@ def test_without_its_waves_the_strip_is_wrong_by_decimetres() -> None:
     assert level.sigma0 > 1.5 * through.sigma0  # the images themselves tell that the water was not level
 
 
+@pytest.mark.slow
 def test_both_programs_find_the_same_through_waves() -> None:
     block = musat.read_deck(DECK)
     one, other = (musatpy.adjust(with_options(block, program=program)) for program in Program)

@@ -74,6 +74,7 @@ def agrees_with_clean(solution: Solution) -> None:
     assert solution.sigma0 == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_wrong() -> None:
     solution = edited(clean()[0])
     assert solution.findings == ()

@@ -60,6 +60,7 @@ def top(saved, tmp_path):
     return Path(shutil.copytree(saved, tmp_path / "copy"))
 
 
+@pytest.mark.slow
 def test_what_is_kept(saved):
     files = tree(saved / "base")
     assert set(files) == {

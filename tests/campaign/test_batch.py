@@ -27,6 +27,7 @@ SCHEMA = load_schema(BATCH_SCHEMA)
 NOT_CONVERGED = (b"FULL      20  20", b"FULL       1   1")
 
 
+@pytest.mark.slow
 def test_a_folder_of_decks_and_its_summary(tmp_path):
     decks = decks_in(tmp_path, small=2)
     short = tmp_path / "short.crd"

@@ -124,6 +124,7 @@ def test_two_runs_beside_a_listing_say_what_is_left_out(tmp_path):
     assert musat("audit", both).stdout.splitlines()[-1] == "consistent"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_disk_is_not_taken_for_an_inconsistent_listing():
     with open("/dev/full", "w") as full:

@@ -117,6 +117,7 @@ def test_a_rejected_answer_ends_with_4_and_its_reasons(tmp_path):
     assert (tmp_path / "cameras_underground.lst").exists()
 
 
+@pytest.mark.slow
 def test_a_doubtful_answer_is_said_and_is_rejected_only_if_that_is_asked_for(tmp_path):
     result = musat("run", "-q", IN_FEET, "-o", tmp_path)
     assert (result.exit_code, result.stdout) == (0, "")

@@ -79,6 +79,7 @@ def test_a_result_is_punched_in_the_system_of_the_answer(tmp_path):
     assert f"{east:.3f}" in lines  # US feet of EPSG:3992, as the listing has them
 
 
+@pytest.mark.slow
 def test_a_job_from_files_gives_the_answer_of_the_deck(tmp_path):
     """The files hold neither check points nor control's sigmas: the deck completes these."""
     for name in ("direct", "back"):

@@ -66,6 +66,7 @@ def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path
     assert len(table.read_text().splitlines()) == 202
 
 
+@pytest.mark.slow
 def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, tmp_path: Path) -> None:
     """Every vertex stands at its depth below the datum, and within the model."""
     assert compiled(run, stage_readings.DECK, tmp_path, "--plots").exit_code == 0
@@ -80,6 +81,7 @@ def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, t
     assert (tmp_path / "st_thomas_as11.contours.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_files_for_gis_are_read_by_other_programs(run: Path, tmp_path: Path) -> None:
     """Points and contours as sqlite and GDAL read them, twice the same bytes, on a map that names its ellipsoid."""
     data = []
@@ -169,6 +171,7 @@ def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tm
     assert (rms > 0.3).all() and (rms < 1.5).all()
 
 
+@pytest.mark.slow
 def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_path: Path) -> None:
     """(5.17) weighs objects, not images: some millimetres; the program of 1983 some centimetres beside them."""
     positions = {}

@@ -124,6 +124,7 @@ def test_a_run_without_a_system_is_taken_in_longitude_and_latitude(tmp_path: Pat
     assert np.nanmax(np.abs(misses(tmp_path / "true.csv", "EPSG:4326"))) < NEAR
 
 
+@pytest.mark.slow
 def test_the_system_of_the_answer_is_that_of_the_points(tmp_path: Path) -> None:
     """A SYS card of the deck says it for the run, and so for its points."""
     run = run_on_the_ellipsoid()
@@ -147,6 +148,7 @@ def geoid(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_heights_above_a_geoid(tmp_path: Path, geoid: Path) -> None:
     """Points lower by the geoid come out lower by it, in a map and in longitude and latitude."""
     run = written(tmp_path, run_on_the_ellipsoid())

@@ -94,11 +94,13 @@ def number_fields(draw):
     return field, [*texts, " " * edit.width, "*" * edit.width]
 
 
+@pytest.mark.slow
 @given(number_fields())
 def test_columns_of_numbers_equal_their_fields(drawn):
     check_decoding(*drawn)
 
 
+@pytest.mark.slow
 @given(st.sampled_from(TEXTS), st.sampled_from(["error", "missing"]), st.booleans(), st.data())
 def test_columns_of_texts_equal_their_fields(edit, blank, restricted, data):
     width = parse_edit(edit).width
@@ -152,6 +154,7 @@ def test_columns_of_placed_texts_equal_their_fields(edit):
     check_decoding(make_field(edit, blank="missing", allowed=("A", "B")), placed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edit", ["F12.6", "F7.5", "F9.5", "F14.4", "F10.4", "F5.3", "F13.4"])
 def test_columns_are_bit_identical_to_float(edit):
     # Many values at once: whole chunks of plain numbers, with a few of every other kind among them.

@@ -87,6 +87,7 @@ def test_the_texts_of_the_cards_are_those_of_the_model() -> None:
                     assert set(slot.fields[0].allowed) == set(codes) - {""}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("card", "old", "new", "message"),
     [

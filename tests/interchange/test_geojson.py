@@ -101,6 +101,7 @@ def test_what_is_read_is_what_was_written(tmp_path: Path) -> None:
         assert answer.columns[name].values.tolist() == column.values.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("crs", "words"),
     [

@@ -96,6 +96,7 @@ def test_a_wrong_image_is_named_whatever_the_order_of_the_names(tmp_path: Path) 
     assert out == [ids[plates.point[image]]]
 
 
+@pytest.mark.slow
 def test_a_strip_without_control_is_a_model(tmp_path: Path) -> None:
     result = run(tmp_path, strip_block("lab", 6, control=False)[0])
     assert result.exit_code == 0 and "ACCEPTED" in result.output

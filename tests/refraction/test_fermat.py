@@ -139,6 +139,7 @@ def test_all_refraction_points_are_found(ground) -> None:
         np.testing.assert_allclose(bent.origin + far * bent.direction, ground, atol=1e-9)  # the requirement
 
 
+@pytest.mark.slow
 def test_the_principal_point_is_that_of_the_least_path() -> None:
     ground = np.array([3.0, 1.0, -20.0])
     every = fermat.refraction_points(STEEP, CAMERA, ground, N)

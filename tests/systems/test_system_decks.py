@@ -180,6 +180,7 @@ def with_stations(block: Block, record: dict) -> Block:
     return replace(block, photos=replace(block.photos, **adjusted))
 
 
+@pytest.mark.slow
 @NAMES
 def test_decks_are_written_again_to_the_byte(name, tmp_path, base):
     block, _ = base

@@ -32,6 +32,7 @@ def test_a_listing_is_like_itself():
     assert all(pair.alike and not pair.difference for pair in found.pairs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", CoordinateSystem)
 def test_a_listing_is_like_the_record_of_its_run(system, tmp_path):
     solution = sample_solution(system)

@@ -136,6 +136,7 @@ def test_the_same_water_by_other_tides_is_as_possible(rise):
     assert not rejections(problem, adjusted).any()
 
 
+@pytest.mark.slow
 def test_flags_that_contradict_the_control_are_named():
     """Wet points flagged dry and dry ones wet: nothing fits, and nothing is given."""
     kind = KINDS["lab"]

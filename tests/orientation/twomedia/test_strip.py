@@ -216,6 +216,7 @@ def test_one_plane_for_all_triplets_lowers_the_error_of_height_at_the_end() -> N
     assert free == pytest.approx(0.030, abs=0.002) and common == pytest.approx(0.018, abs=0.002)
 
 
+@pytest.mark.slow
 def test_a_plane_from_the_air_is_not_determined() -> None:
     sights, _ = strip_sights(strip_scene("aerial", 5), noise=1.0)
     assert orient_strip(sights, Plane()).verdict(0.1)[0] is Verdict.NOT
@@ -238,6 +239,7 @@ def test_wrong_control_and_wrong_images_are_left_out() -> None:
     assert np.abs(strip.orientation().station - strip_truth(true)[0].station).max() < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2])
 def test_control_that_does_not_hold_a_strip(count: int) -> None:
     true = strip_scene("lab", 4, 30)
