@@ -118,6 +118,7 @@ def assert_covariances_equal(solution: Solution, result: dense_bundle.Result) ->
     assert np.abs(points).max() < 1e-4
 
 
+@pytest.mark.slow
 @LAND_CASES
 def test_land_equals_the_bundle(name: str) -> None:
     plan = LAND[name]

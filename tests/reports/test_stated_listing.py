@@ -208,6 +208,7 @@ def test_a_local_job_keeps_the_names_of_its_axes():
     assert "Sigma X    Sigma Y    Sigma Z" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(SPECS))
 def test_the_record_obeys_its_schema(name):
     schema = load_schema()
