@@ -77,6 +77,17 @@ def test_kept_out_points_of_the_same_readings_are_the_same_too() -> None:
     assert kept.any() and found.length[kept].max() < 1e-6 and found.sigma[kept].max() < 1e-5
 
 
+def test_a_point_of_which_the_run_has_kept_out_one_reading_is_not_tested() -> None:
+    block = start()
+    three = np.flatnonzero(np.bincount(block.plates.point) == 3)
+    held = np.concatenate([block.control.point, block.equal_elevations.point])
+    point = np.setdiff1d(three, held)[0]
+    out = (block.plates.point == point) & (block.plates.photo == 0)
+    solution = adjust(replace(block, plates=replace(block.plates, triangulated=~out)))
+    found = against(solution, block.plates.xy, 0.005 * solution.unit_sigma)
+    assert np.isnan(found.test[found.points == point]).all() and np.isfinite(found.length).all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("again", [True, False])
 def test_differences_are_as_large_as_their_covariances_say(solution: model.Solution, again: bool) -> None:

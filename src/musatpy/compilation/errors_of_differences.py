@@ -38,7 +38,7 @@ def difference_covariances(model: CompiledModel, rows: IntArray, points: IntArra
     `shared` (r,) are those whose readings are those of the run. With C = F_c Q F_t' by all that both hang on,
     S_c + S_t - C - C' where readings are new. Of readings of the run a point that took part is the best estimate
     of all data, S_c - S_t; of one that was kept out the pointing of the run is common too. NaN for control points,
-    and where the run has a point not on both photos.
+    where the run has a point not on both photos, and where it has kept out one of the readings of a point.
     """
     run = model.stereo.run
     pattern = Pattern.of(len(run.block.photos.ids), 6, [run.pairs.photo])
@@ -53,6 +53,8 @@ def difference_covariances(model: CompiledModel, rows: IntArray, points: IntArra
         c, t = compiled.get(row), of_run.get(row)
         if c is None or t is None or run.control[points[row]] or not _meet(pattern, c.unknowns, t.unknowns):
             continue
+        if shared[row] and took_part[row] and not _took_part(model, int(points[row])):
+            continue
         if shared[row] and took_part[row]:
             S = model.points.covariance[rows[row]] - run.point_covariance[points[row]]
             out[row] = 0.5 * (S + S.T)
@@ -64,6 +66,13 @@ def difference_covariances(model: CompiledModel, rows: IntArray, points: IntArra
         total = total + c.alone + t.alone - (2.0 * t.alone if shared[row] else 0.0)
         out[row] = axes[row] @ total @ axes[row].T
     return out
+
+
+def _took_part(model: CompiledModel, point: int) -> bool:
+    """Return whether the run has used a point on both photos of a model."""
+    run = model.stereo.run
+    photos = run.block.plates.photo[run.triangulated & (run.block.plates.point == point)]
+    return set(model.stereo.photos) <= set(photos.tolist())
 
 
 def _product(Q: Cofactors, a: _Influence, b: _Influence) -> FloatArray:
