@@ -97,6 +97,16 @@ def test_contours_of_a_cone_are_circles_to_the_second_order(sign: float) -> None
     assert wrong[1] / wrong[0] == pytest.approx(0.25, rel=0.3)
 
 
+def test_no_vertex_of_a_long_open_line_is_left_out() -> None:
+    """A quarter circle about a corner over some 200 triangles: at the level at every vertex and between them."""
+    xy = lattice(1.0) + 50.0
+    tin = Tin.of(with_values(xy, np.hypot(*(xy + 0.3).T)))
+    (line,) = contours(tin, [50.0]).lines
+    assert not line.closed and len(line.xy) > 128
+    for places in (line.xy[1:-1], 0.5 * (line.xy[:-1] + line.xy[1:])):
+        np.testing.assert_allclose(tin.at(places).value, 50.0, rtol=0.0, atol=1e-9)
+
+
 def test_lines_of_levels_in_short() -> None:
     xy = lattice(1.0)
     tin = Tin.of(with_values(xy, np.hypot(*xy.T)))

@@ -83,6 +83,7 @@ def _traced(tin: Tin, levels: Sequence[float]) -> Iterator[tuple[float, FloatArr
         return
     drawn = figure.add_subplot().tricontour(mesh, tin.z, levels=reached)
     for level, path in zip(reached, drawn.get_paths(), strict=True):
+        path.should_simplify = False  # vertices would be left out, as if metres were pixels
         for xy in path.to_polygons(closed_only=False):
             if len(xy) > 1:
                 yield float(level), np.asarray(xy, dtype=float)

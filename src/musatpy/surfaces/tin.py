@@ -65,12 +65,14 @@ class Tin:
         search = Delaunay(xy)
         corners = xy[search.simplices]
         edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])  # none along a straight edge of the surface
         return cls(
             xy=xy,
             z=z,
             sigma=np.sqrt(variance),
             triangles=search.simplices.astype(np.int64),
-            kept=edges.max(axis=1) <= longest_edge,
+            kept=(edges.max(axis=1) <= longest_edge) & (area > _FLAT * np.square(edges.max(axis=1))),
             merged=len(points) - len(xy),
             search=search,
         )
@@ -82,6 +84,7 @@ class Tin:
         za, zb, zc = (self.z[self.triangles[:, corner]] for corner in range(3))
         u, v, du, dv = b - a, c - a, zb - za, zc - za
         area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        area = np.where(area == 0.0, np.nan, area)
         return np.stack([du * v[:, 1] - dv * u[:, 1], dv * u[:, 0] - du * v[:, 0]], axis=1) / area[:, None]
 
     @property
