@@ -93,6 +93,25 @@ def test_orders_of_the_standard() -> None:
     assert shares["Special"].met and not shares["Exclusive"].met and shares["2"].share == 1.0
 
 
+def test_the_numbers_of_the_standard() -> None:
+    rows = [(order.name, order.a, order.b, order.c, order.e) for order in survey_orders()]
+    assert rows == [
+        ("Exclusive", 0.15, 0.0075, 1.0, 0.0),
+        ("Special", 0.25, 0.0075, 2.0, 0.0),
+        ("1a/1b", 0.5, 0.013, 5.0, 0.05),
+        ("2", 1.0, 0.023, 20.0, 0.1),
+    ]
+
+
+def test_differences_without_error_count_alike() -> None:
+    sounded, compiled = soundings()
+    plain, weighted = (regression(differences(compiled, sounded, sigma)) for sigma in (0.0, 0.1))
+    assert plain is not None and weighted is not None
+    assert (plain.a, plain.b_sigma) == pytest.approx((weighted.a, weighted.b_sigma))
+    small = regression(differences(np.array([1.0, 2.2, 2.9, 4.1]), np.arange(1.0, 5.0)))
+    assert small is not None and small.sigma0 == pytest.approx(np.sqrt(0.0495 / 0.01 / 2.0), rel=0.5)
+
+
 def test_orders_of_points_by_their_sigmas() -> None:
     sigmas = np.array([[0.3, 0.1, 0.07], [0.3, 0.1, 0.12], [1.0, 0.1, 0.12], [9.0, 1.0, 0.1], [0.1, 0.1, 2.0]])
     covariance = np.einsum("ki,ij->kij", np.square(sigmas), np.eye(3))
@@ -126,6 +145,12 @@ def test_soundings_are_read_by_their_names(tmp_path: Path) -> None:
         ("x,y\n1,2\n", "no column depth or height"),
         ("x;y;depth\n1;2;3\n", "semicolons"),
         ("x,y,depth\n", "no sounding"),
+        ("x,y,depth,depth\n1,2,3,4\n", "more than one column depth"),
+        ("x,y,depth,z\n1,2,3,4\n", "columns depth and height"),
+        ("lat,lon,x,y,depth\n1,2,3,4,5\n", "columns lat and x"),
+        ("lat,lon,depth\n950,2,3\n", "-90 to 90 degrees"),
+        ("x,y,depth,sigma\n1,2,3,abc\n", "0 or more"),
+        ("x,y,depth,sigma\n1,2,3,-1\n", "0 or more"),
         ("x,y,depth\n1,2,3\n1,b,3\n1,2\n", "3.*y.*'b'|a number"),
     ],
 )

@@ -49,6 +49,16 @@ def test_places_without_a_surface_have_their_reasons() -> None:
     assert words_of(found.reason) == ["", REASONS[LONG_EDGE], REASONS[OUTSIDE]]
 
 
+def test_places_in_any_order_are_found() -> None:
+    xy = scattered()
+    tin = Tin.of(with_values(xy, np.hypot(*xy.T)))
+    places = np.random.default_rng(6).uniform(-20.0, 120.0, (500, 2))
+    at = tin.at(places)
+    alone = [float(tin.at(place[None]).value[0]) for place in places]
+    np.testing.assert_array_equal(at.value, alone)
+    assert np.isnan(at.value).any() and np.isfinite(at.value).any()
+
+
 def test_points_in_one_place_are_meaned() -> None:
     points = np.array([[0.0, 0, 1], [0, 0, 3], [10, 0, 2], [0, 10, 2]])
     tin = Tin.of(points, sigma=np.full(4, 0.2))

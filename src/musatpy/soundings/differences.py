@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -123,6 +123,8 @@ def regression(found: Differences) -> Regression | None:
     good = found.part(~found.blunders)
     if len(good.sounded) < 3 or not np.ptp(good.sounded) > 0.0:
         return None
+    if not (good.sigma > 0.0).all():
+        good = replace(good, sigma=np.ones(len(good.sounded)))  # without error: all count alike
     A = np.column_stack([np.ones(len(good.sounded)), good.sounded])
     N = A.T @ (A / np.square(good.sigma)[:, None])
     Q = np.linalg.inv(N)

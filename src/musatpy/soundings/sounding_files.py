@@ -20,6 +20,7 @@ from musatpy.units import DEGREE
 _WORDS = {"latitude": "lat", "longitude": "lon", "z": "height", "east": "x", "north": "y", "id": "name"}
 _PLACES = (("lat", "lon"), ("x", "y"))
 _VALUES = ("depth", "height")
+_DEGREES = {"lat": 90.0, "lon": 360.0}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,11 +50,10 @@ def read_soundings(source: Path) -> Soundings:
         if not any(cells):
             continue
         values = [number(cells[names.index(name)]) if names.index(name) < len(cells) else np.nan for name in wanted]
-        for name, value in zip(wanted[:3], values, strict=False):
-            if not np.isfinite(value):
-                cell = cells[names.index(name)] if names.index(name) < len(cells) else ""
-                problem = Problem(file=str(source), line=line, field=name, found=cell, expected="a number")
-                problems.append(problem)
+        for name, value in zip(wanted, values, strict=True):
+            cell = cells[names.index(name)].strip() if names.index(name) < len(cells) else ""
+            if expected := _expected(name, value, cell):
+                problems.append(Problem(file=str(source), line=line, field=name, found=cell, expected=expected))
         rows.append(values)
         texts.append(
             cells[names.index("name")] if "name" in names and len(cells) > names.index("name") else str(line)
@@ -72,10 +72,26 @@ def read_soundings(source: Path) -> Soundings:
     )
 
 
+def _expected(name: str, value: float, cell: str) -> str:
+    """Return what should stand in a cell, empty where it does: a sigma may be blank."""
+    if name == "sigma":
+        return "" if not cell or value >= 0.0 else "a number of 0 or more, or nothing"
+    if not np.isfinite(value):
+        return "a number"
+    largest = _DEGREES.get(name, np.inf)
+    return "" if abs(value) <= largest else f"{-largest:g} to {largest:g} degrees"
+
+
 def _columns(names: list[str]) -> tuple[list[str], list[str]]:
     """Return the columns to be read, two of the place, the value, and its sigma if any; and what is missing."""
     if faults := separator_faults(names):
         return [], faults
+    twice = [name for name in (*sum(_PLACES, ()), *_VALUES, "sigma", "name") if names.count(name) > 1]
+    both = [" and ".join(pair) for pair in (_VALUES, ("lat", "x")) if set(pair) <= set(names)]
+    if twice or both:
+        return [], [f"more than one column {name}" for name in twice] + [
+            f"columns {pair}: one is meant" for pair in both
+        ]
     place = next((pair for pair in _PLACES if set(pair) <= set(names)), None)
     value = next((name for name in _VALUES if name in names), None)
     among = f"among {', '.join(names)}"

@@ -96,7 +96,7 @@ class Tin:
 
     def at(self, places: FloatArray) -> TinValues:
         """Return the surface at places (m, 2)."""
-        triangle = np.asarray(self.search.find_simplex(places))  # type: ignore[attr-defined]
+        triangle = self._triangles_at(places)
         inside = triangle >= 0
         reason = np.where(inside, np.where(self.kept[triangle], INSIDE, LONG_EDGE), OUTSIDE)
         good = np.flatnonzero(reason == INSIDE)
@@ -108,6 +108,15 @@ class Tin:
         value[good] = self.z[corners[:, 0]] + np.sum(gradient[good] * offset, axis=1)
         sigma[good] = np.sqrt(np.sum(np.square(self._weights(places[good], corners) * self.sigma[corners]), axis=1))
         return TinValues(value=value, gradient=gradient, sigma=sigma, triangle=triangle, reason=reason)
+
+    def _triangles_at(self, places: FloatArray) -> IntArray:
+        """Return the triangles (m,) of places, -1 outside, looked for strip by strip (each search starts at the last)."""
+        strips = max(1, int(np.sqrt(len(self.xy))))
+        low, high = self.xy[:, 0].min(), self.xy[:, 0].max()
+        strip = np.clip(np.nan_to_num((places[:, 0] - low) / (high - low)), 0.0, 1.0) * strips
+        order, triangle = np.lexsort((places[:, 1], np.floor(strip))), np.empty(len(places), dtype=np.int64)
+        triangle[order] = self.search.find_simplex(places[order])  # type: ignore[attr-defined]
+        return triangle
 
     def _weights(self, places: FloatArray, corners: IntArray) -> FloatArray:
         """Return the barycentric weights (m, 3) of places in their triangles."""
