@@ -12,7 +12,7 @@ from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.profiles import profiles_of
 from musatpy.compilation.triangulation import of_record
-from musatpy.errors import CompilationError, Problem, ProblemsError
+from musatpy.errors import Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.model import CoordinateSystem
@@ -60,7 +60,7 @@ def compile_deck(
     except ProblemsError as error:
         problems += error.problems
     try:
-        contents, of_cards = read_compilation(deck)
+        contents, of_cards = read_compilation(deck, triangulation.block if triangulation else None)
         problems += of_cards
     except ProblemsError as error:
         problems += error.problems
@@ -68,7 +68,7 @@ def compile_deck(
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     try:
         result = compiled(triangulation, contents)
-    except CompilationError as error:
+    except ProblemsError as error:
         return CompileResult(
             status=ExitStatus.UNUSABLE, problems=(*problems, *_of_deck(deck, error)), compiled=None
         )
@@ -122,5 +122,5 @@ def _picture(result: Compiled, bottoms: list[Bottom]) -> bytes:
     return contour_picture(bottoms, title, result.datum.name or "the height 0")
 
 
-def _of_deck(deck: Path, error: CompilationError) -> list[Problem]:
+def _of_deck(deck: Path, error: ProblemsError) -> list[Problem]:
     return [Problem(file=str(deck), message=problem.message) for problem in error.problems]

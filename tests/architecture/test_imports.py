@@ -49,6 +49,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "model",
         "geometry",
         "refraction",
+        "reduction",
         "adjustment",
         "pointfiles",
         "surfaces",

@@ -44,8 +44,9 @@ def command(
     stem = (soundings.parent if out_dir is None else out_dir) / f"{soundings.stem}.soundings"
     listing, record = stem.with_name(f"{stem.name}.lst"), stem.with_name(f"{stem.name}.json")
     refuse_overwriting([listing, record], [run, deck, soundings])
-    contents, _ = read_compilation(deck)
-    result = compiled(of_record(run), contents)
+    triangulation = of_record(run)
+    contents, _ = read_compilation(deck, triangulation.block)
+    result = compiled(triangulation, contents)
     how = Matching(steepest=math.inf if steepest is None else steepest, **sigmas)
     compared = sounded(surfaces_of(result), read_soundings(soundings), how)
     if not len(compared.rows):

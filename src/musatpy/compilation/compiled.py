@@ -9,14 +9,17 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.compilation.interior import refined_stages
 from musatpy.compilation.printed import Printed, printed_points
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
 from musatpy.errors import CompilationError, Problem
 from musatpy.model.compilation import RECOVERABLE, Compilation, Mode, SoundingDatum
+from musatpy.model.reduced import Reduced
 
 OFF_PLATE = "its image lies off the plate"
+REFUSED = "the interior orientation of a photo was refused"
 NO_TIDE = "it is submerged, and the tide of a photo is not given"
 _ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
 _MISSED = 3.29  # sigmas of a y-parallax, of 99.9 %
@@ -39,11 +42,12 @@ class CompiledModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Compiled:
-    """All models of a compilation deck."""
+    """All models of a compilation deck, its stages refined; `reduced` says how, None where they were so."""
 
     deck: Compilation
     run: Triangulation
     models: tuple[CompiledModel, ...]
+    reduced: Reduced | None = None
 
     @property
     def rows(self) -> IntArray:
@@ -105,7 +109,12 @@ class Compiled:
 
 
 def compiled(run: Triangulation, deck: Compilation) -> Compiled:
-    """Return the points of a compilation deck. Raises `CompilationError` with every model that cannot be set up."""
+    """Return the points of a compilation deck.
+
+    Raises `CompilationError` with every model that cannot be set up, and `DeckError` where raw stages cannot be
+    refined.
+    """
+    deck, reduced = refined_stages(deck)
     problems: list[Problem] = []
     models = []
     for row, name in enumerate(deck.models.ids.tolist()):
@@ -117,7 +126,7 @@ def compiled(run: Triangulation, deck: Compilation) -> Compiled:
         models.append(_compiled_model(run, deck, row, stereo))
     if problems:
         raise CompilationError(problems)
-    return Compiled(deck=deck, run=run, models=tuple(models))
+    return Compiled(deck=deck, run=run, models=tuple(models), reduced=reduced)
 
 
 def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Stereomodel) -> CompiledModel:
@@ -158,7 +167,8 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
 def _points(stereo: Stereomodel, readings: Readings) -> TruePoints:
     """Return the points, without those whose images or water do not allow one."""
     off = np.flatnonzero(off_plate(stereo, readings.xy).any(axis=1))
-    without = dict.fromkeys(off.tolist(), OFF_PLATE)
+    refused = np.flatnonzero(np.isnan(readings.xy).any(axis=(1, 2)))
+    without = dict.fromkeys(off.tolist(), OFF_PLATE) | dict.fromkeys(refused.tolist(), REFUSED)
     if not np.isfinite(stereo.tides).all() or stereo.run.block.water is None:
         without |= dict.fromkeys(np.flatnonzero(readings.submerged).tolist(), NO_TIDE)
     kept = np.setdiff1d(np.arange(len(readings.ids)), list(without))

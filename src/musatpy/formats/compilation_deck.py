@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -11,9 +12,12 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
+from musatpy.formats import raw_stages
 from musatpy.formats.cards.codec import Column
 from musatpy.formats.cards.deck import CardDeck, CardTable, read_cards, write_cards
 from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
+from musatpy.formats.musat import has_errors
+from musatpy.model import Block
 from musatpy.model.compilation import (
     IN_PROFILE,
     Compilation,
@@ -25,7 +29,7 @@ from musatpy.model.compilation import (
 )
 from musatpy.units import MICROMETRE
 
-_SHARED = ("TTL", "END")  # cards of triangulation decks that these have too
+_SHARED = ("TTL", "END", *raw_stages.CARDS)  # cards of triangulation decks that these have too
 _POSITIVE = {
     "MDL": ("pointing", "limit"),
     "STG": ("sigma",),
@@ -45,15 +49,40 @@ def compilation_family() -> Family:
     return Family(name="as11", cards=MappingProxyType({card.mnemonic: card for card in ordered}))
 
 
-def read_compilation(source: Path | str | bytes) -> tuple[Compilation, tuple[Problem, ...]]:
-    """Return what a compilation deck says, and warnings.
+def read_compilation(
+    source: Path | str | bytes, run: Block | None = None
+) -> tuple[Compilation, tuple[Problem, ...]]:
+    """Return what a compilation deck says, and warnings; `run` has the photos and cameras of stages read raw.
 
     Raises `DeckError` with every problem where there is an error, and `OSError`.
     """
     deck = read_cards(source, compilation_family())
     problems = [*deck.problems, *_cross_checks(deck)]
-    if any(problem.severity == "error" for problem in problems):
-        raise DeckError(sorted(problems, key=lambda problem: problem.line or 0))
+    if has_errors(problems):
+        raise _refused(problems)
+    contents, lines = _contents(deck)
+    if _is_raw(deck):
+        if run is None:
+            raise DeckError([Problem(file=deck.file, message="its stages are raw: it is read beside the run")])
+        plates, faults = raw_stages.raw_stages(deck, contents.models, contents.stages, lines, run)
+        problems += faults
+        if plates is None:
+            raise _refused(problems)
+        contents = replace(contents, raw=plates)
+    return contents, tuple(problems)
+
+
+def _refused(problems: list[Problem]) -> DeckError:
+    return DeckError(sorted(problems, key=lambda problem: problem.line or 0))
+
+
+def _is_raw(deck: CardDeck) -> bool:
+    table = deck.table(compilation_family().cards["RED"])
+    return "RAW" in _text(table, "plates").tolist()
+
+
+def _contents(deck: CardDeck) -> tuple[Compilation, IntArray]:
+    """Return what the cards say, the stages as they were read, and the lines of these (k,)."""
     cards = compilation_family().cards
     titles, models, stages = (deck.table(cards[name]) for name in ("TTL", "MDL", "STG"))
     number = {name: row for row, name in enumerate(_text(models, "model").tolist())}
@@ -83,7 +112,7 @@ def read_compilation(source: Path | str | bytes) -> tuple[Compilation, tuple[Pro
             datum=_datum(deck.table(cards["VDT"])),
             contours=_contours(deck.table(cards["CIN"])),
         ),
-        tuple(problems),
+        stages.lines,
     )
 
 
@@ -146,6 +175,7 @@ def compilation_bytes(deck: Compilation) -> bytes:
                 **{name: getattr(deck.profiles, name) for name in ("start", "end", "step", "spike", "tolerance")},
             },
         ),
+        *([] if deck.raw is None else raw_stages.cards_of(deck.raw)),
         (
             cards["STG"],
             {
@@ -193,6 +223,12 @@ def _coordinates(stages: CardTable) -> FloatArray:
 
 def _cross_checks(deck: CardDeck) -> Iterator[Problem]:
     cards = compilation_family().cards
+    unused = [name for name in raw_stages.CARDS if name in deck.tables]
+    if unused and not _is_raw(deck):
+        message = (
+            f"stages are taken as refined plate coordinates, and {', '.join(unused)} cards not used: no RED RAW"
+        )
+        yield Problem(file=deck.file, message=message, severity="warning")
     models, stages = deck.table(cards["MDL"]), deck.table(cards["STG"])
     ids = _text(models, "model")
     for row in _repeated([ids]):

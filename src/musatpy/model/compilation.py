@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.model.block import Block
 from musatpy.model.tables import Table, empty, per_row
 
 IN_PROFILE = "P"  # class of readings of a profile
@@ -93,7 +94,8 @@ class Compilation:
 
     titles: tuple[str, ...]
     models: StereomodelSpecs
-    stages: StageReadings
+    stages: StageReadings  # as they were read
+    raw: Block | None = None  # the stages as raw plates, each reading a point by its number; None: they are refined
     profiles: ProfileSpecs = field(default_factory=partial(empty, ProfileSpecs))
     datum: SoundingDatum | None = None  # None: no card
     contours: ContourSpec | None = None  # None: none are asked for

@@ -16,6 +16,8 @@ from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
+from musatpy.reports.reduction import reduction_sections
+from musatpy.reports.reduction_record import REDUCTION
 from musatpy.reports.table import Choice, Column, Report, key
 from musatpy.reports.text import labelled, wrapped
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.compiled import Compiled, CompiledModel
     from musatpy.compilation.profiles import CompiledProfile
 
-_VERSION = "1.0"
+_VERSION = "1.1"
 _ABOUT = (
     "Points compiled in stereomodels of a run, in metres and radians; positions are in the system of the job, "
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
@@ -71,6 +73,13 @@ MODELS: Each[Compiled, CompiledModel] = Each(
         ),
     ),
 )  # fmt: skip
+INTERIOR: Group[Compiled, Any] = Group(
+    "reduction",
+    "what the reduction of stages that were read raw did, as in the record of a run; null where they came refined",
+    lambda c: c.reduced,
+    REDUCTION.fields,
+    optional=True,
+)
 POINTS: Rows[Compiled, Compiled] = Rows(
     "points",
     "one row per reading",
@@ -140,7 +149,7 @@ def record_of(
     warnings: Sequence[str],
 ) -> dict[str, Json]:
     """Return the record of a compilation, with its points beside those of the run, and the bottom."""
-    nodes: tuple[Node[Compiled], ...] = (JOB, MODELS, POINTS)
+    nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, POINTS)
     return {
         "compilation_version": _VERSION,
         **{node.name: node.json(compiled) for node in nodes},
@@ -156,7 +165,7 @@ def schema() -> Schema:
     """Return the JSON Schema of the record."""
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(JOB, MODELS, POINTS, RECOVERED, RUN_POINTS),
+        *(JOB, INTERIOR, MODELS, POINTS, RECOVERED, RUN_POINTS),
         compilation_bottom.PROFILES,
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
@@ -307,6 +316,7 @@ def sections_of(
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
     shown = [part for part in against if len(part.rows)]
     return [
+        *([] if compiled.reduced is None else reduction_sections(compiled.reduced)),
         MODEL_TABLE.section(compiled),
         *([RECOVERED_TABLE.section((compiled, against))] if any(part.again.any() for part in against) else []),
         *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
