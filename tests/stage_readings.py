@@ -108,7 +108,7 @@ def compilation(pointing: float = POINTING) -> Compilation:
             pointing=np.full(2, POINTING),
             limit=none,
         ),
-        stages=StageReadings(
+        stages=StageReadings.on_stages(
             model=np.array(model),
             ids=np.array(ids),
             kind=np.array(kind),

@@ -53,25 +53,10 @@ def compile_deck(
     `NAME_tables`. Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises
     `OSError` where files cannot be read or written.
     """
-    problems: list[Problem] = []
-    triangulation = contents = None
-    try:
-        triangulation = of_record(run)
-    except ProblemsError as error:
-        problems += error.problems
-    try:
-        contents, of_cards = read_compilation(deck, triangulation.block if triangulation else None)
-        problems += of_cards
-    except ProblemsError as error:
-        problems += error.problems
-    if triangulation is None or contents is None:
+    result, problems = _compiled(run, deck)
+    if result is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
-    try:
-        result = compiled(triangulation, contents)
-    except ProblemsError as error:
-        return CompileResult(
-            status=ExitStatus.UNUSABLE, problems=(*problems, *_of_deck(deck, error)), compiled=None
-        )
+    contents = result.deck
     against = [against_run(model, contents.stages.kind[model.rows] == AGAIN) for model in result.models]
     profiles, bottoms = profiles_of(result), bottoms_of(result)
     warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
@@ -86,7 +71,7 @@ def compile_deck(
         folder = listing.with_name(f"{deck.stem}_tables")
         files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
     if profiles:
-        angular = triangulation.block.options.system is CoordinateSystem.GEOGRAPHIC
+        angular = result.run.block.options.system is CoordinateSystem.GEOGRAPHIC
         files[listing.with_suffix(".profiles.csv")] = profiles_csv(profiles, angular).encode()
     if bottoms:
         files[listing.with_suffix(".contours.csv")] = contours_csv(bottoms, result.datum.height).encode()
@@ -101,6 +86,30 @@ def compile_deck(
         warnings=warnings,
         files=tuple(written),
     )
+
+
+def _compiled(run: Path, deck: Path) -> tuple[Compiled | None, list[Problem]]:
+    """Return what came of a deck, None where it or the run cannot be used, and every problem of both."""
+    problems: list[Problem] = []
+    triangulation = contents = None
+    try:
+        triangulation = of_record(run)
+    except ProblemsError as error:
+        problems += error.problems
+    try:
+        contents, of_cards = read_compilation(deck, triangulation.block if triangulation else None)
+        problems += of_cards
+    except ProblemsError as error:
+        problems += error.problems
+    if triangulation is None or contents is None:
+        return None, problems
+    if not len(contents.stages.ids):
+        message = "the deck has no readings (no STG or MPT card)"
+        return None, [*problems, Problem(file=str(deck), message=message)]
+    try:
+        return compiled(triangulation, contents), problems
+    except ProblemsError as error:
+        return None, [*problems, *_of_deck(deck, error)]
 
 
 def _for_gis(result: Compiled, bottoms: list[Bottom], listing: Path) -> Iterator[Path]:

@@ -37,7 +37,7 @@ def against(solution: model.Solution, xy: np.ndarray, sigma: float) -> AgainstRu
             ids=np.array(["M"]), left=np.array(["21"]), right=np.array(["22"]), mode=blank, vertical=blank,
             tide=blank, rays=blank, pointing=np.array([sigma]), limit=none,
         ),
-        stages=StageReadings(
+        stages=StageReadings.on_stages(
             model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
             kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common], xy=read,
             sigma=np.full(len(common), np.nan),

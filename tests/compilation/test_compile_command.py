@@ -16,7 +16,6 @@ from click.testing import CliRunner, Result
 import stage_readings
 from json_schema import violations
 from musatpy.cli.main import main as musat
-from musatpy.errors import DeckError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.reports.compilation import schema
 
@@ -235,9 +234,11 @@ def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path)
     assert "is not the record of a run" in result.output and "STG.class" in result.output
 
 
-def test_a_deck_without_readings_is_refused() -> None:
-    with pytest.raises(DeckError, match="no STG card"):
-        read_compilation(b"MDL 2122     21       22".ljust(80) + b"\nEND\n")
+def test_a_deck_without_readings_is_refused(run: Path, tmp_path: Path) -> None:
+    deck = tmp_path / "empty.crd"
+    deck.write_text("MDL 2122     21       22\nEND\n")
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 1 and "the deck has no readings (no STG or MPT card)" in result.output
 
 
 def test_plates_that_have_moved_are_not_recovered(run: Path, tmp_path: Path) -> None:

@@ -10,18 +10,20 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.interior import refined_stages
+from musatpy.compilation.model_points import lost_without_parallax, stages_of
 from musatpy.compilation.printed import Printed, printed_points
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
 from musatpy.errors import CompilationError, Problem
-from musatpy.model.compilation import RECOVERABLE, Compilation, Mode, SoundingDatum
+from musatpy.model.compilation import RECOVERABLE, Compilation, Mode, SoundingDatum, StageReadings
 from musatpy.model.reduced import Reduced
 
 OFF_PLATE = "its image lies off the plate"
 REFUSED = "the interior orientation of a photo was refused"
 NO_TIDE = "it is submerged, and the tide of a photo is not given"
 _ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
+_OFF = 0.001  # m by which points without y-parallax may be off before it is told
 _MISSED = 3.29  # sigmas of a y-parallax, of 99.9 %
 
 
@@ -38,6 +40,16 @@ class CompiledModel:
     rows: IntArray
     readings: Readings
     points: TruePoints
+
+    def lost_without_parallax(self, stages: StageReadings) -> float:
+        """Return by how much (m) submerged points are off at most whose y-parallax was not read; 0 without any."""
+        rows = np.flatnonzero(stages.without_parallax[self.rows] & self.points.wet.all(axis=1))
+        position = self.points.position[rows]
+        position = position[np.isfinite(position).all(axis=1)]
+        frame = self.stereo.run.frame
+        return (
+            lost_without_parallax(self.stereo, self.stereo.model(frame.working(position))) if len(position) else 0.0
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,6 +110,10 @@ class Compiled:
 
     def warnings(self) -> Iterator[str]:
         """Yield what is odd about the readings."""
+        for model in self.models:
+            lost = model.lost_without_parallax(self.deck.stages)
+            if lost > _OFF:
+                yield f"model {model.name} has model points without y-parallax: up to {lost:.3f} m in this model"
         pairs = zip(self.deck.stages.ids[self.rows].tolist(), self.model_ids.tolist(), strict=True)
         names = [f"point {point} of model {model}" for point, model in pairs]
         parallax, test = 1e3 * self.gathered("y_parallax"), np.abs(self.parallax_test)
@@ -136,10 +152,12 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
         pointing = run.block.options.plate_sigma * run.unit_sigma
     rows = stages.of_model(row)
     sigma = np.where(np.isfinite(stages.sigma[rows]), stages.sigma[rows], pointing)
+    xy, marks = stages.xy[rows], np.flatnonzero(stages.as_points[rows])
+    xy[marks] = stages_of(stereo, stages.place[rows[marks]], stages.parallax[rows[marks]])
     readings = Readings(
         ids=stages.ids[rows],
         submerged=stages.submerged[rows],
-        xy=stages.xy[rows],
+        xy=xy,
         sigma=np.broadcast_to(sigma[:, None, None], (len(rows), 2, 2)),
     )
     printed = Printed(
@@ -149,6 +167,8 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
     )
     mode = Mode(str(models.mode[row]) or Mode.IMAGE)
     points = _points(stereo, readings)
+    unread = stages.without_parallax[rows]
+    points = replace(points, y_parallax=np.where(unread, np.nan, points.y_parallax))
     if mode is Mode.PRINTED:
         points = _as_printed(stereo, readings, points, printed)
     return CompiledModel(

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import DeckError, Problem
 from musatpy.formats import raw_stages
 from musatpy.formats.cards.codec import Column
@@ -27,16 +27,20 @@ from musatpy.model.compilation import (
     StageReadings,
     StereomodelSpecs,
 )
+from musatpy.model.tables import stacked, taken
 from musatpy.units import MICROMETRE
 
 _SHARED = ("TTL", "END", *raw_stages.CARDS)  # cards of triangulation decks that these have too
 _POSITIVE = {
     "MDL": ("pointing", "limit"),
     "STG": ("sigma",),
+    "MPT": ("sigma",),
     "CIN": ("interval", "index", "longest_edge"),
     "PRF": ("step", "spike"),
 }
 _COORDINATES = ("x_left", "y_left", "x_right", "y_right")
+_PLACE = ("x", "y", "z")
+_READINGS = ("STG", "MPT")
 
 
 @lru_cache(maxsize=1)
@@ -84,8 +88,11 @@ def _is_raw(deck: CardDeck) -> bool:
 def _contents(deck: CardDeck) -> tuple[Compilation, IntArray]:
     """Return what the cards say, the stages as they were read, and the lines of these (k,)."""
     cards = compilation_family().cards
-    titles, models, stages = (deck.table(cards[name]) for name in ("TTL", "MDL", "STG"))
+    titles, models = (deck.table(cards[name]) for name in ("TTL", "MDL"))
     number = {name: row for row, name in enumerate(_text(models, "model").tolist())}
+    tables = [deck.table(cards[name]) for name in _READINGS]
+    lines = np.concatenate([table.lines for table in tables])
+    order = np.argsort(lines)
     return (
         Compilation(
             titles=tuple(_text(titles, "text").tolist()),
@@ -100,19 +107,27 @@ def _contents(deck: CardDeck) -> tuple[Compilation, IntArray]:
                 pointing=_number(models, "pointing") * MICROMETRE,
                 limit=_number(models, "limit") * MICROMETRE,
             ),
-            stages=StageReadings(
-                model=np.array([number[name] for name in _text(stages, "model").tolist()], dtype=np.int64),
-                ids=_text(stages, "point"),
-                kind=np.where(_text(stages, "class") == "", "G", _text(stages, "class")),
-                submerged=_text(stages, "bathymetric") == "B",
-                xy=_coordinates(stages),
-                sigma=_number(stages, "sigma") * MICROMETRE,
-            ),
+            stages=taken(stacked([_readings(table, number) for table in tables]), order),
             profiles=_profiles(deck.table(cards["PRF"]), number),
             datum=_datum(deck.table(cards["VDT"])),
             contours=_contours(deck.table(cards["CIN"])),
         ),
-        stages.lines,
+        lines[order],
+    )
+
+
+def _readings(table: CardTable, models: dict[str, int]) -> StageReadings:
+    """Return what the cards of a kind say; what the other kind has is NaN."""
+    kind = _text(table, "class")
+    return StageReadings(
+        model=np.array([models[name] for name in _text(table, "model").tolist()], dtype=np.int64),
+        ids=_text(table, "point"),
+        kind=np.where(kind == "", "G", kind),
+        submerged=_text(table, "bathymetric") == "B",
+        xy=_numbers(table, _COORDINATES).reshape(-1, 2, 2),
+        sigma=_number(table, "sigma") * MICROMETRE,
+        place=_numbers(table, _PLACE),
+        parallax=_numbers(table, ("parallax",))[:, 0] * MICROMETRE,
     )
 
 
@@ -152,9 +167,8 @@ def compilation_bytes(deck: Compilation) -> bytes:
 
     Raises `DeckError` with every value that its field cannot hold.
     """
-    cards, models, stages = compilation_family().cards, deck.models, deck.stages
+    cards, models = compilation_family().cards, deck.models
     names = ("left", "right", "mode", "vertical", "tide", "rays")
-    coordinates = stages.xy.reshape(-1, 4).T
     tables: list[tuple[CardSpec, dict[str, Column]]] = [
         (cards["TTL"], {"text": np.array(deck.titles, dtype=np.str_)}),
         *_of_surface(deck),
@@ -176,20 +190,28 @@ def compilation_bytes(deck: Compilation) -> bytes:
             },
         ),
         *([] if deck.raw is None else raw_stages.cards_of(deck.raw)),
-        (
-            cards["STG"],
-            {
-                "model": models.ids[stages.model],
-                "point": stages.ids,
-                "class": stages.kind,
-                "bathymetric": np.where(stages.submerged, "B", ""),
-                **dict(zip(_COORDINATES, coordinates, strict=True)),
-                "sigma": stages.sigma / MICROMETRE,
-            },
-        ),
+        *_of_readings(deck),
         (cards["END"], {}),
     ]
     return write_cards(tables)
+
+
+def _of_readings(deck: Compilation) -> Iterator[tuple[CardSpec, dict[str, Column]]]:
+    """Yield the cards of stage readings and of model points."""
+    as_points: BoolArray = deck.stages.as_points
+    for name, wanted in zip(_READINGS, (~as_points, as_points), strict=True):
+        stages, card = taken(deck.stages, wanted), compilation_family().cards[name]
+        columns: dict[str, Column] = {
+            "model": deck.models.ids[stages.model],
+            "point": stages.ids,
+            "class": stages.kind,
+            "bathymetric": np.where(stages.submerged, "B", ""),
+            **dict(zip(_COORDINATES, stages.xy.reshape(-1, 4).T, strict=True)),
+            **dict(zip(_PLACE, stages.place.T, strict=True)),
+            "parallax": stages.parallax / MICROMETRE,
+            "sigma": stages.sigma / MICROMETRE,
+        }
+        yield card, {field.name: columns[field.name] for field in card.fields}
 
 
 def _of_surface(deck: Compilation) -> list[tuple[CardSpec, dict[str, Column]]]:
@@ -217,8 +239,10 @@ def _number(table: CardTable, name: str) -> FloatArray:
     return np.asarray(table.columns[name], dtype=float)
 
 
-def _coordinates(stages: CardTable) -> FloatArray:
-    return np.stack([_number(stages, name) for name in _COORDINATES], axis=1).reshape(-1, 2, 2)
+def _numbers(table: CardTable, names: Sequence[str]) -> FloatArray:
+    """Return several fields as columns (k, n), NaN of those that the cards do not have."""
+    nothing = np.full(len(table), np.nan)
+    return np.stack([_number(table, name) if name in table.columns else nothing for name in names], axis=1)
 
 
 def _cross_checks(deck: CardDeck) -> Iterator[Problem]:
@@ -229,7 +253,7 @@ def _cross_checks(deck: CardDeck) -> Iterator[Problem]:
             f"stages are taken as refined plate coordinates, and {', '.join(unused)} cards not used: no RED RAW"
         )
         yield Problem(file=deck.file, message=message, severity="warning")
-    models, stages = deck.table(cards["MDL"]), deck.table(cards["STG"])
+    models = deck.table(cards["MDL"])
     ids = _text(models, "model")
     for row in _repeated([ids]):
         yield _problem(deck, models, row, "model", f"model {ids[row]} is defined twice")
@@ -245,12 +269,28 @@ def _cross_checks(deck: CardDeck) -> Iterator[Problem]:
         yield _problem(deck, profiles, row, "profile", "a second profile of this name in the model")
     for row in np.flatnonzero(~np.isin(_text(profiles, "model"), ids)).tolist():
         yield _problem(deck, profiles, row, "model", "there is no MDL card of this model")
-    of, points = _text(stages, "model"), _text(stages, "point")
-    for row in np.flatnonzero(~np.isin(of, ids)).tolist():
-        yield _problem(deck, stages, row, "model", f"there is no MDL card of model {of[row]}")
-    single = np.flatnonzero(_text(stages, "class") != IN_PROFILE)
-    for row in single[_repeated([of[single], points[single]])].tolist():
-        yield _problem(deck, stages, row, "point", f"point {points[row]} is read twice in model {of[row]}")
+    yield from _faults_of_readings(deck, ids)
+
+
+def _faults_of_readings(deck: CardDeck, models: TextArray) -> Iterator[Problem]:
+    """Yield readings in no model, and points that are read twice in one."""
+    tables = [deck.table(compilation_family().cards[name]) for name in _READINGS]
+    of, points, kinds = (
+        np.concatenate([_text(table, name) for table in tables]) for name in ("model", "point", "class")
+    )
+    faults = [
+        (row, "model", f"there is no MDL card of model {of[row]}")
+        for row in np.flatnonzero(~np.isin(of, models)).tolist()
+    ]
+    single = np.flatnonzero(kinds != IN_PROFILE)
+    faults += [
+        (row, "point", f"point {points[row]} is read twice in model {of[row]}")
+        for row in single[_repeated([of[single], points[single]])].tolist()
+    ]
+    first = len(tables[0])
+    for row, field, message in faults:
+        table, place = (tables[0], row) if row < first else (tables[1], row - first)
+        yield _problem(deck, table, place, field, message)
 
 
 def _repeated(columns: Sequence[TextArray]) -> list[int]:

@@ -53,7 +53,7 @@ def raw_stages(
     """Return the readings of a deck as raw plates of a run, None with errors, and every problem of their cards.
 
     A reading, on line `lines` (k,) of the deck, is a point by its number in `stages`, as names may repeat. Readings
-    on photos that the run does not have are left out.
+    on photos that the run does not have are left out, as are model points.
     """
     draft = _draft(deck, _plates(models, stages), lines, run)
     problems = [_placed(problem) for problem in _strangers(draft, run, models)]
@@ -93,7 +93,7 @@ def _draft(deck: CardDeck, plates: Table, lines: IntArray, run: Block) -> Draft:
     parts = parts_of(replace(run, points=empty(Points), plates=empty(PlateMeasurements)))
     for role in _OF_RUN:
         rows[role] = _rows(role, specs[role], np.repeat(card, size(parts[role])), parts[role])
-    known = np.isin(plates["plates.photo"], run.photos.ids)
+    known = np.isin(plates["plates.photo"], run.photos.ids) & np.isfinite(plates["plates.xy"]).all(axis=1)
     kept = {path: column[known] for path, column in plates.items()}
     rows["plates"] = _rows("plates", specs["plates"], np.tile(lines, 2)[known], kept)
     return draft_of_rows(rows, interior)

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -42,18 +43,38 @@ class StereomodelSpecs(Table):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageReadings(Table):
-    """k points read on the stages of a model, in the order of the deck."""
+    """k points read in a model, in the order of the deck: on its stages, or as model points (`place` is known)."""
 
     model: IntArray = per_row()  # (k,) link to the models
     ids: TextArray = per_row()  # (k,)
     kind: TextArray = per_row()  # (k,) G, P, S, R
     submerged: BoolArray = per_row()  # (k,)
-    xy: FloatArray = per_row(2, 2)  # (k, 2, 2) mm, left and right, x and y
+    xy: FloatArray = per_row(2, 2)  # (k, 2, 2) mm, left and right, x and y; NaN of model points
     sigma: FloatArray = per_row()  # (k,) mm, NaN: the pointing of the model
+    place: FloatArray = per_row(3)  # (k, 3) m in the model, where straight rays meet; NaN of readings on the stages
+    parallax: FloatArray = (
+        per_row()
+    )  # (k,) mm, of the right image less the left, along Y of the model; NaN: not read
+
+    @classmethod
+    def on_stages(cls, **columns: Any) -> StageReadings:
+        """Return readings on the stages from the other columns."""
+        count = len(columns["ids"])
+        return cls(**columns, place=np.full((count, 3), np.nan), parallax=np.full(count, np.nan))
 
     def of_model(self, row: int) -> IntArray:
         """Return the rows of the readings in a model."""
         return np.flatnonzero(self.model == row)
+
+    @property
+    def as_points(self) -> BoolArray:
+        """(k,) read as model points."""
+        return np.asarray(np.isfinite(self.place).all(axis=1))
+
+    @property
+    def without_parallax(self) -> BoolArray:
+        """(k,) model points whose y-parallax was not read."""
+        return self.as_points & np.isnan(self.parallax)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
