@@ -94,20 +94,9 @@ def compilation(pointing: float = POINTING) -> Compilation:
     rows += [(0, "NS", "P", True, xy) for xy in down[np.random.default_rng(23).permutation(len(down))]]
     model, ids, kind, submerged, read = zip(*rows, strict=True)
     every = np.array(read)
-    blank, none = np.array(["", ""]), np.full(2, np.nan)
     return Compilation(
         titles=("ST THOMAS USVI  POINTS OF THE RUN AND OF THE BOTTOM  SIMULATED",),
-        models=StereomodelSpecs(
-            ids=np.array([name for name, _, _ in MODELS]),
-            left=np.array([left for _, left, _ in MODELS]),
-            right=np.array([right for _, _, right in MODELS]),
-            mode=blank,
-            vertical=blank,
-            tide=blank,
-            rays=blank,
-            pointing=np.full(2, POINTING),
-            limit=none,
-        ),
+        models=StereomodelSpecs.of_photos(*(np.array(names) for names in zip(*MODELS, strict=True)), POINTING),
         stages=StageReadings.on_stages(
             model=np.array(model),
             ids=np.array(ids),

@@ -1,4 +1,4 @@
-"""A compilation deck on the record of a run: read, set up, compile, report (`musat as11 compile`)."""
+"""A compilation deck on the record of a run: read, set up, compile, report (`musat as11 compile`, `setup`)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from musatpy.compilation.against_run import against_run
 from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.profiles import profiles_of
+from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.triangulation import of_record
 from musatpy.errors import Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN
-from musatpy.reports import compilation
+from musatpy.reports import compilation, compilation_setup
 from musatpy.reports.compilation_bottom import contours_csv, profiles_csv
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
@@ -54,6 +55,9 @@ def compile_deck(
     `OSError` where files cannot be read or written.
     """
     result, problems = _compiled(run, deck)
+    if result is not None and not len(result.rows):
+        problems.append(Problem(file=str(deck), message="the deck has no readings (no STG or MPT card)"))
+        result = None
     if result is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     contents = result.deck
@@ -88,6 +92,48 @@ def compile_deck(
     )
 
 
+def set_up_deck(
+    run: Path,
+    deck: Path,
+    out_dir: Path | None = None,
+    *,
+    carriage_control: bool = False,
+    date: datetime.date | None = None,
+) -> CompileResult:
+    """Set the models of a deck up on the record of a run, and write `NAME.setup.lst` and `NAME.setup.json`.
+
+    Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises `OSError` where
+    files cannot be read or written.
+    """
+    result, problems = _compiled(run, deck)
+    if result is None:
+        return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
+    kind = result.deck.stages.kind
+    setups = compilation_setup.SetUps(
+        compiled=result,
+        models=[model_set_up(model, kind[model.rows]) for model in result.models],
+        against=[against_run(model, kind[model.rows] == AGAIN) for model in result.models],
+    )
+    warnings = (*(text for part in setups.against for text in part.warnings()), *result.warnings())
+    listing, record = setup_paths(deck, out_dir)
+    text = compilation_setup.listing_of(setups, warnings, carriage_control=carriage_control, date=date)
+    values = dumps(compilation_setup.record_of(setups, warnings))
+    write_files({listing: text.encode(), record: values.encode()})
+    return CompileResult(
+        status=ExitStatus.DONE,
+        problems=tuple(problems),
+        compiled=result,
+        warnings=warnings,
+        files=(listing, record),
+    )
+
+
+def setup_paths(deck: Path, out_dir: Path | None) -> tuple[Path, Path]:
+    """Return where the listing and the record of models set up go."""
+    stem = (deck.parent if out_dir is None else out_dir) / f"{deck.stem}.setup"
+    return stem.with_name(f"{stem.name}.lst"), stem.with_name(f"{stem.name}.json")
+
+
 def _compiled(run: Path, deck: Path) -> tuple[Compiled | None, list[Problem]]:
     """Return what came of a deck, None where it or the run cannot be used, and every problem of both."""
     problems: list[Problem] = []
@@ -103,9 +149,6 @@ def _compiled(run: Path, deck: Path) -> tuple[Compiled | None, list[Problem]]:
         problems += error.problems
     if triangulation is None or contents is None:
         return None, problems
-    if not len(contents.stages.ids):
-        message = "the deck has no readings (no STG or MPT card)"
-        return None, [*problems, Problem(file=str(deck), message=message)]
     try:
         return compiled(triangulation, contents), problems
     except ProblemsError as error:

@@ -30,13 +30,9 @@ def against(solution: model.Solution, xy: np.ndarray, sigma: float) -> AgainstRu
     rows = [np.flatnonzero(block.plates.photo == photo) for photo in (0, 1)]
     common, left, right = np.intersect1d(*(block.plates.point[of] for of in rows), return_indices=True)
     read = np.stack([xy[rows[0][left]], xy[rows[1][right]]], axis=1)
-    blank, none = np.array([""]), np.array([np.nan])
     deck = Compilation(
         titles=(),
-        models=StereomodelSpecs(
-            ids=np.array(["M"]), left=np.array(["21"]), right=np.array(["22"]), mode=blank, vertical=blank,
-            tide=blank, rays=blank, pointing=np.array([sigma]), limit=none,
-        ),
+        models=StereomodelSpecs.of_photos(np.array(["M"]), np.array(["21"]), np.array(["22"]), sigma),
         stages=StageReadings.on_stages(
             model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
             kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common], xy=read,

@@ -10,6 +10,7 @@ COMMANDS = {
     "compile": "musatpy.cli.as11_compile",
     "compare-soundings": "musatpy.cli.as11_soundings",
     "drive": "musatpy.cli.as11_drive",
+    "setup": "musatpy.cli.as11_setup",
 }
 
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
 from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
+
+if TYPE_CHECKING:
+    from musatpy.as11_runs import CompileResult
+    from musatpy.compilation.compiled import Compiled
 
 
 @click.command(name="compile", short_help="Compile the points of a deck.")
@@ -46,6 +51,15 @@ def command(
     result = compile_deck(
         run, deck, out_dir, carriage_control=carriage_control, csv=csv, plots=plots, gis=gis, date=date
     )
+    compiled = report_faults(ctx, deck, result)
+    lost = sum(reason is not None for reason in compiled.reasons)
+    without = f", {lost} without coordinates" if lost else ""
+    of = f"{count_of(len(compiled.rows), 'point')} in {count_of(len(compiled.models), 'model')}"
+    tell(f"{name_of(deck)}: {of}{without}, listing {name_of(result.files[0])}")
+
+
+def report_faults(ctx: click.Context, deck: Path, result: CompileResult) -> Compiled:
+    """Complain of what is wrong or odd, and return what came of the deck; exit where nothing did."""
     complain_of(result.problems)
     if result.compiled is None:
         errors = sum(problem.severity == "error" for problem in result.problems)
@@ -53,8 +67,4 @@ def command(
         ctx.exit(result.status)
     for warning in result.warnings:
         complain(f"{name_of(deck)}: {warning}")
-    points = len(result.compiled.rows)
-    lost = sum(reason is not None for reason in result.compiled.reasons)
-    without = f", {lost} without coordinates" if lost else ""
-    of = f"{count_of(points, 'point')} in {count_of(len(result.compiled.models), 'model')}"
-    tell(f"{name_of(deck)}: {of}{without}, listing {name_of(result.files[0])}")
+    return result.compiled

@@ -12,7 +12,7 @@ from musatpy.adjustment.waterline import water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import CompiledModel
 from musatpy.compilation.errors_of_differences import difference_covariances
-from musatpy.compilation.true_points import network_of
+from musatpy.compilation.true_points import Readings, network_of
 
 _NONE = 1e-9  # of the largest variance, up to which a direction has none
 _EXACT = 1e-6  # m: sigmas of differences of points that are the same
@@ -114,10 +114,12 @@ def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
 def predicted(model: CompiledModel, points: IntArray) -> FloatArray:
     """Return what the stages (r, 2, 2) mm should read of points (r,) of the run."""
     run = model.stereo.run
-    readings = replace(
-        model.readings.part(np.zeros(len(points), dtype=np.int64)),
+    shape = (len(points), 2, 2)
+    readings = Readings(
         ids=run.block.points.ids[points],
         submerged=run.block.points.bathymetric[points],
+        xy=np.zeros(shape),
+        sigma=np.full(shape, model.pointing),
     )
     _, network, state = network_of(run, model.stereo.photos, readings)
     state = replace(state, ground=run.frame.working(run.position[points]))

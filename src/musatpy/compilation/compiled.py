@@ -11,12 +11,13 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.interior import refined_stages
 from musatpy.compilation.model_points import lost_without_parallax, stages_of
+from musatpy.compilation.moved_stage import MovedStage, moved_right_stage
 from musatpy.compilation.printed import Printed, printed_points
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
 from musatpy.errors import CompilationError, Problem
-from musatpy.model.compilation import RECOVERABLE, Compilation, Mode, SoundingDatum, StageReadings
+from musatpy.model.compilation import AGAIN, RECOVERABLE, Compilation, Mode, SoundingDatum, StageReadings
 from musatpy.model.reduced import Reduced
 
 OFF_PLATE = "its image lies off the plate"
@@ -40,6 +41,7 @@ class CompiledModel:
     rows: IntArray
     readings: Readings
     points: TruePoints
+    moved: MovedStage | None  # None: the right stage stands as in the run
 
     def lost_without_parallax(self, stages: StageReadings) -> float:
         """Return by how much (m) submerged points are off at most whose y-parallax was not read; 0 without any."""
@@ -111,6 +113,8 @@ class Compiled:
     def warnings(self) -> Iterator[str]:
         """Yield what is odd about the readings."""
         for model in self.models:
+            if model.moved:
+                yield f"model {model.name} departs from the run: its right stage is corrected by points read again"
             lost = model.lost_without_parallax(self.deck.stages)
             if lost > _OFF:
                 yield f"model {model.name} has model points without y-parallax: up to {lost:.3f} m in this model"
@@ -136,10 +140,9 @@ def compiled(run: Triangulation, deck: Compilation) -> Compiled:
     for row, name in enumerate(deck.models.ids.tolist()):
         try:
             stereo = set_up(run, str(deck.models.left[row]), str(deck.models.right[row]))
+            models.append(_compiled_model(run, deck, row, stereo))
         except CompilationError as error:
             problems += [replace(problem, message=f"model {name}: {problem.message}") for problem in error.problems]
-            continue
-        models.append(_compiled_model(run, deck, row, stereo))
     if problems:
         raise CompilationError(problems)
     return Compiled(deck=deck, run=run, models=tuple(models), reduced=reduced)
@@ -165,6 +168,9 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
         model_vertical=models.vertical[row] == "MODEL",
         mean_tide=models.tide[row] == "MEAN",
     )
+    moved = None
+    if models.adjust[row]:
+        stereo, moved = moved_right_stage(stereo, readings.part(np.flatnonzero(stages.kind[rows] == AGAIN)))
     mode = Mode(str(models.mode[row]) or Mode.IMAGE)
     points = _points(stereo, readings)
     unread = stages.without_parallax[rows]
@@ -181,6 +187,7 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
         rows=rows,
         readings=readings,
         points=points,
+        moved=moved,
     )
 
 

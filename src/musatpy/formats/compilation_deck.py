@@ -106,6 +106,7 @@ def _contents(deck: CardDeck) -> tuple[Compilation, IntArray]:
                 rays=_text(models, "rays"),
                 pointing=_number(models, "pointing") * MICROMETRE,
                 limit=_number(models, "limit") * MICROMETRE,
+                adjust=_text(models, "adjust") == "A",
             ),
             stages=taken(stacked([_readings(table, number) for table in tables]), order),
             profiles=_profiles(deck.table(cards["PRF"]), number),
@@ -179,6 +180,7 @@ def compilation_bytes(deck: Compilation) -> bytes:
                 **{name: getattr(models, name) for name in names},
                 "pointing": models.pointing / MICROMETRE,
                 "limit": models.limit / MICROMETRE,
+                "adjust": np.where(models.adjust, "A", ""),
             },
         ),
         (

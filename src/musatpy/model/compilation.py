@@ -39,6 +39,24 @@ class StereomodelSpecs(Table):
     rays: TextArray = per_row()  # (m,) OWN, SHARED
     pointing: FloatArray = per_row()  # (m,) mm
     limit: FloatArray = per_row()  # (m,) mm
+    adjust: BoolArray = per_row()  # (m,) the right stage is corrected by points read again
+
+    @classmethod
+    def of_photos(cls, ids: TextArray, left: TextArray, right: TextArray, pointing: float) -> StereomodelSpecs:
+        """Return models of photos with a pointing (mm) and all else left open."""
+        blank, none = np.full(len(ids), ""), np.full(len(ids), np.nan)
+        return cls(
+            ids=ids,
+            left=left,
+            right=right,
+            mode=blank,
+            vertical=blank,
+            tide=blank,
+            rays=blank,
+            pointing=np.full(len(ids), pointing),
+            limit=none,
+            adjust=np.zeros(len(ids), dtype=bool),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.against_run import AgainstRun
     from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.compiled import Compiled, CompiledModel
+    from musatpy.compilation.moved_stage import MovedStage
     from musatpy.compilation.profiles import CompiledProfile
 
 _VERSION = "1.1"
@@ -79,6 +80,22 @@ INTERIOR: Group[Compiled, Any] = Group(
     lambda c: c.reduced,
     REDUCTION.fields,
     optional=True,
+)
+MOVED: Each[Compiled, CompiledModel] = Each(
+    "moved",
+    "one row per model whose right stage is corrected by the y-parallaxes of points read again",
+    lambda s: [model for model in s.models if model.moved],
+    (
+        Field("model", "string", "model id", lambda m: m.name),
+        Field("points", "integer", "read again", lambda m: _moved(m).points),
+        Field("freedom", "integer", "points less the corrections that they determine", lambda m: _moved(m).freedom),
+        Field("base", "2 number", "of the base, Y and Z", lambda m: _moved(m).values[:2], "m"),
+        Field("base_sigma", "2 number?", "null: not determined", lambda m: _moved(m).sigma[:2], "m"),
+        Field("rotation", "3 number", "about X, Y, Z", lambda m: _moved(m).values[2:], "rad"),
+        Field("rotation_sigma", "3 number?", "null: not determined", lambda m: _moved(m).sigma[2:], "rad"),
+        Field("before", "number", "y-parallax, root mean square", lambda m: _moved(m).before, "mm"),
+        Field("after", "number", "the same", lambda m: _moved(m).after, "mm"),
+    ),
 )
 POINTS: Rows[Compiled, Compiled] = Rows(
     "points",
@@ -149,7 +166,7 @@ def record_of(
     warnings: Sequence[str],
 ) -> dict[str, Json]:
     """Return the record of a compilation, with its points beside those of the run, and the bottom."""
-    nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, POINTS)
+    nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, MOVED, POINTS)
     return {
         "compilation_version": _VERSION,
         **{node.name: node.json(compiled) for node in nodes},
@@ -165,7 +182,7 @@ def schema() -> Schema:
     """Return the JSON Schema of the record."""
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(JOB, INTERIOR, MODELS, POINTS, RECOVERED, RUN_POINTS),
+        *(JOB, INTERIOR, MODELS, MOVED, POINTS, RECOVERED, RUN_POINTS),
         compilation_bottom.PROFILES,
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
@@ -182,6 +199,11 @@ def schema() -> Schema:
 def _index(compiled: Compiled) -> float | None:
     water = compiled.run.block.water
     return None if water is None else water.index
+
+
+def _moved(model: CompiledModel) -> MovedStage:
+    assert model.moved is not None  # those only are reported
+    return model.moved
 
 
 def _ids(model: CompiledModel) -> list[str]:
@@ -266,6 +288,21 @@ RAY_TABLE: Report[Any] = Report(
         Column("Test py", "F7.2", shows="y_parallax_test"),
     ),
 )  # fmt: skip
+MOVED_TABLE: Report[Any] = Report(
+    title="Right Stages Corrected By Points Read Again",
+    table=MOVED,
+    columns=(
+        key("Model", "A8", "model"),
+        Column("Points", "I6", shows="points"),
+        Column("Freedom", "I7", shows="freedom"),
+        *vector(("by\nm", "bz\nm"), ("F8.3",) * 2, shows="base"),
+        *vector(("sigma\nm",) * 2, ("F7.3",) * 2, shows="base_sigma"),
+        *vector(("omega\narc sec", "phi\narc sec", "kappa\narc sec"), ("F9.2",) * 3, shows="rotation"),
+        *vector(("sigma\narc sec",) * 3, ("F8.2",) * 3, shows="rotation_sigma"),
+        Column("py before\num", "F9.2", shows="before"),
+        Column("after\num", "F7.2", shows="after"),
+    ),
+)
 RUN_TABLE: Report[Any] = Report(
     title="Comparison With The Run",
     table=RUN_POINTS,
@@ -301,7 +338,7 @@ RECOVERED_TABLE: Report[Any] = Report(
         Column("Recovered", "A9", shows=Origin(field="recovered", true="yes", false="NO")),
     ),
 )
-STATED = (MODEL_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
+STATED = (MODEL_TABLE, MOVED_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
 
 
 def sections_of(
@@ -316,15 +353,24 @@ def sections_of(
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
     shown = [part for part in against if len(part.rows)]
     return [
-        *([] if compiled.reduced is None else reduction_sections(compiled.reduced)),
-        MODEL_TABLE.section(compiled),
-        *([RECOVERED_TABLE.section((compiled, against))] if any(part.again.any() for part in against) else []),
-        *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
+        *model_sections(compiled, against, warnings),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
         POINT_TABLE.section(compiled, new_page=True),
         RAY_TABLE.section(compiled),
         *compilation_bottom.sections_of(bottoms, profiles),
         *([RUN_TABLE.section((compiled, against), new_page=True), _analysis(shown)] if shown else []),
+    ]
+
+
+def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequence[str]) -> list[Section]:
+    """Return what the listing says of the models, warnings included."""
+    read = any(part.again.any() for part in against)
+    return [
+        *([] if compiled.reduced is None else reduction_sections(compiled.reduced)),
+        MODEL_TABLE.section(compiled),
+        *([MOVED_TABLE.section(compiled)] if any(model.moved for model in compiled.models) else []),
+        *([RECOVERED_TABLE.section((compiled, against))] if read else []),
+        *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
     ]
 
 

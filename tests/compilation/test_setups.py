@@ -1,0 +1,173 @@
+"""Models set up: the points of the run in them, the precision to expect, and right stages that have moved."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from compilation.scenes import at_depth, flat_images, grid, pair
+from json_schema import violations
+from musatpy import model
+from musatpy.arrays import FloatArray
+from musatpy.cli.main import main as musat
+from musatpy.compilation.compiled import compiled
+from musatpy.compilation.loop import Loop
+from musatpy.compilation.moved_stage import moved_right_stage
+from musatpy.compilation.setups import ModelSetUp, model_set_up
+from musatpy.compilation.stereomodels import Stereomodel, set_up
+from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.true_points import Readings
+from musatpy.errors import CompilationError
+from musatpy.formats.compilation_deck import read_compilation
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, turn
+from musatpy.reports.compilation_setup import schema
+from stage_readings import DECK, FIXTURES
+
+_H, _BASE, _F, _POINTING = 3000.0, 1810.0, 152.4, 0.005
+_MOVED = np.array([0.4, -0.3, 2e-4, -1e-4, 3e-4])  # by, bz (m), omega, phi, kappa (rad)
+
+
+def with_points(run: Triangulation, points: FloatArray) -> Triangulation:
+    """Return a run with submerged points (r, 3)."""
+    ids = np.array([f"P{row}" for row in range(len(points))])
+    block = replace(run.block, points=model.Points(ids=ids, bathymetric=np.ones(len(points), dtype=bool)))
+    none = np.full((len(points), 3, 3), np.nan)
+    return replace(run, block=block, position=points, point_covariance=none, control=np.zeros(len(points), bool))
+
+
+def set_up_of(run: Triangulation, *cards: str) -> ModelSetUp:
+    lines = ["MDL 1        1        2                                          5.00", *cards, "END", ""]
+    deck, _ = read_compilation("\n".join(lines).encode())
+    result = compiled(run, deck)
+    return model_set_up(result.models[0], deck.stages.kind)
+
+
+def test_the_run_predicts_the_stages_and_the_parallax_of_straight_rays() -> None:
+    points = at_depth(grid((200.0, 1600.0), 1700.0), 30.0)
+    run = with_points(pair(_H, _BASE), points)
+    xy = flat_images(run, points)
+    cards = [f"STG 1        P{row:<7} RB" + "".join(f"{v:11.6f}" for v in xy[row].ravel()) for row in (0, 7)]
+    again = set_up_of(run, *cards).again
+    # "Noise-free readings: below .001 um"; the cards have six decimals, rounded to half of that.
+    assert np.abs(again.predicted - xy).max() < 1e-6
+    assert np.abs(again.read - again.predicted)[[0, 7]].max() < 1e-6
+    assert np.isnan(again.read[1]).all()
+    assert np.abs(again.parallax).max() < 1e-6
+    # 30.1 um at the scale of the water (a test of model points has the height that straight rays meet at).
+    assert np.abs(again.straight).max() == pytest.approx(0.0299, abs=1e-4)
+
+
+def test_points_that_a_photo_does_not_show_are_not_in_the_model() -> None:
+    run = pair(_H, _BASE)
+    cameras = replace(run.block.cameras, format_size=np.full((1, 2), 228.6))
+    points = at_depth(np.array([[900.0, 0.0], [-1500.0, 0.0], [900.0, 2500.0]]), 5.0)
+    run = with_points(replace(run, block=replace(run.block, cameras=cameras)), points)
+    assert set_up_of(run).again.points.tolist() == [0]
+
+
+def test_standard_errors_to_expect_are_those_of_the_normal_case() -> None:
+    expected = set_up_of(pair(_H, _BASE)).expected
+    middle = (expected.depth == 0.0) & (np.abs(expected.place[:, :2]) < 1.0).all(axis=1)
+    (row,) = np.flatnonzero(middle)
+    scale = _H / _F
+    # Of two vertical photos without errors of their own: H/B sqrt 2 in height, 1/sqrt 2 across the base.
+    assert expected.sigma[row, 2] == pytest.approx(np.sqrt(2.0) * _H / _BASE * scale * _POINTING, rel=1e-6)
+    assert expected.sigma[row, 1] == pytest.approx(np.sqrt(0.5) * scale * _POINTING, rel=1e-6)
+    deep = expected.depth == 30.0
+    assert np.isfinite(expected.points.depth_sigma[deep]).all() and (expected.points.depth[deep] > 29.9).all()
+    np.testing.assert_allclose(expected.points.depth[deep], 30.0, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("sphere", [False, True])
+def test_axes_of_a_model_take_places_there_and_back(sphere: bool) -> None:
+    stereo = set_up(pair(_H, _BASE, sphere=sphere), "1", "2")
+    places = np.random.default_rng(3).uniform(-3000.0, 3000.0, (50, 3))
+    assert np.abs(stereo.model(stereo.working(places)) - places).max() < 1e-9
+
+
+def moved(run: Triangulation) -> Stereomodel:
+    """Return the model with its right photo moved; its axes are those of the job."""
+    photos = run.block.photos
+    position, attitude = photos.position.copy(), photos.attitude.copy()
+    position[1] += [0.0, *_MOVED[:2]]
+    attitude[1] = attitude_from_matrix(attitude_matrix(attitude[1]) @ turn(_MOVED[2:]).T)
+    block = replace(run.block, photos=replace(photos, position=position, attitude=attitude))
+    return replace(set_up(run, "1", "2"), run=replace(run, block=block))
+
+
+def read_again(count: int = 3) -> Readings:
+    """Return readings of points 10 m deep in the model whose right photo has moved."""
+    stereo = moved(pair(_H, _BASE))
+    places = at_depth(grid((-700.0, 700.0), 1500.0, count), 10.0)
+    xy = Loop(stereo=stereo).stages(places).xy
+    number = len(xy)
+    return Readings(
+        ids=np.arange(number).astype(str),
+        submerged=np.ones(number, dtype=bool),
+        xy=xy,
+        sigma=np.full(xy.shape, _POINTING),
+    )
+
+
+def test_a_right_stage_that_moved_comes_back() -> None:
+    run = pair(_H, _BASE)
+    stereo, correction = moved_right_stage(set_up(run, "1", "2"), read_again())
+    # No errors: what is left is that of the last step.
+    np.testing.assert_allclose(correction.values, _MOVED, rtol=0, atol=1e-9)
+    expected = moved(run).run.block.photos
+    np.testing.assert_allclose(stereo.run.block.photos.position, expected.position, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(stereo.run.block.photos.attitude, expected.attitude, rtol=0, atol=1e-11)
+    assert correction.before > 0.04 and correction.after < 1e-6
+    assert correction.points == 9 and correction.freedom == 4
+
+
+@pytest.mark.slow
+def test_sigmas_of_corrections_are_those_of_their_scatter() -> None:
+    stereo, readings = set_up(pair(_H, _BASE), "1", "2"), read_again()
+    draws = np.random.default_rng(11)
+    values = []
+    for _ in range(100):
+        noisy = replace(readings, xy=readings.xy + _POINTING * draws.normal(size=readings.xy.shape))
+        _, correction = moved_right_stage(stereo, noisy)
+        values.append(correction.values)
+    scatter = np.sqrt(np.mean(np.square(np.array(values) - _MOVED), axis=0))
+    np.testing.assert_allclose(scatter / correction.sigma, 1.0, atol=0.22)  # 3 sigmas of 100 draws
+
+
+def test_corrections_that_points_do_not_determine_have_no_sigma() -> None:
+    stereo = set_up(pair(_H, _BASE), "1", "2")
+    _, correction = moved_right_stage(stereo, read_again().part(np.arange(2)))
+    assert np.isnan(correction.sigma).all() and correction.freedom == 0 and correction.after < 1e-6
+    with pytest.raises(CompilationError, match="no points are read again"):
+        moved_right_stage(stereo, read_again().part(np.arange(0)))
+
+
+def test_the_command_lists_the_models_before_anything_is_read(tmp_path: Path) -> None:
+    runner = CliRunner()
+    run = str(FIXTURES / "st_thomas/st_thomas.crd")
+    assert runner.invoke(musat, ["run", "-q", run, "-o", str(tmp_path)]).exit_code == 0
+    record, deck = tmp_path / "st_thomas.json", tmp_path / "models.crd"
+    deck.write_text("MDL 2122     21       22                                   5.00\nEND\n")
+    result = runner.invoke(musat, ["as11", "setup", str(record), str(deck)])
+    assert result.exit_code == 0 and "1 model set up" in result.output
+    listing = (tmp_path / "models.setup.lst").read_text()
+    for title in ("Model Set-Up", "Model Axes", "Points Of The Run In The Model", "Standard Errors To Expect"):
+        assert title in listing
+    assert max(map(len, listing.splitlines())) <= 132
+    values = json.loads((tmp_path / "models.setup.json").read_text())
+    assert not list(violations(values, schema(), schema()))
+
+    cards = DECK.read_text().replace("5.00         00000005", "5.00       A 00000005")
+    deck.write_text(cards)
+    result = runner.invoke(musat, ["as11", "setup", str(record), str(deck)])
+    assert result.exit_code == 0 and "model 2223 departs from the run" in result.output
+    assert "Right Stages Corrected By Points Read Again" in (tmp_path / "models.setup.lst").read_text()
+    deck.write_text("\n".join(line for line in cards.splitlines() if " R" not in line[20:25]))
+    result = runner.invoke(musat, ["as11", "setup", str(record), str(deck)])
+    assert result.exit_code == 1
+    assert "model 2223: no points are read again to adjust its right stage by" in result.output
