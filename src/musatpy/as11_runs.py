@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from musatpy.compilation.against_run import against_run
-from musatpy.compilation.bottom import Bottom, bottoms_of
+from musatpy.compilation.bottom import Bottom, bottom_of
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.profiles import profiles_of
+from musatpy.compilation.profiles import CompiledProfile, profiles_of
 from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.triangulation import of_record
 from musatpy.errors import Problem, ProblemsError
@@ -19,7 +19,7 @@ from musatpy.formats.compilation_deck import read_compilation
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_setup
-from musatpy.reports.compilation_bottom import contours_csv, profiles_csv
+from musatpy.reports.compilation_bottom import contours_csv, grid_csv, profiles_csv
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
@@ -49,40 +49,32 @@ def compile_deck(
 ) -> CompileResult:
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
-    With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv`, and with `plots` their picture,
-    `NAME.contours.png`; with `gis` `NAME.gpkg` and `NAME.dxf`; with `csv` the tables of the listing, in
+    With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv`, with grids of posts `NAME.GRID.csv`,
+    and with `plots` the picture of contours, `NAME.contours.png` and `.pdf`; with `gis` `NAME.gpkg`, `NAME.dxf` and
+    `NAME.GRID.tif`; with `csv` the tables of the listing, in
     `NAME_tables`. Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises
     `OSError` where files cannot be read or written.
     """
-    result, problems = _compiled(run, deck)
-    if result is not None and not len(result.rows):
-        problems.append(Problem(file=str(deck), message="the deck has no readings (no STG or MPT card)"))
-        result = None
+    result, bottom, problems = _with_bottom(run, deck)
     if result is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
-    contents = result.deck
-    against = [against_run(model, contents.stages.kind[model.rows] == AGAIN) for model in result.models]
-    profiles, bottoms = profiles_of(result), bottoms_of(result)
+    kind = result.deck.stages.kind
+    against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
+    profiles = profiles_of(result)
     warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
-    sections = compilation.sections_of(result, against, profiles, bottoms, warnings)
+    sections = compilation.sections_of(result, against, profiles, bottom, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
-    files = {
-        listing: text.encode(),
-        record: dumps(compilation.record_of(result, against, profiles, bottoms, warnings)).encode(),
-    }
+    values = dumps(compilation.record_of(result, against, profiles, bottom, warnings))
+    files = {listing: text.encode(), record: values.encode()}
     if csv:
         folder = listing.with_name(f"{deck.stem}_tables")
         files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
-    if profiles:
-        angular = result.run.block.options.system is CoordinateSystem.GEOGRAPHIC
-        files[listing.with_suffix(".profiles.csv")] = profiles_csv(profiles, angular).encode()
-    if bottoms:
-        files[listing.with_suffix(".contours.csv")] = contours_csv(bottoms, result.datum.height).encode()
-    if plots and bottoms:
-        files[listing.with_suffix(".contours.png")] = _picture(result, bottoms)
+    files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(result, profiles, bottom)}
+    if plots and bottom is not None:
+        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottom)}
     write_files(files)
-    written = [*files, *(_for_gis(result, bottoms, listing) if gis else ())]
+    written = [*files, *(_for_gis(result, bottom, listing) if gis else ())]
     return CompileResult(
         status=ExitStatus.DONE,
         problems=tuple(problems),
@@ -90,6 +82,36 @@ def compile_deck(
         warnings=warnings,
         files=tuple(written),
     )
+
+
+def _with_bottom(run: Path, deck: Path) -> tuple[Compiled | None, Bottom | None, list[Problem]]:
+    """Return what came of a deck with readings and its bottom, None where it cannot be used, and every problem."""
+    result, problems = _compiled(run, deck)
+    if result is None:
+        return None, None, problems
+    if not len(result.rows):
+        message = "the deck has no readings (no STG or MPT card)"
+        return None, None, [*problems, Problem(file=str(deck), message=message)]
+    try:
+        return result, bottom_of(result), problems
+    except ProblemsError as error:
+        return None, None, [*problems, *_of_deck(deck, error)]
+
+
+def _extracts(
+    result: Compiled, profiles: list[CompiledProfile], bottom: Bottom | None
+) -> Iterator[tuple[str, bytes]]:
+    """Yield the names and contents of the files that a deck asks for: profiles, contours, grids of posts."""
+    angular = result.run.block.options.system is CoordinateSystem.GEOGRAPHIC
+    datum = result.datum.height
+    if profiles:
+        yield "profiles.csv", profiles_csv(profiles, angular).encode()
+    if bottom is None:
+        return
+    if result.deck.contours is not None:
+        yield "contours.csv", contours_csv(bottom, angular, datum).encode()
+    for grid in bottom.grids:
+        yield f"{grid.name}.csv", grid_csv(grid, angular, datum).encode()
 
 
 def set_up_deck(
@@ -155,23 +177,28 @@ def _compiled(run: Path, deck: Path) -> tuple[Compiled | None, list[Problem]]:
         return None, [*problems, *_of_deck(deck, error)]
 
 
-def _for_gis(result: Compiled, bottoms: list[Bottom], listing: Path) -> Iterator[Path]:
+def _for_gis(result: Compiled, bottom: Bottom | None, listing: Path) -> Iterator[Path]:
     """Write points and contours for GIS and CAD, and yield where they are."""
-    from musatpy.compilation.gis_layers import layers_of  # few users need these packages
-    from musatpy.interchange import dxf, geopackage
+    from musatpy.compilation.gis_layers import layers_of, raster_of  # few users need these packages
+    from musatpy.interchange import dxf, geopackage, geotiff
 
-    layers = layers_of(result, bottoms)
+    layers = layers_of(result, bottom)
     for suffix, write in ((".gpkg", geopackage.write), (".dxf", dxf.write)):
         path = listing.with_suffix(suffix)
         write(path, layers)
         yield path
+    for grid in () if bottom is None else bottom.grids:
+        path = listing.with_suffix(f".{grid.name}.tif")
+        geotiff.write(path, raster_of(grid, result.datum))
+        yield path
 
 
-def _picture(result: Compiled, bottoms: list[Bottom]) -> bytes:
-    from musatpy.compilation.pictures import contour_picture  # few users draw
+def _pictures(result: Compiled, bottom: Bottom) -> Iterator[tuple[str, bytes]]:
+    """Yield the names and contents of the contours as a PNG and as a page of PDF."""
+    from musatpy.compilation.pictures import contour_pictures  # few users draw
 
-    title = result.deck.titles[0] if result.deck.titles else "Bottom"
-    return contour_picture(bottoms, title, result.datum.name or "the height 0")
+    for kind, data in contour_pictures(result, bottom).items():
+        yield f"contours.{kind}", data
 
 
 def _of_deck(deck: Path, error: ProblemsError) -> list[Problem]:

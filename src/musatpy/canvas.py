@@ -1,4 +1,4 @@
-"""A figure of matplotlib, and how it becomes the bytes of a PNG file."""
+"""A figure of matplotlib, and how it becomes the bytes of a PNG file, or a page of PDF."""
 
 from __future__ import annotations
 
@@ -21,4 +21,11 @@ def png(figure: Any) -> bytes:
     """Return the figure as a PNG file, without date and version: the same figure gives the same bytes."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def pdf(figure: Any) -> bytes:
+    """Return the figure as a page of PDF, without its date: the same figure gives the same bytes."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="pdf", metadata={"CreationDate": None, "Producer": None, "Creator": None})
     return buffer.getvalue()

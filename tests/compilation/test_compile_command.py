@@ -18,6 +18,7 @@ from json_schema import violations
 from musatpy.cli.main import main as musat
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.reports.compilation import schema
+from musatpy.units import DEGREE
 
 FIXTURES = stage_readings.FIXTURES
 
@@ -128,10 +129,9 @@ def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: P
     assert np.allclose(np.diff(posts[:, 0]), 50.0) and len(posts) == 16
     listing = (tmp_path / "st_thomas_as11.lst").read_text()
     assert re.search(r"Model 2122, profile NS, station 3[12]\d\.\d\d m: depth [34]\.\d+ m", listing)
-    assert (
-        record["surfaces"][0]["points"]
-        == sum(row["model"] == "2122" and row["submerged"] and row["class"] != "R" for row in record["points"]) - 1
-    )
+    (surface,) = record["surfaces"]
+    new = sum(row["submerged"] and row["class"] != "R" for row in record["points"])
+    assert surface["points"] + surface["left_out"] == new - 1
 
 
 @pytest.mark.parametrize(
@@ -254,3 +254,23 @@ def test_plates_that_have_moved_are_not_recovered(run: Path, tmp_path: Path) -> 
     assert re.search(r"model 2122 is not recovered: .* by 4[0-9]\.[0-9] um RMS, [45][0-9]", result.output)
     assert "model 2223 is not recovered" not in result.output
     assert re.search(r"^2122 .* NO$", (tmp_path / "moved.lst").read_text(), re.MULTILINE)
+
+
+def test_points_of_the_shoreline_are_held_against_the_tide(run: Path, tmp_path: Path) -> None:
+    """Three readings at the water, of tides .12 and .31 m, and one 5 m below; all of the class of the shoreline."""
+    cards = [line for line in stage_readings.DECK.read_text().splitlines() if line[:3] in ("TTL", "MDL", "CIN")]
+    east, height = [-64.9385, -64.9365, -64.9345, -64.9325], [0.119, 0.119, 0.119, -5.0]
+    truth = np.column_stack([np.full(4, 18.331) * DEGREE, np.array(east) * DEGREE, height])
+    images = np.concatenate([stage_readings.images(photo, truth) for photo in ("21", "22")], axis=1)
+    cards += [f"STG 2122     S{row}       S " + "".join(f"{v:11.6f}" for v in xy) for row, xy in enumerate(images)]
+    deck = tmp_path / "shore.crd"
+    deck.write_text("\n".join([*cards, "END", ""]))
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0, result.output
+    (row,) = json.loads((tmp_path / "shore.json").read_text())["shoreline"]
+    # Stations of the run are some .2 m from the truth in height; in air 5.2 m of depth look like 3.8.
+    assert row["points"] == 4 and row["largest"] == pytest.approx(-3.8, abs=0.6)
+    assert row["mean"] == pytest.approx(-0.95, abs=0.6)
+    assert re.search(r"point S3 of model 2122 is on the shoreline and -[34]\.\d\d m off the water", result.output)
+    assert "point S0 of" not in result.output
+    assert "Shoreline: Heights Over The Tide" in (tmp_path / "shore.lst").read_text()

@@ -8,7 +8,7 @@ import pytest
 from musatpy.arrays import FloatArray
 from musatpy.errors import SurfaceError
 from musatpy.surfaces.contours import bounds, contours, levels_between
-from musatpy.surfaces.tin import INSIDE, LONG_EDGE, OUTSIDE, REASONS, Tin, words_of
+from musatpy.surfaces.tin import INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS, Tin, words_of
 
 
 def scattered(number: int = 400, seed: int = 3) -> FloatArray:
@@ -133,3 +133,13 @@ def test_levels_of_an_interval() -> None:
     np.testing.assert_allclose(levels_between(-2.5, 6.0, 2.0), [-2.0, 0.0, 2.0, 4.0, 6.0])
     with pytest.raises(SurfaceError, match="2000 are the most"):
         levels_between(0.0, 1e6, 0.1)
+
+
+def test_triangles_between_points_of_the_shoreline_alone_are_land() -> None:
+    # A bay: the shore comes in from both sides, and the land lies between its arms.
+    shore = np.array([[0.0, 100.0], [40.0, 100.0], [40.0, 60.0], [60.0, 60.0], [60.0, 100.0], [100.0, 100.0]])
+    water = np.array([[0.0, 0.0], [100.0, 0.0], [50.0, 20.0], [20.0, 50.0], [80.0, 50.0]])
+    xyz = np.concatenate([with_values(shore, np.zeros(6)), with_values(water, np.full(5, 5.0))])
+    tin = Tin.of(xyz, shore=np.arange(11) < 6)
+    at = tin.at(np.array([[50.0, 90.0], [50.0, 50.0], [20.0, 80.0]]))
+    assert at.reason.tolist() == [LAND, INSIDE, INSIDE]

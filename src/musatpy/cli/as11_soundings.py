@@ -30,8 +30,8 @@ def command(
     """
     import math
 
-    from musatpy.compilation.bottom import surfaces_of
     from musatpy.compilation.compiled import compiled
+    from musatpy.compilation.joined_surfaces import surfaces_of
     from musatpy.compilation.sounded import Matching, sounded
     from musatpy.compilation.triangulation import of_record
     from musatpy.files import write_files
@@ -48,7 +48,7 @@ def command(
     contents, _ = read_compilation(deck, triangulation.block)
     result = compiled(triangulation, contents)
     how = Matching(steepest=math.inf if steepest is None else steepest, **sigmas)
-    compared = sounded(surfaces_of(result), read_soundings(soundings), how)
+    compared = sounded(surfaces_of(result)[0], read_soundings(soundings), how)
     if not len(compared.rows):
         why = next(iter(compared.reasons.values()), "there is no bottom")
         raise click.ClickException(f"no sounding meets the bottom: {why}")

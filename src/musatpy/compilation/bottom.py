@@ -1,7 +1,4 @@
-"""The bottom of a model: triangles over its submerged points, and contours of depth below the sounding datum.
-
-Points of the run that are read again check the model, and make no bottom; nor do spikes of profiles.
-"""
+"""The bottom of a compilation: its surfaces, contours of depth below the sounding datum, and grids of posts."""
 
 from __future__ import annotations
 
@@ -9,101 +6,48 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
-from musatpy.compilation.compiled import Compiled, CompiledModel
-from musatpy.compilation.profiles import profiles_of
-from musatpy.errors import SurfaceError
-from musatpy.geometry.plan import Plan
-from musatpy.model.compilation import AGAIN, ContourSpec
+from musatpy.compilation.compiled import Compiled
+from musatpy.compilation.grids import PostGrid, grids_of
+from musatpy.compilation.joined_surfaces import EdgeMatch, Surface, surfaces_of
+from musatpy.model import CoordinateSystem
+from musatpy.model.compilation import ContourSpec
 from musatpy.surfaces.contours import Contours, contours, levels_between
 from musatpy.surfaces.tin import Tin
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Surface:
-    """The surface of a model in plan, metres east and north of its middle (X, Y of local jobs), depths positive.
-
-    The network is None, with its `reason`, where the points make none. `plan` takes places back to the job, None in
-    local jobs.
-    """
-
-    model: CompiledModel
-    tin: Tin | None
-    plan: Plan | None
-    reason: str = ""
-
-    def coordinates(self, xy: FloatArray, height: FloatArray) -> FloatArray:
-        """Return coordinates (k, 3) of the job of places (k, 2) at heights (k,)."""
-        places = np.column_stack([xy, height])
-        return places if self.plan is None else self.plan.coordinates(places)
-
-    def places(self, coordinates: FloatArray) -> FloatArray:
-        """Return the places (k, 2) of the first two coordinates (k, 2) of the job."""
-        if self.plan is None:
-            return coordinates
-        return self.plan.places(np.column_stack([coordinates, np.zeros(len(coordinates))]))[:, :2]
+from musatpy.units import DEGREE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bottom:
-    """The surface of a model with its contours."""
+    """The surfaces of a compilation with the contours of each, how its models match, and grids of posts."""
 
-    surface: Surface
-    lines: Contours
-
-    @property
-    def model(self) -> CompiledModel:
-        """The model."""
-        return self.surface.model
-
-    @property
-    def tin(self) -> Tin | None:
-        """The triangles."""
-        return self.surface.tin
+    surfaces: tuple[Surface, ...]
+    lines: tuple[Contours, ...]
+    edges: tuple[EdgeMatch, ...]
+    grids: tuple[PostGrid, ...] = ()
 
 
-def surfaces_of(compiled: Compiled) -> list[Surface]:
-    """Return the surface of each model: depths below the sounding datum."""
-    longest = compiled.deck.contours.longest_edge if compiled.deck.contours else np.inf
-    (depth, sigma), first, surfaces = compiled.datum_depth, 0, []
-    spike = np.zeros(len(depth), dtype=bool)
-    for line in profiles_of(compiled):
-        spike[line.rows] |= line.profile.spike if line.profile else False
-    for model in compiled.models:
-        rows = slice(first, first := first + len(model.rows))
-        again = compiled.deck.stages.kind[model.rows] == AGAIN
-        used = np.flatnonzero(model.readings.submerged & ~again & ~spike[rows] & np.isfinite(depth[rows]))
-        surfaces.append(_surface(model, used, np.stack([depth[rows], sigma[rows]])[:, used], longest))
-    return surfaces
+def bottom_of(compiled: Compiled) -> Bottom | None:
+    """Return the bottom of a compilation, None where the deck asks for no contours and no grids.
 
-
-def bottoms_of(compiled: Compiled) -> list[Bottom]:
-    """Return the bottom of each model, none where the deck asks for no contours.
-
-    Raises `MusatError` where matplotlib is missing, and `SurfaceError` for too many contours.
+    Raises `MusatError` where matplotlib is missing, `SurfaceError` for too many contours, and `CompilationError`
+    for grids that cannot be.
     """
-    spec = compiled.deck.contours
-    return [] if spec is None else [_bottom(surface, spec) for surface in surfaces_of(compiled)]
+    spec, grids = compiled.deck.contours, compiled.deck.grids
+    if spec is None and not len(grids.ids):
+        return None
+    angular = compiled.run.block.options.system is CoordinateSystem.GEOGRAPHIC
+    surfaces, edges = surfaces_of(compiled)
+    return Bottom(
+        surfaces=surfaces,
+        lines=tuple(_contours(surface.tin, spec) for surface in surfaces),
+        edges=edges,
+        grids=grids_of(grids, surfaces, DEGREE if angular else 1.0),
+    )
 
 
-def _surface(model: CompiledModel, rows: IntArray, depths: FloatArray, longest_edge: float) -> Surface:
-    """Return the surface by the points `rows` (k,) of a model, with depths (2, k) and their sigmas."""
-    if not len(rows):
-        return Surface(model=model, tin=None, plan=None, reason="no submerged point of it has a position")
-    position, system = model.points.position[rows], model.stereo.run.map_system
-    plan = None if system is None else Plan.about(system, position)
-    xy = (position if plan is None else plan.places(position))[:, :2]
-    try:
-        tin = Tin.of(np.column_stack([xy, depths[0]]), depths[1], longest_edge)
-    except SurfaceError as error:
-        return Surface(model=model, tin=None, plan=plan, reason=error.problems[0].message)
-    return Surface(model=model, tin=tin, plan=plan)
-
-
-def _bottom(surface: Surface, spec: ContourSpec) -> Bottom:
-    tin = surface.tin
-    if tin is None:
-        return Bottom(surface=surface, lines=Contours(lines=(), dropped=0))
+def _contours(tin: Tin | None, spec: ContourSpec | None) -> Contours:
+    if tin is None or spec is None:
+        return Contours(lines=(), dropped=0)
     levels = levels_between(float(tin.z.min()), float(tin.z.max()), spec.interval)
     thick = levels[np.rint(levels / spec.interval) % spec.index == 0]
-    return Bottom(surface=surface, lines=contours(tin, levels.tolist(), thick.tolist(), spec.shortest))
+    return contours(tin, levels.tolist(), thick.tolist(), spec.shortest)

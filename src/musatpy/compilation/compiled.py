@@ -17,7 +17,7 @@ from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
 from musatpy.errors import CompilationError, Problem
-from musatpy.model.compilation import AGAIN, RECOVERABLE, Compilation, Mode, SoundingDatum, StageReadings
+from musatpy.model.compilation import AGAIN, RECOVERABLE, SHORE, Compilation, Mode, SoundingDatum, StageReadings
 from musatpy.model.reduced import Reduced
 
 OFF_PLATE = "its image lies off the plate"
@@ -110,6 +110,16 @@ class Compiled:
         depth[known] = self.datum.height - frame.height(frame.working(position[known]))
         return depth, np.hypot(self.sigma[:, 2], self.datum.sigma)
 
+    @cached_property
+    def shore(self) -> tuple[FloatArray, FloatArray]:
+        """(k,) m, heights of points of the shoreline over the mean tide of both photos, NaN of others; sigmas."""
+        frame, position = self.run.frame, self.gathered("position")
+        on_shore = (self.deck.stages.kind[self.rows] == SHORE) & np.isfinite(position).all(axis=1)
+        height = np.full(len(position), np.nan)
+        height[on_shore] = frame.height(frame.working(position[on_shore]))
+        level = np.repeat([model.stereo.tides.mean() for model in self.models], [len(m.rows) for m in self.models])
+        return height - level, self.sigma[:, 2]
+
     def warnings(self) -> Iterator[str]:
         """Yield what is odd about the readings."""
         for model in self.models:
@@ -126,6 +136,9 @@ class Compiled:
             yield f"{names[row]} has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas"
         for row in np.flatnonzero(-depth > _ABOVE * self.gathered("depth_sigma")).tolist():
             yield f"{names[row]} is flagged as submerged and stands {-depth[row]:.2f} m above the water"
+        height, sigma = self.shore
+        for row in np.flatnonzero(np.abs(height) > _MISSED * sigma).tolist():
+            yield f"{names[row]} is on the shoreline and {height[row]:+.2f} m off the water"
 
 
 def compiled(run: Triangulation, deck: Compilation) -> Compiled:

@@ -1,41 +1,69 @@
-"""The bottom as a picture: contours over shaded depth, with the points (the extra `plots`)."""
+"""The bottom as a picture: contours over shaded depth, with points and stations (the extra `plots`)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
-from musatpy.canvas import new_figure, png
+import numpy as np
+
+from musatpy.canvas import new_figure, pdf, png
 from musatpy.compilation.bottom import Bottom
+from musatpy.compilation.compiled import Compiled
+from musatpy.compilation.joined_surfaces import Surface
+from musatpy.surfaces.contours import Contours
 
 _PANEL = 6.0  # inches
 
 
-def contour_picture(bottoms: Sequence[Bottom], title: str, datum: str) -> bytes:
-    """Return a PNG of the models side by side, north up. Raises `MusatError` where matplotlib is missing."""
-    shown = [bottom for bottom in bottoms if bottom.tin is not None]
+def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
+    """Return the surfaces side by side, north up, as `png` and `pdf`. Raises `MusatError` without matplotlib."""
+    shown = [pair for pair in zip(bottom.surfaces, bottom.lines, strict=True) if pair[0].tin is not None]
     figure = new_figure(_PANEL * max(len(shown), 1), _PANEL)
-    figure.suptitle(f"{title}: depths below {datum}, m")
-    deepest = max((float(bottom.tin.z.max()) for bottom in shown if bottom.tin), default=1.0)
-    least = min((float(bottom.tin.z.min()) for bottom in shown if bottom.tin), default=0.0)
-    for number, bottom in enumerate(shown, 1):
+    title = compiled.deck.titles[0] if compiled.deck.titles else "Bottom"
+    figure.suptitle(f"{title}: depths below {compiled.datum.name or 'the height 0'}, m", wrap=True)
+    depths = np.concatenate([surface.tin.z for surface, _ in shown if surface.tin] or [np.array([0.0, 1.0])])
+    shade = None
+    for number, (surface, lines) in enumerate(shown, 1):
         axes = figure.add_subplot(1, len(shown), number, aspect="equal")
-        tin = bottom.tin
-        assert tin is not None
-        shade = axes.tripcolor(
-            *tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", cmap="Blues", vmin=least,
-            vmax=deepest,
-        )  # fmt: skip
-        for line in bottom.lines.lines:
-            axes.plot(*line.xy.T, color="0.15", linewidth=1.6 if line.index else 0.7)
-            if line.index:
-                middle = line.xy[len(line.xy) // 2]
-                axes.annotate(
-                    f"{line.level:g}", middle, fontsize=8, ha="center", va="center", backgroundcolor="white"
-                )
-        axes.plot(*tin.xy.T, ".", color="tab:orange", markersize=3)
-        axes.set_title(f"model {bottom.model.name}")
-        axes.set_xlabel("east, m")
-        axes.set_ylabel("north, m")
-        if number == len(shown):
-            figure.colorbar(shade, ax=axes, label="depth, m")
-    return png(figure)
+        shade = _draw(axes, surface, lines, (float(depths.min()), float(depths.max())))
+        _draw_models(axes, compiled, surface)
+    if shade is not None:
+        figure.colorbar(shade, ax=axes, label="depth, m")
+    return {"png": png(figure), "pdf": pdf(figure)}
+
+
+def _draw(axes: Any, surface: Surface, lines: Contours, limits: tuple[float, float]) -> Any:
+    """Draw a surface with its points and contours, and return what its colours mean."""
+    tin = surface.tin
+    assert tin is not None
+    shade = axes.tripcolor(
+        *tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", cmap="Blues", vmin=limits[0],
+        vmax=limits[1],
+    )  # fmt: skip
+    for line in lines.lines:
+        axes.plot(*line.xy.T, color="0.15", linewidth=1.6 if line.index else 0.7)
+        if line.index:
+            middle = line.xy[len(line.xy) // 2]
+            axes.annotate(f"{line.level:g}", middle, fontsize=8, ha="center", va="center", backgroundcolor="white")
+    axes.plot(*tin.xy.T, ".", color="tab:orange", markersize=3)
+    axes.set_xlabel("east, m")
+    axes.set_ylabel("north, m")
+    return shade
+
+
+def _draw_models(axes: Any, compiled: Compiled, surface: Surface) -> None:
+    """Draw the bases of the models of a surface, and what both photos show at the height of the origin."""
+    for model in compiled.models:
+        if model.name not in surface.models:
+            continue
+        stereo, photos = model.stereo, model.stereo.run.block.photos
+        base = surface.places(photos.position[list(stereo.photos)][:, :2])
+        axes.plot(*base.T, "^-", color="0.3", markersize=7, linewidth=0.8)
+        for row, place in zip(stereo.photos, base, strict=True):
+            axes.annotate(str(photos.ids[row]), place, textcoords="offset points", xytext=(4, 5), fontsize=8)
+        half = 0.5 * stereo.camera("format_size").min(axis=0) / stereo.camera("focal_length").mean() * stereo.height
+        stations = stereo.stations[:, 0]
+        west, east = stations.max() - half[0], stations.min() + half[0]
+        corners = np.array([[west, -half[1]], [east, -half[1]], [east, half[1]], [west, half[1]], [west, -half[1]]])
+        outline = stereo.working(np.column_stack([corners, np.zeros(5)]))
+        axes.plot(*surface.places(stereo.run.frame.system(outline)[:, :2]).T, "--", color="0.5", linewidth=0.8)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from musatpy.arrays import IntArray
-from musatpy.compilation.bottom import Surface
+from musatpy.compilation.joined_surfaces import Surface
 from musatpy.errors import Problem, SoundingError
 from musatpy.soundings.differences import Differences
 from musatpy.soundings.sounding_files import Soundings
@@ -41,8 +42,8 @@ class Sounded:
     reasons: dict[int, str]
 
 
-def sounded(surfaces: list[Surface], soundings: Soundings, how: Matching) -> Sounded:
-    """Return soundings beside the surfaces of models; where these overlap beside the surer one.
+def sounded(surfaces: Sequence[Surface], soundings: Soundings, how: Matching) -> Sounded:
+    """Return soundings beside the surfaces of a compilation.
 
     Raises `SoundingError` where their coordinates are not of the kind of the job's.
     """

@@ -22,6 +22,7 @@ from musatpy.model.compilation import (
     IN_PROFILE,
     Compilation,
     ContourSpec,
+    GridSpecs,
     ProfileSpecs,
     SoundingDatum,
     StageReadings,
@@ -37,10 +38,12 @@ _POSITIVE = {
     "MPT": ("sigma",),
     "CIN": ("interval", "index", "longest_edge"),
     "PRF": ("step", "spike"),
+    "GRD": ("spacing",),
 }
 _COORDINATES = ("x_left", "y_left", "x_right", "y_right")
 _PLACE = ("x", "y", "z")
 _READINGS = ("STG", "MPT")
+_CORNERS = ("first_1", "first_2", "second_1", "second_2")
 
 
 @lru_cache(maxsize=1)
@@ -110,6 +113,7 @@ def _contents(deck: CardDeck) -> tuple[Compilation, IntArray]:
             ),
             stages=taken(stacked([_readings(table, number) for table in tables]), order),
             profiles=_profiles(deck.table(cards["PRF"]), number),
+            grids=_grids(deck.table(cards["GRD"])),
             datum=_datum(deck.table(cards["VDT"])),
             contours=_contours(deck.table(cards["CIN"])),
         ),
@@ -141,6 +145,15 @@ def _profiles(table: CardTable, models: dict[str, int]) -> ProfileSpecs:
         step=_number(table, "step"),
         spike=_number(table, "spike"),
         tolerance=_number(table, "tolerance"),
+    )
+
+
+def _grids(table: CardTable) -> GridSpecs:
+    return GridSpecs(
+        ids=_text(table, "name"),
+        spacing=_number(table, "spacing"),
+        first=_numbers(table, _CORNERS[:2]),
+        second=_numbers(table, _CORNERS[2:]),
     )
 
 
@@ -189,6 +202,14 @@ def compilation_bytes(deck: Compilation) -> bytes:
                 "profile": deck.profiles.ids,
                 "model": models.ids[deck.profiles.model],
                 **{name: getattr(deck.profiles, name) for name in ("start", "end", "step", "spike", "tolerance")},
+            },
+        ),
+        (
+            cards["GRD"],
+            {
+                "name": deck.grids.ids,
+                "spacing": deck.grids.spacing,
+                **dict(zip(_CORNERS, np.hstack([deck.grids.first, deck.grids.second]).T, strict=True)),
             },
         ),
         *([] if deck.raw is None else raw_stages.cards_of(deck.raw)),
@@ -271,6 +292,13 @@ def _cross_checks(deck: CardDeck) -> Iterator[Problem]:
         yield _problem(deck, profiles, row, "profile", "a second profile of this name in the model")
     for row in np.flatnonzero(~np.isin(_text(profiles, "model"), ids)).tolist():
         yield _problem(deck, profiles, row, "model", "there is no MDL card of this model")
+    grids = deck.table(cards["GRD"])
+    for row in _repeated([_text(grids, "name")]):
+        yield _problem(deck, grids, row, "name", "a second grid of this name")
+    given = np.isfinite(_numbers(grids, _CORNERS))
+    for row in np.flatnonzero(given.any(axis=1) & ~given.all(axis=1)).tolist():
+        missing = _CORNERS[int(np.argmin(given[row]))]
+        yield _problem(deck, grids, row, missing, "a grid has both corners, or none")
     yield from _faults_of_readings(deck, ids)
 
 

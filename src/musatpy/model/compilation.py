@@ -15,6 +15,7 @@ from musatpy.model.block import Block
 from musatpy.model.tables import Table, empty, per_row
 
 IN_PROFILE = "P"  # class of readings of a profile
+SHORE = "S"  # class of readings of the shoreline
 AGAIN = "R"  # class of points of the run that are read again
 RECOVERABLE = 0.015  # mm, "recoverable to within 10-15 microns" (ETL-0306, section 6)
 
@@ -108,6 +109,16 @@ class ProfileSpecs(Table):
     tolerance: FloatArray = per_row()  # (q,) 0: all readings are needed
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GridSpecs(Table):
+    """g grids of posts, in the order of the deck."""
+
+    ids: TextArray = per_row()  # (g,)
+    spacing: FloatArray = per_row()  # (g,) m
+    first: FloatArray = per_row(2)  # (g, 2) corner, degrees or m as the job's coordinates; NaN: all of the bottom
+    second: FloatArray = per_row(2)  # (g, 2) opposite corner
+
+
 @dataclass(frozen=True, kw_only=True)
 class SoundingDatum:
     """The height from which charted depths count, in heights of the job (m), and its sigma, 0 where it is exact."""
@@ -136,5 +147,6 @@ class Compilation:
     stages: StageReadings  # as they were read
     raw: Block | None = None  # the stages as raw plates, each reading a point by its number; None: they are refined
     profiles: ProfileSpecs = field(default_factory=partial(empty, ProfileSpecs))
+    grids: GridSpecs = field(default_factory=partial(empty, GridSpecs))
     datum: SoundingDatum | None = None  # None: no card
     contours: ContourSpec | None = None  # None: none are asked for

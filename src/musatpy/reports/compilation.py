@@ -125,6 +125,18 @@ POINTS: Rows[Compiled, Compiled] = Rows(
         Field("reason", "string?", "why it has no position", lambda c: c.reasons),
     ),
 )  # fmt: skip
+SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
+    "shoreline",
+    "one row per model with points of the shoreline: their heights over the mean tide",
+    lambda c: _shorelines(c),
+    (
+        Field("model", "string", "model id", lambda s: s[0]),
+        Field("points", "integer", "on the shoreline", lambda s: len(s[1])),
+        Field("mean", "number", "of the heights", lambda s: s[1].mean(), "m"),
+        Field("rms", "number", "root mean square", lambda s: _rms(s[1]), "m"),
+        Field("largest", "number", "signed, of the largest magnitude", lambda s: s[1][np.abs(s[1]).argmax()], "m"),
+    ),
+)
 RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[AgainstRun]]] = Rows(
     "against_run",
     "one row per point that the run has too",
@@ -162,18 +174,18 @@ def record_of(
     compiled: Compiled,
     against: list[AgainstRun],
     profiles: list[CompiledProfile],
-    bottoms: list[Bottom],
+    bottom: Bottom | None,
     warnings: Sequence[str],
 ) -> dict[str, Json]:
     """Return the record of a compilation, with its points beside those of the run, and the bottom."""
-    nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, MOVED, POINTS)
+    nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES)
     return {
         "compilation_version": _VERSION,
         **{node.name: node.json(compiled) for node in nodes},
         RECOVERED.name: RECOVERED.json((compiled, against)),
         RUN_POINTS.name: RUN_POINTS.json((compiled, against)),
         compilation_bottom.PROFILES.name: compilation_bottom.PROFILES.json(profiles),
-        **{node.name: node.json(bottoms) for node in compilation_bottom.RECORD},
+        **{node.name: node.json(bottom) if bottom else [] for node in compilation_bottom.RECORD},
         "warnings": list(warnings),
     }
 
@@ -182,7 +194,7 @@ def schema() -> Schema:
     """Return the JSON Schema of the record."""
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(JOB, INTERIOR, MODELS, MOVED, POINTS, RECOVERED, RUN_POINTS),
+        *(JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES, RECOVERED, RUN_POINTS),
         compilation_bottom.PROFILES,
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
@@ -194,6 +206,12 @@ def schema() -> Schema:
         "type": "object",
         **properties_of(nodes),
     }
+
+
+def _shorelines(compiled: Compiled) -> list[tuple[str, FloatArray]]:
+    height = compiled.shore[0]
+    of_models = ((model.name, height[compiled.model_ids == model.name]) for model in compiled.models)
+    return [(name, known) for name, values in of_models if len(known := values[np.isfinite(values)])]
 
 
 def _index(compiled: Compiled) -> float | None:
@@ -338,14 +356,25 @@ RECOVERED_TABLE: Report[Any] = Report(
         Column("Recovered", "A9", shows=Origin(field="recovered", true="yes", false="NO")),
     ),
 )
-STATED = (MODEL_TABLE, MOVED_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
+SHORE_TABLE: Report[Any] = Report(
+    title="Shoreline: Heights Over The Tide",
+    table=SHORELINES,
+    columns=(
+        key("Model", "A8", "model"),
+        Column("Points", "I6", shows="points"),
+        Column("Mean\nm", "F8.3", shows="mean"),
+        Column("RMS\nm", "F8.3", shows="rms"),
+        Column("Largest\nm", "F8.3", shows="largest"),
+    ),
+)
+STATED = (MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
 
 
 def sections_of(
     compiled: Compiled,
     against: list[AgainstRun],
     profiles: list[CompiledProfile],
-    bottoms: list[Bottom],
+    bottom: Bottom | None,
     warnings: Sequence[str],
 ) -> list[Section]:
     """Return what the listing says, section by section."""
@@ -357,7 +386,8 @@ def sections_of(
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
         POINT_TABLE.section(compiled, new_page=True),
         RAY_TABLE.section(compiled),
-        *compilation_bottom.sections_of(bottoms, profiles),
+        *([SHORE_TABLE.section(compiled)] if _shorelines(compiled) else []),
+        *compilation_bottom.sections_of(bottom, profiles),
         *([RUN_TABLE.section((compiled, against), new_page=True), _analysis(shown)] if shown else []),
     ]
 

@@ -6,41 +6,81 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.model import CoordinateSystem
+from musatpy.arrays import FloatArray
+from musatpy.reports.columns import vector
 from musatpy.reports.fields import Each, Field
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
+from musatpy.reports.text import wrapped
 from musatpy.surfaces.contours import bounds
 from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.compilation.bottom import Bottom
+    from musatpy.compilation.grids import PostGrid
+    from musatpy.compilation.joined_surfaces import EdgeMatch, Surface
     from musatpy.compilation.profiles import CompiledProfile
+    from musatpy.surfaces.contours import Contours
 
-Level = tuple[str, float, bool, int, float, float]
+Level = tuple[int, float, bool, int, float, float]
 
-SURFACES: Each[list[Bottom], Bottom] = Each(
+SURFACES: Each[Bottom, tuple[int, Surface, Contours]] = Each(
     "surfaces",
-    "one row per model whose bottom was asked for",
-    lambda bottoms: bottoms,
+    "one row per surface of models that overlap, where the bottom was asked for",
+    lambda bottom: _numbered(bottom),
     (
-        Field("model", "string", "model id", lambda b: b.model.name),
-        Field("points", "integer", "of the surface", lambda b: 0 if b.tin is None else len(b.tin.z)),
-        Field("merged", "integer", "points in the places of others", lambda b: b.tin.merged if b.tin else 0),
-        Field("area", "number?", "in plan", lambda b: b.tin.area if b.tin else np.nan, "m2"),
-        Field("least", "number?", "depth below the datum", lambda b: _depth(b, np.min), "m"),
-        Field("greatest", "number?", "depth below the datum", lambda b: _depth(b, np.max), "m"),
-        Field("dropped", "integer", "pieces of contours that were too short", lambda b: b.lines.dropped),
-        Field("reason", "string", "why there is no surface; empty where there is", lambda b: b.surface.reason),
+        Field("surface", "integer", "number", lambda s: s[0]),
+        Field("models", "* string", "model ids", lambda s: s[1].models),
+        Field("points", "integer", "of the surface", lambda s: len(s[1].tin.z) if s[1].tin else 0),
+        Field("merged", "integer", "points in the places of others", lambda s: s[1].tin.merged if s[1].tin else 0),
+        Field("left_out", "integer", "points beyond the middles of overlaps", lambda s: s[1].left_out),
+        Field("area", "number?", "in plan", lambda s: s[1].tin.area if s[1].tin else np.nan, "m2"),
+        Field("least", "number?", "depth below the datum", lambda s: _depth(s[1], np.min), "m"),
+        Field("greatest", "number?", "depth below the datum", lambda s: _depth(s[1], np.max), "m"),
+        Field("dropped", "integer", "pieces of contours that were too short", lambda s: s[2].dropped),
+        Field("reason", "string", "why there is no surface; empty where there is", lambda s: s[1].reason),
     ),
 )
-CONTOURS: Each[list[Bottom], Level] = Each(
-    "contours",
-    "one row per depth of a model",
-    lambda bottoms: _levels(bottoms),
+EDGES: Each[Bottom, EdgeMatch] = Each(
+    "edge_match",
+    "one row per pair of models that overlap: depths of the first less those of the second",
+    lambda bottom: bottom.edges,
     (
-        Field("model", "string", "model id", lambda c: c[0]),
+        Field("models", "2 string", "model ids", lambda e: e.models),
+        Field("points", "integer", "of either model, on the surface of the other", lambda e: len(e.names)),
+        Field("mean", "number", "of the differences", lambda e: e.difference.mean(), "m"),
+        Field("rms", "number", "root mean square", lambda e: e.rms, "m"),
+        Field("expected", "number", "by the sigmas, as if the models had nothing in common", unit="m"),
+        Field(
+            "largest",
+            "number",
+            "signed difference of the largest magnitude",
+            lambda e: e.difference[e.largest],
+            "m",
+        ),
+        Field("point", "string", "of the largest", lambda e: e.names[e.largest]),
+    ),
+)
+GRIDS: Each[Bottom, PostGrid] = Each(
+    "grids",
+    "one row per grid of posts",
+    lambda bottom: bottom.grids,
+    (
+        Field("grid", "string", "name", lambda g: g.name),
+        Field("spacing", "number", "of the posts", unit="m"),
+        Field("posts", "2 integer", "rows and columns", lambda g: g.depth.shape),
+        Field("empty", "integer", "posts without a surface"),
+        Field("least", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmin), "m"),
+        Field("greatest", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmax), "m"),
+    ),
+)
+CONTOURS: Each[Bottom, Level] = Each(
+    "contours",
+    "one row per depth of a surface",
+    lambda bottom: _levels(bottom),
+    (
+        Field("surface", "integer", "number", lambda c: c[0]),
         Field("depth", "number", "below the datum", lambda c: c[1], "m"),
         Field("index", "boolean", "drawn thick", lambda c: c[2]),
         Field("lines", "integer", "pieces", lambda c: c[3]),
@@ -64,7 +104,11 @@ PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
         Field("reason", "string", "why there is none; empty where there is", lambda p: p.reason),
     ),
 )
-RECORD = (SURFACES, CONTOURS)
+RECORD = (SURFACES, EDGES, CONTOURS, GRIDS)
+
+
+def _numbered(bottom: Bottom) -> list[tuple[int, Surface, Contours]]:
+    return [(row, *pair) for row, pair in enumerate(zip(bottom.surfaces, bottom.lines, strict=True), 1)]
 
 
 def _number(part: CompiledProfile, name: str) -> int:
@@ -80,17 +124,21 @@ def _of_values(part: CompiledProfile, of: Any) -> float:
     return float(of(values)) if len(values) else np.nan
 
 
-def _depth(bottom: Bottom, of: Any) -> float:
-    return np.nan if bottom.tin is None else float(of(bottom.tin.z))
+def _depth(surface: Surface, of: Any) -> float:
+    return np.nan if surface.tin is None else float(of(surface.tin.z))
 
 
-def _levels(bottoms: list[Bottom]) -> list[Level]:
+def _least(depth: FloatArray, of: Any) -> float:
+    return float(of(depth)) if np.isfinite(depth).any() else np.nan
+
+
+def _levels(bottom: Bottom) -> list[Level]:
     rows: list[Level] = []
-    for bottom in bottoms:
-        thick = {line.level for line in bottom.lines.lines if line.index}
+    for number, _, drawn in _numbered(bottom):
+        thick = {line.level for line in drawn.lines if line.index}
         rows += [
-            (bottom.model.name, level, level in thick, number, length, area)
-            for level, number, length, area in bounds(bottom.lines.lines)
+            (number, level, level in thick, lines, length, area)
+            for level, lines, length, area in bounds(drawn.lines)
         ]
     return rows
 
@@ -99,21 +147,47 @@ SURFACE_TABLE: Report[Any] = Report(
     title="Surfaces Of The Bottom",
     table=SURFACES,
     columns=(
-        key("Model", "A8", "model"),
+        key("Surface", "I7", "surface"),
         Column("Points", "I6", shows="points"),
         Column("Merged", "I6", shows="merged"),
+        Column("Left out", "I8", shows="left_out"),
         Column("Area\nm2", "F14.1", shows="area"),
         Column("Least depth\nm", "F11.3", shows="least"),
         Column("Greatest depth\nm", "F14.3", shows="greatest"),
         Column("Dropped", "I7", shows="dropped"),
-        Column("Without a surface, because", "A50", shows="reason"),
+        Column("Without a surface, because", "A42", shows="reason"),
+    ),
+)
+GRID_TABLE: Report[Any] = Report(
+    title="Grids Of Posts",
+    table=GRIDS,
+    columns=(
+        key("Grid", "A8", "grid"),
+        Column("Spacing\nm", "F9.2", shows="spacing"),
+        *vector(("Rows", "Columns"), ("I7", "I7"), shows="posts"),
+        Column("Empty", "I9", shows="empty"),
+        Column("Least depth\nm", "F11.3", shows="least"),
+        Column("Greatest depth\nm", "F14.3", shows="greatest"),
+    ),
+)
+EDGE_TABLE: Report[Any] = Report(
+    title="Edge Match: Depths Of The First Model Less Those Of The Second",
+    table=EDGES,
+    columns=(
+        *(key(name, "A8", f"models[{row}]") for row, name in enumerate(("First", "Second"))),
+        Column("Points", "I6", shows="points"),
+        Column("Mean\nm", "F8.3", shows="mean"),
+        Column("RMS\nm", "F8.3", shows="rms"),
+        Column("Expected\nm", "F8.3", shows="expected"),
+        Column("Largest\nm", "F8.3", shows="largest"),
+        Column("at Point", "A8", shows="point"),
     ),
 )
 CONTOUR_TABLE: Report[Any] = Report(
     title="Contours",
     table=CONTOURS,
     columns=(
-        key("Model", "A8", "model"),
+        key("Surface", "I7", "surface"),
         key("Depth\nm", "F9.3", "depth"),
         Column("Index", "A5", shows=Origin(field="index", true="index")),
         Column("Lines", "I5", shows="lines"),
@@ -136,10 +210,10 @@ PROFILE_TABLE: Report[Any] = Report(
         Column("Without, because", "A44", shows="reason"),
     ),
 )
-STATED = (PROFILE_TABLE, SURFACE_TABLE, CONTOUR_TABLE)
+STATED = (PROFILE_TABLE, SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, GRID_TABLE)
 
 
-def sections_of(bottoms: list[Bottom], profiles: list[CompiledProfile]) -> list[Section]:
+def sections_of(bottom: Bottom | None, profiles: list[CompiledProfile]) -> list[Section]:
     """Return the tables, and the spikes of profiles; nothing of what was not asked for."""
     sections = [PROFILE_TABLE.section(profiles, new_page=True)] if profiles else []
     spikes = [
@@ -152,27 +226,49 @@ def sections_of(bottoms: list[Bottom], profiles: list[CompiledProfile]) -> list[
     ]
     if spikes:
         sections.append(Section(title="Spikes Of Profiles", lines=spikes))
-    if not bottoms:
+    if bottom is None:
         return sections
-    return [*sections, SURFACE_TABLE.section(bottoms, new_page=True), CONTOUR_TABLE.section(bottoms)]
+    names = (f"{number}: models {', '.join(surface.models)}" for number, surface, _ in _numbered(bottom))
+    return [
+        *sections,
+        SURFACE_TABLE.section(bottom, new_page=True),
+        Section(title="Surfaces And Their Models", lines=wrapped(names)),
+        *([EDGE_TABLE.section(bottom)] if bottom.edges else []),
+        *([CONTOUR_TABLE.section(bottom)] if any(drawn.lines for drawn in bottom.lines) else []),
+        *([GRID_TABLE.section(bottom)] if bottom.grids else []),
+    ]
 
 
-def contours_csv(bottoms: list[Bottom], datum: float) -> str:
+def grid_csv(grid: PostGrid, angular: bool, datum: float) -> str:
+    """Return the posts of a grid that have a depth as comma-separated values, in the system of the job."""
+    unit, decimals = _printed(angular)
+    lines = [f"{'latitude,longitude,height' if angular else 'X,Y,Z'},depth,sigma"]
+    known = np.isfinite(grid.depth).ravel()
+    places = (grid.coordinates(datum) / unit)[known].tolist()
+    depths, sigmas = grid.depth.ravel()[known].tolist(), grid.sigma.ravel()[known].tolist()
+    for place, depth, sigma in zip(places, depths, sigmas, strict=True):
+        text = ",".join(f"{v:.{d}f}" for v, d in zip(place, decimals, strict=True))
+        lines.append(f"{text},{depth:.3f},{sigma:.3f}")
+    return "\n".join(lines) + "\n"
+
+
+def contours_csv(bottom: Bottom, angular: bool, datum: float) -> str:
     """Return the contours as comma-separated values, a vertex a line, in the system of the job (degrees, m)."""
-    lines: list[str] = []
+    lines = [f"line,surface,depth,index,closed,{'latitude,longitude,height' if angular else 'X,Y,Z'}"]
     number = 0
-    for bottom in bottoms:
-        system = bottom.model.stereo.run.block.options.system
-        angular = system == CoordinateSystem.GEOGRAPHIC
-        if not lines:
-            lines.append(f"line,model,depth,index,closed,{'latitude,longitude,height' if angular else 'X,Y,Z'}")
-        unit, decimals = (np.array([DEGREE, DEGREE, 1.0]), (10, 10, 4)) if angular else (np.ones(3), (4, 4, 4))
-        for line in bottom.lines.lines:
+    unit, decimals = _printed(angular)
+    for row, surface, drawn in _numbered(bottom):
+        for line in drawn.lines:
             number += 1
-            head = f"{number},{bottom.model.name},{line.level:g},{int(line.index)},{int(line.closed)},"
-            for vertex in bottom.surface.coordinates(line.xy, np.full(len(line.xy), datum - line.level)) / unit:
+            head = f"{number},{row},{line.level:g},{int(line.index)},{int(line.closed)},"
+            for vertex in surface.coordinates(line.xy, np.full(len(line.xy), datum - line.level)) / unit:
                 lines.append(head + ",".join(f"{v:.{d}f}" for v, d in zip(vertex, decimals, strict=True)))
     return "\n".join(lines) + "\n"
+
+
+def _printed(angular: bool) -> tuple[FloatArray, tuple[int, int, int]]:
+    """Return the units (3,) of coordinates in files, and their decimals."""
+    return (np.array([DEGREE, DEGREE, 1.0]), (10, 10, 4)) if angular else (np.ones(3), (4, 4, 4))
 
 
 def profiles_csv(profiles: list[CompiledProfile], angular: bool) -> str:
@@ -181,7 +277,7 @@ def profiles_csv(profiles: list[CompiledProfile], angular: bool) -> str:
     What a row is stands first: a reading, a spike, a reading that thinning does not need, or a post.
     """
     lines = [f"row,model,profile,station,offset,depth,sigma,{'latitude,longitude,height' if angular else 'X,Y,Z'}"]
-    unit, decimals = (np.array([DEGREE, DEGREE, 1.0]), (10, 10, 4)) if angular else (np.ones(3), (4, 4, 4))
+    unit, decimals = _printed(angular)
     for part in profiles:
         done = part.profile
         if done is None:

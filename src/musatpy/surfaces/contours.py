@@ -79,7 +79,7 @@ def _traced(tin: Tin, levels: Sequence[float]) -> Iterator[tuple[float, FloatArr
 
     mesh = Triangulation(tin.xy[:, 0], tin.xy[:, 1], tin.triangles, mask=~tin.kept)
     reached = [level for level in levels if tin.z.min() < level < tin.z.max()]
-    if not reached:
+    if not reached or not tin.kept.any():
         return
     drawn = figure.add_subplot().tricontour(mesh, tin.z, levels=reached)
     for level, path in zip(reached, drawn.get_paths(), strict=True):

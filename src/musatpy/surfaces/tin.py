@@ -10,8 +10,12 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SurfaceError
 
-INSIDE, OUTSIDE, LONG_EDGE = range(3)
-REASONS = {OUTSIDE: "outside the surface", LONG_EDGE: "an edge of the surface there is too long"}
+INSIDE, OUTSIDE, LONG_EDGE, LAND = range(4)
+REASONS = {
+    OUTSIDE: "outside the surface",
+    LONG_EDGE: "an edge of the surface there is too long",
+    LAND: "land, between points of the shoreline",
+}
 _FLAT = 1e-9  # of the extent along: points on a line have no triangles
 
 
@@ -33,20 +37,28 @@ class TinValues:
 class Tin:
     """The Delaunay triangles (t, 3) of points xy (n, 2) m with values z (n,) and sigmas (n,).
 
-    kept (t,) are those that make the surface: no edge is longer than a limit. merged: points that fell on others.
+    fault (t,) says why triangles are no part of the surface (INSIDE: they are). merged: points that fell on others.
     """
 
     xy: FloatArray
     z: FloatArray
     sigma: FloatArray
     triangles: IntArray
-    kept: BoolArray
+    fault: IntArray
     merged: int
     search: object
 
     @classmethod
-    def of(cls, points: FloatArray, sigma: FloatArray | None = None, longest_edge: float = np.inf) -> Tin:
+    def of(
+        cls,
+        points: FloatArray,
+        sigma: FloatArray | None = None,
+        longest_edge: float = np.inf,
+        shore: BoolArray | None = None,
+    ) -> Tin:
         """Return the network of points (n, 3) with sigmas (n,) of their values; those in one place are meaned.
+
+        Triangles with all corners on the shoreline, points `shore` (n,), are land and no part of the surface.
 
         Raises `SurfaceError` for fewer than three places, and for places on a line.
         """
@@ -63,19 +75,28 @@ class Tin:
         if extent[1] <= _FLAT * extent[0]:
             raise SurfaceError([Problem(message=f"the {len(xy)} places lie on a line: they make no surface")])
         search = Delaunay(xy)
+        on_shore = np.zeros(len(xy), dtype=bool)
+        on_shore[place[np.zeros(len(place), dtype=bool) if shore is None else shore]] = True
+        land = on_shore[search.simplices].all(axis=1)
         corners = xy[search.simplices]
         edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])  # none along a straight edge of the surface
+        area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        long, flat = edges.max(axis=1) > longest_edge, area <= _FLAT * np.square(edges.max(axis=1))
         return cls(
             xy=xy,
             z=z,
             sigma=np.sqrt(variance),
             triangles=search.simplices.astype(np.int64),
-            kept=(edges.max(axis=1) <= longest_edge) & (area > _FLAT * np.square(edges.max(axis=1))),
+            fault=np.where(land, LAND, np.where(long | flat, LONG_EDGE, INSIDE)),
             merged=len(points) - len(xy),
             search=search,
         )
+
+    @property
+    def kept(self) -> BoolArray:
+        """(t,) triangles of the surface."""
+        return np.asarray(self.fault == INSIDE)
 
     @property
     def gradients(self) -> FloatArray:
@@ -98,7 +119,7 @@ class Tin:
         """Return the surface at places (m, 2)."""
         triangle = self._triangles_at(places)
         inside = triangle >= 0
-        reason = np.where(inside, np.where(self.kept[triangle], INSIDE, LONG_EDGE), OUTSIDE)
+        reason = np.where(inside, self.fault[triangle], OUTSIDE)
         good = np.flatnonzero(reason == INSIDE)
         corners = self.triangles[triangle[good]]
         gradient, value = np.full((len(places), 2), np.nan), np.full(len(places), np.nan)

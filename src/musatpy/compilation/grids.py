@@ -1,0 +1,95 @@
+"""Grids of posts over the bottom of a compilation: depths and their sigmas, empty where there is no surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.compilation.joined_surfaces import Surface
+from musatpy.errors import CompilationError, Problem
+from musatpy.model.compilation import GridSpecs
+
+_MOST = 50_000_000  # posts: 800 MB of depths and sigmas
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PostGrid:
+    """Posts at multiples of a spacing (m) on the map of the job, rows from `south`, columns from `west` (m).
+
+    depth and sigma (rows, columns) m, NaN where there is no surface. `surface` is one on the same map.
+    """
+
+    name: str
+    spacing: float
+    west: float
+    south: float
+    depth: FloatArray
+    sigma: FloatArray
+    surface: Surface
+
+    @property
+    def empty(self) -> int:
+        """Number of posts without a depth."""
+        return int(np.count_nonzero(np.isnan(self.depth)))
+
+    def coordinates(self, datum: float) -> FloatArray:
+        """Return coordinates (p, 3) of the job of all posts, row by row, depths below a datum of that height."""
+        rows, columns = self.depth.shape
+        x, y = np.meshgrid(
+            self.west + self.spacing * np.arange(columns), self.south + self.spacing * np.arange(rows)
+        )
+        height = datum - np.nan_to_num(self.depth.ravel())
+        return self.surface.coordinates(np.column_stack([x.ravel(), y.ravel()]), height)
+
+
+def grids_of(specs: GridSpecs, surfaces: Sequence[Surface], corner_unit: float) -> tuple[PostGrid, ...]:
+    """Return the grids of posts on surfaces; corners count in `corner_unit` of the job's coordinates.
+
+    Raises `CompilationError` for a grid without a surface, and for one of too many posts.
+    """
+    networks = [surface for surface in surfaces if surface.tin is not None]
+    if len(specs.ids) and not networks:
+        raise CompilationError([Problem(message="there is no bottom for grids of posts")])
+    return tuple(
+        _grid(
+            str(specs.ids[row]),
+            float(specs.spacing[row]),
+            np.stack([specs.first[row], specs.second[row]]) * corner_unit,
+            networks,
+        )
+        for row in range(len(specs.ids))
+    )
+
+
+def _grid(name: str, spacing: float, corners: FloatArray, surfaces: Sequence[Surface]) -> PostGrid:
+    """Return a grid between corners (2, 2) of the job, over all of the surfaces where these are NaN."""
+    if np.isfinite(corners).all():
+        places = surfaces[0].places(corners)
+    else:
+        places = np.concatenate([surface.tin.xy for surface in surfaces if surface.tin])
+    first = np.ceil(places.min(axis=0) / spacing - 1e-9)
+    columns, rows = (np.floor(places.max(axis=0) / spacing + 1e-9) - first + 1.0).clip(0.0)
+    if rows * columns > _MOST or not rows * columns:
+        message = f"grid {name} has {rows * columns:.3g} posts: give another spacing (1 to {_MOST:,} posts)"
+        raise CompilationError([Problem(message=message)])
+    x, y = np.meshgrid(first[0] + np.arange(columns), first[1] + np.arange(rows))
+    posts = spacing * np.column_stack([x.ravel(), y.ravel()])
+    depth, sigma = np.full(len(posts), np.nan), np.full(len(posts), np.nan)
+    for surface in surfaces:
+        assert surface.tin is not None
+        at = surface.tin.at(posts)
+        new = np.isnan(depth) & np.isfinite(at.value)
+        depth[new], sigma[new] = at.value[new], at.sigma[new]
+    shape = (int(rows), int(columns))
+    return PostGrid(
+        name=name,
+        spacing=spacing,
+        west=float(first[0]) * spacing,
+        south=float(first[1]) * spacing,
+        depth=depth.reshape(shape),
+        sigma=sigma.reshape(shape),
+        surface=surfaces[0],
+    )

@@ -1,0 +1,211 @@
+"""The surfaces of a compilation: triangles over the points of the bottom, joined over models that overlap.
+
+Points of the shoreline belong to the bottom and bound it: triangles between these alone are land. Points of the run
+that are read again check the model, and make no bottom; nor do spikes of profiles. Where models overlap they are
+joined in the middle: of the points there each keeps those that are nearer to its own middle. What both say there is
+the edge match.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.compilation.compiled import Compiled, CompiledModel
+from musatpy.compilation.profiles import profiles_of
+from musatpy.errors import SurfaceError
+from musatpy.geometry.plan import Plan
+from musatpy.model.compilation import AGAIN, SHORE
+from musatpy.surfaces.tin import Tin
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EdgeMatch:
+    """What two models that overlap say of the same places: depths of the first less those of the second.
+
+    names (k,) of the points there, of either model, each against the surface of the other, with sigmas (k,) m of
+    points and surface.
+    """
+
+    models: tuple[str, str]
+    names: TextArray
+    difference: FloatArray
+    sigma: FloatArray
+
+    @property
+    def rms(self) -> float:
+        """Root mean square, m."""
+        return float(np.sqrt(np.mean(np.square(self.difference))))
+
+    @property
+    def expected(self) -> float:
+        """Root mean square of the sigmas, m; stations in common would make it smaller."""
+        return float(np.sqrt(np.mean(np.square(self.sigma))))
+
+    @property
+    def largest(self) -> int:
+        """The point of the largest difference."""
+        return int(np.argmax(np.abs(self.difference)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surface:
+    """The surface of models that overlap, in plan: metres on the map about the job, X and Y of local jobs; depths.
+
+    The network is None, with its `reason`, where the points make none. `plan` takes places back to the job, None in
+    local jobs. Points `left_out` lie beyond the middles of overlaps.
+    """
+
+    models: tuple[str, ...]
+    tin: Tin | None
+    plan: Plan | None
+    reason: str = ""
+    left_out: int = 0
+
+    def coordinates(self, xy: FloatArray, height: FloatArray) -> FloatArray:
+        """Return coordinates (k, 3) of the job of places (k, 2) at heights (k,)."""
+        places = np.column_stack([xy, height])
+        return places if self.plan is None else self.plan.coordinates(places)
+
+    def places(self, coordinates: FloatArray) -> FloatArray:
+        """Return the places (k, 2) of the first two coordinates (k, 2) of the job."""
+        if self.plan is None:
+            return coordinates
+        return self.plan.places(np.column_stack([coordinates, np.zeros(len(coordinates))]))[:, :2]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Points:
+    """The k points of the bottom of a model: xyz (k, 3), z the depth, sigmas (k,) and which are on the shore."""
+
+    model: CompiledModel
+    names: TextArray
+    xyz: FloatArray
+    sigma: FloatArray
+    shore: BoolArray
+    tin: Tin | None
+    reason: str
+
+
+def surfaces_of(compiled: Compiled) -> tuple[tuple[Surface, ...], tuple[EdgeMatch, ...]]:
+    """Return the surfaces of depths below the sounding datum, and how the models that overlap match."""
+    longest = compiled.deck.contours.longest_edge if compiled.deck.contours else np.inf
+    plan, parts = _parts(compiled, longest)
+    edges = []
+    beyond: list[BoolArray] = [np.zeros(len(part.xyz), dtype=bool) for part in parts]
+    group = np.arange(len(parts))
+    for first, second in combinations(range(len(parts)), 2):
+        edge, of_first, of_second = _edge_match(parts[first], parts[second])
+        beyond[first] |= of_first
+        beyond[second] |= of_second
+        if edge is not None:
+            edges.append(edge)
+            group[group == group[second]] = group[first]
+    surfaces = [
+        _surface([parts[row] for row in rows], [beyond[row] for row in rows], plan, longest)
+        for rows in (np.flatnonzero(group == number) for number in dict.fromkeys(group.tolist()))
+    ]
+    return tuple(surfaces), tuple(edges)
+
+
+def _parts(compiled: Compiled, longest_edge: float) -> tuple[Plan | None, list[_Points]]:
+    """Return the map of the job, and the points of each model that make its bottom."""
+    (depth, sigma), first = compiled.datum_depth, 0
+    position, system = compiled.gathered("position"), compiled.run.map_system
+    spike = np.zeros(len(depth), dtype=bool)
+    for line in profiles_of(compiled):
+        spike[line.rows] |= line.profile.spike if line.profile else False
+    kind = compiled.deck.stages.kind[compiled.rows]
+    used = (compiled.submerged | (kind == SHORE)) & (kind != AGAIN) & ~spike & np.isfinite(depth)
+    plan = None if system is None or not used.any() else Plan.about(system, position[used])
+    parts = []
+    for model in compiled.models:
+        rows = first + np.flatnonzero(used[first : first + len(model.rows)])
+        place = position[rows] if plan is None else plan.places(position[rows])
+        xyz = np.column_stack([place[:, :2], depth[rows]])
+        shore = kind[rows] == SHORE
+        tin, reason = _network(xyz, sigma[rows], shore, longest_edge)
+        parts.append(
+            _Points(
+                model=model,
+                names=model.readings.ids[rows - first],
+                xyz=xyz,
+                sigma=sigma[rows],
+                shore=shore,
+                tin=tin,
+                reason=reason,
+            )
+        )
+        first += len(model.rows)
+    return plan, parts
+
+
+def _network(xyz: FloatArray, sigma: FloatArray, shore: BoolArray, longest_edge: float) -> tuple[Tin | None, str]:
+    """Return the triangles of points, or why there are none."""
+    if not len(xyz):
+        return None, "no submerged point of it has a position"
+    try:
+        return Tin.of(xyz, sigma, longest_edge, shore), ""
+    except SurfaceError as error:
+        return None, error.problems[0].message
+
+
+def _edge_match(first: _Points, second: _Points) -> tuple[EdgeMatch | None, BoolArray, BoolArray]:
+    """Return how two models match, None where they do not overlap, and which points of each the other one keeps."""
+    there, back = _beside(first, second), _beside(second, first)
+    if not len(there.rows) + len(back.rows):
+        return None, there.beyond, back.beyond
+    edge = EdgeMatch(
+        models=(first.model.name, second.model.name),
+        names=np.concatenate([first.names[there.rows], second.names[back.rows]]),
+        difference=np.concatenate([there.difference, -back.difference]),
+        sigma=np.concatenate([there.sigma, back.sigma]),
+    )
+    return edge, there.beyond, back.beyond
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Beside:
+    """The `rows` of a model's points that the surface of another one has too, less that, with sigmas.
+
+    beyond: which of all its points are there and nearer to the middle of the other model.
+    """
+
+    rows: IntArray
+    difference: FloatArray
+    sigma: FloatArray
+    beyond: BoolArray
+
+
+def _beside(part: _Points, other: _Points) -> _Beside:
+    beyond: BoolArray = np.zeros(len(part.xyz), dtype=bool)
+    if part.tin is None or other.tin is None:
+        nothing = np.zeros(0)
+        return _Beside(rows=np.zeros(0, dtype=np.int64), difference=nothing, sigma=nothing, beyond=beyond)
+    xy = part.xyz[:, :2]
+    at = other.tin.at(xy)
+    rows = np.flatnonzero(np.isfinite(at.value))
+    far, near = (np.linalg.norm(xy[rows] - points.xyz[:, :2].mean(axis=0), axis=1) for points in (part, other))
+    beyond[rows] = near < far
+    return _Beside(
+        rows=rows,
+        difference=part.xyz[rows, 2] - at.value[rows],
+        sigma=np.hypot(part.sigma[rows], at.sigma[rows]),
+        beyond=beyond,
+    )
+
+
+def _surface(parts: list[_Points], beyond: list[BoolArray], plan: Plan | None, longest_edge: float) -> Surface:
+    """Return the surface of models by their points that are not `beyond` the middle of an overlap."""
+    kept = ~np.concatenate(beyond)
+    tin, reason = parts[0].tin, parts[0].reason
+    if len(parts) > 1:
+        xyz, sigma, shore = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("xyz", "sigma", "shore")
+        )
+        tin, reason = _network(xyz[kept], sigma[kept], shore[kept], longest_edge)
+    models = tuple(part.model.name for part in parts)
+    return Surface(models=models, tin=tin, plan=plan, reason=reason, left_out=int(np.count_nonzero(~kept)))
