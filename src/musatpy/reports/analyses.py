@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from musatpy.model import Block, Refraction
 from musatpy.reports import result_record
@@ -77,19 +77,24 @@ def sections(statistics: Statistics) -> list[Section]:
 
 def analysis_section(layout: Layout, statistics: Statistics, *, new_page: bool = False) -> Section:
     """Return one analysis, laid out as Table 6-1."""
-    analysis = layout.analysis(statistics)
-    title = [layout.title, *run_titles(statistics.block)]
+    section = laid_out(layout.analysis(statistics), layout.title, run_titles(statistics.block), layout.row)
+    return replace(section, values=lambda: layout.report.cells(statistics), new_page=new_page)
+
+
+def laid_out(
+    analysis: Analysis, title: str, runs: Sequence[str], row: str, edits: Mapping[str, str] = _EDITS
+) -> Section:
+    """Return an analysis as Table 6-1 has it, with the lines below its title that say which run it was."""
+    titles = [title, *runs]
     if "rad" in analysis.units:
-        title.append("(Degrees, Minutes, Seconds)")
+        titles.append("(Degrees, Minutes, Seconds)")
     double, single = ("=" * (_LABEL_WIDTH + 3 * _CELL_WIDTH), "-" * (_LABEL_WIDTH + 3 * _CELL_WIDTH))
     headings = [_HEADINGS.get(name, name) for name in analysis.components]
     head = [double, _row("", headings), single]
     return Section(
-        title="\n".join(title),
+        title="\n".join(titles),
         head=head,
-        lines=[*_lines(analysis, layout.row), double],
-        values=lambda: layout.report.cells(statistics),
-        new_page=new_page,
+        lines=[*_lines(analysis, row, edits), double],
         together=True,
     )
 
@@ -102,16 +107,16 @@ def run_titles(block: Block) -> tuple[str, str]:
     return f"Modified {name}", "Refraction Correction Applied"
 
 
-def _lines(analysis: Analysis, row: str) -> list[str]:
+def _lines(analysis: Analysis, row: str, edits: Mapping[str, str]) -> list[str]:
     lines = [_row(_SIZE, [str(d.size) for d in analysis.statistics])]
     for label, name in ROWS:
         cells = [
-            edited(_EDITS[unit], [getattr(d, name) if d.size else float("nan")])[0]
+            edited(edits[unit], [getattr(d, name) if d.size else float("nan")])[0]
             for unit, d in zip(analysis.units, analysis.statistics, strict=True)
         ]
         lines.append(_row(label, cells))
     names = [
-        "" if d.size == 0 or prints_as_zero(_EDITS[unit], d.maximum) else d.maximum_id
+        "" if d.size == 0 or prints_as_zero(edits[unit], d.maximum) else d.maximum_id
         for unit, d in zip(analysis.units, analysis.statistics, strict=True)
     ]
     lines.append(_row(f"{row} with Max. Difference", names))

@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
-from musatpy.reports import compilation_bottom
+from musatpy.reports import analyses, compilation_bottom
 from musatpy.reports.columns import position_columns, vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
@@ -20,6 +20,7 @@ from musatpy.reports.reduction import reduction_sections
 from musatpy.reports.reduction_record import REDUCTION
 from musatpy.reports.table import Choice, Column, Report, key
 from musatpy.reports.text import labelled, wrapped
+from musatpy.statistics.analyses import Analysis, DifferenceStatistics, analysis_of
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
@@ -154,6 +155,21 @@ RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[Against
         ),
     ),
 )  # fmt: skip
+ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistics]] = Each(
+    "analysis",
+    "differences of compiled points from the run in numbers, east, north, up",
+    lambda s: _statistics(s[1]),
+    (
+        Field("component", "string", "East, North, Up", lambda d: d[0]),
+        Field("size", "integer", "sample size N", lambda d: d[1].size),
+        Field("sum", "number", "of the differences", lambda d: d[1].sum, "m"),
+        Field("mean", "number?", "sum / N", lambda d: d[1].mean, "m"),
+        Field("rms", "number?", "root of the sum of squares / N", lambda d: d[1].rms, "m"),
+        Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda d: d[1].deviation, "m"),
+        Field("maximum", "number?", "signed, of the largest magnitude", lambda d: d[1].maximum, "m"),
+        Field("maximum_id", "string?", "its point", lambda d: d[1].maximum_id or None),
+    ),
+)
 RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
     "recovered",
     "one row per model: readings of class R less what the points of the run predict",
@@ -184,6 +200,7 @@ def record_of(
         **{node.name: node.json(compiled) for node in nodes},
         RECOVERED.name: RECOVERED.json((compiled, against)),
         RUN_POINTS.name: RUN_POINTS.json((compiled, against)),
+        ANALYSIS.name: ANALYSIS.json((compiled, against)),
         compilation_bottom.PROFILES.name: compilation_bottom.PROFILES.json(profiles),
         **{node.name: node.json(bottom) if bottom else [] for node in compilation_bottom.RECORD},
         "warnings": list(warnings),
@@ -194,7 +211,7 @@ def schema() -> Schema:
     """Return the JSON Schema of the record."""
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES, RECOVERED, RUN_POINTS),
+        *(JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES, RECOVERED, RUN_POINTS, ANALYSIS),
         compilation_bottom.PROFILES,
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
@@ -388,7 +405,7 @@ def sections_of(
         RAY_TABLE.section(compiled),
         *([SHORE_TABLE.section(compiled)] if _shorelines(compiled) else []),
         *compilation_bottom.sections_of(bottom, profiles),
-        *([RUN_TABLE.section((compiled, against), new_page=True), _analysis(shown)] if shown else []),
+        *([RUN_TABLE.section((compiled, against), new_page=True), *_analysis(compiled, shown)] if shown else []),
     ]
 
 
@@ -404,20 +421,37 @@ def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequ
     ]
 
 
-def _analysis(against: list[AgainstRun]) -> Section:
-    """Return the differences from the run in short."""
-    difference = np.concatenate([part.difference for part in against])
-    length = np.linalg.norm(difference, axis=1)
-    lines = {
-        "Points": str(len(difference)),
-        "Least, mean and largest vector, m": f"{length.min():.4f}, {length.mean():.4f}, {length.max():.4f}",
-    }
+def _differences(against: list[AgainstRun]) -> Analysis:
+    """Return the analysis of the differences of models from the run."""
+    return analysis_of(
+        dict.fromkeys(("East", "North", "Up"), "m"),
+        np.concatenate([part.model.readings.ids[part.rows] for part in against]),
+        np.concatenate([part.difference for part in against]),
+    )
+
+
+def _statistics(against: list[AgainstRun]) -> list[tuple[str, DifferenceStatistics]]:
+    """Return the components of the differences with their statistics, none where there are no differences."""
+    if not sum(len(part.rows) for part in against):
+        return []
+    analysis = _differences(against)
+    return list(zip(analysis.components, analysis.statistics, strict=True))
+
+
+def _analysis(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
+    """Return the differences from the run in the layout of Table 6-7, and the lengths of their vectors."""
+    analysis = _differences(against)
+    length = np.linalg.norm(analysis.differences, axis=1)
+    lines = {"Least, mean and largest vector, m": f"{length.min():.4f}, {length.mean():.4f}, {length.max():.4f}"}
     tests = np.concatenate([part.test for part in against])
     if np.isfinite(tests).any():
         lines["Tests, root of the mean square"] = f"{np.sqrt(np.nanmean(np.square(tests))):.2f}"
-    for axis, values in zip(("east", "north", "up"), difference.T, strict=True):
-        lines[f"Mean and RMS {axis}, m"] = f"{values.mean():.4f}, {np.sqrt(np.mean(np.square(values))):.4f}"
-    return Section(title="Comparison With The Run: In Short", lines=labelled(lines))
+    run = f"Compiled Less MUSAT-{compiled.run.block.options.program}"
+    water = "No Refraction Correction" if compiled.run.block.water is None else "Refraction Correction Applied"
+    return [
+        analyses.laid_out(analysis, "Ground Point Analysis", (run, water), "Point", {"m": "F16.4"}),
+        Section(title="Comparison With The Run: Vectors And Tests", lines=labelled(lines)),
+    ]
 
 
 def listing_of(

@@ -5,9 +5,20 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from musatpy.reports import answer, listing, orientation, orientation_strip
+from musatpy.reports import (
+    answer,
+    compilation,
+    compilation_bottom,
+    compilation_setup,
+    listing,
+    orientation,
+    orientation_strip,
+    soundings,
+)
 from musatpy.reports.origin import Mapped
 from musatpy.reports.table import Report
+
+_OF_AS11 = (compilation, compilation_bottom, compilation_setup, soundings)
 
 
 @cache
@@ -15,7 +26,7 @@ def statements() -> tuple[Report[Any] | Mapped, ...]:
     """Return the tables of all pages, and what else has numbers of the record, the answer first."""
     return tuple(
         table
-        for page in (answer, *listing.REPORTS, orientation, orientation_strip)
+        for page in (answer, *listing.REPORTS, orientation, orientation_strip, *_OF_AS11)
         for table in getattr(page, "STATED", ())
     )
 

@@ -101,7 +101,7 @@ class Statistics:
         difference = self.solution.stations.position - photos.position
         if _system(self.block) is CoordinateSystem.GEOGRAPHIC:
             difference[:, 1] = wrap(difference[:, 1])
-        return _analysis(position_components(self.block), photos.ids, difference)
+        return analysis_of(position_components(self.block), photos.ids, difference)
 
     @cached_property
     def station_attitudes(self) -> Analysis:
@@ -109,7 +109,7 @@ class Statistics:
         photos = self.block.photos
         difference = wrap(self.solution.stations.attitude - photos.attitude)
         components = {"X-Tilt": "rad", "Y-Tilt": "rad", "Heading": "rad"}
-        return _analysis(components, photos.ids, difference)
+        return analysis_of(components, photos.ids, difference)
 
     @cached_property
     def ground_points(self) -> Analysis:
@@ -127,7 +127,7 @@ class Statistics:
         else:
             components = metric_components(block)
             difference = self.control.difference
-        return _analysis(components, ids, np.where(block.control.known, difference, np.nan))
+        return analysis_of(components, ids, np.where(block.control.known, difference, np.nan))
 
     @cached_property
     def check_points(self) -> Analysis:
@@ -135,7 +135,7 @@ class Statistics:
         block = self.block
         check = block.control.kind == ControlKind.CHECK
         ids = block.points.ids[block.control.point[check]]
-        return _analysis(metric_components(block), ids, self.control.difference[check])
+        return analysis_of(metric_components(block), ids, self.control.difference[check])
 
     @cached_property
     def control(self) -> ControlDifferences:
@@ -183,7 +183,7 @@ class Statistics:
         control = self.block.control
         ids = self.block.points.ids[control.point]
         used = self.control.used & ~control.fixed[:, None]
-        return _analysis(metric_components(self.block), ids, np.where(used, self.control.difference, np.nan))
+        return analysis_of(metric_components(self.block), ids, np.where(used, self.control.difference, np.nan))
 
     @cached_property
     def hidden(self) -> HiddenErrors:
@@ -430,7 +430,8 @@ def _sigmas(covariance: FloatArray) -> FloatArray:
     return np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
 
 
-def _analysis(components: dict[str, str], ids: TextArray, differences: FloatArray) -> Analysis:
+def analysis_of(components: dict[str, str], ids: TextArray, differences: FloatArray) -> Analysis:
+    """Return the analysis of differences (n, 3) of three components, given by name and unit."""
     first, second, third = components
     x, y, z = (difference_statistics(column, ids) for column in differences.T)
     return Analysis(

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 
 from musatpy.listings.audit.analysis_tables import MAXIMUM_ID, SIZE
+from musatpy.listings.audit.cells import printed
 from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
 from musatpy.listings.audit.samples import Interval, consistent, implied, sizes_implied
@@ -24,6 +25,25 @@ def check_analyses(listing: Listing) -> Iterator[Misprint]:
             yield from _column(analysis, component)
         yield from _sizes(analysis)
     yield from _ids(listing)
+    for analysis in _of_soundings(listing):
+        yield from _column(analysis, analysis.components[0])
+
+
+def _of_soundings(listing: Listing) -> Iterator[Analysis]:
+    """Yield the samples of differences from soundings, each a row of its table, as analyses of one component."""
+    table = listing.table(Title.SOUNDINGS)
+    columns = {"Sum": "sum", "Mean": "mean", "RMS": "rms", "Deviation": "deviation", "Maximum": "maximum"}
+    if table is None or not {"Sample", "Size", *columns} <= set(table.headings):
+        return
+    for line, row in table.rows():
+        if row["Size"].isdigit():
+            cells = {name: printed(row[head], line) for head, name in columns.items() if row[head].strip()}
+            component = Component(
+                name=row["Sample"], unit="m", size=int(row["Size"]), statistics=cells, maximum_id=""
+            )
+            yield Analysis(
+                kind="soundings", refracted=None, line=table.line, components=(component,), lines={SIZE: line}
+            )
 
 
 def _fields(analysis: Analysis, component: Component) -> Iterator[Misprint]:

@@ -29,6 +29,7 @@ class Title(StrEnum):
     DEPTHS = "Depths Of Bathymetric Points"
     JOB = "Plate Residuals Of The Job"
     RESIDUALS = "Residuals Of Plate Measurements"
+    SOUNDINGS = "Comparison With Soundings"
 
 
 TURNS = ("X-Tilt", "Y-Tilt", "Heading", "Omega", "Phi", "Kappa", "Azimuth", "Tilt", "Swing")
@@ -42,6 +43,7 @@ DEPTH_COLUMNS = (
     *("Photos", "Incidence", "Water level"),
     *("Depth, no refr.", "Depth, predicted", "Depth, refraction", "Sigma", "Height", "Residual"),
 )
+SAMPLE_COLUMNS = ("Size", "Sum", "Mean", "RMS", "Deviation", "Median", "NMAD", "Maximum")
 
 _COORDINATES = (*PLACES, *SIGMAS)
 _ANGLES = (*TURNS, *MATRIX_AXES, *SIGMAS, *TURN_SIGMAS)
@@ -78,6 +80,7 @@ AUDITED = (
     Audited(
         Title.RESIDUALS, ("Photo", "Point"), "plate measurements", ("Resid. x", "Resid. y", "Refr. x", "Refr. y")
     ),
+    Audited(Title.SOUNDINGS, ("Sample",), "differences from soundings", SAMPLE_COLUMNS),
 )
 KEYS = {table.title: table.key for table in AUDITED}
 

@@ -45,13 +45,20 @@ def listing_of(text: str, name: str) -> Listing:
     notes = Notes(name)
     note_pages(text, notes)
     runs = [_run(lines, notes) for lines in runs_of(lines_of(text))]
-    if not any(run.analyses or run.plates or run.submerged for run in runs) and not notes.unreadable:
+    if not any(run.analyses or run.plates or run.submerged or _known(run) for run in runs) and not notes.unreadable:
         raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
     return replace(
         _together(runs),
         repairs=tuple(sorted(notes.repairs, key=lambda repair: repair.line)),
         unreadable=tuple(sorted(notes.unreadable, key=lambda problem: problem.line or 0)),
     )
+
+
+def _known(run: Listing) -> bool:
+    """Tell whether tables of ours are in a run that has none of the standard reports, as in those of `as11`."""
+    from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
+
+    return any(table.title.startswith(table_titles()) for table in run.tables)
 
 
 def _run(lines: Sequence[Line], notes: Notes) -> Listing:
