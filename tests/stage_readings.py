@@ -1,6 +1,6 @@
-"""A compilation deck for the tests: what an operator reads in the models of fixtures/st_thomas.
+"""Compilation decks for the tests: what an operator reads in the models of fixtures/st_thomas and cayman.
 
-`python tests/stage_readings.py` writes the files of fixtures/st_thomas_as11 again. A test holds these to it.
+`python tests/stage_readings.py` writes the decks and soundings again. A test holds these to it.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from musatpy.formats.compilation_deck import compilation_bytes
 from musatpy.geometry.collinearity import image
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
+from musatpy.model import Block
 from musatpy.model.compilation import (
     Compilation,
     ContourSpec,
+    GridSpecs,
     ProfileSpecs,
     SoundingDatum,
     StageReadings,
@@ -29,6 +31,7 @@ from musatpy.units import DEGREE
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 DECK = FIXTURES / "st_thomas_as11" / "st_thomas_as11.crd"
+CAYMAN = FIXTURES / "cayman_as11" / "cayman_as11.crd"
 SOUNDINGS = DECK.with_name("soundings.csv")
 MODELS = (("2122", "21", "22"), ("2223", "22", "23"))
 POINTING = 0.005  # mm, 1 sigma
@@ -44,12 +47,23 @@ def bottom(number: int = 120) -> FloatArray:
     return np.stack([latitude * DEGREE, east * DEGREE, height], axis=1)
 
 
-def line(number: int = 31) -> FloatArray:
-    """Return latitude, longitude (rad), height (m) of a line down the bottom; one reading is 4 m too high."""
-    south = np.linspace(0.05, 0.9, number)
-    height = -2.0 - 23.0 * south**1.5
-    height[12] += 4.0
-    return np.stack([(18.3345 - 0.0085 * south) * DEGREE, np.full(number, -64.9352 * DEGREE), height], axis=1)
+def line(
+    south: tuple[float, float], longitude: tuple[float, float], number: int = 31, spike: int | None = None
+) -> FloatArray:
+    """Return latitude, longitude (rad), height (m) of a line over the bottom; a reading may be 4 m too high."""
+    down = np.linspace(*south, number)
+    height = -2.0 - 23.0 * down**1.5
+    if spike is not None:
+        height[spike] += 4.0
+    return np.stack([(18.3345 - 0.0085 * down) * DEGREE, np.linspace(*longitude, number) * DEGREE, height], axis=1)
+
+
+# Name, model, points at the ends, and places: two lines down the bottom, one along it.
+PROFILES = (
+    ("NS", 0, ("N", "S"), line((0.05, 0.9), (-64.9352, -64.9352), spike=12)),
+    ("EW", 0, ("E", "W"), line((0.5, 0.5), (-64.9280, -64.9390), 21)),
+    ("SLOPE", 1, ("TOP", "FOOT"), line((0.1, 0.8), (-64.9260, -64.9220))),
+)
 
 
 def images(photo: str, points: FloatArray) -> FloatArray:
@@ -67,55 +81,87 @@ def images(photo: str, points: FloatArray) -> FloatArray:
     return image(rays.air, M, block.cameras.focal_length[0], block.cameras.principal_point[0])
 
 
-def compilation(pointing: float = POINTING) -> Compilation:
-    """Return the deck: points of the run read again, and points of the bottom, with errors of pointing."""
-    block = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
-    draws = np.random.default_rng(22)
+Row = tuple[int, str, str, bool, FloatArray]  # model, point, class, submerged, stages (2, 2)
+
+
+def read_again(block: Block, number: int, left: str, right: str) -> list[Row]:
+    """Return the points that two photos of a run have measured, as readings of class R of model `number`."""
     photos = block.photos.ids.tolist()
-    plates = dict(
-        zip(
-            zip(block.plates.photo.tolist(), block.plates.point.tolist(), strict=True), block.plates.xy, strict=True
+    pair = photos.index(left), photos.index(right)
+    measured = zip(block.plates.photo.tolist(), block.plates.point.tolist(), strict=True)
+    plates = dict(zip(measured, block.plates.xy, strict=True))
+    return [
+        (
+            number,
+            name,
+            "R",
+            bool(block.points.bathymetric[point]),
+            np.array([plates[photo, point] for photo in pair]),
         )
-    )
-    new = bottom()
-    rows: list[tuple[int, str, str, bool, FloatArray]] = []
+        for point, name in enumerate(block.points.ids.tolist())
+        if all((photo, point) in plates for photo in pair)
+    ]
+
+
+def pointed(rows: list[Row], seed: int, pointing: float = POINTING) -> StageReadings:
+    """Return readings with errors of pointing."""
+    model, ids, kind, submerged, read = (np.array(column) for column in zip(*rows, strict=True))
+    errors = pointing * np.random.default_rng(seed).normal(size=read.shape)
+    return StageReadings.on_stages(
+        model=model, ids=ids, kind=kind, submerged=submerged, xy=np.round(read + errors, 6),
+        sigma=np.full(len(read), np.nan),
+    )  # fmt: skip
+
+
+def models(*names: tuple[str, str, str]) -> StereomodelSpecs:
+    """Return stereomodels by name, left and right photo."""
+    return StereomodelSpecs.of_photos(*(np.array(column) for column in zip(*names, strict=True)), POINTING)
+
+
+def compilation(pointing: float = POINTING) -> Compilation:
+    """Return the deck of St. Thomas: points of the run read again, and points of the bottom."""
+    block, new = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd"), bottom()
+    rows: list[Row] = []
     for number, (_, left, right) in enumerate(MODELS):
-        pair = photos.index(left), photos.index(right)
-        for point, name in enumerate(block.points.ids.tolist()):
-            if all((photo, point) in plates for photo in pair):
-                xy = np.array([plates[photo, point] for photo in pair])
-                rows.append((number, name, "R", bool(block.points.bathymetric[point]), xy))
+        rows += read_again(block, number, left, right)
         xy = np.stack([images(left, new), images(right, new)], axis=1)
         seen = np.flatnonzero((np.abs(xy) < 108.0).all(axis=(1, 2)))
         rows += [(number, f"G{point:03d}", "G", True, xy[point]) for point in seen.tolist()]
-    left, right = MODELS[0][1:]
-    down = np.stack([images(left, line()), images(right, line())], axis=1)
-    rows += [(0, "N", "G", True, down[0]), (0, "S", "G", True, down[-1])]
-    rows += [(0, "NS", "P", True, xy) for xy in down[np.random.default_rng(23).permutation(len(down))]]
-    model, ids, kind, submerged, read = zip(*rows, strict=True)
-    every = np.array(read)
+    for seed, (name, number, (start, end), line) in enumerate(PROFILES, 23):
+        read = np.stack([images(photo, line) for photo in MODELS[number][1:]], axis=1)
+        rows += [(number, start, "G", True, read[0]), (number, end, "G", True, read[-1])]
+        rows += [(number, name, "P", True, xy) for xy in read[np.random.default_rng(seed).permutation(len(read))]]
     return Compilation(
         titles=("ST THOMAS USVI  POINTS OF THE RUN AND OF THE BOTTOM  SIMULATED",),
-        models=StereomodelSpecs.of_photos(*(np.array(names) for names in zip(*MODELS, strict=True)), POINTING),
-        stages=StageReadings.on_stages(
-            model=np.array(model),
-            ids=np.array(ids),
-            kind=np.array(kind),
-            submerged=np.array(submerged),
-            xy=np.round(every + pointing * draws.normal(size=every.shape), 6),
-            sigma=np.full(len(every), np.nan),
-        ),
+        models=models(*MODELS),
+        stages=pointed(rows, 22, pointing),
         profiles=ProfileSpecs(
-            ids=np.array(["NS"]),
-            model=np.array([0]),
-            start=np.array(["N"]),
-            end=np.array(["S"]),
-            step=np.array([50.0]),
-            spike=np.array([2.0]),
-            tolerance=np.array([0.3]),
+            ids=np.array([name for name, *_ in PROFILES]),
+            model=np.array([number for _, number, *_ in PROFILES]),
+            start=np.array([start for _, _, (start, _), _ in PROFILES]),
+            end=np.array([end for _, _, (_, end), _ in PROFILES]),
+            step=np.full(len(PROFILES), 50.0),
+            spike=np.full(len(PROFILES), 2.0),
+            tolerance=np.full(len(PROFILES), 0.3),
+        ),
+        grids=GridSpecs(
+            ids=np.array(["BAY"]),
+            spacing=np.array([100.0]),
+            first=np.array([[18.327, -64.941]]),
+            second=np.array([[18.3335, -64.919]]),
         ),
         datum=SoundingDatum(name="MLLW", height=-0.15, sigma=0.05),
         contours=ContourSpec(interval=2.0, index=5, longest_edge=600.0, shortest=20.0),
+    )
+
+
+def cayman() -> Compilation:
+    """Return the deck of Cayman: points of the run on frames 842 and 843, of Table 6-9 among them, read again."""
+    block = read_deck(FIXTURES / "cayman" / "cayman_clean.crd")
+    return Compilation(
+        titles=("GRAND CAYMAN  POINTS OF TABLE 6-9  SIMULATED",),
+        models=models(("842843", "842", "843")),
+        stages=pointed(read_again(block, 0, "842", "843"), 69),
     )
 
 
@@ -132,5 +178,7 @@ def soundings(number: int = 200) -> str:
 
 if __name__ == "__main__":
     DECK.parent.mkdir(exist_ok=True)
+    CAYMAN.parent.mkdir(exist_ok=True)
     DECK.write_bytes(compilation_bytes(compilation()))
+    CAYMAN.write_bytes(compilation_bytes(cayman()))
     SOUNDINGS.write_text(soundings())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import ezdxf
@@ -17,6 +18,7 @@ import stage_readings
 from json_schema import violations
 from musatpy.cli.main import main as musat
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
+from musatpy.model.compilation import Compilation
 from musatpy.reports.compilation import schema
 from musatpy.units import DEGREE
 
@@ -47,15 +49,32 @@ def changed(folder: Path, *changes: tuple[str, str]) -> Path:
     return deck
 
 
-def test_the_deck_of_the_fixture_is_what_its_generator_writes() -> None:
-    data = compilation_bytes(stage_readings.compilation())
-    assert stage_readings.DECK.read_bytes() == data
+@pytest.mark.parametrize(
+    ("deck", "made"),
+    [(stage_readings.DECK, stage_readings.compilation), (stage_readings.CAYMAN, stage_readings.cayman)],
+)
+def test_the_decks_of_the_fixtures_are_what_their_generator_writes(
+    deck: Path, made: Callable[[], Compilation]
+) -> None:
+    data = compilation_bytes(made())
+    assert deck.read_bytes() == data
     assert compilation_bytes(read_compilation(data)[0]) == data
+
+
+@pytest.mark.slow
+def test_the_points_of_table_6_9_make_the_golden_listing_of_cayman(tmp_path: Path) -> None:
+    deck = str(FIXTURES / "cayman/cayman_clean.crd")
+    assert CliRunner().invoke(musat, ["run", deck, "-q", "-o", str(tmp_path)]).exit_code == 0
+    assert compiled(tmp_path / "cayman_clean.json", stage_readings.CAYMAN, tmp_path).exit_code == 0
+    listing = stage_readings.CAYMAN.with_suffix(".lst").read_text()
+    assert (tmp_path / "cayman_as11.lst").read_text() == listing
+    # Table 6-9 has these on frames 842 and 843.
+    assert all(re.search(rf"^842843    {point} .* B ", listing, re.M) for point in (1046, 1047, 1049, 1050, 1051))
 
 
 def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path, tmp_path: Path) -> None:
     result = compiled(run, stage_readings.DECK, tmp_path, "--csv")
-    assert result.exit_code == 0 and "201 points in 2 models, listing" in result.output
+    assert result.exit_code == 0 and "257 points in 2 models, listing" in result.output
     listing = (tmp_path / "st_thomas_as11.lst").read_text()
     assert listing == stage_readings.DECK.with_suffix(".lst").read_text()
     assert max(map(len, listing.splitlines())) <= 132
@@ -63,7 +82,7 @@ def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path
     assert not list(violations(record, of_record, of_record))
     assert list(record) == list(of_record["properties"])
     table = tmp_path / "st_thomas_as11_tables/point_compilation_true_coordinates.csv"
-    assert len(table.read_text().splitlines()) == 202
+    assert len(table.read_text().splitlines()) == 258
 
 
 @pytest.mark.slow
@@ -71,7 +90,7 @@ def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, t
     """Every vertex stands at its depth below the datum, and within the model."""
     assert compiled(run, stage_readings.DECK, tmp_path, "--plots").exit_code == 0
     head, *lines = (tmp_path / "st_thomas_as11.contours.csv").read_text().splitlines()
-    assert head == "line,model,depth,index,closed,latitude,longitude,height"
+    assert head == "line,surface,depth,index,closed,latitude,longitude,height"
     rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])
     np.testing.assert_allclose(rows[:, 7], -0.15 - rows[:, 2], rtol=0.0, atol=1e-4)
     assert set(rows[rows[:, 3] == 1.0, 2]) == {10.0, 20.0}
@@ -117,13 +136,14 @@ def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: P
     """Readings in any order; posts follow the true line to the pointing, the spike left out of bottom and posts."""
     assert compiled(run, stage_readings.DECK, tmp_path).exit_code == 0
     record = json.loads((tmp_path / "st_thomas_as11.json").read_text())
-    (row,) = record["profiles"]
+    row, *others = record["profiles"]
+    assert [(other["profile"], other["spikes"]) for other in others] == [("EW", 0), ("SLOPE", 0)]
     assert (row["profile"], row["readings"], row["spikes"]) == ("NS", 31, 1) and row["needed"] < 31
     assert row["length"] == pytest.approx(0.85 * 0.0085 * 110_670.0, abs=1.0)  # m in a degree of latitude there
     head, *lines = (tmp_path / "st_thomas_as11.profiles.csv").read_text().splitlines()
     assert head.endswith("latitude,longitude,height")
     cells = [line.split(",") for line in lines]
-    posts = np.array([[float(cell[3]), float(cell[5])] for cell in cells if cell[0] == "post"])
+    posts = np.array([[float(cell[3]), float(cell[5])] for cell in cells if cell[:3] == ["post", "2122", "NS"]])
     south = 0.05 + 0.85 * posts[:, 0] / row["length"]
     assert np.abs(posts[:, 1] - (2.0 - 0.15 + 23.0 * south**1.5)).max() < 1.5
     assert np.allclose(np.diff(posts[:, 0]), 50.0) and len(posts) == 16
@@ -148,7 +168,7 @@ def test_a_profile_that_is_none_says_why(run: Path, tmp_path: Path, old: str, ne
 
 def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
     lines = stage_readings.DECK.read_text().splitlines()
-    kept = [line for line in lines if not (line.startswith("STG 2223") and line[22:24] == "GB")]
+    kept = [line for line in lines if not (line.startswith("STG 2223") and line[22:24] in ("GB", "PB"))]
     deck = tmp_path / "changed.crd"
     deck.write_text("\n".join(kept) + "\n")
     assert compiled(run, deck, tmp_path).exit_code == 0
@@ -156,16 +176,17 @@ def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
 
 
 def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:
-    """Of 144 points, which depend on each other by the stations."""
+    """Of 148 points, which depend on each other by the stations."""
     compiled(run, stage_readings.DECK, tmp_path)
     rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
-    truth, scaled, line = stage_readings.bottom(), [], stage_readings.line()
-    ends = {"N": line[0], "S": line[-1]}
+    truth, scaled = stage_readings.bottom(), []
+    profiles = [(names, line) for _, _, names, line in stage_readings.PROFILES]
+    ends = {name: line[at] for names, line in profiles for name, at in zip(names, (0, -1), strict=True)}
     for row in (row for row in rows if row["class"] == "G"):
         true = ends.get(row["point"]) if row["point"] in ends else truth[int(row["point"][1:])]
         north, east, up = (np.array(row["position"]) - true) * [6.35e6, 6.37e6 * np.cos(true[0]), 1.0]
         scaled.append(np.array([east, north, up]) / row["sigma"])
-    assert len(scaled) == 144
+    assert len(scaled) == 148
     rms = np.sqrt(np.mean(np.square(scaled), axis=0))
     assert (rms > 0.3).all() and (rms < 1.5).all()
 
@@ -201,7 +222,7 @@ def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_pa
         ("STG 2122     202 ", "STG 2129     202 ", "there is no MDL card of model 2129"),
         ("   5.00         00000004", "   -5.0         00000004", "changed.crd:4 cols 58-63 MDL.pointing"),
         ("R    3.994012", "Q    3.994012", "'Q' is not A1 (one of G, P, S, R)"),
-        ("3.994012", "3.9940l2", "changed.crd:7 cols 25-35 STG.x_left"),
+        ("3.994012", "3.9940l2", "changed.crd:10 cols 25-35 STG.x_left"),
     ],
 )
 def test_a_bad_deck_is_refused_with_its_cards(run: Path, tmp_path: Path, old: str, new: str, message: str) -> None:
