@@ -1,0 +1,283 @@
+"""Old compilations corrected: apparent points, lines and grids back to the truth, and files that cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import pytest
+import rasterio
+from click.testing import CliRunner, Result
+from scipy.interpolate import LinearNDInterpolator
+
+from compilation.scenes import at_depth, curved_images, flat_images, grid, pair
+from musatpy.arrays import FloatArray
+from musatpy.cli.main import main as musat
+from musatpy.compilation.compiled import OFF_PLATE
+from musatpy.compilation.correcting import Correction, corrected_grid, corrected_lines
+from musatpy.compilation.loop import Loop
+from musatpy.compilation.stereomodels import Stereomodel, set_up
+from musatpy.compilation.triangulation import Triangulation, of_record
+from musatpy.compilation.true_points import Readings, true_points
+from musatpy.errors import CompilationError
+from musatpy.geometry.crs import LongitudeLatitude, system_of
+from musatpy.geometry.systems import Geographic, LocalRectangular, System
+from musatpy.interchange.any_file import Layers, read_layers, write_layers
+from musatpy.interchange.layers import Column, Grid, Lines, Points
+from stage_readings import FIXTURES
+
+_X, _Y = (200.0, 1600.0), 1700.0
+_POINTING = 0.005
+
+
+def correction(run: Triangulation, system: System | None = None) -> Correction:
+    return Correction(stereo=set_up(run, "1", "2"), system=system or LocalRectangular(), pointing=_POINTING)
+
+
+def small_format(run: Triangulation) -> Triangulation:
+    """Return a run whose photos show no more than a plate of 228.6 mm."""
+    cameras = replace(run.block.cameras, format_size=np.full((1, 2), 228.6))
+    return replace(run, block=replace(run.block, cameras=cameras))
+
+
+def apparent_of(stereo: Stereomodel, xy: FloatArray) -> FloatArray:
+    """Return where straight rays of images meet, in working coordinates."""
+    return stereo.working(stereo.apparent(xy))
+
+
+@pytest.mark.parametrize("depth", [0.5, 5.0, 30.0])
+def test_apparent_points_become_the_true_ones(depth: float) -> None:
+    """Images of a flat bottom by the tangent in air; their straight rays meet up to .083 m beside each other."""
+    run = pair(3000.0, 1810.0, (0.4, -0.3))
+    true = at_depth(grid(_X, _Y), depth)
+    corrected = correction(run)
+    apparent = run.frame.system(apparent_of(corrected.stereo, flat_images(run, true)))
+    done = corrected(apparent)
+    # What is left of the last step of both.
+    np.testing.assert_allclose(done.xyz, true, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(done.depth, depth + 0.05, rtol=0, atol=1e-6)  # below the mean water
+    assert done.known.all() and (done.reason == "").all()
+    shift = np.linalg.norm((done.xyz - apparent)[:, :2], axis=1)
+    np.testing.assert_allclose(done.shift, shift, rtol=0, atol=1e-9)
+
+
+def test_apparent_points_on_the_ellipsoid_become_the_true_ones() -> None:
+    run = pair(3000.0, 1810.0, sphere=True)
+    corrected = correction(run, Geographic(run.map_system.ellipsoid))  # type: ignore[union-attr, arg-type]
+    working, xy = curved_images(corrected.stereo, grid(_X, _Y, 5), 20.0)
+    apparent = run.frame.level(apparent_of(corrected.stereo, xy))
+    done = corrected(apparent)
+    # The water of a point is a plane across its vertical: .13 mm beside the sphere (`test_true_points`).
+    assert np.abs(run.frame.from_level(done.xyz) - working).max() < 2e-4
+
+
+def test_sigmas_are_those_of_the_images(tmp_path: Path) -> None:
+    run = pair(3000.0, 1810.0)
+    corrected, true = correction(run), at_depth(grid(_X, _Y, 5), 12.0)
+    xy = flat_images(run, true)
+    readings = Readings(
+        ids=np.arange(25).astype(str), submerged=np.ones(25, bool), xy=xy, sigma=np.full((25, 2, 2), _POINTING)
+    )
+    points = true_points(run, (0, 1), readings)
+    done = corrected(run.frame.system(apparent_of(corrected.stereo, xy)))
+    expected = np.sqrt(np.diagonal(points.covariance, axis1=1, axis2=2))
+    np.testing.assert_allclose(done.sigma, expected, rtol=1e-6)
+    np.testing.assert_allclose(done.depth_sigma, points.depth_sigma, rtol=1e-6)
+
+
+def test_points_above_the_water_stay_and_those_that_a_photo_does_not_show_are_named() -> None:
+    run = small_format(pair(3000.0, 1810.0))
+    points = np.array([[900.0, 100.0, 3.0], [900.0, 100.0, -3.0], [9000.0, 0.0, -3.0], [900.0, 3000.0, 2.0]])
+    done = correction(run)(points)
+    np.testing.assert_allclose(done.xyz[0], points[0], rtol=0, atol=1e-6)
+    assert np.isnan(done.depth[0]) and done.depth[1] == pytest.approx(4.0, abs=0.5)
+    assert done.reason.tolist() == ["", "", OFF_PLATE, OFF_PLATE] and done.known.tolist() == [1, 1, 0, 0]
+
+
+def test_a_grid_is_read_off_at_its_own_posts() -> None:
+    """A bottom that falls by a tenth: its apparent surface from a dense net of points, bilinear between posts."""
+    run = small_format(pair(3000.0, 1810.0))
+    corrected = correction(run)
+
+    def bottom(xy: FloatArray) -> FloatArray:
+        return np.asarray(-6.0 - 0.1 * (xy[:, 0] - 600.0) - 0.05 * xy[:, 1])
+
+    side = np.arange(-60.0, 260.0, 5.0)
+    dense = np.stack(np.meshgrid(side + 600.0, side), axis=-1).reshape(-1, 2)
+    true = np.column_stack([dense, bottom(dense)])
+    true = true[true[:, 2] < -1.0]
+    apparent = run.frame.system(apparent_of(corrected.stereo, flat_images(run, true)))
+    posts = np.stack(np.meshgrid(600.0 + 10.0 * np.arange(20), 10.0 * np.arange(20)), axis=-1).reshape(-1, 2)
+    height = LinearNDInterpolator(apparent[:, :2], apparent[:, 2])(posts).reshape(20, 20)
+    given = Grid(west=600.0, south=0.0, spacing=10.0, bands={"z": height})
+    result, done = corrected_grid(corrected, given, "z")
+    inner = (slice(2, -2), slice(2, -2))  # at the edges a post may come from outside the grid
+    expected = bottom(posts).reshape(20, 20)[inner]
+    # The apparent surface is bent by some 1e-6 /m; heights without the shift in plan are off by millimetres.
+    assert np.abs(result.bands["height"][inner] - expected).max() < 5e-4
+    np.testing.assert_allclose(result.bands["depth"][inner], -expected, rtol=0, atol=5e-4)
+    assert np.nanmax(done.shift) > 0.04 and (result.bands["sigma"][inner] > 0.1).all()
+    at_posts = corrected(np.column_stack([posts, height.ravel()])).xyz[:, 2].reshape(20, 20)
+    assert np.abs(at_posts[inner] - expected).max() > 3e-3
+
+
+def test_an_empty_post_stays_empty() -> None:
+    height = np.full((4, 4), -5.0)
+    height[1, 1] = np.nan
+    given = Grid(west=800.0, south=0.0, spacing=10.0, bands={"z": height})
+    result, done = corrected_grid(correction(pair(3000.0, 1810.0)), given, "z")
+    assert np.isnan(result.bands["height"][1, 1]) and np.isfinite(result.bands["height"][3, 3])
+    assert not done.known[5] and done.reason[5] == ""
+
+
+def test_lines_are_cut_where_no_photo_shows_them() -> None:
+    run = small_format(pair(3000.0, 1810.0))
+    x = np.array([900.0, 950.0, 9000.0, 1000.0, 1050.0, 9000.0, 1100.0])
+    ring = np.array([[900.0, 0.0, -5.0], [950.0, 0.0, -5.0], [950.0, 50.0, -5.0]])
+    lines = Lines(
+        vertices=[np.column_stack([x, np.zeros(7), np.full(7, -4.0)]), ring],
+        closed=np.array([False, True]),
+        columns={"name": Column.of(["a", "b"])},
+    )
+    result, done = corrected_lines(correction(run), lines)
+    assert [len(path) for path in result.vertices] == [2, 2, 3] and result.closed.tolist() == [False, False, True]
+    assert result.columns["name"].values.tolist() == ["a", "a", "b"] and int((~done.known).sum()) == 2
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([[-600.0, 905.0, -3.0]], "x and y exchanged"),
+        ([[905.0 / 0.3048, 2200.0 / 0.3048, -3.0 / 0.3048]], "feet"),
+        ([[905.0, 0.0, 5000.0]], "depths positive down"),
+    ],
+)
+def test_points_elsewhere_are_told_what_would_bring_them(points: list[list[float]], words: str) -> None:
+    corrected = correction(small_format(pair(3000.0, 1810.0)))
+    corrected.require_model(np.array([[905.0, 2000.0, -3.0]]))
+    with pytest.raises(CompilationError, match=words):
+        corrected.require_model(np.array(points))
+
+
+# --- the command ---
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the record of the run of St. Thomas."""
+    folder = tmp_path_factory.mktemp("run")
+    deck = str(FIXTURES / "st_thomas/st_thomas.crd")
+    assert CliRunner().invoke(musat, ["run", deck, "-q", "-o", str(folder)]).exit_code == 0
+    return folder / "st_thomas.json"
+
+
+def corrected(record: Path, source: Path, target: Path, *options: str) -> Result:
+    words = ["as11", "correct", str(record), "21", "22", str(source), "-o", str(target), *options]
+    return CliRunner().invoke(musat, words)
+
+
+def bottom_of(record: Path, system: System | None = None) -> tuple[FloatArray, FloatArray, System]:
+    """Return true and apparent points of the model, 49 of them, in a system on the ellipsoid of the run."""
+    run = of_record(record)
+    assert run.map_system is not None and run.map_system.ellipsoid is not None
+    stereo, system = set_up(run, "21", "22"), system or LongitudeLatitude(run.map_system.ellipsoid)
+    true = np.column_stack([grid((-600.0, 600.0), 1200.0, 7), np.linspace(-20.0, -2.0, 49)])
+    apparent = stereo.apparent(Loop(stereo=stereo).stages(true).xy)
+    first, second = (system.coordinates(run.frame.level(stereo.working(points))) for points in (true, apparent))
+    return first, second, system
+
+
+def test_a_text_file_is_corrected_in_degrees(record: Path, tmp_path: Path) -> None:
+    true, apparent, _ = bottom_of(record)
+    write_layers(tmp_path / "a.csv", {"points": Points(xyz=apparent)})
+    np.savetxt(tmp_path / "a.csv", apparent, "%.10f", ",", header="x,y,z", comments="")
+    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    assert result.exit_code == 0, result.output
+    assert "points: 49 of 49 with a position, 49 under water; down to " in result.output
+    assert "taken as longitude and latitude in degrees" in result.output
+    points = read_layers(tmp_path / "true.csv")["points"]
+    assert isinstance(points, Points) and "sigma_depth" in points.columns
+    # Written to 0.1 mm.
+    assert (np.abs(points.xyz - true) < [1e-9, 1e-9, 1e-4]).all()
+
+
+def test_contours_of_a_map_go_through_a_geopackage(record: Path, tmp_path: Path) -> None:
+    """Lines in UTM, zone 20 north, of NAD 27, which stands on the ellipsoid of the run; GDAL reads the result."""
+    run = of_record(record)
+    system = system_of("EPSG:26720", run.map_system.ellipsoid)  # type: ignore[union-attr, arg-type]
+    true, apparent, _ = bottom_of(record, system)
+    import pyproj
+
+    crs = pyproj.CRS.from_epsg(26720)
+    lines = Lines(
+        vertices=[apparent[:20], apparent[20:]], closed=np.zeros(2, bool), crs=crs,
+        columns={"depth": Column.of(np.array([5.0, 10.0]), "m")},
+    )  # fmt: skip
+    write_layers(tmp_path / "a.gpkg", {"contours": lines})
+    result = corrected(record, tmp_path / "a.gpkg", tmp_path / "true.gpkg")
+    assert result.exit_code == 0, result.output
+    assert "NAD27 / UTM zone 20N" in result.output
+    done = read_layers(tmp_path / "true.gpkg")["lines"]
+    assert isinstance(done, Lines)
+    assert np.abs(np.concatenate(done.vertices) - true).max() < 1e-6
+    assert pyogrio.read_info(tmp_path / "true.gpkg")["crs"] == "EPSG:26720"
+
+
+def test_a_raster_keeps_its_posts_and_gets_sigmas(record: Path, tmp_path: Path) -> None:
+    run = of_record(record)
+    system = system_of("EPSG:26720", run.map_system.ellipsoid)  # type: ignore[union-attr, arg-type]
+    true, _, _ = bottom_of(record, system)
+    middle = np.rint(true[24, :2] / 10.0) * 10.0
+    import pyproj
+
+    given = Grid(
+        west=float(middle[0]), south=float(middle[1]), spacing=10.0, bands={"z": np.full((6, 8), -5.0)},
+        crs=pyproj.CRS.from_epsg(26720),
+    )  # fmt: skip
+    write_layers(tmp_path / "a.tif", {"grid": given})
+    result = corrected(record, tmp_path / "a.tif", tmp_path / "true.tif")
+    assert result.exit_code == 0, result.output
+    with rasterio.open(tmp_path / "true.tif") as dataset:
+        assert dataset.descriptions == ("height", "depth", "sigma") and dataset.crs.to_epsg() == 26720
+        height = dataset.read(1)
+    assert height.shape == (6, 8)
+    inner = height[np.isfinite(height)]
+    # 5.2 m of apparent depth are 7.0 to 7.6 m.
+    assert len(inner) >= 5 * 7 and (inner < -6.7).all() and (inner > -7.6).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "options", "said"),
+    [
+        ("a.csv", "x,y,z\n294994.9,2029326.2,-3.0\n", (), "x 294994.9, y 2029326.2 are none"),
+        ("a.csv", "x,y,z\n-64.94,18.33\n", (), "2 values"),
+        ("a.csv", "x,y,z\n18.33,-64.94,-3.0\n", (), "x and y exchanged"),
+        ("a.csv", "x,y,z\n-64.94,18.33,-3.0\n", ("--crs", "EPSG:4326"), "ellipsoid"),
+        ("a.doc", "x,y,z\n", (), "no suffix of a known format"),
+        ("a.csv", "", (), "the file is empty"),
+    ],
+)
+def test_files_that_cannot_be_used_are_refused(
+    record: Path, tmp_path: Path, name: str, text: str, options: tuple[str, ...], said: str
+) -> None:
+    (tmp_path / name).write_text(text)
+    result = corrected(record, tmp_path / name, tmp_path / "true.csv", *options)
+    assert result.exit_code == 1 and said in result.output, result.output
+    assert not (tmp_path / "true.csv").exists()
+
+
+def test_depths_for_heights_are_told(record: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,9.5\n")
+    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    assert result.exit_code == 0 and "nothing is under water: heights are positive up" in result.output
+
+
+def test_formats_hold_what_they_can(record: Path, tmp_path: Path) -> None:
+    layers: Layers = {"points": Points(xyz=np.array([[-64.94, 18.33, -3.0]]))}
+    write_layers(tmp_path / "a.csv", layers)
+    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.tif")
+    assert result.exit_code == 1 and "a .tif file does not hold points" in result.output
+    assert corrected(record, tmp_path / "a.csv", tmp_path / "true.dxf").exit_code == 0
+    assert "+proj=longlat" in (tmp_path / "true.dxf").read_text()
