@@ -26,9 +26,13 @@ def _spec() -> type[object]:
 def command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
     """Write the deck NAME.crd that SPEC describes, and its truth as NAME.truth.json.
 
+    With a table [compilation] also NAME.compilation.crd, readings in its models, with their truth, and
+    NAME.soundings.csv.
+
     The same spec and seed always give the same files.
     """
     from musatpy.files import write_files
+    from musatpy.formats.compilation_deck import compilation_bytes
     from musatpy.formats.musat import deck_bytes
     from musatpy.simulation import simulate, truth_json
 
@@ -36,5 +40,15 @@ def command(spec: Path, seed: int | None, out_dir: Path | None) -> None:
     deck, truth = folder / f"{spec.stem}.crd", folder / f"{spec.stem}.truth.json"
     refuse_overwriting([deck, truth], [spec])
     simulation = simulate(spec, seed)
-    write_files({deck: deck_bytes(simulation.block), truth: truth_json(simulation).encode()})
-    tell(f"{name_of(deck)}: {len(simulation.block.photos.ids)} photos, truth {name_of(truth)}")
+    files = {deck: deck_bytes(simulation.block), truth: truth_json(simulation).encode()}
+    tell_of = f"{name_of(deck)}: {len(simulation.block.photos.ids)} photos, truth {name_of(truth)}"
+    if (compiled := simulation.compiled) is not None:
+        readings = folder / f"{spec.stem}.compilation.crd"
+        files |= {
+            readings: compilation_bytes(compiled.deck),
+            readings.with_suffix(".truth.csv"): compiled.truth_csv().encode(),
+            folder / f"{spec.stem}.soundings.csv": compiled.soundings.encode(),
+        }
+        tell_of += f", readings {name_of(readings)}"
+    write_files(files)
+    tell(tell_of)

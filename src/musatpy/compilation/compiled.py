@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,6 +24,7 @@ OFF_PLATE = "its image lies off the plate"
 REFUSED = "the interior orientation of a photo was refused"
 NO_TIDE = "it is submerged, and the tide of a photo is not given"
 _ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
+_NAMED = 10  # points of a kind of warning that are named, the worst
 _OFF = 0.001  # m by which points without y-parallax may be off before it is told
 _MISSED = 3.29  # sigmas of a y-parallax, of 99.9 %
 
@@ -128,17 +129,31 @@ class Compiled:
             lost = model.lost_without_parallax(self.deck.stages)
             if lost > _OFF:
                 yield f"model {model.name} has model points without y-parallax: up to {lost:.3f} m in this model"
-        pairs = zip(self.deck.stages.ids[self.rows].tolist(), self.model_ids.tolist(), strict=True)
-        names = [f"point {point} of model {model}" for point, model in pairs]
         parallax, test = 1e3 * self.gathered("y_parallax"), np.abs(self.parallax_test)
-        depth = self.gathered("depth")
-        for row in np.flatnonzero(test > _MISSED).tolist():
-            yield f"{names[row]} has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas"
-        for row in np.flatnonzero(-depth > _ABOVE * self.gathered("depth_sigma")).tolist():
-            yield f"{names[row]} is flagged as submerged and stands {-depth[row]:.2f} m above the water"
-        height, sigma = self.shore
-        for row in np.flatnonzero(np.abs(height) > _MISSED * sigma).tolist():
-            yield f"{names[row]} is on the shoreline and {height[row]:+.2f} m off the water"
+        depth, (height, sigma) = self.gathered("depth"), self.shore
+        above = -depth / self.gathered("depth_sigma")
+        yield from self._worst(
+            np.where(test > _MISSED, test, np.nan),
+            lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
+        )
+        yield from self._worst(
+            np.where(above > _ABOVE, above, np.nan),
+            lambda row: f"is flagged as submerged and stands {-depth[row]:.2f} m above the water",
+        )
+        off = np.abs(height) / sigma
+        yield from self._worst(
+            np.where(off > _MISSED, off, np.nan),
+            lambda row: f"is on the shoreline and {height[row]:+.2f} m off the water",
+        )
+
+    def _worst(self, size: FloatArray, words: Callable[[int], str]) -> Iterator[str]:
+        """Yield what is odd about the worst points, in their order; `size` (k,) is NaN where nothing is odd."""
+        odd = np.flatnonzero(np.isfinite(size))
+        worst = odd[np.argsort(-size[odd], kind="stable")[:_NAMED]]
+        for row in np.sort(worst).tolist():
+            yield f"point {self.deck.stages.ids[self.rows[row]]} of model {self.model_ids[row]} {words(row)}"
+        if len(odd) > _NAMED:
+            yield f"and {len(odd) - _NAMED} points more, less so: the table of points has them"
 
 
 def compiled(run: Triangulation, deck: Compilation) -> Compiled:

@@ -13,6 +13,7 @@ from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import Block
 from musatpy.simulation.assemble import Given, Order, assemble, order_of_appearance
+from musatpy.simulation.compiled_models import CompiledTruth, compile_models
 from musatpy.simulation.flight import TrueFlight, fly, plan_flight
 from musatpy.simulation.measure import Blunder, choose_control, measure_plates, state_stations
 from musatpy.simulation.measured_ties import air_bases, distances, height_differences
@@ -61,10 +62,11 @@ class Truth:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """A simulated block, and the truth behind it."""
+    """A simulated block, the truth behind it, and what is compiled in its models, None where nothing is."""
 
     block: Block
     truth: Truth
+    compiled: CompiledTruth | None = None
 
 
 def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simulation:
@@ -91,7 +93,11 @@ def simulate(spec: SimulationSpec | str | Path, seed: int | None = None) -> Simu
     given, base_lengths = _stated(spec, flight, ground, images, world, draws)
     order = order_of_appearance(given.names.point, len(ground.ids))
     block = assemble(spec, world, flight, ground, given, order)
-    return Simulation(block=block, truth=_truth(spec, flight, ground, given, order, base_lengths))
+    return Simulation(
+        block=block,
+        truth=_truth(spec, flight, ground, given, order, base_lengths),
+        compiled=compile_models(spec, plan, flight, ground, world, draws),
+    )
 
 
 def _stated(

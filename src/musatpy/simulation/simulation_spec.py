@@ -20,6 +20,7 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.simulation.blunder_keys import Blunders, GivenBlunder, WrongControl, WrongStation, WrongTide
+from musatpy.simulation.compilation_keys import CompilationKeys
 from musatpy.simulation.water_keys import WaterKeys
 from musatpy.specs import Area, Pair, Triple, key, spec_of, spec_table
 
@@ -338,6 +339,7 @@ class SimulationSpec:
     wrong_tide: tuple[WrongTide, ...] = key((), quiet=True)
     wrong_station: tuple[WrongStation, ...] = key((), quiet=True)
     options: OptionKeys = key(OptionKeys)
+    compilation: CompilationKeys | None = key(None, quiet=True)
 
     def __post_init__(self) -> None:
         submerged = bool(self.shoal) or any(point.bathymetric for point in self.point)

@@ -1,0 +1,166 @@
+"""Simulated readings in models: the truth comes back through run and compilation; soundings tell of refraction."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from musatpy import adjust
+from musatpy.arrays import FloatArray
+from musatpy.cli.main import main as musat
+from musatpy.compilation.compiled import Compiled, compiled
+from musatpy.compilation.triangulation import of_solution
+from musatpy.errors import SpecError
+from musatpy.formats.compilation_deck import read_compilation
+from musatpy.model.compilation import StageReadings
+from musatpy.simulation import Simulation, simulate
+from musatpy.simulation.simulation_spec import spec_from_table
+from musatpy.soundings.differences import Differences, regression
+
+# St. Thomas: a strip of four photos at three tides, depths to 30 m, nothing with errors.
+SPEC = {
+    "seed": 5,
+    "job": {"centre": [18.3, -64.9]},
+    "flight": {"photos": 4, "height": 3000.0, "attitude_scatter": 1.0, "station_scatter": 20.0},
+    "water": {"level": 0.2, "tides": [0.4, -0.3, 0.1, 0.1]},
+    "terrain": {"level": 30.0},
+    "points": {"per_site": 3},
+    "shoal": [{"share": 0.5, "depth": [1.0, 30.0]}],
+    "control": [{"kind": "full", "number": 8, "sigma": 0.05}],
+    "measurement": {"noise": 0.0},
+    "compilation": {"pointing": 0.0, "depth": [1.0, 30.0]},
+}
+
+
+def simulated(**compilation: object) -> Simulation:
+    """Return the strip with other keys of the compilation."""
+    given = {**SPEC["compilation"], **compilation}  # type: ignore[dict-item]
+    return simulate(spec_from_table(SPEC | {"compilation": given}))
+
+
+def compiled_of(simulation: Simulation) -> Compiled:
+    assert simulation.compiled is not None
+    return compiled(of_solution(adjust(simulation.block)), simulation.compiled.deck)
+
+
+def errors(result: Compiled, simulation: Simulation) -> FloatArray:
+    """Return the errors (k, 3) m of compiled points, east, north, up."""
+    assert simulation.compiled is not None
+    frame = result.run.frame
+    true = frame.working(simulation.compiled.position[result.rows])
+    gap = frame.working(result.gathered("position")) - true
+    return np.einsum("kij,kj->ki", frame.axes(true), gap)
+
+
+@pytest.fixture(scope="module")
+def exact() -> tuple[Simulation, Compiled]:
+    """Return the strip without errors, and its points."""
+    simulation = simulated()
+    return simulation, compiled_of(simulation)
+
+
+def test_the_truth_comes_back_without_errors(exact: tuple[Simulation, Compiled]) -> None:
+    simulation, result = exact
+    assert simulation.compiled is not None and len(result.models) == 3 and not any(result.reasons)
+    # Plates to .001 um, points to .1 mm on the cards; WATPT, rays of a plane across the vertical of a point.
+    assert np.abs(errors(result, simulation)).max() < 2e-4
+    np.testing.assert_allclose(result.gathered("depth"), simulation.compiled.depth[result.rows], rtol=0, atol=2e-4)
+    wet = result.submerged
+    assert wet.sum() == 3 * 133 and (~wet).sum() == 30
+    assert np.nanmin(result.gathered("depth")) < 3.0 and np.nanmax(result.gathered("depth")) > 28.0
+
+
+def test_refraction_shows_in_the_slope_of_differences(exact: tuple[Simulation, Compiled]) -> None:
+    """b of true depth: of apparent depths a quarter (1 - 1 / n) and more to the corners, of true ones nothing."""
+    simulation, result = exact
+    assert simulation.compiled is not None
+    wet = np.flatnonzero(result.submerged)
+    level, true = result.gathered("water_level")[wet], simulation.compiled.depth[result.rows][wet]
+    apparent = level - result.gathered("apparent")[wet, 2]
+    slopes = []
+    for depth in (apparent, result.gathered("depth")[wet]):
+        names = np.arange(len(wet)).astype(str)
+        sigma = np.full(len(wet), 0.01)
+        fit = regression(Differences(names=names, compiled=depth, sounded=true, sigma=sigma))
+        assert fit is not None
+        slopes.append(fit.b)
+    assert -0.33 < slopes[0] < -0.25 and abs(slopes[1]) < 1e-4
+
+
+def test_an_operator_above_the_bottom_reads_it_too_shallow(exact: tuple[Simulation, Compiled]) -> None:
+    """10 um of x-parallax: H / B of them at the scale of a normal pair in air, 1.34 times that under water."""
+    shifted = simulated(bias=10.0)
+    biased, (_, result) = compiled_of(shifted), exact
+    up = errors(biased, shifted)[:, 2] - errors(result, exact[0])[:, 2]
+    base = np.mean([model.stereo.base for model in result.models])
+    dry = 2970.0**2 / base / 152.0 * 0.010  # over land of 30 m
+    assert np.median(up[~result.submerged]) == pytest.approx(dry, rel=0.05)
+    assert np.median(up[result.submerged]) == pytest.approx(1.34 * dry, rel=0.12)
+
+
+def test_soundings_are_of_the_same_bottom(exact: tuple[Simulation, Compiled]) -> None:
+    shifted = simulated(sounding_error=0.0, datum_offset=0.5, soundings=7)
+    assert shifted.compiled is not None
+    rows = list(csv.DictReader(StringIO(shifted.compiled.soundings)))
+    assert len(rows) == 7 and set(rows[0]) == {"name", "lat", "lon", "depth", "sigma"}
+    plain = simulated(sounding_error=0.0, soundings=7).compiled
+    assert plain is not None
+    others = list(csv.DictReader(StringIO(plain.soundings)))
+    for row, other in zip(rows, others, strict=True):
+        assert float(row["depth"]) - float(other["depth"]) == pytest.approx(0.5, abs=1e-9)
+        assert 1.0 - 1e-3 < float(other["depth"]) < 30.0 + 1e-3
+
+
+@pytest.mark.slow
+def test_errors_of_two_thousand_points_are_those_of_their_sigmas() -> None:
+    """Of pointing alone: the run has no errors, and its sigmas none of its own."""
+    simulation = simulated(pointing=5.0, points=670, dry=0, profiles=0)
+    assert simulation.compiled is not None
+    run = of_solution(adjust(simulation.block))
+    pairs = replace(run.pairs, covariance=np.zeros_like(run.pairs.covariance))
+    run = replace(run, covariance=np.zeros_like(run.covariance), pairs=pairs, water=None)
+    result = compiled(run, simulation.compiled.deck)
+    scaled = errors(result, simulation) / result.sigma
+    assert len(scaled) == 2010
+    # A root mean square of 2,010 is good to 1.6 %.
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(scaled), axis=0)), 1.0, atol=0.05)
+
+
+def test_the_command_writes_decks_that_read_back(tmp_path: Path) -> None:
+    spec = tmp_path / "strip.toml"
+    spec.write_text(
+        "[job]\nsystem = 'LOCL'\n[water]\nlevel = 0.5\n[terrain]\nlevel = 20.0\n"
+        "[compilation]\npoints = 5\ndry = 2\nprofiles = 2\nreadings = 4\nsoundings = 3\n"
+    )
+    result = CliRunner().invoke(musat, ["simulate", str(spec), "-o", str(tmp_path)])
+    assert result.exit_code == 0 and "readings" in result.output
+    deck, warnings = read_compilation(tmp_path / "strip.compilation.crd")
+    assert not warnings and len(deck.stages.ids) == 2 * (5 + 2 + 2 * 6) and len(deck.profiles.ids) == 4
+    assert isinstance(deck.stages, StageReadings) and (np.abs(deck.stages.xy) < 110.0).all()
+    truth = list(csv.DictReader((tmp_path / "strip.compilation.truth.csv").open()))
+    assert [row["point"] for row in truth] == deck.stages.ids.tolist()
+    assert all((row["depth"] == "") == (not wet) for row, wet in zip(truth, deck.stages.submerged, strict=True))
+    assert (tmp_path / "strip.soundings.csv").read_text().startswith("name,x,y,depth,sigma\nS0001,")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"water": None, "shoal": []}, "the block has no water"),
+        ({"flight": {"photos": 1}}, "no strip has two photos"),
+        ({"compilation": {"depth": [5.0, 2.0]}}, "depth is the least, then the greatest"),
+        ({"flight": {"photos": 2, "forward_overlap": 0.06}, "water": {"level": 0.0}}, "points are wanted"),
+    ],
+)
+def test_what_cannot_be_compiled_is_refused(change: dict[str, object], said: str) -> None:
+    table = {key: value for key, value in (SPEC | change).items() if value is not None}
+    if "flight" in change:
+        table |= {"control": [], "shoal": [], "water": {"level": 0.2}}
+    with pytest.raises(SpecError, match=said):
+        simulate(spec_from_table(table))
