@@ -62,6 +62,14 @@ def test_soundings_of_the_bottom(run: Path, tmp_path: Path) -> None:
     assert "edition 6.1.0" in listing and max(map(len, listing.splitlines())) <= 132
 
 
+def test_the_picture_is_the_same_from_run_to_run(run: Path, tmp_path: Path) -> None:
+    pictures = []
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        assert compared(run, tmp_path, stage_readings.soundings(), "--plots", "-o", str(folder)).exit_code == 0
+        pictures.append((folder / "s.soundings.png").read_bytes())
+    assert pictures[0].startswith(b"\x89PNG") and pictures[0] == pictures[1]
+
+
 def test_a_datum_shows_in_a_and_an_option_takes_it_away(run: Path, tmp_path: Path) -> None:
     compared(run, tmp_path, scaled(1.0, -0.5))
     shifted = json.loads((tmp_path / "s.soundings.json").read_text())["regression"]["a"]

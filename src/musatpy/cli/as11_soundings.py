@@ -20,8 +20,15 @@ from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
 @click.option("--sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of soundings whose file has none, m.")
 @click.option("--plan-sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of the places of soundings, m.")
 @click.option("--steepest", type=click.FloatRange(min=0.0), default=None, help="Slope of the bottom at most.")
+@click.option("--plots", is_flag=True, help="A picture of the differences too (SOUNDINGS.soundings.png).")
 def command(
-    run: Path, deck: Path, soundings: Path, out_dir: Path | None, steepest: float | None, **sigmas: float
+    run: Path,
+    deck: Path,
+    soundings: Path,
+    out_dir: Path | None,
+    steepest: float | None,
+    plots: bool,
+    **sigmas: float,
 ) -> None:
     """Compile DECK in stereomodels of RUN.json, and hold its bottom against the CSV file SOUNDINGS.
 
@@ -39,11 +46,12 @@ def command(
     from musatpy.reports import soundings as report
     from musatpy.reports.record import dumps
     from musatpy.soundings.differences import samples, scale_warning
+    from musatpy.soundings.pictures import difference_picture
     from musatpy.soundings.sounding_files import read_soundings
 
     stem = (soundings.parent if out_dir is None else out_dir) / f"{soundings.stem}.soundings"
-    listing, record = stem.with_name(f"{stem.name}.lst"), stem.with_name(f"{stem.name}.json")
-    refuse_overwriting([listing, record], [run, deck, soundings])
+    listing, record, picture = (stem.with_name(f"{stem.name}.{kind}") for kind in ("lst", "json", "png"))
+    refuse_overwriting([listing, record, picture], [run, deck, soundings])
     contents, _ = read_compilation(deck)
     result = compiled(of_record(run), contents)
     how = Matching(steepest=math.inf if steepest is None else steepest, **sigmas)
@@ -52,7 +60,11 @@ def command(
         why = next(iter(compared.reasons.values()), "there is no bottom")
         raise click.ClickException(f"no sounding meets the bottom: {why}")
     text, values = report.listing_of(compared, result), dumps(report.record_of(compared, result))
-    write_files({listing: text.encode(), record: values.encode()})
+    files = {listing: text.encode(), record: values.encode()}
+    if plots:
+        title = f"{soundings.name} and the bottom of {deck.name}"
+        files[picture] = difference_picture(compared.differences, compared.xy, title)
+    write_files(files)
     if warning := scale_warning(compared.differences):
         complain(f"{name_of(soundings)}: {warning}")
     first = samples(compared.differences)[0]

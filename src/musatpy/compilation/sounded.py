@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.bottom import Surface
 from musatpy.errors import Problem, SoundingError
 from musatpy.soundings.differences import Differences
@@ -33,10 +33,14 @@ class Matching:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sounded:
-    """Soundings beside a bottom: those that meet it, their `rows` (k,), and why the rows of others do not."""
+    """Soundings beside a bottom: those that meet it, their `rows` (k,), and why the rows of others do not.
+
+    `xy` (k, 2) m: where they stand on the map of the first model.
+    """
 
     soundings: Soundings
     rows: IntArray
+    xy: FloatArray
     differences: Differences
     reasons: dict[int, str]
 
@@ -62,12 +66,14 @@ def sounded(surfaces: list[Surface], soundings: Soundings, how: Matching) -> Sou
         slope[surer] = np.linalg.norm(at.gradient[surer], axis=1)
     steep = slope > how.steepest
     met = np.flatnonzero(np.isfinite(value) & ~steep)
+    of_map = next((surface for surface in surfaces if surface.tin is not None), None)
     of_soundings = np.where(np.isfinite(soundings.sigma[met]), soundings.sigma[met], how.sigma)
     parts = (sigma[met], of_soundings, slope[met] * how.plan_sigma, np.full(len(met), how.datum_sigma))
     lost = np.setdiff1d(np.arange(n), met).tolist()
     return Sounded(
         soundings=soundings,
         rows=met,
+        xy=np.zeros((0, 2)) if of_map is None else of_map.places(soundings.place[met]),
         differences=Differences(
             names=soundings.names[met],
             compiled=value[met],

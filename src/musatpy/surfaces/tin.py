@@ -110,7 +110,7 @@ class Tin:
         return TinValues(value=value, gradient=gradient, sigma=sigma, triangle=triangle, reason=reason)
 
     def _triangles_at(self, places: FloatArray) -> IntArray:
-        """Return the triangles (m,) of places, -1 outside, looked for strip by strip (each search starts at the last)."""
+        """Return the triangles (m,) of places, -1 outside; each search starts at the last, so strip by strip."""
         strips = max(1, int(np.sqrt(len(self.xy))))
         low, high = self.xy[:, 0].min(), self.xy[:, 0].max()
         strip = np.clip(np.nan_to_num((places[:, 0] - low) / (high - low)), 0.0, 1.0) * strips
