@@ -8,6 +8,7 @@ from musatpy.cli.lazy import LazyGroup
 
 COMMANDS = {
     "compile": "musatpy.cli.as11_compile",
+    "compare-contours": "musatpy.cli.as11_contours",
     "compare-soundings": "musatpy.cli.as11_soundings",
     "drive": "musatpy.cli.as11_drive",
 }

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
-from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
+from musatpy.reports.pages import Section, print_titled
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import labelled, wrapped
 from musatpy.soundings.differences import (
@@ -194,13 +194,7 @@ def sections_of(compared: Sounded, compiled: Compiled) -> list[Section]:
     return sections
 
 
-def listing_of(compared: Sounded, compiled: Compiled, *, carriage_control: bool = False) -> str:
+def listing_of(compared: Sounded, compiled: Compiled) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
     title = compiled.deck.titles[0] if compiled.deck.titles else ""
-    left = f"MUSATPY  SOUNDINGS  {title:<60.60}"
-    pages, _ = laid_out(sections_of(compared, compiled))
-    return print_pages(
-        pages,
-        lambda page: f"{left}{f'PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}",
-        carriage_control=carriage_control,
-    )
+    return print_titled(f"MUSATPY  SOUNDINGS  {title:<60.60}", sections_of(compared, compiled))

@@ -41,7 +41,7 @@ def read_soundings(source: Path) -> Soundings:
     """Return the soundings of a file. Raises `SoundingError` with every line that cannot be used, and `OSError`."""
     with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         header, *lines = list(csv.reader(file)) or [[]]
-    names = [_WORDS.get(name.strip().lower(), name.strip().lower()) for name in header]
+    names = [common_name(name) for name in header]
     wanted, faults = _columns(names)
     if faults:
         raise SoundingError([Problem(file=str(source), line=1, message=fault) for fault in faults])
@@ -70,6 +70,12 @@ def read_soundings(source: Path) -> Soundings:
         depth=table[:, 2] * (1.0 if wanted[2] == "depth" else -1.0),
         sigma=table[:, 3] if len(wanted) > 3 else np.full(len(table), np.nan),
     )
+
+
+def common_name(name: str) -> str:
+    """Return the name of a column by which all its names are known: `lat` for `Latitude`."""
+    lower = name.strip().lower()
+    return _WORDS.get(lower, lower)
 
 
 def _expected(name: str, value: float, cell: str) -> str:
