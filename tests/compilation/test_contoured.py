@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.bottom import Surface
+from musatpy.compilation.bottom import BottomPoints, Surface
 from musatpy.compilation.contoured import NO_BOTTOM, NOT_ON_IT, NOT_THERE, PAST_ENDS, contoured
 from musatpy.errors import SoundingError
 from musatpy.soundings.contour_files import ContourLines
@@ -26,7 +26,10 @@ def patch(south: float, north: float, shift: float = 0.0) -> FloatArray:
 
 def surface(points: FloatArray, longest: float = np.inf, plan: Any = None) -> Surface:
     model = cast(Any, SimpleNamespace(name="M"))
-    return Surface(model=model, tin=Tin.of(points, None, longest), plan=plan)
+    bottom = BottomPoints(
+        xy=points[:, :2], depth=points[:, 2], sigma=np.zeros(len(points)), water=np.zeros(len(points))
+    )
+    return Surface(model=model, points=bottom, tin=Tin.of(points, None, longest), plan=plan)
 
 
 def others(*lines: tuple[float, list[tuple[float, float]]]) -> ContourLines:
@@ -91,4 +94,4 @@ def test_coordinates_of_another_kind_are_refused() -> None:
     bottom = surface(patch(0.0, 40.0), plan=SimpleNamespace())
     with pytest.raises(SoundingError, match="the job has lat and lon"):
         contoured([bottom], others((5.0, [(50.0, 0.0), (50.0, 40.0)])))
-    assert not contoured([Surface(model=bottom.model, tin=None, plan=None)], others()).areas
+    assert not contoured([Surface(model=bottom.model, points=bottom.points, tin=None, plan=None)], others()).areas

@@ -70,6 +70,30 @@ def test_the_picture_is_the_same_from_run_to_run(run: Path, tmp_path: Path) -> N
     assert pictures[0].startswith(b"\x89PNG") and pictures[0] == pictures[1]
 
 
+def test_planes_about_soundings_agree_with_triangles(run: Path, tmp_path: Path) -> None:
+    """To the scatter of the points; soundings without points within the radius say so, and the record says how."""
+    assert compared(run, tmp_path, stage_readings.soundings(), "--radius", "200").exit_code == 0
+    record, of_record = json.loads((tmp_path / "s.soundings.json").read_text()), schema()
+    assert not list(violations(record, of_record, of_record))
+    assert record["matching"]["radius"] == 200.0 and "within 200 m" in (tmp_path / "s.soundings.lst").read_text()
+    assert abs(record["samples"][1]["median"]) < 0.3 and record["samples"][1]["rms"] < 0.6
+    assert abs(record["regression"]["b"]) < 0.02
+    assert "too few points within the radius, or to one side" in {row["reason"] for row in record["left_out"]}
+
+
+def test_old_soundings_are_left_out(run: Path, tmp_path: Path) -> None:
+    head, *lines = stage_readings.soundings().splitlines()
+    dates = ["1975-06-01", "1980-01-01", ""] * len(lines)
+    text = "\n".join([f"{head},date", *(f"{line},{date}" for line, date in zip(lines, dates, strict=False))])
+    assert compared(run, tmp_path, text, "--not-before", "1980-01-01").exit_code == 0
+    record = json.loads((tmp_path / "s.soundings.json").read_text())
+    reasons = [row["reason"] for row in record["left_out"]]
+    assert reasons.count("older than 1980-01-01") == 67 and reasons.count("its date is not known") == 66
+    assert {int(row["sounding"][1:]) % 3 for row in record["differences"]} == {1}
+    result = compared(run, tmp_path, stage_readings.soundings(), "--not-before", "1980-01-01")
+    assert result.exit_code == 1 and "no column date" in result.output
+
+
 def test_a_datum_shows_in_a_and_an_option_takes_it_away(run: Path, tmp_path: Path) -> None:
     compared(run, tmp_path, scaled(1.0, -0.5))
     shifted = json.loads((tmp_path / "s.soundings.json").read_text())["regression"]["a"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from pathlib import Path
 
 import click
@@ -20,6 +21,14 @@ from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
 @click.option("--sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of soundings whose file has none, m.")
 @click.option("--plan-sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of the places of soundings, m.")
 @click.option("--steepest", type=click.FloatRange(min=0.0), default=None, help="Slope of the bottom at most.")
+@click.option(
+    "--radius",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=None,
+    help="The bottom is the plane of the points so near, m, and no triangle.",
+)
+@click.option("--not-before", type=click.DateTime(["%Y-%m-%d"]), default=None, help="First day (column date).")
+@click.option("--crs", default="", help="Coordinate system of x and y of a file that says none: EPSG:32620.")
 @click.option("--plots", is_flag=True, help="A picture of the differences too (SOUNDINGS.soundings.png).")
 def command(
     run: Path,
@@ -27,12 +36,15 @@ def command(
     soundings: Path,
     out_dir: Path | None,
     steepest: float | None,
+    radius: float | None,
+    not_before: datetime.datetime | None,
+    crs: str,
     plots: bool,
     **sigmas: float,
 ) -> None:
-    """Compile DECK in stereomodels of RUN.json, and hold its bottom against the CSV file SOUNDINGS.
+    """Compile DECK in stereomodels of RUN.json, and hold its bottom against the CSV, LAS or LAZ file SOUNDINGS.
 
-    Columns of SOUNDINGS are lat and lon (degrees) or x and y, depth or height, and sigma and name as far as known.
+    Columns of a CSV file are lat and lon (degrees) or x and y, depth or height, and sigma, name and date as known.
     The listing goes to SOUNDINGS.soundings.lst, the record to SOUNDINGS.soundings.json.
     """
     import math
@@ -54,8 +66,14 @@ def command(
     refuse_overwriting([listing, record, picture], [run, deck, soundings])
     contents, _ = read_compilation(deck)
     result = compiled(of_record(run), contents)
-    how = Matching(steepest=math.inf if steepest is None else steepest, **sigmas)
-    compared = sounded(surfaces_of(result), read_soundings(soundings), how)
+    how = Matching(
+        steepest=math.inf if steepest is None else steepest,
+        radius=math.inf if radius is None else radius,
+        not_before=None if not_before is None else not_before.date(),
+        **sigmas,
+    )
+    read = read_soundings(soundings, result.run.ellipsoid, crs=crs, dated=not_before is not None)
+    compared = sounded(surfaces_of(result), read, how)
     if not len(compared.rows):
         why = next(iter(compared.reasons.values()), "there is no bottom")
         raise click.ClickException(f"no sounding meets the bottom: {why}")

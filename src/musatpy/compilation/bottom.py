@@ -20,6 +20,16 @@ from musatpy.surfaces.tin import Tin
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class BottomPoints:
+    """k points of a bottom, xy (k, 2) m: depths below the datum (k,) m, with sigmas, and those of the water."""
+
+    xy: FloatArray
+    depth: FloatArray
+    sigma: FloatArray
+    water: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
     """The surface of a model in plan, metres east and north of its middle (X, Y of local jobs), depths positive.
 
@@ -28,6 +38,7 @@ class Surface:
     """
 
     model: CompiledModel
+    points: BottomPoints
     tin: Tin | None
     plan: Plan | None
     reason: str = ""
@@ -73,7 +84,8 @@ def surfaces_of(compiled: Compiled) -> list[Surface]:
         rows = slice(first, first := first + len(model.rows))
         again = compiled.deck.stages.kind[model.rows] == AGAIN
         used = np.flatnonzero(model.readings.submerged & ~again & ~spike[rows] & np.isfinite(depth[rows]))
-        surfaces.append(_surface(model, used, np.stack([depth[rows], sigma[rows]])[:, used], longest))
+        water = compiled.datum.height - model.points.water_level
+        surfaces.append(_surface(model, used, np.stack([depth[rows], sigma[rows], water])[:, used], longest))
     return surfaces
 
 
@@ -87,17 +99,19 @@ def bottoms_of(compiled: Compiled) -> list[Bottom]:
 
 
 def _surface(model: CompiledModel, rows: IntArray, depths: FloatArray, longest_edge: float) -> Surface:
-    """Return the surface by the points `rows` (k,) of a model, with depths (2, k) and their sigmas."""
-    if not len(rows):
-        return Surface(model=model, tin=None, plan=None, reason="no submerged point of it has a position")
+    """Return the surface by points `rows` (k,) of a model; depths (3, k): theirs, sigmas, those of the water."""
     position, system = model.points.position[rows], model.stereo.run.map_system
-    plan = None if system is None else Plan.about(system, position)
+    plan = None if system is None or not len(rows) else Plan.about(system, position)
     xy = (position if plan is None else plan.places(position))[:, :2]
+    points = BottomPoints(xy=xy, depth=depths[0], sigma=depths[1], water=depths[2])
+    if not len(rows):
+        reason = "no submerged point of it has a position"
+        return Surface(model=model, points=points, tin=None, plan=None, reason=reason)
     try:
-        tin = Tin.of(np.column_stack([xy, depths[0]]), depths[1], longest_edge)
+        tin = Tin.of(np.column_stack([xy, points.depth]), points.sigma, longest_edge)
     except SurfaceError as error:
-        return Surface(model=model, tin=None, plan=plan, reason=error.problems[0].message)
-    return Surface(model=model, tin=tin, plan=plan)
+        return Surface(model=model, points=points, tin=None, plan=plan, reason=error.problems[0].message)
+    return Surface(model=model, points=points, tin=tin, plan=plan)
 
 
 def _bottom(surface: Surface, spec: ContourSpec) -> Bottom:
