@@ -71,6 +71,15 @@ def test_a_turned_contour_has_depths_on_both_sides() -> None:
     assert there.most_depth == pytest.approx(0.95 * most, abs=most / 20.0)
 
 
+def test_what_lies_past_an_end_is_left_out_and_has_no_area() -> None:
+    """The other contour ends in the middle: half of the compiled one has no partner."""
+    compared = contoured([surface(patch(0.0, 40.0))], others((5.0, [(60.0, -10.0), (60.0, 20.0)])))
+    there, back = compared.distances
+    assert (there.length, there.beyond) == pytest.approx((20.0, 20.0))
+    assert back.length == pytest.approx(20.0, abs=1.0) and back.beyond == 0.0  # a sample at the edge
+    assert there.most == pytest.approx(10.0) and compared.areas[0].area == pytest.approx(200.0)
+
+
 def test_reasons() -> None:
     bottom = surface(np.concatenate([patch(0.0, 40.0), patch(60.0, 100.0, 30.0)]), longest=15.0)
     lines = others(

@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 import stage_readings
 from json_schema import violations
 from musatpy.cli.main import main as musat
+from musatpy.compilation.bottom import surfaces_of
+from musatpy.compilation.compiled import compiled
+from musatpy.compilation.triangulation import of_record
+from musatpy.formats.compilation_deck import read_compilation
 from musatpy.reports.soundings import schema
 
 
@@ -60,6 +65,17 @@ def test_soundings_of_the_bottom(run: Path, tmp_path: Path) -> None:
     assert sum(record["point_orders"].values()) == 185
     listing = (tmp_path / "s.soundings.lst").read_text()
     assert "edition 6.1.0" in listing and max(map(len, listing.splitlines())) <= 132
+
+
+def test_the_water_over_the_points_of_a_bottom(run: Path) -> None:
+    """It stands as far above them as they are deep below it."""
+    result = compiled(of_record(run), read_compilation(stage_readings.DECK)[0])
+    for surface in surfaces_of(result):
+        points, depth = surface.points, surface.model.points.depth
+        below = points.depth - points.water
+        assert len(below) > 60
+        of_points = depth[np.isfinite(depth)]
+        assert np.abs(below[:, None] - of_points).min(axis=1).max() < 1e-6  # m, of the mean of two tides
 
 
 def test_the_picture_is_the_same_from_run_to_run(run: Path, tmp_path: Path) -> None:

@@ -50,6 +50,21 @@ def test_pieces_that_join_are_one_line() -> None:
     np.testing.assert_allclose(there.part(~there.beyond).distance, 7.0, atol=ROUNDING)
 
 
+@pytest.mark.parametrize(
+    "others",
+    [
+        [line((0, 0), (10, 0), (10, 10))],
+        [line((0, 0), (10, 0)), line((10, 0), (10, 10))],
+        [line((10, 0), (10, 10), (0, 10), (0, 0), (10, 0))],
+    ],
+)
+def test_a_corner_is_no_end(others: list[FloatArray]) -> None:
+    """Neither within a line, nor where two meet, nor where a closed one begins."""
+    corner = offsets([line((12.9, -4), (13.1, -4))], others)
+    np.testing.assert_allclose(corner.nearest, [[10.0, 0.0]], atol=ROUNDING)
+    assert corner.distance[0] == pytest.approx(5.0) and not corner.beyond[0]
+
+
 @pytest.mark.parametrize("inner", [88.0, 100.0])
 def test_concentric_circles(inner: float) -> None:
     outer = 112.0

@@ -53,6 +53,14 @@ def test_bands_and_blunders() -> None:
     assert rows["without blunders"].statistics.rms == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.parametrize(("size", "is_blunder"), [(4.8, False), (-4.8, False), (4.95, True), (-4.95, True)])
+def test_the_limit_of_blunders(size: float, is_blunder: bool) -> None:
+    """Of differences of 1 and -1 m the limit is 3.29 times 1.4826 m, 4.878 m."""
+    difference = np.concatenate([[size], np.zeros(3), np.ones(49), -np.ones(49)])
+    blunders = differences(difference + 9.0, np.full(102, 9.0)).blunders
+    assert blunders[0] == is_blunder and not blunders[1:].any()
+
+
 def test_the_regression_of_a_line() -> None:
     sounded, _ = soundings()
     exact = regression(differences(sounded + 0.3 - 0.02 * sounded, sounded))
@@ -104,7 +112,7 @@ def test_differences_without_error_count_alike() -> None:
     assert plain is not None and weighted is not None
     assert (plain.a, plain.b_sigma) == pytest.approx((weighted.a, weighted.b_sigma))
     small = regression(differences(np.array([1.0, 2.2, 2.9, 4.1]), np.arange(1.0, 5.0)))
-    assert small is not None and small.sigma0 == pytest.approx(np.sqrt(0.0495 / 0.01 / 2.0), rel=0.5)
+    assert small is not None and small.sigma0 == pytest.approx(np.sqrt(0.05 / 0.01 / 2.0))
 
 
 def test_orders_of_points_by_their_sigmas() -> None:

@@ -34,7 +34,7 @@ def test_sigma_and_weights() -> None:
 
 def test_few_points_points_on_a_line_and_points_to_one_side_make_none() -> None:
     xy = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 1e-4], [200.0, 0.0], [210.0, 0.0], [205.0, 8.0]])
-    places = np.array([[10.0, 0.0], [100.0, 0.0], [205.0, 3.0], [205.0, 30.0], [200.0, 0.0]])
+    places = np.array([[10.0, 0.0], [100.0, 0.0], [205.0, 3.0], [205.0, 12.0], [200.0, 0.0]])
     at = planes_at(places, xy, np.ones(6), np.full(6, 0.1), 35.0)
     assert at.reason.tolist() == [FEW, FEW, INSIDE, FEW, INSIDE]
     assert np.isfinite(at.value).tolist() == [False, False, True, False, True]
