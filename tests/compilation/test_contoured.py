@@ -58,6 +58,8 @@ def test_a_contour_on_the_deeper_side_says_that_the_bottom_is_deeper(x: float, d
 def test_a_datum_is_added_to_the_depths_of_the_other() -> None:
     compared = contoured([surface(patch(0.0, 40.0))], others((4.5, [(52.0, -10.0), (52.0, 60.0)])), datum=0.5)
     assert [row.depth for row in compared.areas] == [5.0]
+    again = contoured([surface(patch(0.0, 40.0))], others((0.3, [(9.0, -10.0), (9.0, 60.0)])), levels=[3 * 0.1])
+    assert [(row.depth, row.reason) for row in again.areas] == [(0.3, "")]
     assert compared.distances[0].mean == pytest.approx(2.0)
 
 

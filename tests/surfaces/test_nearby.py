@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from musatpy.surfaces import nearby
 from musatpy.surfaces.nearby import planes_at
 from musatpy.surfaces.tin import FEW, INSIDE
 
@@ -17,6 +19,18 @@ def test_a_plane_is_found_exactly() -> None:
     assert (at.reason == INSIDE).all()
     np.testing.assert_allclose(at.value, 3.0 + 0.02 * places[:, 0] - 0.01 * places[:, 1], atol=1e-9)  # rounding
     np.testing.assert_allclose(at.gradient, np.tile([0.02, -0.01], (50, 1)), atol=1e-9)
+
+
+def test_places_in_blocks_are_those_in_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    draws = np.random.default_rng(4)
+    xy, places = draws.uniform(0.0, 1000.0, (300, 2)), draws.uniform(-200.0, 1200.0, (40, 2))
+    z = draws.normal(size=300)
+    whole = planes_at(places, xy, z, np.full(300, 0.1), 120.0)
+    monkeypatch.setattr(nearby, "_PAIRS", 20)
+    blocks = planes_at(places, xy, z, np.full(300, 0.1), 120.0)
+    np.testing.assert_array_equal(whole.value, blocks.value)
+    np.testing.assert_array_equal(whole.gradient, blocks.gradient)
+    assert set(whole.reason) == {INSIDE, FEW}
 
 
 def test_sigma_and_weights() -> None:

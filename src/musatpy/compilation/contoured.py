@@ -78,6 +78,7 @@ def contoured(
     kind of the job's, `InterchangeError` without shapely, `MusatError` without matplotlib.
     """
     depth = np.round(other.depth + datum, _LEVEL_DECIMALS)
+    wanted = sorted({*depth.tolist(), *np.round(levels, _LEVEL_DECIMALS).tolist()})
     distances: list[ContourDistance] = []
     areas: list[ContourArea] = []
     for surface in surfaces:
@@ -87,7 +88,7 @@ def contoured(
             needed = "lat and lon" if surface.plan is not None else "x and y"
             raise SoundingError([Problem(message=f"the job has {needed}: give the contours in these")])
         places = [surface.places(line) for line in other.places]
-        for level in sorted({*depth.tolist(), *levels}):
+        for level in wanted:
             partners = [places[row] for row in np.flatnonzero(depth == level).tolist()]
             area, ways = _of_level(surface.model.name, surface.tin, level, partners)
             areas.append(area)

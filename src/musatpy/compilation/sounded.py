@@ -103,7 +103,7 @@ def _bottoms_at(surfaces: Sequence[Surface], soundings: Soundings, radius: float
             raise SoundingError([Problem(message=f"the job has {needed}: give the soundings in these")])
         part = _bottom_at(surface, surface.places(soundings.place), radius)
         reason = np.where(_RANK[part.reason] > _RANK[reason], part.reason, reason)
-        surer = (part.reason == INSIDE) & (part.sigma < sigma)
+        surer = (part.reason == INSIDE) & ~(part.sigma >= sigma)  # one without a sigma is better than none
         depth[surer], sigma[surer], slope[surer] = part.depth[surer], part.sigma[surer], part.slope[surer]
     return _Bottoms(depth=depth, sigma=sigma, slope=slope, reason=reason)
 
