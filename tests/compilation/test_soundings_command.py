@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 from click.testing import CliRunner, Result
 
@@ -16,6 +17,8 @@ from musatpy.compilation.bottom import surfaces_of
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.triangulation import of_record
 from musatpy.formats.compilation_deck import read_compilation
+from musatpy.interchange import las
+from musatpy.interchange.layers import Points
 from musatpy.reports.soundings import schema
 
 
@@ -108,6 +111,25 @@ def test_old_soundings_are_left_out(run: Path, tmp_path: Path) -> None:
     assert {int(row["sounding"][1:]) % 3 for row in record["differences"]} == {1}
     result = compared(run, tmp_path, stage_readings.soundings(), "--not-before", "1980-01-01")
     assert result.exit_code == 1 and "no column date" in result.output
+
+
+def test_a_las_file_on_a_map_says_what_the_csv_file_says(run: Path, tmp_path: Path) -> None:
+    """NAD27, whose ellipsoid is that of the job; heights in place of depths."""
+    rows = [line.split(",") for line in stage_readings.soundings().splitlines()[1:]]
+    lat, lon, depth = np.array([[float(cell) for cell in row[1:4]] for row in rows]).T
+    zone = pyproj.CRS("EPSG:26720")
+    east, north = pyproj.Transformer.from_crs(zone.geodetic_crs, zone, always_xy=True).transform(lon, lat)
+    cloud = tmp_path / "cloud.las"
+    las.write(cloud, Points(xyz=np.column_stack([east, north, -depth]), crs=zone))
+    command = ["as11", "compare-soundings", str(run), str(stage_readings.DECK), str(cloud), "--sigma", "0.1"]
+    assert CliRunner().invoke(musat, command).exit_code == 0
+    compared(run, tmp_path, stage_readings.soundings())
+    of_las, of_csv = (json.loads((tmp_path / f"{name}.soundings.json").read_text()) for name in ("cloud", "s"))
+    pairs = list(zip(of_las["differences"], of_csv["differences"], strict=True))
+    for of_point, of_line in pairs:
+        assert of_point["difference"] == pytest.approx(of_line["difference"], abs=1e-3)  # 0.1 mm on steep slopes
+        assert of_point["sigma"] == pytest.approx(of_line["sigma"], abs=1e-3)
+    assert len(of_las["left_out"]) == len(of_csv["left_out"]) and len(pairs) == 175
 
 
 def test_a_datum_shows_in_a_and_an_option_takes_it_away(run: Path, tmp_path: Path) -> None:

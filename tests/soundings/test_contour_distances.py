@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
 from musatpy.arrays import FloatArray
 from musatpy.soundings.contour_distances import area_between, largest_of_most, offsets
@@ -101,3 +102,14 @@ def test_the_largest_of_most_goes_by_length() -> None:
     assert largest_of_most(values, weight[::-1]) == 3.0
     assert np.isnan(area_between(offsets([line((0, 0), (1, 0))], [line((0, 1), (1, 1))]).part(np.zeros(1, bool)),
                                  offsets([line((0, 0), (1, 0))], [line((0, 1), (1, 1))])))  # fmt: skip
+
+
+@pytest.mark.parametrize("waves", [2, 5, 9])
+def test_the_area_between_rings_that_cross_is_that_of_their_polygons(waves: int) -> None:
+    """The nearest place is not across a line that is oblique to the other: less than 1 % of the area."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 3601)
+    ring = (100.0 + 6.0 * np.sin(waves * angle))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ring[-1] = ring[0]
+    other = circle(102.0) + np.array([3.0, -1.0])
+    area = area_between(offsets([ring], [other]), offsets([other], [ring]))
+    assert area == pytest.approx(shapely.Polygon(ring).symmetric_difference(shapely.Polygon(other)).area, rel=0.01)
