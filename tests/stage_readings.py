@@ -33,6 +33,7 @@ FIXTURES = Path(__file__).parents[1] / "fixtures"
 DECK = FIXTURES / "st_thomas_as11" / "st_thomas_as11.crd"
 CAYMAN = FIXTURES / "cayman_as11" / "cayman_as11.crd"
 SOUNDINGS = DECK.with_name("soundings.csv")
+CONTOURS = DECK.with_name("contours.csv")
 MODELS = (("2122", "21", "22"), ("2223", "22", "23"))
 POINTING = 0.005  # mm, 1 sigma
 _INDEX = 1.34
@@ -176,9 +177,20 @@ def soundings(number: int = 200) -> str:
     return "\n".join(["name,lat,lon,depth,sigma", *lines]) + "\n"
 
 
+def contours(depths: tuple[float, ...] = (4.0, 10.0, 20.0, 30.0)) -> str:
+    """Return the contours of the true bottom, without its scatter, below the datum: lines along parallels."""
+    lines = []
+    for number, depth in enumerate(depths, 1):
+        south = ((depth + 0.15 - 2.0) / 23.0) ** (2.0 / 3.0)
+        for longitude in np.linspace(-64.9418, -64.9180, 9).tolist():
+            lines.append(f"{number},{18.3345 - 0.0085 * south:.7f},{longitude:.7f},{depth:.2f}")
+    return "\n".join(["line,lat,lon,depth", *lines]) + "\n"
+
+
 if __name__ == "__main__":
     DECK.parent.mkdir(exist_ok=True)
     CAYMAN.parent.mkdir(exist_ok=True)
     DECK.write_bytes(compilation_bytes(compilation()))
     CAYMAN.write_bytes(compilation_bytes(cayman()))
     SOUNDINGS.write_text(soundings())
+    CONTOURS.write_text(contours())

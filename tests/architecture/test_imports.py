@@ -44,7 +44,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "comparison": {"model", "geometry"},
     "orienting": {"model", "geometry", "orientation", "reduction", "jobs"},
     "surfaces": set(),
-    "soundings": {"statistics", "pointfiles"},
+    "soundings": {"statistics", "pointfiles", "geometry", "interchange"},
     "compilation": {
         "model",
         "geometry",

@@ -5,12 +5,20 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
+import pyproj
 import pytest
 from click.testing import CliRunner, Result
 
 import stage_readings
 from json_schema import violations
 from musatpy.cli.main import main as musat
+from musatpy.compilation.compiled import compiled
+from musatpy.compilation.joined_surfaces import surfaces_of
+from musatpy.compilation.triangulation import of_record
+from musatpy.formats.compilation_deck import read_compilation
+from musatpy.interchange import las
+from musatpy.interchange.layers import Points
 from musatpy.reports.soundings import schema
 
 
@@ -60,6 +68,69 @@ def test_soundings_of_the_bottom(run: Path, tmp_path: Path) -> None:
     assert sum(record["point_orders"].values()) == 241  # submerged points of the deck
     listing = (tmp_path / "s.soundings.lst").read_text()
     assert "edition 6.1.0" in listing and max(map(len, listing.splitlines())) <= 132
+
+
+def test_the_water_over_the_points_of_a_bottom(run: Path) -> None:
+    """It stands as far above them as they are deep below it."""
+    result = compiled(of_record(run), read_compilation(stage_readings.DECK)[0])
+    depth = result.gathered("depth")
+    for surface in surfaces_of(result)[0]:
+        points = surface.points
+        below = points.depth - points.water
+        assert len(below) > 60
+        of_points = depth[np.isfinite(depth)]
+        assert np.abs(below[:, None] - of_points).min(axis=1).max() < 1e-6  # m, of the mean of two tides
+
+
+def test_the_picture_is_the_same_from_run_to_run(run: Path, tmp_path: Path) -> None:
+    pictures = []
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        assert compared(run, tmp_path, stage_readings.soundings(), "--plots", "-o", str(folder)).exit_code == 0
+        pictures.append((folder / "s.soundings.png").read_bytes())
+    assert pictures[0].startswith(b"\x89PNG") and pictures[0] == pictures[1]
+
+
+def test_planes_about_soundings_agree_with_triangles(run: Path, tmp_path: Path) -> None:
+    """To the scatter of the points; soundings without points within the radius say so, and the record says how."""
+    assert compared(run, tmp_path, stage_readings.soundings(), "--radius", "200").exit_code == 0
+    record, of_record = json.loads((tmp_path / "s.soundings.json").read_text()), schema()
+    assert not list(violations(record, of_record, of_record))
+    assert record["matching"]["radius"] == 200.0 and "within 200 m" in (tmp_path / "s.soundings.lst").read_text()
+    assert abs(record["samples"][1]["median"]) < 0.3 and record["samples"][1]["rms"] < 0.6
+    assert abs(record["regression"]["b"]) < 0.02
+    assert "too few points within the radius, or to one side" in {row["reason"] for row in record["left_out"]}
+
+
+def test_old_soundings_are_left_out(run: Path, tmp_path: Path) -> None:
+    head, *lines = stage_readings.soundings().splitlines()
+    dates = ["1975-06-01", "1980-01-01", ""] * len(lines)
+    text = "\n".join([f"{head},date", *(f"{line},{date}" for line, date in zip(lines, dates, strict=False))])
+    assert compared(run, tmp_path, text, "--not-before", "1980-01-01").exit_code == 0
+    record = json.loads((tmp_path / "s.soundings.json").read_text())
+    reasons = [row["reason"] for row in record["left_out"]]
+    assert reasons.count("older than 1980-01-01") == 67 and reasons.count("its date is not known") == 66
+    assert {int(row["sounding"][1:]) % 3 for row in record["differences"]} == {1}
+    result = compared(run, tmp_path, stage_readings.soundings(), "--not-before", "1980-01-01")
+    assert result.exit_code == 1 and "no column date" in result.output
+
+
+def test_a_las_file_on_a_map_says_what_the_csv_file_says(run: Path, tmp_path: Path) -> None:
+    """NAD27, whose ellipsoid is that of the job; heights in place of depths."""
+    rows = [line.split(",") for line in stage_readings.soundings().splitlines()[1:]]
+    lat, lon, depth = np.array([[float(cell) for cell in row[1:4]] for row in rows]).T
+    zone = pyproj.CRS("EPSG:26720")
+    east, north = pyproj.Transformer.from_crs(zone.geodetic_crs, zone, always_xy=True).transform(lon, lat)
+    cloud = tmp_path / "cloud.las"
+    las.write(cloud, Points(xyz=np.column_stack([east, north, -depth]), crs=zone))
+    command = ["as11", "compare-soundings", str(run), str(stage_readings.DECK), str(cloud), "--sigma", "0.1"]
+    assert CliRunner().invoke(musat, command).exit_code == 0
+    compared(run, tmp_path, stage_readings.soundings())
+    of_las, of_csv = (json.loads((tmp_path / f"{name}.soundings.json").read_text()) for name in ("cloud", "s"))
+    pairs = list(zip(of_las["differences"], of_csv["differences"], strict=True))
+    for of_point, of_line in pairs:
+        assert of_point["difference"] == pytest.approx(of_line["difference"], abs=1e-3)  # 0.1 mm on steep slopes
+        assert of_point["sigma"] == pytest.approx(of_line["sigma"], abs=1e-3)
+    assert len(of_las["left_out"]) == len(of_csv["left_out"]) and len(pairs) == 175
 
 
 def test_a_datum_shows_in_a_and_an_option_takes_it_away(run: Path, tmp_path: Path) -> None:

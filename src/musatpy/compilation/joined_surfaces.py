@@ -52,6 +52,16 @@ class EdgeMatch:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class BottomPoints:
+    """k points of a bottom, xy (k, 2) m: depths below the datum (k,) m, with sigmas, and those of the water."""
+
+    xy: FloatArray
+    depth: FloatArray
+    sigma: FloatArray
+    water: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
     """The surface of models that overlap, in plan: metres on the map about the job, X and Y of local jobs; depths.
 
@@ -60,6 +70,7 @@ class Surface:
     """
 
     models: tuple[str, ...]
+    points: BottomPoints
     tin: Tin | None
     plan: Plan | None
     reason: str = ""
@@ -79,13 +90,17 @@ class Surface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Points:
-    """The k points of the bottom of a model: xyz (k, 3), z the depth, sigmas (k,) and which are on the shore."""
+    """The k points of the bottom of a model: xyz (k, 3), z the depth, sigmas (k,), which are on the shore.
+
+    water (k,): depths of the water below the datum, m.
+    """
 
     model: CompiledModel
     names: TextArray
     xyz: FloatArray
     sigma: FloatArray
     shore: BoolArray
+    water: FloatArray
     tin: Tin | None
     reason: str
 
@@ -127,6 +142,8 @@ def _parts(compiled: Compiled, longest_edge: float) -> tuple[Plan | None, list[_
         place = position[rows] if plan is None else plan.places(position[rows])
         xyz = np.column_stack([place[:, :2], depth[rows]])
         shore = kind[rows] == SHORE
+        level = model.points.water_level[rows - first]
+        water = compiled.datum.height - np.where(np.isnan(level), model.stereo.tides.mean(), level)
         tin, reason = _network(xyz, sigma[rows], shore, longest_edge)
         parts.append(
             _Points(
@@ -135,6 +152,7 @@ def _parts(compiled: Compiled, longest_edge: float) -> tuple[Plan | None, list[_
                 xyz=xyz,
                 sigma=sigma[rows],
                 shore=shore,
+                water=water,
                 tin=tin,
                 reason=reason,
             )
@@ -201,11 +219,16 @@ def _beside(part: _Points, other: _Points) -> _Beside:
 def _surface(parts: list[_Points], beyond: list[BoolArray], plan: Plan | None, longest_edge: float) -> Surface:
     """Return the surface of models by their points that are not `beyond` the middle of an overlap."""
     kept = ~np.concatenate(beyond)
-    tin, reason = parts[0].tin, parts[0].reason
-    if len(parts) > 1:
-        xyz, sigma, shore = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in ("xyz", "sigma", "shore")
-        )
-        tin, reason = _network(xyz[kept], sigma[kept], shore[kept], longest_edge)
-    models = tuple(part.model.name for part in parts)
-    return Surface(models=models, tin=tin, plan=plan, reason=reason, left_out=int(np.count_nonzero(~kept)))
+    xyz, sigma, shore, water = (
+        np.concatenate([getattr(part, name) for part in parts])[kept] for name in ("xyz", "sigma", "shore", "water")
+    )
+    alone = len(parts) == 1
+    tin, reason = (parts[0].tin, parts[0].reason) if alone else _network(xyz, sigma, shore, longest_edge)
+    return Surface(
+        models=tuple(part.model.name for part in parts),
+        points=BottomPoints(xy=xyz[:, :2], depth=xyz[:, 2], sigma=sigma, water=water),
+        tin=tin,
+        plan=plan,
+        reason=reason,
+        left_out=int(np.count_nonzero(~kept)),
+    )

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.joined_surfaces import Surface
 from musatpy.errors import Problem, SoundingError
 from musatpy.soundings.differences import Differences
 from musatpy.soundings.sounding_files import Soundings
-from musatpy.surfaces.tin import INSIDE, OUTSIDE, REASONS
+from musatpy.surfaces.nearby import planes_at
+from musatpy.surfaces.tin import FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS
 
 STEEP = "the bottom is steeper there than the limit"
+DRY = "dry: the bottom there is above the water"
+UNDATED = "its date is not known"
+_DRY = len(REASONS) + 1
+_RANK = np.argsort([OUTSIDE, FEW, LONG_EDGE, LAND, _DRY, INSIDE])  # of reasons of several surfaces the last counts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +28,9 @@ class Matching:
     """How soundings are held against a bottom.
 
     `datum` (m): how far the datum of the soundings is below that of the compilation, with its sigma; sigma of
-    soundings whose file has none, sigma of their place (m); the steepest slope of the bottom that counts.
+    soundings whose file has none, sigma of their place (m); the steepest slope of the bottom that counts. With a
+    `radius` (m) the bottom is the plane of the points so near, else triangles. not_before: the first day that
+    counts, None for all.
     """
 
     datum: float = 0.0
@@ -30,50 +38,103 @@ class Matching:
     sigma: float = 0.0
     plan_sigma: float = 0.0
     steepest: float = np.inf
+    radius: float = np.inf
+    not_before: datetime.date | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sounded:
-    """Soundings beside a bottom: those that meet it, their `rows` (k,), and why the rows of others do not."""
+    """Soundings beside a bottom: those that meet it, their `rows` (k,), and why the rows of others do not.
+
+    `xy` (k, 2) m: where they stand on the map of the first model.
+    """
 
     soundings: Soundings
+    how: Matching
     rows: IntArray
+    xy: FloatArray
     differences: Differences
     reasons: dict[int, str]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Bottoms:
+    """The surest bottom at n places: depth, sigma, slope (n,), NaN where none is; reason (n,)."""
+
+    depth: FloatArray
+    sigma: FloatArray
+    slope: FloatArray
+    reason: IntArray
+
+
 def sounded(surfaces: Sequence[Surface], soundings: Soundings, how: Matching) -> Sounded:
-    """Return soundings beside the surfaces of a compilation.
+    """Return soundings beside the surfaces of a compilation; where these overlap beside the surer one.
 
     Raises `SoundingError` where their coordinates are not of the kind of the job's.
     """
-    n = len(soundings.depth)
-    value, sigma, slope = np.full(n, np.nan), np.full(n, np.inf), np.full(n, np.nan)
-    reason = np.full(n, OUTSIDE)
-    for surface in surfaces:
-        if surface.tin is None:
-            continue
-        if (surface.plan is not None) != soundings.angular:
-            needed = "lat and lon" if surface.plan is not None else "x and y"
-            raise SoundingError([Problem(message=f"the job has {needed}: give the soundings in these")])
-        at = surface.tin.at(surface.places(soundings.place))
-        reason = np.where(reason == INSIDE, reason, np.where(at.reason == OUTSIDE, reason, at.reason))
-        surer = at.sigma < sigma
-        value[surer], sigma[surer] = at.value[surer], at.sigma[surer]
-        slope[surer] = np.linalg.norm(at.gradient[surer], axis=1)
-    steep = slope > how.steepest
-    met = np.flatnonzero(np.isfinite(value) & ~steep)
+    used = [surface for surface in surfaces if surface.tin is not None]
+    at = _bottoms_at(used, soundings, how.radius)
+    reasons = _reasons(at, soundings, how)
+    met = np.setdiff1d(np.arange(len(soundings.depth)), list(reasons))
     of_soundings = np.where(np.isfinite(soundings.sigma[met]), soundings.sigma[met], how.sigma)
-    parts = (sigma[met], of_soundings, slope[met] * how.plan_sigma, np.full(len(met), how.datum_sigma))
-    lost = np.setdiff1d(np.arange(n), met).tolist()
+    parts = (at.sigma[met], of_soundings, at.slope[met] * how.plan_sigma, np.full(len(met), how.datum_sigma))
     return Sounded(
         soundings=soundings,
+        how=how,
         rows=met,
+        xy=used[0].places(soundings.place[met]) if used else np.zeros((0, 2)),
         differences=Differences(
             names=soundings.names[met],
-            compiled=value[met],
+            compiled=at.depth[met],
             sounded=soundings.depth[met] + how.datum,
             sigma=np.sqrt(np.sum(np.square(parts), axis=0)),
         ),
-        reasons={row: STEEP if steep[row] else REASONS[int(reason[row])] for row in lost},
+        reasons=reasons,
     )
+
+
+def _bottoms_at(surfaces: Sequence[Surface], soundings: Soundings, radius: float) -> _Bottoms:
+    n = len(soundings.depth)
+    depth, sigma, slope = np.full(n, np.nan), np.full(n, np.inf), np.full(n, np.nan)
+    reason = np.full(n, OUTSIDE)
+    for surface in surfaces:
+        if (surface.plan is not None) != soundings.angular:
+            needed = "lat and lon" if surface.plan is not None else "x and y"
+            raise SoundingError([Problem(message=f"the job has {needed}: give the soundings in these")])
+        part = _bottom_at(surface, surface.places(soundings.place), radius)
+        reason = np.where(_RANK[part.reason] > _RANK[reason], part.reason, reason)
+        surer = (part.reason == INSIDE) & ~(part.sigma >= sigma)  # one without a sigma is better than none
+        depth[surer], sigma[surer], slope[surer] = part.depth[surer], part.sigma[surer], part.slope[surer]
+    return _Bottoms(depth=depth, sigma=sigma, slope=slope, reason=reason)
+
+
+def _bottom_at(surface: Surface, places: FloatArray, radius: float) -> _Bottoms:
+    """Return the bottom of a model at places (n, 2); it is dry where it is above the water of the nearest point."""
+    from scipy.spatial import KDTree  # it takes long to load
+
+    points = surface.points
+    assert surface.tin is not None
+    if np.isfinite(radius):
+        at = planes_at(places, points.xy, points.depth, points.sigma, radius)
+    else:
+        at = surface.tin.at(places)
+    nearest = KDTree(points.xy).query(places)[1]
+    dry = at.value < points.water[nearest]
+    return _Bottoms(
+        depth=at.value,
+        sigma=at.sigma,
+        slope=np.linalg.norm(at.gradient, axis=1),
+        reason=np.where(dry, _DRY, at.reason),
+    )
+
+
+def _reasons(at: _Bottoms, soundings: Soundings, how: Matching) -> dict[int, str]:
+    """Return why soundings do not count, by their rows in order."""
+    words = {**REASONS, _DRY: DRY}
+    reasons = {int(row): words[int(at.reason[row])] for row in np.flatnonzero(at.reason != INSIDE)}
+    reasons |= dict.fromkeys(np.flatnonzero((at.reason == INSIDE) & (at.slope > how.steepest)).tolist(), STEEP)
+    if how.not_before is not None:
+        reasons |= dict.fromkeys(np.flatnonzero(np.isnat(soundings.date)).tolist(), UNDATED)
+        old = np.flatnonzero(soundings.date < np.datetime64(how.not_before))
+        reasons |= dict.fromkeys(old.tolist(), f"older than {how.not_before}")
+    return dict(sorted(reasons.items()))

@@ -13,6 +13,7 @@ from musatpy.adjustment.network import job_frame
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import CompilationError, Problem, RecordError
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame
+from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, System
 from musatpy.json_files import read_record
 from musatpy.model import (
@@ -95,6 +96,11 @@ class Triangulation:
             return None
         kind = Geographic if isinstance(self.frame, GeographicFrame) else Geocentric
         return kind(self.frame.ellipsoid)
+
+    @property
+    def ellipsoid(self) -> Ellipsoid | None:
+        """That of the job, None of a local one."""
+        return None if self.map_system is None else self.map_system.ellipsoid
 
     def photo(self, name: str) -> int:
         """Return the row of a photo. Raises `CompilationError` where the run has none of this name."""

@@ -80,6 +80,14 @@ def print_pages(pages: Sequence[Sequence[str]], header: Callable[[int], str], *,
     return "\n".join(lines) + "\n"
 
 
+def print_titled(title: str, sections: Sequence[Section]) -> str:
+    """Return sections as a listing whose pages have a title and their number above them."""
+    pages, _ = laid_out(sections)
+    return print_pages(
+        pages, lambda page: f"{title}{f'PAGE {page:6d}':>{PAGE_WIDTH - len(title)}}", carriage_control=False
+    )
+
+
 def _fits(section: Section, page: Sequence[str]) -> bool:
     rows = len(section.lines)
     if not section.together:

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
-from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
+from musatpy.reports.pages import Section, print_titled
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import labelled, wrapped
 from musatpy.soundings.differences import (
@@ -24,11 +24,38 @@ from musatpy.soundings.s44 import NO_ORDER, orders_met, source, survey_orders
 
 if TYPE_CHECKING:
     from musatpy.compilation.compiled import Compiled
-    from musatpy.compilation.sounded import Sounded
+    from musatpy.compilation.sounded import Matching, Sounded
 
-_VERSION = "1.0"
+_VERSION = "1.1"
 _LARGEST = 20  # blunders that are named
 
+
+def _limit(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _radius(how: Matching) -> float | None:
+    return _limit(how.radius)
+
+
+def _first_day(how: Matching) -> str | None:
+    return how.not_before.isoformat() if how.not_before else None
+
+
+MATCHING: Group[Sounded, Matching] = Group(
+    "matching",
+    "how the soundings are held against the bottom",
+    lambda s: s.how,
+    (
+        Field("radius", "number?", "of points whose plane is the bottom; null: triangles", _radius, "m"),
+        Field("datum", "number", "of the soundings below that of the deck", unit="m"),
+        Field("datum_sigma", "number", "of that", unit="m"),
+        Field("sigma", "number", "of soundings whose file has none", unit="m"),
+        Field("plan_sigma", "number", "of the places of soundings", unit="m"),
+        Field("steepest", "number?", "slope that counts; null: any", lambda m: _limit(m.steepest)),
+        Field("not_before", "string?", "first day that counts; null: any", _first_day),
+    ),
+)
 SAMPLES: Each[Sounded, Sample] = Each(
     "samples",
     "compiled less sounded depths, in numbers",
@@ -96,7 +123,7 @@ LEFT_OUT: Rows[Sounded, Sounded] = Rows(
         Field("reason", "string", "why", lambda s: list(s.reasons.values())),
     ),
 )
-RECORD: tuple[Node[Sounded], ...] = (SAMPLES, REGRESSION, SHARES, DIFFERENCES, LEFT_OUT)
+RECORD: tuple[Node[Sounded], ...] = (MATCHING, SAMPLES, REGRESSION, SHARES, DIFFERENCES, LEFT_OUT)
 
 SAMPLE_TABLE: Report[Any] = Report(
     title="Comparison With Soundings: Compiled Less Sounded Depths",
@@ -168,7 +195,10 @@ def sections_of(compared: Sounded, compiled: Compiled) -> list[Section]:
     lost: dict[str, int] = {}
     for reason in compared.reasons.values():
         lost[reason] = lost.get(reason, 0) + 1
-    sections = [SAMPLE_TABLE.section(compared)]
+    sections = [
+        Section(title="How The Soundings Are Held Against The Bottom", lines=labelled(_matching(compared.how))),
+        SAMPLE_TABLE.section(compared),
+    ]
     if warning:
         sections.insert(0, Section(title="Warning", lines=wrapped([f"{warning}."])))
     if line is not None:
@@ -194,13 +224,20 @@ def sections_of(compared: Sounded, compiled: Compiled) -> list[Section]:
     return sections
 
 
-def listing_of(compared: Sounded, compiled: Compiled, *, carriage_control: bool = False) -> str:
+def _matching(how: Matching) -> dict[str, str]:
+    """Return in words how soundings are held against a bottom."""
+    planes = f"planes of points within {how.radius:g} m" if np.isfinite(how.radius) else "triangles"
+    return {
+        "Bottom": planes,
+        "Datum of the soundings below that of the deck, m": f"{how.datum:.3f}, sigma {how.datum_sigma:.3f}",
+        "Sigma of depths without one, m": f"{how.sigma:.3f}",
+        "Sigma of places, m": f"{how.plan_sigma:.2f}",
+        "Steepest slope": f"{how.steepest:g}" if np.isfinite(how.steepest) else "any",
+        "First day": _first_day(how) or "any",
+    }
+
+
+def listing_of(compared: Sounded, compiled: Compiled) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
     title = compiled.deck.titles[0] if compiled.deck.titles else ""
-    left = f"MUSATPY  SOUNDINGS  {title:<60.60}"
-    pages, _ = laid_out(sections_of(compared, compiled))
-    return print_pages(
-        pages,
-        lambda page: f"{left}{f'PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}",
-        carriage_control=carriage_control,
-    )
+    return print_titled(f"MUSATPY  SOUNDINGS  {title:<60.60}", sections_of(compared, compiled))

@@ -100,10 +100,10 @@ def median_and_spread(values: FloatArray) -> tuple[float, float]:
     return middle, float(_NORMAL * np.median(np.abs(values - middle)))
 
 
-def samples(found: Differences) -> list[Sample]:
+def samples(differences: Differences) -> list[Sample]:
     """Return all differences, those without blunders, and those without blunders by bands of sounded depth."""
-    good = found.part(~found.blunders)
-    out = [_sample("all", found), _sample("without blunders", good)]
+    good = differences.part(~differences.blunders)
+    out = [_sample("all", differences), _sample("without blunders", good)]
     for low, high in pairwise(BANDS):
         rows = (good.sounded >= low) & (good.sounded < high)
         if rows.any():
@@ -118,9 +118,9 @@ def _sample(what: str, part: Differences) -> Sample:
     )
 
 
-def regression(found: Differences) -> Regression | None:
+def regression(differences: Differences) -> Regression | None:
     """Return the regression on the sounded depth without blunders; None for fewer than three, or of one depth."""
-    good = found.part(~found.blunders)
+    good = differences.part(~differences.blunders)
     if len(good.sounded) < 3 or not np.ptp(good.sounded) > 0.0:
         return None
     if not (good.sigma > 0.0).all():
@@ -143,22 +143,26 @@ def regression(found: Differences) -> Regression | None:
     )
 
 
-def order_shares(found: Differences) -> list[OrderShare]:
+def order_shares(differences: Differences) -> list[OrderShare]:
     """Return the share of all differences within the vertical uncertainty of each order of S-44."""
-    size = np.abs(found.difference)
+    size = np.abs(differences.difference)
     return [
-        OrderShare(name=order.name, share=float(np.mean(size <= order.vertical(found.sounded))))
+        OrderShare(name=order.name, share=float(np.mean(size <= order.vertical(differences.sounded))))
         for order in survey_orders()
     ]
 
 
-def scale_warning(found: Differences) -> str:
+def scale_warning(differences: Differences) -> str:
     """Return what soundings look like that differ from compiled depths by a scale or a sign; empty if by none."""
-    if len(found.sounded) < 3 or not np.ptp(found.sounded) > 0.0 or not np.ptp(found.compiled) > 0.0:
+    if (
+        len(differences.sounded) < 3
+        or not np.ptp(differences.sounded) > 0.0
+        or not np.ptp(differences.compiled) > 0.0
+    ):
         return ""
-    if abs(float(np.corrcoef(found.compiled, found.sounded)[0, 1])) < _LEAST:
+    if abs(float(np.corrcoef(differences.compiled, differences.sounded)[0, 1])) < _LEAST:
         return ""
-    slope = float(np.polyfit(found.compiled, found.sounded, 1)[0])
+    slope = float(np.polyfit(differences.compiled, differences.sounded, 1)[0])
     for scale, unit in _SCALES.items():
         if abs(slope / scale - 1.0) < _LIKE:
             return f"the soundings grow with {slope:.4g} times the compiled depths: they look like {unit}"

@@ -10,26 +10,26 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SurfaceError
 
-INSIDE, OUTSIDE, LONG_EDGE, LAND = range(4)
+INSIDE, OUTSIDE, LONG_EDGE, LAND, FEW = range(5)
 REASONS = {
     OUTSIDE: "outside the surface",
     LONG_EDGE: "an edge of the surface there is too long",
     LAND: "land, between points of the shoreline",
+    FEW: "too few points within the radius, or to one side",
 }
 _FLAT = 1e-9  # of the extent along: points on a line have no triangles
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TinValues:
+class SurfaceValues:
     """What a surface is at m places: value (m,) and gradient (m, 2), NaN where there is none, for a `reason` (m,).
 
-    sigma (m,) of the value by those of the corners of its triangle.
+    sigma (m,) of the value by those of the points that make it.
     """
 
     value: FloatArray
     gradient: FloatArray
     sigma: FloatArray
-    triangle: IntArray
     reason: IntArray
 
 
@@ -81,7 +81,7 @@ class Tin:
         corners = xy[search.simplices]
         edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])  # none along a straight edge of the surface
         long, flat = edges.max(axis=1) > longest_edge, area <= _FLAT * np.square(edges.max(axis=1))
         return cls(
             xy=xy,
@@ -115,7 +115,7 @@ class Tin:
         u, v = b - a, c - a
         return float(0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum())
 
-    def at(self, places: FloatArray) -> TinValues:
+    def at(self, places: FloatArray) -> SurfaceValues:
         """Return the surface at places (m, 2)."""
         triangle = self._triangles_at(places)
         inside = triangle >= 0
@@ -128,10 +128,10 @@ class Tin:
         offset = places[good] - self.xy[corners[:, 0]]
         value[good] = self.z[corners[:, 0]] + np.sum(gradient[good] * offset, axis=1)
         sigma[good] = np.sqrt(np.sum(np.square(self._weights(places[good], corners) * self.sigma[corners]), axis=1))
-        return TinValues(value=value, gradient=gradient, sigma=sigma, triangle=triangle, reason=reason)
+        return SurfaceValues(value=value, gradient=gradient, sigma=sigma, reason=reason)
 
     def _triangles_at(self, places: FloatArray) -> IntArray:
-        """Return the triangles (m,) of places, -1 outside; strip by strip, as each search starts at the last."""
+        """Return the triangles (m,) of places, -1 outside; each search starts at the last, so strip by strip."""
         strips = max(1, int(np.sqrt(len(self.xy))))
         low, high = self.xy[:, 0].min(), self.xy[:, 0].max()
         strip = np.clip(np.nan_to_num((places[:, 0] - low) / (high - low)), 0.0, 1.0) * strips

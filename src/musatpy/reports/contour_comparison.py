@@ -1,0 +1,99 @@
+"""The listing and the record of contours beside those of another source (`musat as11 compare-contours`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from musatpy.reports.encoding import Json
+from musatpy.reports.fields import Each, Field, Node, Schema, properties_of
+from musatpy.reports.pages import print_titled
+from musatpy.reports.table import Column, Report, key
+
+if TYPE_CHECKING:
+    from musatpy.compilation.contoured import ContourArea, ContourDistance, Contoured
+
+_VERSION = "1.0"
+
+DISTANCES: Each[Contoured, ContourDistance] = Each(
+    "distances",
+    "one row per depth of a surface and source: its contours, sampled every metre, from those of the other",
+    lambda c: c.distances,
+    (
+        Field("surface", "integer", "number, as in the record of a compilation"),
+        Field("depth", "number", "below the datum", unit="m"),
+        Field("of", "string", "source whose contours are sampled"),
+        Field("length", "number", "of the contours", unit="m"),
+        Field("beyond", "number", "length past open ends of the other, left out", unit="m"),
+        Field("mean", "number", "of the distances", unit="m"),
+        Field("rms", "number", "of the distances", unit="m"),
+        Field("most", "number", "distance that 95 % do not exceed", unit="m"),
+        Field("mean_depth", "number?", "compiled less the other, by the slope", unit="m"),
+        Field("rms_depth", "number?", "of these", unit="m"),
+        Field("most_depth", "number?", "magnitude that 95 % of these do not exceed", unit="m"),
+    ),
+)
+AREAS: Each[Contoured, ContourArea] = Each(
+    "areas",
+    "one row per depth of a surface",
+    lambda c: c.areas,
+    (
+        Field("surface", "integer", "number, as in the record of a compilation"),
+        Field("depth", "number", "below the datum", unit="m"),
+        Field("area", "number?", "between the contours", unit="m2"),
+        Field("width", "number?", "of that, by the mean of both lengths", unit="m"),
+        Field("reason", "string", "why there is none; empty where there is"),
+    ),
+)
+RECORD: tuple[Node[Contoured], ...] = (DISTANCES, AREAS)
+
+DISTANCE_TABLE: Report[Any] = Report(
+    title="Comparison Of Contours: Distances And Depths By The Slope",
+    table=DISTANCES,
+    columns=(
+        key("Surface", "I7", "surface"),
+        key("Depth\nm", "F8.3", "depth"),
+        key("From", "A8", "of"),
+        Column("Length\nm", "F10.1", shows="length"),
+        Column("Left out\nm", "F10.1", shows="beyond"),
+        Column("Mean\nm", "F8.2", shows="mean"),
+        Column("RMS\nm", "F8.2", shows="rms"),
+        Column("95 %\nm", "F8.2", shows="most"),
+        Column("Mean depth\nm", "F10.3", shows="mean_depth"),
+        Column("RMS depth\nm", "F10.3", shows="rms_depth"),
+        Column("95 % depth\nm", "F10.3", shows="most_depth"),
+    ),
+)
+AREA_TABLE: Report[Any] = Report(
+    title="Areas Between Contours",
+    table=AREAS,
+    columns=(
+        key("Surface", "I7", "surface"),
+        key("Depth\nm", "F8.3", "depth"),
+        Column("Area\nm2", "F14.1", shows="area"),
+        Column("Mean width\nm", "F10.2", shows="width"),
+        Column("Without, because", "A60", shows="reason"),
+    ),
+)
+STATED = (DISTANCE_TABLE, AREA_TABLE)
+
+
+def record_of(compared: Contoured) -> dict[str, Json]:
+    """Return the record of a comparison."""
+    return {"contour_comparison_version": _VERSION, **{node.name: node.json(compared) for node in RECORD}}
+
+
+def schema() -> Schema:
+    """Return the JSON Schema of the record."""
+    version: Field[Contoured] = Field("contour_comparison_version", "const", "of this schema", choices=(_VERSION,))
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "musatpy contour comparison",
+        "description": "Compiled contours beside those of another source, metres. What does not exist is null",
+        "type": "object",
+        **properties_of((version, *RECORD)),
+    }
+
+
+def listing_of(compared: Contoured, title: str) -> str:
+    """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
+    return print_titled(f"MUSATPY  CONTOURS  {title:<60.60}", [table.section(compared) for table in STATED])

@@ -1,0 +1,87 @@
+"""Compiled beside sounded depths as a picture: against each other, by frequency, and on the map (extra `plots`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.canvas import new_figure, png
+from musatpy.soundings.differences import Differences, regression
+
+_WIDTH, _HEIGHT = 16.0, 5.2  # inches
+_LEAST_BINS, _MOST_BINS = 8, 60
+_DOTS = 24.0  # points squared, of a marker
+_SHADES = "cividis"  # alike to every eye, and in print
+_EXTREMES = (2.0, 98.0)  # percentiles of the differences that have shades of their own
+
+
+def difference_picture(differences: Differences, xy: FloatArray, title: str) -> bytes:
+    """Return a PNG of differences at places xy (k, 2) m. Raises `MusatError` where matplotlib is missing."""
+    return png(difference_figure(differences, xy, title))
+
+
+def difference_figure(differences: Differences, xy: FloatArray, title: str) -> Any:
+    """Return the figure of differences at places xy (k, 2) m; blunders are crosses.
+
+    Raises `MusatError` where matplotlib is missing.
+    """
+    figure = new_figure(_WIDTH, _HEIGHT)
+    figure.suptitle(title)
+    against, by_size, on_map = figure.subplots(1, 3)
+    blunders = differences.blunders
+    _draw_depths(against, differences, blunders)
+    _draw_histogram(by_size, differences, blunders)
+    _draw_map(figure, on_map, differences.difference, xy, blunders)
+    return figure
+
+
+def _draw_depths(axes: Any, differences: Differences, blunders: BoolArray) -> None:
+    """Draw compiled over sounded depths, with the line on which both are equal, and the regression."""
+    sounded, compiled = differences.sounded, differences.compiled
+    axes.plot(sounded[~blunders], compiled[~blunders], ".", color="0.35", markersize=4, label="soundings")
+    if blunders.any():
+        axes.plot(sounded[blunders], compiled[blunders], "x", color="black", markersize=7, label="blunders")
+    ends = np.array([min(sounded.min(), compiled.min()), max(sounded.max(), compiled.max())])
+    axes.plot(ends, ends, "-", color="black", linewidth=0.8, label="1:1")
+    if line := regression(differences):
+        label = f"{line.a:+z.3f} m {line.b:+z.4f} x depth"
+        axes.plot(ends, ends + line.a + line.b * ends, "--", color="tab:blue", linewidth=1.6, label=label)
+    axes.set_aspect("equal")
+    axes.set_xlabel("sounded depth, m")
+    axes.set_ylabel("compiled depth, m")
+    axes.legend(fontsize=8)
+
+
+def _draw_histogram(axes: Any, differences: Differences, blunders: BoolArray) -> None:
+    """Draw the frequency of differences without blunders, with their median."""
+    good = differences.difference[~blunders]
+    bins = int(np.clip(np.sqrt(len(good)), _LEAST_BINS, _MOST_BINS))
+    axes.hist(good, bins=bins, color="0.75", edgecolor="0.35", linewidth=0.5)
+    axes.axvline(0.0, color="black", linewidth=0.8, label="no difference")
+    middle = float(np.median(good))
+    axes.axvline(middle, color="tab:blue", linestyle="--", linewidth=1.6, label=f"median {middle:z.3f} m")
+    axes.set_xlabel(f"compiled less sounded, m ({np.count_nonzero(blunders)} blunders left out)")
+    axes.set_ylabel("soundings")
+    axes.legend(fontsize=8)
+
+
+def _draw_map(figure: Any, axes: Any, difference: FloatArray, xy: FloatArray, blunders: BoolArray) -> None:
+    """Draw differences in their places; triangles point up where the compiled bottom is shoaler, else down."""
+    low, high = np.percentile(difference[~blunders], _EXTREMES)
+    shade = None
+    for rows, marker, label in (
+        (~blunders & (difference <= 0.0), "^", "compiled shoaler"),
+        (~blunders & (difference > 0.0), "v", "compiled deeper"),
+    ):
+        shade = axes.scatter(
+            *xy[rows].T, c=difference[rows], marker=marker, s=_DOTS, cmap=_SHADES, vmin=low, vmax=high, label=label
+        )
+    if blunders.any():
+        axes.plot(*xy[blunders].T, "x", color="black", markersize=7, label="blunders")
+    figure.colorbar(shade, ax=axes, label="compiled less sounded, m", extend="both")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("east, m")
+    axes.set_ylabel("north, m")
+    axes.legend(fontsize=8)

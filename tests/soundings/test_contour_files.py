@@ -1,0 +1,122 @@
+"""Contours of another source: the same lines out of every format, and files that cannot be used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+
+from musatpy.errors import ProblemsError
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.interchange import dxf, geojson, geopackage
+from musatpy.interchange.layers import Column, Lines, Points
+from musatpy.soundings.contour_files import ContourLines, read_contours
+from musatpy.units import DEGREE
+
+WGS84 = Ellipsoid("", 6378137.0, 298.257223563)
+EAST, NORTH = 290000.0, 2030000.0
+PATHS = (
+    np.array([[0.0, 0.0, -5.0], [50.0, 10.0, -5.0], [90.0, 0.0, -5.0]]),
+    np.array([[0.0, 60.0, -7.5], [30.0, 60.0, -7.5], [15.0, 80.0, -7.5], [0.0, 60.0, -7.5]]),
+)
+
+
+def lines(crs: str = "", depth: bool = False) -> Lines:
+    shift = [EAST, NORTH, 0.0] if crs else np.zeros(3)
+    columns = {"depth": Column.of([5.2, 7.7])} if depth else {}
+    paths = [path + shift for path in PATHS]
+    return Lines.of_paths(paths, columns=columns, crs=pyproj.CRS(crs) if crs else None)
+
+
+def csv_of(head: str, sign: float = 1.0) -> str:
+    rows = [f"{i},{x},{y},{sign * z}" for i, path in enumerate(PATHS) for x, y, z in path.tolist()]
+    return "\n".join([head, *rows]) + "\n"
+
+
+def assert_local(contours: ContourLines) -> None:
+    assert not contours.angular
+    for line, path in zip(contours.places, PATHS, strict=True):
+        np.testing.assert_allclose(line, path[:, :2], atol=1e-4)  # digits of files
+    np.testing.assert_allclose(contours.depth, [5.0, 7.5], atol=1e-4)
+
+
+def test_local_lines_of_all_formats(tmp_path: Path) -> None:
+    dxf.write(tmp_path / "a.dxf", {"contours": lines()})
+    geopackage.write(tmp_path / "a.gpkg", {"contours": lines()})
+    (tmp_path / "a.csv").write_text(csv_of("line,East,North,Height"))
+    (tmp_path / "b.csv").write_text(csv_of("line,x,y,depth", -1.0))
+    rows = [row.split(",") for row in csv_of("").split()]
+    (tmp_path / "a.xyz").write_text("".join(f"{x} {y} {z} {line}\n" for line, x, y, z in rows))
+    for name in ("a.dxf", "a.gpkg", "a.csv", "b.csv", "a.xyz"):
+        assert_local(read_contours(tmp_path / name, None))
+    (tmp_path / "a.xyz").write_text("".join(f"{x} {y} {-float(z)} {line}\n" for line, x, y, z in rows))
+    assert_local(read_contours(tmp_path / "a.xyz", None, depths=True))
+
+
+def test_lines_on_a_map_become_latitudes_and_longitudes(tmp_path: Path) -> None:
+    """By the system of the file, or the one that is named; by PROJ itself."""
+    to_degrees = pyproj.Transformer.from_crs("EPSG:32620", "EPSG:4326", always_xy=True)
+    longitude, latitude = to_degrees.transform(PATHS[0][:, 0] + EAST, PATHS[0][:, 1] + NORTH)
+    expected = np.stack([latitude, longitude], axis=1) * DEGREE
+    geopackage.write(tmp_path / "a.gpkg", {"contours": lines("EPSG:32620", depth=True)})
+    dxf.write(tmp_path / "a.dxf", {"contours": lines("EPSG:32620")})
+    geojson.write(tmp_path / "a.geojson", lines("EPSG:32620"))
+    bare = Lines.of_paths(lines("EPSG:32620").paths())
+    dxf.write(tmp_path / "b.dxf", {"contours": bare})
+    for name, crs in (("a.gpkg", ""), ("a.dxf", ""), ("a.geojson", ""), ("b.dxf", "EPSG:32620")):
+        contours = read_contours(tmp_path / name, WGS84, crs=crs)
+        assert contours.angular
+        np.testing.assert_allclose(contours.places[0], expected, atol=2e-11)  # rad: 0.1 mm
+        np.testing.assert_allclose(contours.depth, [5.2, 7.7] if name == "a.gpkg" else [5.0, 7.5], atol=1e-4)
+
+
+def test_degrees_of_a_csv_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "line,model,depth,latitude,longitude,height\n1,M,2,18.3,-64.9,-2.15\n1,M,2,18.4,-64.9,-2.15\n"
+    )
+    contours = read_contours(tmp_path / "a.csv", WGS84)
+    assert contours.angular and contours.depth.tolist() == [2.0]
+    np.testing.assert_allclose(contours.places[0] / DEGREE, [[18.3, -64.9], [18.4, -64.9]])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "job", "message"),
+    [
+        ("a.csv", csv_of("line,x,y,what"), None, "lat and lon, or x and y, and depth or height are needed"),
+        ("a.csv", csv_of("name,x,y,depth"), None, "no column line"),
+        ("a.csv", "line,x,y,depth\n1,0,0,2\n1,9,9,3\n", None, "line 1: its third coordinate goes from 2 to 3 m"),
+        ("a.csv", "line,x,y,depth\n1,0,0,2\n2,9,9,2\n2,9,8,2\n", None, "line 1 has one vertex"),
+        ("a.csv", csv_of("line,x,y,depth"), WGS84, "no coordinate system is given"),
+        ("a.shp", "x", None, "contours are read from .gpkg, .geojson"),
+        ("a.xyz", "1 2 3\n4 5 6\n", None, "no column column4"),
+        ("a.dxf", "x", None, "is no DXF file"),
+    ],
+)  # fmt: skip
+def test_files_that_cannot_be_used(
+    name: str, text: str, job: Ellipsoid | None, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ProblemsError, match=message):
+        read_contours(tmp_path / name, job)
+
+
+def test_systems_and_layers_that_do_not_fit(tmp_path: Path) -> None:
+    file = tmp_path / "a.gpkg"
+    geopackage.write(file, {"contours": lines("EPSG:32620")})
+    with pytest.raises(ProblemsError, match="the job in a local one"):
+        read_contours(file, None)
+    with pytest.raises(ProblemsError, match="ellipsoid"):
+        read_contours(file, Ellipsoid("", 6378206.4, 294.978698214))
+    (tmp_path / "a.xyz").write_text("1 2 3 1\n4 5 3 1\n")
+    with pytest.raises(ProblemsError, match="PROJ does not know the system EPSG:1"):
+        read_contours(tmp_path / "a.xyz", WGS84, crs="EPSG:1")
+    geopackage.write(tmp_path / "b.gpkg", {"points": Points(xyz=PATHS[0])})
+    with pytest.raises(ProblemsError, match="it has points"):
+        read_contours(tmp_path / "b.gpkg", None)
+    geopackage.write(
+        tmp_path / "c.gpkg", {"contours": Lines.of_paths(PATHS, columns={"depth": Column.of([1.0, np.nan])})}
+    )
+    with pytest.raises(ProblemsError, match="line 2: it has no depth"):
+        read_contours(tmp_path / "c.gpkg", None)
