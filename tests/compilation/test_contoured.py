@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.contoured import NO_BOTTOM, NOT_ON_IT, NOT_THERE, PAST_ENDS, contoured
+from musatpy.compilation.contoured import NO_BOTTOM, NOT_IN_OTHER, NOT_ON_IT, PAST_ENDS, contoured
 from musatpy.compilation.joined_surfaces import BottomPoints, Surface
 from musatpy.errors import SoundingError
 from musatpy.soundings.contour_files import ContourLines
@@ -41,9 +41,9 @@ def others(*lines: tuple[float, list[tuple[float, float]]]) -> ContourLines:
 def test_a_contour_on_the_deeper_side_says_that_the_bottom_is_deeper(x: float, depth: float, turned: int) -> None:
     """Compiled 5 m are at x 50: where the other has them farther out, the compiled bottom is deeper than 5 m."""
     compared = contoured([surface(patch(0.0, 40.0))], others((5.0, [(x, -10.0), (x, 60.0)][::turned])))
-    there, back = compared.distances
-    assert (there.of, back.of) == ("compiled", "other")
-    for way in (there, back):
+    forward, backward = compared.distances
+    assert (forward.of, backward.of) == ("compiled", "other")
+    for way in (forward, backward):
         assert way.length == pytest.approx(40.0, abs=1.0)  # a sample at the edge
         assert (way.mean, way.rms, way.most) == pytest.approx([abs(x - 50.0)] * 3)
         assert way.mean_depth == pytest.approx(depth)
@@ -65,20 +65,20 @@ def test_a_datum_is_added_to_the_depths_of_the_other() -> None:
 def test_a_turned_contour_has_depths_on_both_sides() -> None:
     """Deeper in the north, shoaler in the south: the mean depth is none, its RMS that of an even spread."""
     compared = contoured([surface(patch(0.0, 40.0))], others((5.0, [(48.0, -20.0), (52.0, 60.0)])))
-    there = compared.distances[0]
-    assert there.mean_depth == pytest.approx(0.0, abs=1e-6)
+    forward = compared.distances[0]
+    assert forward.mean_depth == pytest.approx(0.0, abs=1e-6)
     most = SLOPE * 20.0 * np.sin(np.arctan(4.0 / 80.0))
-    assert there.rms_depth == pytest.approx(most / np.sqrt(3.0), rel=1e-3)  # of 40 steps
-    assert there.most_depth == pytest.approx(0.95 * most, abs=most / 20.0)
+    assert forward.rms_depth == pytest.approx(most / np.sqrt(3.0), rel=1e-3)  # of 40 steps
+    assert forward.most_depth == pytest.approx(0.95 * most, abs=most / 20.0)
 
 
 def test_what_lies_past_an_end_is_left_out_and_has_no_area() -> None:
     """The other contour ends in the middle: half of the compiled one has no partner."""
     compared = contoured([surface(patch(0.0, 40.0))], others((5.0, [(60.0, -10.0), (60.0, 20.0)])))
-    there, back = compared.distances
-    assert (there.length, there.beyond) == pytest.approx((20.0, 20.0))
-    assert back.length == pytest.approx(20.0, abs=1.0) and back.beyond == 0.0  # a sample at the edge
-    assert there.most == pytest.approx(10.0) and compared.areas[0].area == pytest.approx(200.0)
+    forward, backward = compared.distances
+    assert (forward.length, forward.beyond) == pytest.approx((20.0, 20.0))
+    assert backward.length == pytest.approx(20.0, abs=1.0) and backward.beyond == 0.0  # a sample at the edge
+    assert forward.most == pytest.approx(10.0) and compared.areas[0].area == pytest.approx(200.0)
 
 
 def test_reasons() -> None:
@@ -94,7 +94,7 @@ def test_reasons() -> None:
     assert {row.depth: row.reason for row in compared.areas} == {
         5.0: PAST_ENDS,
         6.0: NOT_ON_IT,
-        8.0: NOT_THERE,
+        8.0: NOT_IN_OTHER,
         20.0: NO_BOTTOM,
         90.0: "the surface goes from 0.00 to 40.00 m",
     }

@@ -50,9 +50,9 @@ def test_contours_of_the_true_bottom(run: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("st_thomas_as11.contours.csv", ()),
+        pytest.param("st_thomas_as11.contours.csv", (), marks=pytest.mark.slow),
         ("st_thomas_as11.gpkg", ("--layer", "contours")),
-        ("st_thomas_as11.dxf", ("--datum", "-0.15")),  # heights 0.15 m above the datum of the deck
+        pytest.param("st_thomas_as11.dxf", ("--datum", "-0.15"), marks=pytest.mark.slow),  # heights of the job
     ],
 )
 def test_contours_lie_on_themselves(run: Path, tmp_path: Path, name: str, options: tuple[str, ...]) -> None:

@@ -26,29 +26,29 @@ def circle(radius: float, number: int = 3600) -> FloatArray:
 
 def test_parallel_lines() -> None:
     a, b = line((0, 0), (30, 0), (100, 0)), line((100, 7), (0, 7))
-    there, back = offsets([a], [b]), offsets([b], [a])
-    for way in (there, back):
+    forward, backward = offsets([a], [b]), offsets([b], [a])
+    for way in (forward, backward):
         np.testing.assert_allclose(way.distance, 7.0, atol=ROUNDING)
         assert not way.beyond.any() and way.interval.sum() == pytest.approx(100.0)
-    assert len(there.xy) == 100 and there.xy[0].tolist() == [0.5, 0.0]
-    assert area_between(there, back) == pytest.approx(700.0)
+    assert len(forward.xy) == 100 and forward.xy[0].tolist() == [0.5, 0.0]
+    assert area_between(forward, backward) == pytest.approx(700.0)
 
 
 def test_what_lies_past_an_open_end_has_no_partner() -> None:
     a, b = line((0, 0), (100, 0)), line((40, 7), (140, 7))
-    there, back = offsets([a], [b]), offsets([b], [a])
-    np.testing.assert_array_equal(there.beyond, there.xy[:, 0] < 40.0)
-    np.testing.assert_array_equal(back.beyond, back.xy[:, 0] > 100.0)
-    assert area_between(there.part(~there.beyond), back.part(~back.beyond)) == pytest.approx(60.0 * 7.0)
+    forward, backward = offsets([a], [b]), offsets([b], [a])
+    np.testing.assert_array_equal(forward.beyond, forward.xy[:, 0] < 40.0)
+    np.testing.assert_array_equal(backward.beyond, backward.xy[:, 0] > 100.0)
+    assert area_between(forward.part(~forward.beyond), backward.part(~backward.beyond)) == pytest.approx(60.0 * 7.0)
 
 
 def test_pieces_that_join_are_one_line() -> None:
     """The ends at x 40 are no ends, nor is a repeated vertex at an open end a segment."""
     a = line((0, 0), (100, 0))
     pieces = [line((40, 7), (20, 7), (20, 7)), line((40, 7), (80, 7), (80, 7))]
-    there = offsets([a], pieces)
-    np.testing.assert_array_equal(there.beyond, (there.xy[:, 0] < 20.0) | (there.xy[:, 0] > 80.0))
-    np.testing.assert_allclose(there.part(~there.beyond).distance, 7.0, atol=ROUNDING)
+    forward = offsets([a], pieces)
+    np.testing.assert_array_equal(forward.beyond, (forward.xy[:, 0] < 20.0) | (forward.xy[:, 0] > 80.0))
+    np.testing.assert_allclose(forward.part(~forward.beyond).distance, 7.0, atol=ROUNDING)
 
 
 @pytest.mark.parametrize(
@@ -70,13 +70,13 @@ def test_a_corner_is_no_end(others: list[FloatArray]) -> None:
 def test_concentric_circles(inner: float) -> None:
     outer = 112.0
     a, b = circle(inner), circle(outer)
-    there, back = offsets([a], [b]), offsets([b], [a])
-    for way, radius in ((there, inner), (back, outer)):
+    forward, backward = offsets([a], [b]), offsets([b], [a])
+    for way, radius in ((forward, inner), (backward, outer)):
         assert not way.beyond.any()
         np.testing.assert_allclose(way.distance, outer - inner, atol=1e-4)  # arrows of both polygons
         assert way.interval.sum() == pytest.approx(2.0 * np.pi * radius, rel=1e-6)
-    assert area_between(there, back) == pytest.approx(np.pi * (outer**2 - inner**2), rel=1e-5)
-    one_way = float(there.interval @ there.distance)
+    assert area_between(forward, backward) == pytest.approx(np.pi * (outer**2 - inner**2), rel=1e-5)
+    one_way = float(forward.interval @ forward.distance)
     assert one_way == pytest.approx(2.0 * np.pi * inner * (outer - inner), rel=1e-5)
 
 
@@ -84,16 +84,16 @@ def test_a_wedge() -> None:
     """Distances grow evenly from 0: their mean, RMS and 95 % are known, and the area is that of the triangle."""
     angle, length = np.radians(20.0), 400.0
     a, b = line((0, 0), (length, 0)), line((0, 0), (length * np.cos(angle), length * np.sin(angle)))
-    there, back = offsets([a], [b]), offsets([b], [a])
-    assert not there.beyond.any() and not back.beyond.any()
+    forward, backward = offsets([a], [b]), offsets([b], [a])
+    assert not forward.beyond.any() and not backward.beyond.any()
     farthest = length * np.sin(angle)
-    assert there.distance.mean() == pytest.approx(farthest / 2.0)
-    assert np.sqrt(np.mean(np.square(there.distance))) == pytest.approx(
+    assert forward.distance.mean() == pytest.approx(farthest / 2.0)
+    assert np.sqrt(np.mean(np.square(forward.distance))) == pytest.approx(
         farthest / np.sqrt(3.0), rel=1e-4
     )  # of steps
-    most = largest_of_most(there.distance, there.interval)
+    most = largest_of_most(forward.distance, forward.interval)
     assert most == pytest.approx(0.95 * farthest, abs=np.sin(angle))  # a step of a metre
-    assert area_between(there, back) == pytest.approx(0.5 * length * farthest)
+    assert area_between(forward, backward) == pytest.approx(0.5 * length * farthest)
 
 
 def test_the_largest_of_most_goes_by_length() -> None:

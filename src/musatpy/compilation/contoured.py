@@ -16,7 +16,8 @@ from musatpy.surfaces.contours import contours
 from musatpy.surfaces.tin import INSIDE, Tin
 
 COMPILED, OTHER = "compiled", "other"  # whose contours are sampled
-NOT_THERE, NOT_ON_IT = "the other source has no contour of it", "no contour of the other source lies on the surface"
+NOT_IN_OTHER = "the other source has no contour of it"
+NOT_ON_IT = "no contour of the other source lies on the surface"
 PAST_ENDS = "the contours lie past the ends of each other"
 NO_BOTTOM = "the surface has no contour of it"
 _LEVEL_DECIMALS = 3  # mm
@@ -102,25 +103,25 @@ def _of_level(
     """Return the area between contours of a depth, and their distances both ways; or the reason for none."""
     none = ContourArea(surface=surface, depth=level)
     if not others:
-        return replace(none, reason=NOT_THERE), []
+        return replace(none, reason=NOT_IN_OTHER), []
     compiled = [line.xy for line in contours(tin, [level]).lines]
     if not compiled:
         within = tin.z.min() < level < tin.z.max()
         span = f"the surface goes from {tin.z.min():.2f} to {tin.z.max():.2f} m"
         return replace(none, reason=NO_BOTTOM if within else span), []
-    back = offsets(others, compiled)
-    back = back.part(tin.at(back.xy).reason == INSIDE)
-    if not len(back.xy):
+    backward = offsets(others, compiled)
+    backward = backward.part(tin.at(backward.xy).reason == INSIDE)
+    if not len(backward.xy):
         return replace(none, reason=NOT_ON_IT), []
-    there = offsets(compiled, others)
+    forward = offsets(compiled, others)
     distances = [
         _distance(surface, level, name, tin, samples)
-        for name, samples in ((COMPILED, there), (OTHER, back))
+        for name, samples in ((COMPILED, forward), (OTHER, backward))
         if not samples.beyond.all()
     ]
     if len(distances) < 2:
         return replace(none, reason=PAST_ENDS), distances
-    area = area_between(there.part(~there.beyond), back.part(~back.beyond))
+    area = area_between(forward.part(~forward.beyond), backward.part(~backward.beyond))
     length = 0.5 * sum(distance.length for distance in distances)
     return replace(none, area=area, width=area / length), distances
 

@@ -10,6 +10,7 @@ from musatpy.reports import (
     compilation,
     compilation_bottom,
     compilation_setup,
+    contour_comparison,
     listing,
     orientation,
     orientation_strip,
@@ -18,7 +19,7 @@ from musatpy.reports import (
 from musatpy.reports.origin import Mapped
 from musatpy.reports.table import Report
 
-_OF_AS11 = (compilation, compilation_bottom, compilation_setup, soundings)
+_OF_AS11 = (compilation, compilation_bottom, compilation_setup, contour_comparison, soundings)
 
 
 @cache

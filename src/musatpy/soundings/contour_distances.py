@@ -63,15 +63,15 @@ def offsets(lines: Sequence[FloatArray], others: Sequence[FloatArray], step: flo
     )
 
 
-def area_between(there: Offsets, back: Offsets) -> float:
+def area_between(forward: Offsets, backward: Offsets) -> float:
     """Return the area (m2) between lines that were sampled both ways, NaN where one has no samples.
 
     The mean of both integrals of the distance d along a line: where one has the curvature k the other is 1 + k d
     times as long, and the strip between them d (1 + k d / 2) of the first.
     """
-    if not len(there.xy) or not len(back.xy):
+    if not len(forward.xy) or not len(backward.xy):
         return np.nan
-    return float(0.5 * (there.interval @ there.distance + back.interval @ back.distance))
+    return float(0.5 * (forward.interval @ forward.distance + backward.interval @ backward.distance))
 
 
 def largest_of_most(values: FloatArray, weight: FloatArray) -> float:
@@ -91,7 +91,7 @@ def _samples(line: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _segments(lines: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
-    """Return start and end (s, 2) of all segments, and which (s,) of these are open ends: no line goes on there."""
+    """Return start and end (s, 2) of all segments, and which (s,) of these are open ends: no line goes on."""
     apart = [line[np.concatenate([[True], np.diff(line, axis=0).any(axis=1)])] for line in lines]
     apart = [line for line in apart if len(line) > 1]
     start, end = (np.concatenate([line[part] for line in apart]) for part in (slice(0, -1), slice(1, None)))
