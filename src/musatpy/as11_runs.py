@@ -95,7 +95,8 @@ def _with_bottom(run: Path, deck: Path) -> tuple[Compiled | None, Bottom | None,
     try:
         return result, bottom_of(result), problems
     except ProblemsError as error:
-        return None, None, [*problems, *_of_deck(deck, error)]
+        slips = [Problem(file=str(deck), message=slip, severity="warning") for slip in result.slips()]
+        return None, None, [*problems, *slips, *_of_deck(deck, error)]
 
 
 def _extracts(

@@ -6,6 +6,7 @@ import json
 import re
 import sqlite3
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import ezdxf
@@ -295,3 +296,40 @@ def test_points_of_the_shoreline_are_held_against_the_tide(run: Path, tmp_path: 
     assert re.search(r"point S3 of model 2122 is on the shoreline and -[34]\.\d\d m off the water", result.output)
     assert "point S0 of" not in result.output
     assert "Shoreline: Heights Over The Tide" in (tmp_path / "shore.lst").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda xy: xy[::-1], "left and right were exchanged"),
+        (lambda xy: 1e3 * xy, "they were in micrometres"),
+        (lambda xy: xy / 25.4, "they were in inches"),
+        (lambda xy: xy[:, ::-1], "x and y were exchanged"),
+    ],
+)
+def test_slips_of_a_whole_model_are_named(
+    run: Path, tmp_path: Path, change: Callable[[np.ndarray], np.ndarray], said: str
+) -> None:
+    deck = stage_readings.compilation()
+    xy = np.stack([change(reading) for reading in deck.stages.xy])
+    path = tmp_path / "slip.crd"
+    path.write_bytes(compilation_bytes(replace(deck, stages=replace(deck.stages, xy=np.round(xy, 4)))))
+    result = compiled(run, path, tmp_path)
+    assert f"model 2122: most of its readings make no points, and would if {said}" in result.output
+
+
+def test_land_below_the_water_and_photos_apart_are_told(run: Path, tmp_path: Path) -> None:
+    cards = stage_readings.DECK.read_text()
+    row = next(line for line in cards.splitlines() if line.startswith("STG 2122     S        G"))
+    deck = tmp_path / "dry.crd"
+    deck.write_text(cards.replace(row, f"{row[:23]} {row[24:]}"))
+    result = compiled(run, deck, tmp_path)
+    # 20 m of depth, 15 of them apparent.
+    assert re.search(
+        r"point S of model 2122 is not flagged as submerged and lies 1[3-6]\.\d\d m below", result.output
+    )
+    record = json.loads(run.read_text())
+    record["station_pairs"] = [pair for pair in record["station_pairs"] if pair["photos"] != ["21", "22"]]
+    (tmp_path / "apart.json").write_text(json.dumps(record))
+    result = compiled(tmp_path / "apart.json", stage_readings.DECK, tmp_path)
+    assert result.exit_code == 1 and "model 2122: photos 21 and 22 share no point of the run" in result.output

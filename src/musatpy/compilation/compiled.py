@@ -13,6 +13,7 @@ from musatpy.compilation.interior import refined_stages
 from musatpy.compilation.model_points import lost_without_parallax, stages_of
 from musatpy.compilation.moved_stage import MovedStage, moved_right_stage
 from musatpy.compilation.printed import Printed, printed_points
+from musatpy.compilation.slips_of_stages import slip_of
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
@@ -22,6 +23,7 @@ from musatpy.model.reduced import Reduced
 
 OFF_PLATE = "its image lies off the plate"
 REFUSED = "the interior orientation of a photo was refused"
+NEARLY_PARALLEL = "its rays are nearly parallel: the sigma of its height is more than the flying height"
 NO_TIDE = "it is submerged, and the tide of a photo is not given"
 _ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
 _NAMED = 10  # points of a kind of warning that are named, the worst
@@ -112,17 +114,23 @@ class Compiled:
         return depth, np.hypot(self.sigma[:, 2], self.datum.sigma)
 
     @cached_property
-    def shore(self) -> tuple[FloatArray, FloatArray]:
-        """(k,) m, heights of points of the shoreline over the mean tide of both photos, NaN of others; sigmas."""
+    def over_water(self) -> FloatArray:
+        """(k,) m, heights of points over the mean tide of both photos."""
         frame, position = self.run.frame, self.gathered("position")
-        on_shore = (self.deck.stages.kind[self.rows] == SHORE) & np.isfinite(position).all(axis=1)
-        height = np.full(len(position), np.nan)
-        height[on_shore] = frame.height(frame.working(position[on_shore]))
-        level = np.repeat([model.stereo.tides.mean() for model in self.models], [len(m.rows) for m in self.models])
-        return height - level, self.sigma[:, 2]
+        known, height = np.isfinite(position).all(axis=1), np.full(len(position), np.nan)
+        height[known] = frame.height(frame.working(position[known]))
+        return height - np.repeat(
+            [model.stereo.tides.mean() for model in self.models], [len(m.rows) for m in self.models]
+        )
+
+    @property
+    def on_shore(self) -> BoolArray:
+        """(k,) points of the shoreline with a position."""
+        return np.asarray((self.deck.stages.kind[self.rows] == SHORE) & np.isfinite(self.over_water))
 
     def warnings(self) -> Iterator[str]:
         """Yield what is odd about the readings."""
+        yield from self.slips()
         for model in self.models:
             if model.moved:
                 yield f"model {model.name} departs from the run: its right stage is corrected by points read again"
@@ -130,21 +138,30 @@ class Compiled:
             if lost > _OFF:
                 yield f"model {model.name} has model points without y-parallax: up to {lost:.3f} m in this model"
         parallax, test = 1e3 * self.gathered("y_parallax"), np.abs(self.parallax_test)
-        depth, (height, sigma) = self.gathered("depth"), self.shore
-        above = -depth / self.gathered("depth_sigma")
+        over = self.over_water / self.sigma[:, 2]
+        land = ~self.submerged & ~self.on_shore
         yield from self._worst(
             np.where(test > _MISSED, test, np.nan),
             lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
         )
         yield from self._worst(
-            np.where(above > _ABOVE, above, np.nan),
-            lambda row: f"is flagged as submerged and stands {-depth[row]:.2f} m above the water",
+            np.where(self.submerged & (over > _ABOVE), over, np.nan),
+            lambda row: f"is flagged as submerged and stands {self.over_water[row]:.2f} m above the water",
         )
-        off = np.abs(height) / sigma
         yield from self._worst(
-            np.where(off > _MISSED, off, np.nan),
-            lambda row: f"is on the shoreline and {height[row]:+.2f} m off the water",
+            np.where(land & (over < -_ABOVE), -over, np.nan),
+            lambda row: f"is not flagged as submerged and lies {-self.over_water[row]:.2f} m below the water",
         )
+        yield from self._worst(
+            np.where(self.on_shore & (np.abs(over) > _MISSED), np.abs(over), np.nan),
+            lambda row: f"is on the shoreline and {self.over_water[row]:+.2f} m off the water",
+        )
+
+    def slips(self) -> Iterator[str]:
+        """Yield the models most of whose readings make no points, and what would."""
+        for model in self.models:
+            if slip := slip_of(model.stereo, model.readings.xy):
+                yield f"model {model.name}: most of its readings make no points, and would if {slip}"
 
     def _worst(self, size: FloatArray, words: Callable[[int], str]) -> Iterator[str]:
         """Yield what is odd about the worst points, in their order; `size` (k,) is NaN where nothing is odd."""
@@ -228,7 +245,9 @@ def _points(stereo: Stereomodel, readings: Readings) -> TruePoints:
         without |= dict.fromkeys(np.flatnonzero(readings.submerged).tolist(), NO_TIDE)
     kept = np.setdiff1d(np.arange(len(readings.ids)), list(without))
     points = true_points(stereo.run, stereo.photos, readings.part(kept))
-    return points.among(kept, len(readings.ids), without)
+    points = points.among(kept, len(readings.ids), without)
+    vague = np.flatnonzero(points.covariance[:, 2, 2] > np.square(stereo.height))
+    return points.without(dict.fromkeys(vague.tolist(), NEARLY_PARALLEL)) if len(vague) else points
 
 
 def _as_printed(stereo: Stereomodel, readings: Readings, points: TruePoints, printed: Printed) -> TruePoints:

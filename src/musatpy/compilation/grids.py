@@ -48,11 +48,11 @@ class PostGrid:
 def grids_of(specs: GridSpecs, surfaces: Sequence[Surface], corner_unit: float) -> tuple[PostGrid, ...]:
     """Return the grids of posts on surfaces; corners count in `corner_unit` of the job's coordinates.
 
-    Raises `CompilationError` for a grid without a surface, and for one of too many posts.
+    There are none without a surface. Raises `CompilationError` for a grid of no posts, or of too many.
     """
     networks = [surface for surface in surfaces if surface.tin is not None]
-    if len(specs.ids) and not networks:
-        raise CompilationError([Problem(message="there is no bottom for grids of posts")])
+    if not networks:
+        return ()
     return tuple(
         _grid(
             str(specs.ids[row]),

@@ -99,7 +99,8 @@ class Stereomodel:
 def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
     """Return the stereomodel of two photos by their names.
 
-    Raises `CompilationError` where the run has none of a name, and where the base is nearly zero or vertical.
+    Raises `CompilationError` where the run has none of a name, where they share no point of it, and where the base
+    is nearly zero or vertical.
     """
     rows = [run.photo(left), run.photo(right)]
     frame, photos = run.frame, run.block.photos
@@ -115,6 +116,8 @@ def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
     if np.linalg.norm(along) < _LEAST_BASE * abs(height):
         message = f"photos {left} and {right} have no base across the vertical: {np.linalg.norm(along):.2f} m"
         raise CompilationError([Problem(message=message)])
+    if not (np.sort(run.pairs.photo, axis=1) == sorted(rows)).all(axis=1).any():
+        raise CompilationError([Problem(message=f"photos {left} and {right} share no point of the run")])
     x = along / np.linalg.norm(along)
     return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))
 

@@ -81,6 +81,14 @@ class TruePoints:
         reasons = {int(rows[row]): why for row, why in self.reasons.items()}
         return replace(self, **columns, reasons=reasons | without)  # type: ignore[arg-type]
 
+    def without(self, reasons: dict[int, str]) -> TruePoints:
+        """Return the points with some taken out, for reasons by their rows."""
+        kept = np.setdiff1d(np.arange(len(self.position)), list(reasons))
+        columns = {name: values[kept] for name, values in vars(self).items() if name != "reasons"}
+        place = {int(row): number for number, row in enumerate(kept)}
+        known = {place[row]: why for row, why in self.reasons.items() if row in place}
+        return TruePoints(**columns, reasons=known).among(kept, len(self.position), reasons)
+
 
 def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
     """Return the points of readings on two photos (rows) of a run."""

@@ -226,9 +226,11 @@ def schema() -> Schema:
 
 
 def _shorelines(compiled: Compiled) -> list[tuple[str, FloatArray]]:
-    height = compiled.shore[0]
-    of_models = ((model.name, height[compiled.model_ids == model.name]) for model in compiled.models)
-    return [(name, known) for name, values in of_models if len(known := values[np.isfinite(values)])]
+    of_models = (
+        (model.name, compiled.over_water[(compiled.model_ids == model.name) & compiled.on_shore])
+        for model in compiled.models
+    )
+    return [(name, heights) for name, heights in of_models if len(heights)]
 
 
 def _index(compiled: Compiled) -> float | None:
