@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.compilation.correcting import (
-    Corrected,
-    Correction,
+from musatpy.compilation.correcting import REASONS, Correction
+from musatpy.compilation.correction_fields import smooth
+from musatpy.compilation.correction_layers import (
+    Corrector,
+    Tally,
     corrected_grid,
     corrected_lines,
     corrected_points,
@@ -28,25 +30,25 @@ from musatpy.units import MICROMETRE
 if TYPE_CHECKING:
     import pyproj
 
+_MANY = 50_000  # points, from which on polynomials stand for the correction
+_FEW = 20_000  # points by which a file is known to be of the model
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CorrectedFile:
     """What came of the points, vertices or posts of a file, layer by layer, and as what they were taken."""
 
-    layers: Mapping[str, Corrected]
+    layers: Mapping[str, Tally]
     system: System
 
     def lines(self) -> Iterator[str]:
         """Yield in words what was corrected."""
         for name, done in self.layers.items():
-            wet = np.isfinite(done.depth)
-            words = (
-                f"{name}: {int(done.known.sum())} of {len(done.xyz)} with a position, {int(wet.sum())} under water"
-            )
-            if wet.any():
+            words = f"{name}: {done.known} of {done.count} with a position, {done.wet} under water"
+            if done.wet:
                 words += (
-                    f"; down to {done.depth[wet].max():.3f} m, moved in plan by up to {np.nanmax(done.shift):.3f} m"
-                    f", sigma of a depth {np.median(done.depth_sigma[wet]):.3f} m (median)"
+                    f"; down to {done.deepest:.3f} m, moved in plan by up to {done.shift:.3f} m, "
+                    f"sigma of a depth {done.depth_sigma:.3f} m"
                 )
             yield words
         yield f"taken as {self.system.text}"
@@ -54,11 +56,11 @@ class CorrectedFile:
     def warnings(self) -> Iterator[str]:
         """Yield how many have no position, by reason, and that all are above the water."""
         for name, done in self.layers.items():
-            if done.known.any() and not np.isfinite(done.depth).any():
+            if done.known and not done.wet:
                 yield f"{name}: nothing is under water: heights are positive up"
-            reasons, counts = np.unique(done.reason[~done.known], return_counts=True)
-            for why, count in zip(reasons.tolist(), counts.tolist(), strict=True):
-                yield f"{name}: {count} without a position: {why or 'no apparent height'}"
+            for why, count in zip(REASONS, done.lost.tolist(), strict=True):
+                if count:
+                    yield f"{name}: {count} without a position: {why or 'no apparent height'}"
 
 
 def correct_file(
@@ -95,10 +97,10 @@ def correct_file(
         stereo=stereo, system=system, pointing=sigma if pointing is None else pointing * MICROMETRE
     )
     true: Layers = {}
-    done: dict[str, Corrected] = {}
+    done: dict[str, Tally] = {}
     for name, part in layers.items():
-        _require_model(correction, part, band)
-        true[name], done[name] = _corrected(correction, replace(part, crs=part.crs or _crs_of(system)), band)
+        corrector = _corrector(correction, part, band)
+        true[name], done[name] = _corrected(corrector, replace(part, crs=part.crs or _crs_of(system)), band)
     write_layers(target, true)
     return CorrectedFile(layers=done, system=system)
 
@@ -130,21 +132,29 @@ def _crs_of(system: System) -> pyproj.CRS | None:
     return pyproj.CRS.from_user_input(f"+proj=longlat {system.ellipsoid.definition} +type=crs")
 
 
-def _require_model(correction: Correction, part: Points | Lines | Grid, band: str) -> None:
-    if isinstance(part, Points):
-        correction.require_model(part.xyz)
-    elif isinstance(part, Lines):
-        correction.require_model(np.concatenate(part.vertices))
-    else:
+def _corrector(correction: Correction, part: Points | Lines | Grid, band: str) -> Corrector:
+    """Return what corrects a layer: the correction itself or, where there are many points, polynomials of it.
+
+    Raises `CompilationError` where none of the points is in the model.
+    """
+    if isinstance(part, Grid):
         height = part.bands[_band(part, band)]
-        row, column = np.nonzero(np.isfinite(height))
-        place = [part.west + part.spacing * column, part.south + part.spacing * row, height[row, column]]
-        correction.require_model(np.column_stack(place))
+        step = max(1, int(np.sqrt(height.size / _FEW)))
+        row, column = (step * places for places in np.nonzero(np.isfinite(height[::step, ::step])))
+        plane = [part.west + part.spacing * column, part.south + part.spacing * row]
+        few, count = np.column_stack([*plane, height[row, column]]), height.size
+        heights = (float(np.nanmin(height)), float(np.nanmax(height))) if len(few) else (0.0, 0.0)
+    else:
+        apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
+        few, count = apparent[:: max(1, len(apparent) // _FEW)], len(apparent)
+        heights = (float(apparent[:, 2].min()), float(apparent[:, 2].max()))
+    correction.require_model(few)
+    return (smooth(correction, heights) if count >= _MANY else None) or correction
 
 
 def _corrected(
-    correction: Correction, part: Points | Lines | Grid, band: str
-) -> tuple[Points | Lines | Grid, Corrected]:
+    correction: Corrector, part: Points | Lines | Grid, band: str
+) -> tuple[Points | Lines | Grid, Tally]:
     if isinstance(part, Points):
         return corrected_points(correction, part)
     if isinstance(part, Lines):

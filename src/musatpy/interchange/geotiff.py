@@ -40,6 +40,7 @@ def write(path: Path, grid: Grid) -> None:
         "crs": rasterio.crs.CRS.from_wkt(LOCAL if grid.crs is None else grid.crs.to_wkt()),
         "transform": rasterio.Affine(grid.spacing, 0.0, west, 0.0, -grid.spacing, north),
         "compress": "deflate",
+        "predictor": 3,  # of floating point numbers: bytes of like order beside each other
         "interleave": "band",
     }
     # Written in memory: GDAL may close a file on a full disk without a word.
@@ -50,8 +51,7 @@ def write(path: Path, grid: Grid) -> None:
                 dataset.write(values[::-1], band)
                 dataset.set_band_description(band, name)
                 dataset.set_band_unit(band, grid.units.get(name, ""))
-        content = memory.read()
-    write_file(path, content)
+        write_file(path, memory.getbuffer())
 
 
 def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> Grid:

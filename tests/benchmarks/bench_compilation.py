@@ -1,0 +1,136 @@
+"""Compilation against the clock: the loop, batches of points, a raster of ten million posts, soundings.
+
+    python tests/benchmarks/bench_compilation.py [POSTS]
+
+CPU seconds; batches also as ratios to the bare tangent of the same rays in air (`refraction.flat.air_tangent`). The
+raster is corrected in a process of its own, whose peak memory is told.
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pyproj
+
+from musatpy.arrays import FloatArray
+from musatpy.compilation.loop import Loop
+from musatpy.compilation.stereomodels import Stereomodel, set_up
+from musatpy.compilation.triangulation import of_record
+from musatpy.compilation.true_points import Readings, true_points
+from musatpy.geometry.crs import system_of
+from musatpy.interchange import geotiff
+from musatpy.interchange.layers import Grid
+from musatpy.refraction.flat import air_tangent
+from musatpy.surfaces.tin import Tin
+
+ROOT = Path(__file__).parents[2]
+DECK = ROOT / "fixtures/st_thomas/st_thomas.crd"
+POSTS, BATCH, CYCLES = 10_000_000, 100_000, 3000
+_MUSAT = [sys.executable, "-m", "musatpy"]
+
+
+def seconds(work: Callable[[], object], times: int = 3) -> float:
+    """Return the least CPU time of something."""
+    spent = []
+    for _ in range(times):
+        start = time.process_time()
+        work()
+        spent.append(time.process_time() - start)
+    return min(spent)
+
+
+def places(number: int) -> FloatArray:
+    """Return points (n, 3) of the model of photos 21 and 22, down to 25 m."""
+    return np.random.default_rng(1).uniform([-700.0, -1400.0, -25.0], [700.0, 1400.0, -1.0], (number, 3))
+
+
+def loop_cycle(stereo: Stereomodel) -> None:
+    """Print the time of a cycle of the loop: one mark, both stages."""
+    loop, marks = Loop(stereo=stereo), places(CYCLES)
+    spent = []
+    for mark in marks:
+        start = time.perf_counter()
+        loop.stages(mark[None])
+        spent.append(time.perf_counter() - start)
+    median, most = np.quantile(spent, [0.5, 0.99])
+    print(f"loop, a cycle: median {1e3 * median:.3f} ms, 99 % within {1e3 * most:.3f} ms (asked: 1 ms)")
+
+
+def batches(stereo: Stereomodel) -> None:
+    """Print points a second of marks to stages, stages to marks, and stages to points with sigmas."""
+    loop, marks = Loop(stereo=stereo), places(BATCH)
+    xy = loop.stages(marks).xy
+    readings = Readings(
+        ids=np.arange(BATCH).astype(str), submerged=np.ones(BATCH, bool), xy=xy,
+        sigma=np.full(xy.shape, 0.005),
+    )  # fmt: skip
+    H, depth = np.full(BATCH, stereo.height), -marks[:, 2]
+    D = np.linalg.norm(marks[:, None, :2] - stereo.stations[:, :2], axis=-1)
+    bare = seconds(lambda: [air_tangent(H, depth, D[:, side], stereo.index) for side in range(2)])
+    print(f"bare tangents of both rays: {BATCH / bare / 1e6:.2f} M points/s")
+    for name, work, asked in (
+        ("mark to stages, with partials", lambda: loop.stages(marks), 1_000_000),
+        ("stages to mark", lambda: loop.mark(xy), 0),
+        ("stages to points with sigmas", lambda: true_points(stereo.run, stereo.photos, readings), 300_000),
+    ):
+        spent = seconds(work)
+        goal = f" (asked: {asked:,})" if asked else ""
+        print(f"{name}: {BATCH / spent:,.0f} points/s{goal}, {spent / bare:.1f} times the tangents")
+
+
+def raster(stereo: Stereomodel, record: Path, folder: Path, posts: int) -> None:
+    """Print time and memory of the correction of a raster over the model, in metres of UTM."""
+    run = stereo.run
+    assert run.map_system is not None and run.map_system.ellipsoid is not None
+    middle = system_of("EPSG:26720", run.map_system.ellipsoid).coordinates(run.frame.level(stereo.origin[None]))[0]
+    columns = int(np.sqrt(posts / 2.0))
+    rows, spacing = posts // columns, 1200.0 / columns
+    y, x = np.mgrid[:rows, :columns]
+    height = (-8.0 - 5.0 * np.sin(x / columns * 6.0) * np.cos(y / rows * 9.0)).astype(float)
+    grid = Grid(
+        west=middle[0] - 600.0, south=middle[1] - 1200.0, spacing=spacing, bands={"z": height},
+        crs=pyproj.CRS.from_epsg(26720),
+    )  # fmt: skip
+    source, target = folder / "apparent.tif", folder / "true.tif"
+    geotiff.write(source, grid)
+    start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [*_MUSAT, "as11", "correct", str(record), "21", "22", str(source), "-o", str(target)]
+    print(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[0])
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    print(
+        f"as11 correct, {rows * columns:,} posts: {time.perf_counter() - start:.1f} s, {cpu:.1f} s CPU, "
+        f"at most {after.ru_maxrss / 1024:.0f} MB (asked: 90 s on two cores, 500 MB)"
+    )
+
+
+def soundings() -> None:
+    """Print the time of 100,000 soundings on a network of a million points."""
+    draws = np.random.default_rng(3)
+    xyz = draws.uniform(0.0, 5000.0, (1_000_000, 3))
+    tin, at = Tin.of(xyz), draws.uniform(100.0, 4900.0, (100_000, 2))
+    print(f"100,000 soundings on a million points: {seconds(lambda: tin.at(at), 1):.2f} s (asked: 5 s)")
+
+
+def main() -> None:
+    """Print the figures."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        subprocess.run([*_MUSAT, "run", "-q", str(DECK), "-o", str(folder)], check=True)
+        record = folder / "st_thomas.json"
+        stereo = set_up(of_record(record), "21", "22")
+        loop_cycle(stereo)
+        batches(stereo)
+        raster(stereo, record, folder, int(sys.argv[1]) if len(sys.argv) > 1 else POSTS)
+        soundings()
+
+
+if __name__ == "__main__":
+    main()
