@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy.as11_runs import run_of
 from musatpy.compilation.correcting import REASONS, Correction
 from musatpy.compilation.correction_fields import smooth
 from musatpy.compilation.correction_layers import (
@@ -19,7 +20,7 @@ from musatpy.compilation.correction_layers import (
     corrected_points,
 )
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.triangulation import Triangulation, of_record
+from musatpy.compilation.triangulation import Triangulation
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.systems import LocalRectangular, System
@@ -40,6 +41,7 @@ class CorrectedFile:
 
     layers: Mapping[str, Tally]
     system: System
+    caution: str = ""
 
     def lines(self) -> Iterator[str]:
         """Yield in words what was corrected."""
@@ -54,7 +56,9 @@ class CorrectedFile:
         yield f"taken as {self.system.text}"
 
     def warnings(self) -> Iterator[str]:
-        """Yield how many have no position, by reason, and that all are above the water."""
+        """Yield what is odd about the run, how many points have no position, by reason, and that none is wet."""
+        if self.caution:
+            yield self.caution
         for name, done in self.layers.items():
             if done.known and not done.wet:
                 yield f"{name}: nothing is under water: heights are positive up"
@@ -69,6 +73,7 @@ def correct_file(
     source: Path,
     target: Path,
     *,
+    anyway: bool = False,
     crs: str = "",
     geoid: str = "",
     layer: str = "",
@@ -82,7 +87,7 @@ def correct_file(
     """
     import pyproj
 
-    triangulation = of_record(run)
+    triangulation = run_of(run, anyway)
     stereo = set_up(triangulation, *photos)
     local = triangulation.map_system is None
     if local and (crs or geoid):
@@ -102,7 +107,7 @@ def correct_file(
         corrector = _corrector(correction, part, band)
         true[name], done[name] = _corrected(corrector, replace(part, crs=part.crs or _crs_of(system)), band)
     write_layers(target, true)
-    return CorrectedFile(layers=done, system=system)
+    return CorrectedFile(layers=done, system=system, caution=triangulation.caution)
 
 
 def _system_of(source: Path, layers: Layers, run: Triangulation, crs: str, geoid: str) -> System:

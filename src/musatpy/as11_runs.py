@@ -11,14 +11,16 @@ from musatpy.compilation.against_run import against_run
 from musatpy.compilation.bottom import Bottom, bottom_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.profiles import CompiledProfile, profiles_of
+from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
-from musatpy.compilation.triangulation import of_record
-from musatpy.errors import Problem, ProblemsError
+from musatpy.compilation.triangulation import Triangulation, of_block
+from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_deck import read_compilation
+from musatpy.formats.musat import check_deck
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN
-from musatpy.reports import compilation, compilation_setup
+from musatpy.reports import compilation, compilation_setup, run_comparison
 from musatpy.reports.compilation_bottom import contours_csv, grid_csv, profiles_csv
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
@@ -41,6 +43,7 @@ def compile_deck(
     deck: Path,
     out_dir: Path | None = None,
     *,
+    anyway: bool = False,
     carriage_control: bool = False,
     csv: bool = False,
     plots: bool = False,
@@ -50,12 +53,12 @@ def compile_deck(
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
     With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv`, with grids of posts `NAME.GRID.csv`,
-    and with `plots` the picture of contours, `NAME.contours.png` and `.pdf`; with `gis` `NAME.gpkg`, `NAME.dxf` and
-    `NAME.GRID.tif`; with `csv` the tables of the listing, in
-    `NAME_tables`. Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises
+    and with `plots` the picture of contours, `NAME.contours.png` and `.pdf`; with `gis` `NAME.gpkg`, `NAME.dxf`
+    and `NAME.GRID.tif`; with `csv` the tables of the listing, in `NAME_tables`; `anyway` also on a run that has
+    not converged. Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises
     `OSError` where files cannot be read or written.
     """
-    result, bottom, problems = _with_bottom(run, deck)
+    result, bottom, problems = _with_bottom(run, deck, anyway)
     if result is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     kind = result.deck.stages.kind
@@ -84,9 +87,9 @@ def compile_deck(
     )
 
 
-def _with_bottom(run: Path, deck: Path) -> tuple[Compiled | None, Bottom | None, list[Problem]]:
+def _with_bottom(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, Bottom | None, list[Problem]]:
     """Return what came of a deck with readings and its bottom, None where it cannot be used, and every problem."""
-    result, problems = _compiled(run, deck)
+    result, problems = _compiled(run, deck, anyway)
     if result is None:
         return None, None, problems
     if not len(result.rows):
@@ -96,7 +99,7 @@ def _with_bottom(run: Path, deck: Path) -> tuple[Compiled | None, Bottom | None,
         return result, bottom_of(result), problems
     except ProblemsError as error:
         slips = [Problem(file=str(deck), message=slip, severity="warning") for slip in result.slips()]
-        return None, None, [*problems, *slips, *_of_deck(deck, error)]
+        return None, None, [*problems, *slips, *_of_file(deck, error)]
 
 
 def _extracts(
@@ -120,15 +123,16 @@ def set_up_deck(
     deck: Path,
     out_dir: Path | None = None,
     *,
+    anyway: bool = False,
     carriage_control: bool = False,
     date: datetime.date | None = None,
 ) -> CompileResult:
     """Set the models of a deck up on the record of a run, and write `NAME.setup.lst` and `NAME.setup.json`.
 
-    Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises `OSError` where
-    files cannot be read or written.
+    `anyway` also on a run that has not converged. Where run or deck cannot be used nothing is written, and every
+    reason is in `problems`. Raises `OSError` where files cannot be read or written.
     """
-    result, problems = _compiled(run, deck)
+    result, problems = _compiled(run, deck, anyway)
     if result is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     kind = result.deck.stages.kind
@@ -151,18 +155,58 @@ def set_up_deck(
     )
 
 
+def compare_points(
+    run: Path, deck: Path, listing: Path, record: Path, anyway: bool = False
+) -> tuple[int, tuple[float, float, float], list[Problem]]:
+    """Compile a deck, and write its points beside those of the run by the same names.
+
+    Returns how many there are, the least, mean and largest length of their differences (m), and warnings. Raises
+    `ProblemsError` where run or deck cannot be used, and where they have no point in common, and `OSError`.
+    """
+    result, problems = compiled_deck(run, deck, anyway)
+    kind = result.deck.stages.kind
+    against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
+    count = sum(len(part.rows) for part in against)
+    if not count:
+        raise CompilationError([Problem(file=str(deck), message="no point of it has a position in the run too")])
+    values = dumps(run_comparison.record_of(result, against))
+    write_files({listing: run_comparison.listing_of(result, against).encode(), record: values.encode()})
+    return count, run_comparison.vectors(against), problems
+
+
 def setup_paths(deck: Path, out_dir: Path | None) -> tuple[Path, Path]:
     """Return where the listing and the record of models set up go."""
     stem = (deck.parent if out_dir is None else out_dir) / f"{deck.stem}.setup"
     return stem.with_name(f"{stem.name}.lst"), stem.with_name(f"{stem.name}.json")
 
 
-def _compiled(run: Path, deck: Path) -> tuple[Compiled | None, list[Problem]]:
-    """Return what came of a deck, None where it or the run cannot be used, and every problem of both."""
+def run_of(path: Path, anyway: bool = False) -> Triangulation:
+    """Return the triangulation of the record of a run, or of a punched deck; `anyway` also of one unconverged.
+
+    Raises `CompilationError` or `DeckError` where it cannot be compiled from, and `OSError`.
+    """
+    with path.open("rb") as file:
+        is_record = path.suffix.lower() == ".json" or file.read(64).lstrip().startswith(b"{")
+    if is_record:
+        return of_record(path, anyway)
+    block, problems = check_deck(path, for_run=False)
+    if block is None:
+        raise DeckError(problems)
+    try:
+        return of_block(block)
+    except CompilationError as error:
+        raise CompilationError(_of_file(path, error)) from error
+
+
+def compiled_deck(run: Path, deck: Path, anyway: bool = False) -> tuple[Compiled, list[Problem]]:
+    """Return what came of a deck on a run, and warnings.
+
+    Raises `ProblemsError` with every problem of both where they cannot be used, and `OSError`.
+    """
     problems: list[Problem] = []
     triangulation = contents = None
     try:
-        triangulation = of_record(run)
+        triangulation = run_of(run, anyway)
     except ProblemsError as error:
         problems += error.problems
     try:
@@ -171,11 +215,19 @@ def _compiled(run: Path, deck: Path) -> tuple[Compiled | None, list[Problem]]:
     except ProblemsError as error:
         problems += error.problems
     if triangulation is None or contents is None:
-        return None, problems
+        raise ProblemsError(problems)
     try:
         return compiled(triangulation, contents), problems
     except ProblemsError as error:
-        return None, [*problems, *_of_deck(deck, error)]
+        raise ProblemsError([*problems, *_of_file(deck, error)]) from error
+
+
+def _compiled(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, list[Problem]]:
+    """Return what came of a deck, None where it or the run cannot be used, and every problem of both."""
+    try:
+        return compiled_deck(run, deck, anyway)
+    except ProblemsError as error:
+        return None, list(error.problems)
 
 
 def _for_gis(result: Compiled, bottom: Bottom | None, listing: Path) -> Iterator[Path]:
@@ -202,5 +254,5 @@ def _pictures(result: Compiled, bottom: Bottom) -> Iterator[tuple[str, bytes]]:
         yield f"contours.{kind}", data
 
 
-def _of_deck(deck: Path, error: ProblemsError) -> list[Problem]:
-    return [Problem(file=str(deck), message=problem.message) for problem in error.problems]
+def _of_file(path: Path, error: ProblemsError) -> list[Problem]:
+    return [Problem(file=str(path), message=problem.message) for problem in error.problems]

@@ -74,7 +74,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
-    "as11_corrections": {"compilation", "geometry", "interchange"},
+    "as11_corrections": {"as11_runs", "compilation", "geometry", "interchange"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
     "listings": {"reports", "geometry"},

@@ -21,8 +21,8 @@ import pyproj
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.loop import Loop
+from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
-from musatpy.compilation.triangulation import of_record
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.geometry.crs import system_of
 from musatpy.interchange import geotiff

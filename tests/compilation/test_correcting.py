@@ -19,8 +19,9 @@ from musatpy.compilation.compiled import OFF_PLATE
 from musatpy.compilation.correcting import REASONS, Correction
 from musatpy.compilation.correction_layers import corrected_grid, corrected_lines
 from musatpy.compilation.loop import Loop
+from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
-from musatpy.compilation.triangulation import Triangulation, of_record
+from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.errors import CompilationError
 from musatpy.geometry.crs import LongitudeLatitude, system_of

@@ -13,8 +13,9 @@ from compilation.scenes import pair
 from musatpy.cli.main import main as musat
 from musatpy.compilation.correcting import Correction
 from musatpy.compilation.correction_fields import smooth
+from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import set_up
-from musatpy.compilation.triangulation import Triangulation, of_record
+from musatpy.compilation.triangulation import Triangulation
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.systems import Geocentric, LocalRectangular, System
 from stage_readings import FIXTURES

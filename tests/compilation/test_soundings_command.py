@@ -15,7 +15,7 @@ from json_schema import violations
 from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.joined_surfaces import surfaces_of
-from musatpy.compilation.triangulation import of_record
+from musatpy.compilation.run_records import of_record
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.interchange import las
 from musatpy.interchange.layers import Points

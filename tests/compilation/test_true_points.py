@@ -10,7 +10,8 @@ import pytest
 
 from musatpy import model, read_deck
 from musatpy.adjustment.programs import adjust
-from musatpy.compilation.triangulation import Triangulation, of_record, of_solution
+from musatpy.compilation.run_records import of_record
+from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import BEHIND, PARALLEL_RAYS, Readings, TruePoints, true_points
 from musatpy.errors import CompilationError
 from musatpy.reports.record import dumps, record

@@ -9,6 +9,7 @@ from musatpy.cli.lazy import LazyGroup
 COMMANDS = {
     "compile": "musatpy.cli.as11_compile",
     "correct": "musatpy.cli.as11_correct",
+    "compare-points": "musatpy.cli.as11_points",
     "compare-contours": "musatpy.cli.as11_contours",
     "compare-soundings": "musatpy.cli.as11_soundings",
     "drive": "musatpy.cli.as11_drive",

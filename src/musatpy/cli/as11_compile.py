@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
-from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
+from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_overwriting
 
 if TYPE_CHECKING:
     from musatpy.as11_runs import CompileResult
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @click.argument("run", type=NamedPath())
 @click.argument("deck", type=NamedPath())
 @out_option
+@anyway_option
 @click.option(
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
@@ -33,6 +34,7 @@ def command(
     run: Path,
     deck: Path,
     out_dir: Path | None,
+    anyway: bool,
     carriage_control: bool,
     csv: bool,
     plots: bool,
@@ -41,7 +43,8 @@ def command(
 ) -> None:
     """Compile the compilation DECK in stereomodels of RUN.json: the listing NAME.lst and the record NAME.json.
 
-    RUN.json is the record of a run. Exit status: 0 done, 1 the run or the deck cannot be used.
+    RUN.json is the record of a run; a punched deck serves too, without covariances. Exit status: 0 done, 1 the run
+    or the deck cannot be used.
     """
     from musatpy.as11_runs import compile_deck
     from musatpy.runs import output_paths
@@ -49,7 +52,15 @@ def command(
     refuse_overwriting(output_paths(deck, out_dir)[:2], [run, deck])
     date = datetime.date.today() if dated else None
     result = compile_deck(
-        run, deck, out_dir, carriage_control=carriage_control, csv=csv, plots=plots, gis=gis, date=date
+        run,
+        deck,
+        out_dir,
+        anyway=anyway,
+        carriage_control=carriage_control,
+        csv=csv,
+        plots=plots,
+        gis=gis,
+        date=date,
     )
     compiled = report_faults(ctx, deck, result)
     lost = sum(reason is not None for reason in compiled.reasons)

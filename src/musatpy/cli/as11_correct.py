@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from musatpy.cli.messages import complain, name_of, tell
-from musatpy.cli.options import NamedPath, refuse_overwriting
+from musatpy.cli.options import NamedPath, anyway_option, refuse_overwriting
 
 
 @click.command(name="correct", short_help="Correct an old compilation.")
@@ -18,6 +18,7 @@ from musatpy.cli.options import NamedPath, refuse_overwriting
 @click.option(
     "-o", "--out", "target", type=NamedPath(), required=True, help="What to write; the suffix is the format."
 )
+@anyway_option
 @click.option("--crs", default="", help="System of the points: a code, PROJ string or WKT.")
 @click.option("--geoid", default="", help="Grid file of the geoid above which their heights are.")
 @click.option("--layer", default="", help="Of a GeoPackage of several.")
@@ -37,6 +38,7 @@ def command(
     layer: str,
     band: str,
     pointing: float | None,
+    anyway: bool,
 ) -> None:
     """Correct apparent points, lines or a grid of heights in SOURCE, of the model of photos LEFT and RIGHT.
 
@@ -47,7 +49,16 @@ def command(
 
     refuse_overwriting([target], [run, source])
     done = correct_file(
-        run, (left, right), source, target, crs=crs, geoid=geoid, layer=layer, band=band, pointing=pointing
+        run,
+        (left, right),
+        source,
+        target,
+        anyway=anyway,
+        crs=crs,
+        geoid=geoid,
+        layer=layer,
+        band=band,
+        pointing=pointing,
     )
     for line in done.warnings():
         complain(f"{name_of(source)}: {line}")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import name_of, tell
-from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
+from musatpy.cli.messages import complain, name_of, tell
+from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_overwriting
 
 
 @click.command(name="drive", short_help="Drive the mark along a path.")
@@ -16,6 +16,7 @@ from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
 @click.argument("right")
 @click.argument("path", type=NamedPath())
 @out_option
+@anyway_option
 @click.option("--air", is_flag=True, help="The mark is where straight rays meet, not the true point.")
 @click.option(
     "--rate",
@@ -24,22 +25,27 @@ from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
     show_default=True,
     help="Cycles a second.",
 )
-def command(run: Path, left: str, right: str, path: Path, out_dir: Path | None, air: bool, rate: float) -> None:
+def command(
+    run: Path, left: str, right: str, path: Path, out_dir: Path | None, anyway: bool, air: bool, rate: float
+) -> None:
     """Drive the mark along PATH in the stereomodel of photos LEFT and RIGHT of RUN.json.
 
     PATH is a CSV file with columns t (s), X, Y, Z (m in the model); PATH.stages.csv has both stages at every cycle.
     """
     import numpy as np
 
+    from musatpy.as11_runs import run_of
     from musatpy.compilation.driving import driven, driven_csv, read_path
     from musatpy.compilation.loop import Drive, Loop
     from musatpy.compilation.stereomodels import set_up
-    from musatpy.compilation.triangulation import of_record
     from musatpy.files import write_files
 
     target = (path.parent if out_dir is None else out_dir) / f"{path.stem}.stages.csv"
     refuse_overwriting([target], [run, path])
-    stereo = set_up(of_record(run), left, right)
+    triangulation = run_of(run, anyway)
+    if triangulation.caution:
+        complain(f"{name_of(run)}: {triangulation.caution}")
+    stereo = set_up(triangulation, left, right)
     result = driven(Loop(stereo=stereo, drive=Drive.AIR if air else Drive.TRUE), read_path(path), rate)
     write_files({target: driven_csv(result).encode()})
     late = f"{1e3 * np.quantile(result.seconds, 0.99):.2f} ms, at most {1e3 * result.seconds.max():.2f}"

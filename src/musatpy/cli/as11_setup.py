@@ -9,20 +9,27 @@ import click
 
 from musatpy.cli.as11_compile import report_faults
 from musatpy.cli.messages import count_of, name_of, tell
-from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
+from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_overwriting
 
 
 @click.command(name="setup", short_help="Set the models of a deck up.")
 @click.argument("run", type=NamedPath())
 @click.argument("deck", type=NamedPath())
 @out_option
+@anyway_option
 @click.option(
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.pass_context
 def command(
-    ctx: click.Context, run: Path, deck: Path, out_dir: Path | None, carriage_control: bool, dated: bool
+    ctx: click.Context,
+    run: Path,
+    deck: Path,
+    out_dir: Path | None,
+    anyway: bool,
+    carriage_control: bool,
+    dated: bool,
 ) -> None:
     """Set the stereomodels of DECK up on RUN.json: the listing NAME.setup.lst and the record NAME.setup.json.
 
@@ -34,7 +41,7 @@ def command(
 
     refuse_overwriting(setup_paths(deck, out_dir), [run, deck])
     date = datetime.date.today() if dated else None
-    result = set_up_deck(run, deck, out_dir, carriage_control=carriage_control, date=date)
+    result = set_up_deck(run, deck, out_dir, anyway=anyway, carriage_control=carriage_control, date=date)
     compiled = report_faults(ctx, deck, result)
     models = count_of(len(compiled.models), "model")
     tell(f"{name_of(deck)}: {models} set up, listing {name_of(result.files[0])}")

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from musatpy.cli.messages import complain, count_of, name_of, tell
-from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
+from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_overwriting
 
 
 @click.command(name="compare-soundings", short_help="Hold the bottom of a deck against soundings.")
@@ -16,6 +16,7 @@ from musatpy.cli.options import NamedPath, out_option, refuse_overwriting
 @click.argument("deck", type=NamedPath())
 @click.argument("soundings", type=NamedPath())
 @out_option
+@anyway_option
 @click.option("--datum", type=float, default=0.0, help="How far the datum of the soundings is below the deck's, m.")
 @click.option("--datum-sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of that, m.")
 @click.option("--sigma", type=click.FloatRange(min=0.0), default=0.0, help="Of soundings whose file has none, m.")
@@ -35,6 +36,7 @@ def command(
     deck: Path,
     soundings: Path,
     out_dir: Path | None,
+    anyway: bool,
     steepest: float | None,
     radius: float | None,
     not_before: datetime.datetime | None,
@@ -49,12 +51,10 @@ def command(
     """
     import math
 
-    from musatpy.compilation.compiled import compiled
+    from musatpy.as11_runs import compiled_deck
     from musatpy.compilation.joined_surfaces import surfaces_of
     from musatpy.compilation.sounded import Matching, sounded
-    from musatpy.compilation.triangulation import of_record
     from musatpy.files import write_files
-    from musatpy.formats.compilation_deck import read_compilation
     from musatpy.reports import soundings as report
     from musatpy.reports.record import dumps
     from musatpy.soundings.differences import samples, scale_warning
@@ -64,9 +64,7 @@ def command(
     stem = (soundings.parent if out_dir is None else out_dir) / f"{soundings.stem}.soundings"
     listing, record, picture = (stem.with_name(f"{stem.name}.{kind}") for kind in ("lst", "json", "png"))
     refuse_overwriting([listing, record, picture], [run, deck, soundings])
-    triangulation = of_record(run)
-    contents, _ = read_compilation(deck, triangulation.block)
-    result = compiled(triangulation, contents)
+    result, _ = compiled_deck(run, deck, anyway)
     how = Matching(
         steepest=math.inf if steepest is None else steepest,
         radius=math.inf if radius is None else radius,

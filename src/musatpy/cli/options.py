@@ -116,6 +116,9 @@ out_option = click.option(
     type=NamedPath(file_okay=False),
     help="Where results go; beside the input where not given.",
 )
+anyway_option = click.option(
+    "--anyway", is_flag=True, help="Also on a run that has not converged; every page says so."
+)
 formats_option = click.option(
     "--formats",
     "formats_dir",

@@ -129,7 +129,9 @@ class Compiled:
         return np.asarray((self.deck.stages.kind[self.rows] == SHORE) & np.isfinite(self.over_water))
 
     def warnings(self) -> Iterator[str]:
-        """Yield what is odd about the readings."""
+        """Yield what is odd about the run and the readings."""
+        if self.run.caution:
+            yield f"{self.run.caution}: {self.run.because}" if self.run.because else self.run.caution
         yield from self.slips()
         for model in self.models:
             if model.moved:

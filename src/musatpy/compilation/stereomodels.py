@@ -116,7 +116,8 @@ def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
     if np.linalg.norm(along) < _LEAST_BASE * abs(height):
         message = f"photos {left} and {right} have no base across the vertical: {np.linalg.norm(along):.2f} m"
         raise CompilationError([Problem(message=message)])
-    if not (np.sort(run.pairs.photo, axis=1) == sorted(rows)).all(axis=1).any():
+    met = np.sort(run.pairs.photo, axis=1)
+    if len(met) and not (met == sorted(rows)).all(axis=1).any():  # a punched deck does not know
         raise CompilationError([Problem(message=f"photos {left} and {right} share no point of the run")])
     x = along / np.linalg.norm(along)
     return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))

@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
-from musatpy.reports import analyses, compilation_bottom
+from musatpy.reports import compilation_bottom, run_comparison
 from musatpy.reports.columns import position_columns, vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
@@ -19,8 +19,7 @@ from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.reduction import reduction_sections
 from musatpy.reports.reduction_record import REDUCTION
 from musatpy.reports.table import Choice, Column, Report, key
-from musatpy.reports.text import labelled, wrapped
-from musatpy.statistics.analyses import Analysis, DifferenceStatistics, analysis_of
+from musatpy.reports.text import wrapped
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
@@ -29,7 +28,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.moved_stage import MovedStage
     from musatpy.compilation.profiles import CompiledProfile
 
-_VERSION = "1.1"
+_VERSION = "1.2"
 _ABOUT = (
     "Points compiled in stereomodels of a run, in metres and radians; positions are in the system of the job, "
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
@@ -42,6 +41,7 @@ JOB: Group[Compiled, Compiled] = Group(
     (
         Field("titles", "* string", "titles of the deck", lambda c: c.deck.titles),
         Field("system", "string", "coordinate system of the run", lambda c: c.run.block.options.system),
+        Field("caution", "string?", "to be known of the run, on every page", lambda c: c.run.caution or None),
         Field("index", "number?", "refractive index of the water", lambda c: _index(c)),
         Field("datum", "string?", "sounding datum", lambda c: c.deck.datum.name if c.deck.datum else None),
         Field("datum_height", "number", "of the datum", lambda c: c.datum.height, "m"),
@@ -138,38 +138,6 @@ SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
         Field("largest", "number", "signed, of the largest magnitude", lambda s: s[1][np.abs(s[1]).argmax()], "m"),
     ),
 )
-RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[AgainstRun]]] = Rows(
-    "against_run",
-    "one row per point that the run has too",
-    same,
-    (
-        Field("model", "string", "model id", lambda s: _models_of(s)),
-        Field("point", "string", "point id", lambda s: _points_of(s)),
-        Field("shared", "boolean", "its readings are those of the run", lambda s: _of(s, "shared")),
-        Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"), "m"),
-        Field("length", "number", "of that", lambda s: _of(s, "length"), "m"),
-        Field("sigma", "3 number?", "of the difference; null where not known", lambda s: _of(s, "sigma"), "m"),
-        Field("test", "number?", "root of the mean square over its covariance", lambda s: _of(s, "test")),
-        Field(
-            "stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"), "mm",
-        ),
-    ),
-)  # fmt: skip
-ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistics]] = Each(
-    "analysis",
-    "differences of compiled points from the run in numbers, east, north, up",
-    lambda s: _statistics(s[1]),
-    (
-        Field("component", "string", "East, North, Up", lambda d: d[0]),
-        Field("size", "integer", "sample size N", lambda d: d[1].size),
-        Field("sum", "number", "of the differences", lambda d: d[1].sum, "m"),
-        Field("mean", "number?", "sum / N", lambda d: d[1].mean, "m"),
-        Field("rms", "number?", "root of the sum of squares / N", lambda d: d[1].rms, "m"),
-        Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda d: d[1].deviation, "m"),
-        Field("maximum", "number?", "signed, of the largest magnitude", lambda d: d[1].maximum, "m"),
-        Field("maximum_id", "string?", "its point", lambda d: d[1].maximum_id or None),
-    ),
-)
 RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
     "recovered",
     "one row per model: readings of class R less what the points of the run predict",
@@ -199,8 +167,7 @@ def record_of(
         "compilation_version": _VERSION,
         **{node.name: node.json(compiled) for node in nodes},
         RECOVERED.name: RECOVERED.json((compiled, against)),
-        RUN_POINTS.name: RUN_POINTS.json((compiled, against)),
-        ANALYSIS.name: ANALYSIS.json((compiled, against)),
+        **{node.name: node.json((compiled, against)) for node in run_comparison.RECORD},
         compilation_bottom.PROFILES.name: compilation_bottom.PROFILES.json(profiles),
         **{node.name: node.json(bottom) if bottom else [] for node in compilation_bottom.RECORD},
         "warnings": list(warnings),
@@ -211,7 +178,7 @@ def schema() -> Schema:
     """Return the JSON Schema of the record."""
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES, RECOVERED, RUN_POINTS, ANALYSIS),
+        *(JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES, RECOVERED, *run_comparison.RECORD),
         compilation_bottom.PROFILES,
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
@@ -250,21 +217,6 @@ def _ids(model: CompiledModel) -> list[str]:
 def _rms(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan
-
-
-def _of(source: tuple[Compiled, list[AgainstRun]], name: str) -> Any:
-    return np.concatenate([getattr(part, name) for part in source[1]])
-
-
-def _points_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
-    compiled, against = source
-    parts = zip(compiled.models, against, strict=True)
-    return np.concatenate([model.readings.ids[part.rows] for model, part in parts])
-
-
-def _models_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
-    compiled, against = source
-    return np.repeat([model.name for model in compiled.models], [len(part.rows) for part in against])
 
 
 # --- the listing ---
@@ -340,24 +292,6 @@ MOVED_TABLE: Report[Any] = Report(
         Column("after\num", "F7.2", shows="after"),
     ),
 )
-RUN_TABLE: Report[Any] = Report(
-    title="Comparison With The Run",
-    table=RUN_POINTS,
-    columns=(
-        key("Model", "A8", "model"),
-        key("Point", "A8", "point"),
-        Column("Same", "A4", shows=Origin(field="shared", true="S")),
-        *vector(("East\nm", "North\nm", "Up\nm"), ("F7.4",) * 3, shows="difference"),
-        Column("Length\nm", "F8.4", shows="length"),
-        *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F7.4",) * 3, shows="sigma"),
-        Column("Test", "F6.2", shows="test"),
-        *(
-            Column(f"{side} {axis}\num", "F7.2", shows=f"stages[{i}][{j}]")
-            for i, side in enumerate(("Left", "Right"))
-            for j, axis in enumerate("xy")
-        ),
-    ),
-)
 RECOVERED_TABLE: Report[Any] = Report(
     title="Recoverability: Points Read Again, Less What The Run Predicts",
     table=RECOVERED,
@@ -386,7 +320,7 @@ SHORE_TABLE: Report[Any] = Report(
         Column("Largest\nm", "F8.3", shows="largest"),
     ),
 )
-STATED = (MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, RUN_TABLE)
+STATED = (MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, *run_comparison.STATED)
 
 
 def sections_of(
@@ -399,7 +333,6 @@ def sections_of(
     """Return what the listing says, section by section."""
     names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
-    shown = [part for part in against if len(part.rows)]
     return [
         *model_sections(compiled, against, warnings),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
@@ -407,7 +340,7 @@ def sections_of(
         RAY_TABLE.section(compiled),
         *([SHORE_TABLE.section(compiled)] if _shorelines(compiled) else []),
         *compilation_bottom.sections_of(bottom, profiles),
-        *([RUN_TABLE.section((compiled, against), new_page=True), *_analysis(compiled, shown)] if shown else []),
+        *run_comparison.sections_of(compiled, against),
     ]
 
 
@@ -420,39 +353,6 @@ def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequ
         *([MOVED_TABLE.section(compiled)] if any(model.moved for model in compiled.models) else []),
         *([RECOVERED_TABLE.section((compiled, against))] if read else []),
         *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
-    ]
-
-
-def _differences(against: list[AgainstRun]) -> Analysis:
-    """Return the analysis of the differences of models from the run."""
-    return analysis_of(
-        dict.fromkeys(("East", "North", "Up"), "m"),
-        np.concatenate([part.model.readings.ids[part.rows] for part in against]),
-        np.concatenate([part.difference for part in against]),
-    )
-
-
-def _statistics(against: list[AgainstRun]) -> list[tuple[str, DifferenceStatistics]]:
-    """Return the components of the differences with their statistics, none where there are no differences."""
-    if not sum(len(part.rows) for part in against):
-        return []
-    analysis = _differences(against)
-    return list(zip(analysis.components, analysis.statistics, strict=True))
-
-
-def _analysis(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
-    """Return the differences from the run in the layout of Table 6-7, and the lengths of their vectors."""
-    analysis = _differences(against)
-    length = np.linalg.norm(analysis.differences, axis=1)
-    lines = {"Least, mean and largest vector, m": f"{length.min():.4f}, {length.mean():.4f}, {length.max():.4f}"}
-    tests = np.concatenate([part.test for part in against])
-    if np.isfinite(tests).any():
-        lines["Tests, root of the mean square"] = f"{np.sqrt(np.nanmean(np.square(tests))):.2f}"
-    run = f"Compiled Less MUSAT-{compiled.run.block.options.program}"
-    water = "No Refraction Correction" if compiled.run.block.water is None else "Refraction Correction Applied"
-    return [
-        analyses.laid_out(analysis, "Ground Point Analysis", (run, water), "Point", {"m": "F16.4"}),
-        Section(title="Comparison With The Run: Vectors And Tests", lines=labelled(lines)),
     ]
 
 
@@ -471,4 +371,5 @@ def listing_of(
         pages,
         lambda page: f"{left}{f'{day}  PAGE {page:6d}':>{PAGE_WIDTH - len(left)}}",
         carriage_control=carriage_control,
+        caution=compiled.run.caution,
     )

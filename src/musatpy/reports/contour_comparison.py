@@ -94,6 +94,7 @@ def schema() -> Schema:
     }
 
 
-def listing_of(compared: Contoured, title: str) -> str:
+def listing_of(compared: Contoured, title: str, caution: str = "") -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
-    return print_titled(f"MUSATPY  CONTOURS  {title:<60.60}", [table.section(compared) for table in STATED])
+    sections = [table.section(compared) for table in STATED]
+    return print_titled(f"MUSATPY  CONTOURS  {title:<60.60}", sections, caution)

@@ -63,15 +63,17 @@ def laid_out(sections: Sequence[Section]) -> tuple[list[list[str]], list[int]]:
     return pages, starts
 
 
-def print_pages(pages: Sequence[Sequence[str]], header: Callable[[int], str], *, carriage_control: bool) -> str:
-    """Return the listing: every page below `header(page number)`.
+def print_pages(
+    pages: Sequence[Sequence[str]], header: Callable[[int], str], *, carriage_control: bool, caution: str = ""
+) -> str:
+    """Return the listing: every page below `header(page number)`, and below what is to be said on every page.
 
     With `carriage_control`, ASA characters stand in column 1 (`1` new page, `0` after a blank line, `-` after two,
     blank next line) and the text from column 2 on; otherwise a form feed starts every page but the first.
     """
     lines: list[str] = []
     for number, body in enumerate(pages, start=1):
-        page = [header(number), "", *body]
+        page = [header(number), f"*** {caution.upper()} ***" if caution else "", *body]
         if carriage_control:
             lines += _with_control(page)
         else:
@@ -80,11 +82,14 @@ def print_pages(pages: Sequence[Sequence[str]], header: Callable[[int], str], *,
     return "\n".join(lines) + "\n"
 
 
-def print_titled(title: str, sections: Sequence[Section]) -> str:
-    """Return sections as a listing whose pages have a title and their number above them."""
+def print_titled(title: str, sections: Sequence[Section], caution: str = "") -> str:
+    """Return sections as a listing whose pages have a title and their number above them, and a caution."""
     pages, _ = laid_out(sections)
     return print_pages(
-        pages, lambda page: f"{title}{f'PAGE {page:6d}':>{PAGE_WIDTH - len(title)}}", carriage_control=False
+        pages,
+        lambda page: f"{title}{f'PAGE {page:6d}':>{PAGE_WIDTH - len(title)}}",
+        carriage_control=False,
+        caution=caution,
     )
 
 

@@ -240,4 +240,5 @@ def _matching(how: Matching) -> dict[str, str]:
 def listing_of(compared: Sounded, compiled: Compiled) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
     title = compiled.deck.titles[0] if compiled.deck.titles else ""
-    return print_titled(f"MUSATPY  SOUNDINGS  {title:<60.60}", sections_of(compared, compiled))
+    heading, caution = f"MUSATPY  SOUNDINGS  {title:<60.60}", compiled.run.caution
+    return print_titled(heading, sections_of(compared, compiled), caution)

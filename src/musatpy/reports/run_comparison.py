@@ -1,0 +1,171 @@
+"""Compiled points beside those of the run: AS-11 less MUSAT, in the layout of Table 6-7 (`as11 compare-points`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from musatpy.reports import analyses
+from musatpy.reports.columns import vector
+from musatpy.reports.encoding import Json
+from musatpy.reports.fields import Each, Field, Rows, Schema, properties_of, same
+from musatpy.reports.origin import Origin
+from musatpy.reports.pages import Section, print_titled
+from musatpy.reports.table import Column, Report, key
+from musatpy.reports.text import labelled
+from musatpy.statistics.analyses import Analysis, DifferenceStatistics, analysis_of
+
+if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
+    from musatpy.compilation.against_run import AgainstRun
+    from musatpy.compilation.compiled import Compiled
+
+_VERSION = "1.0"
+
+RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[AgainstRun]]] = Rows(
+    "against_run",
+    "one row per point that the run has too",
+    same,
+    (
+        Field("model", "string", "model id", lambda s: _models_of(s)),
+        Field("point", "string", "point id", lambda s: _points_of(s)),
+        Field("shared", "boolean", "its readings are those of the run", lambda s: _of(s, "shared")),
+        Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"), "m"),
+        Field("length", "number", "of that", lambda s: _of(s, "length"), "m"),
+        Field("sigma", "3 number?", "of the difference; null where not known", lambda s: _of(s, "sigma"), "m"),
+        Field("test", "number?", "root of the mean square over its covariance", lambda s: _of(s, "test")),
+        Field(
+            "stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"), "mm",
+        ),
+    ),
+)  # fmt: skip
+ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistics]] = Each(
+    "analysis",
+    "differences of compiled points from the run in numbers, east, north, up",
+    lambda s: _statistics(s[1]),
+    (
+        Field("component", "string", "East, North, Up", lambda d: d[0]),
+        Field("size", "integer", "sample size N", lambda d: d[1].size),
+        Field("sum", "number", "of the differences", lambda d: d[1].sum, "m"),
+        Field("mean", "number?", "sum / N", lambda d: d[1].mean, "m"),
+        Field("rms", "number?", "root of the sum of squares / N", lambda d: d[1].rms, "m"),
+        Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda d: d[1].deviation, "m"),
+        Field("maximum", "number?", "signed, of the largest magnitude", lambda d: d[1].maximum, "m"),
+        Field("maximum_id", "string?", "its point", lambda d: d[1].maximum_id or None),
+    ),
+)
+RECORD = (RUN_POINTS, ANALYSIS)
+RUN_TABLE: Report[Any] = Report(
+    title="Comparison With The Run",
+    table=RUN_POINTS,
+    columns=(
+        key("Model", "A8", "model"),
+        key("Point", "A8", "point"),
+        Column("Same", "A4", shows=Origin(field="shared", true="S")),
+        *vector(("East\nm", "North\nm", "Up\nm"), ("F7.4",) * 3, shows="difference"),
+        Column("Length\nm", "F8.4", shows="length"),
+        *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F7.4",) * 3, shows="sigma"),
+        Column("Test", "F6.2", shows="test"),
+        *(
+            Column(f"{side} {axis}\num", "F7.2", shows=f"stages[{i}][{j}]")
+            for i, side in enumerate(("Left", "Right"))
+            for j, axis in enumerate("xy")
+        ),
+    ),
+)
+STATED = (RUN_TABLE,)
+
+
+def record_of(compiled: Compiled, against: list[AgainstRun]) -> dict[str, Json]:
+    """Return the record of a comparison."""
+    source = (compiled, against)
+    return {
+        "point_comparison_version": _VERSION,
+        "caution": compiled.run.caution or None,
+        **{node.name: node.json(source) for node in RECORD},
+    }
+
+
+def schema() -> Schema:
+    """Return the JSON Schema of the record."""
+    nodes = (
+        Field[Any]("point_comparison_version", "const", "of this schema", choices=(_VERSION,)),
+        Field[Any]("caution", "string?", "what is to be known of the run, on every page"),
+        *RECORD,
+    )
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "musatpy comparison of compiled points",
+        "description": "Compiled points beside those of the run, in metres and millimetres of the stages.",
+        "type": "object",
+        **properties_of(nodes),
+    }
+
+
+def listing_of(compiled: Compiled, against: list[AgainstRun]) -> str:
+    """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
+    title = compiled.deck.titles[0] if compiled.deck.titles else ""
+    heading = f"MUSATPY  COMPARISON OF POINTS  {title:<60.60}"
+    return print_titled(heading, sections_of(compiled, against), compiled.run.caution)
+
+
+def sections_of(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
+    """Return what the listing says, nothing where no point is one of the run."""
+    shown = [part for part in against if len(part.rows)]
+    if not shown:
+        return []
+    return [RUN_TABLE.section((compiled, against), new_page=True), *_analysis(compiled, shown)]
+
+
+def vectors(against: list[AgainstRun]) -> tuple[float, float, float]:
+    """Return the least, the mean and the largest length of the differences, m."""
+    length = np.concatenate([part.length for part in against])
+    return float(length.min()), float(length.mean()), float(length.max())
+
+
+def _differences(against: list[AgainstRun]) -> Analysis:
+    """Return the analysis of the differences of models from the run."""
+    return analysis_of(
+        dict.fromkeys(("East", "North", "Up"), "m"),
+        np.concatenate([part.model.readings.ids[part.rows] for part in against]),
+        np.concatenate([part.difference for part in against]),
+    )
+
+
+def _statistics(against: list[AgainstRun]) -> list[tuple[str, DifferenceStatistics]]:
+    """Return the components of the differences with their statistics, none where there are no differences."""
+    if not sum(len(part.rows) for part in against):
+        return []
+    analysis = _differences(against)
+    return list(zip(analysis.components, analysis.statistics, strict=True))
+
+
+def _analysis(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
+    """Return the differences from the run in the layout of Table 6-7, and the lengths of their vectors."""
+    analysis = _differences(against)
+    lengths = ", ".join(f"{length:.4f}" for length in vectors(against))
+    lines = {"Least, mean and largest vector, m": lengths}
+    tests = np.concatenate([part.test for part in against])
+    if np.isfinite(tests).any():
+        lines["Tests, root of the mean square"] = f"{np.sqrt(np.nanmean(np.square(tests))):.2f}"
+    run = f"Compiled Less MUSAT-{compiled.run.block.options.program}"
+    water = "No Refraction Correction" if compiled.run.block.water is None else "Refraction Correction Applied"
+    return [
+        analyses.laid_out(analysis, "Ground Point Analysis", (run, water), "Point", {"m": "F16.4"}),
+        Section(title="Comparison With The Run: Vectors And Tests", lines=labelled(lines)),
+    ]
+
+
+def _of(source: tuple[Compiled, list[AgainstRun]], name: str) -> Any:
+    return np.concatenate([getattr(part, name) for part in source[1]])
+
+
+def _points_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
+    compiled, against = source
+    parts = zip(compiled.models, against, strict=True)
+    return np.concatenate([model.readings.ids[part.rows] for model, part in parts])
+
+
+def _models_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
+    compiled, against = source
+    return np.repeat([model.name for model in compiled.models], [len(part.rows) for part in against])

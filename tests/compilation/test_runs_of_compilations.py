@@ -1,0 +1,138 @@
+"""What a compilation may stand on: a run that has not converged, said on every page, and punched decks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import stage_readings
+from json_schema import violations
+from musatpy.as11_runs import run_of
+from musatpy.cli.main import main as musat
+from musatpy.compilation.loop import Loop
+from musatpy.compilation.stereomodels import set_up
+from musatpy.compilation.true_points import Readings, true_points
+from musatpy.reports import run_comparison
+
+DECK = stage_readings.FIXTURES / "st_thomas/st_thomas.crd"
+
+
+def invoked(*words: object) -> Result:
+    return CliRunner().invoke(musat, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a run and its punched result, a restart, and a run of a single iteration."""
+    folder = tmp_path_factory.mktemp("runs")
+    text = DECK.read_text().replace("FULL      20", "FULL       1")
+    (folder / "halted.crd").write_text(text)
+    assert invoked("run", DECK, "-q", "-o", folder, "--punch", "result").exit_code == 0
+    (folder / "st_thomas.pun").rename(folder / "result.pun")
+    assert invoked("run", DECK, "-q", "-o", folder, "--punch", "restart").exit_code == 0
+    assert invoked("run", folder / "halted.crd", "-q", "-o", folder).exit_code == 3
+    return folder
+
+
+def pages(listing: Path) -> list[str]:
+    return listing.read_text().split("\f")
+
+
+def points(folder: Path) -> dict[str, np.ndarray]:
+    rows = json.loads((folder / "st_thomas_as11.json").read_text())["points"]
+    return {name: np.array([row[name] or [np.nan] * 3 for row in rows]) for name in ("position", "sigma")}
+
+
+@pytest.mark.parametrize(
+    ("command", "more", "listing"),
+    [
+        ("compile", (), "st_thomas_as11.lst"),
+        ("setup", (), "st_thomas_as11.setup.lst"),
+        ("compare-points", (), "st_thomas_as11.points.lst"),
+        ("compare-soundings", (stage_readings.SOUNDINGS,), "soundings.soundings.lst"),
+    ],
+)
+def test_a_run_that_has_not_converged_is_said_on_every_page(
+    runs: Path, tmp_path: Path, command: str, more: tuple[Path, ...], listing: str
+) -> None:
+    words = ("as11", command, runs / "halted.json", stage_readings.DECK, *more, "-o", tmp_path)
+    refused = invoked(*words)
+    assert refused.exit_code == 1 and "the run has not converged: limits not reached" in refused.output
+    assert not list(tmp_path.iterdir())
+    assert invoked(*words, "--anyway").exit_code == 0
+    assert all(page.splitlines()[1] == "*** THE RUN HAS NOT CONVERGED ***" for page in pages(tmp_path / listing))
+
+
+def test_a_run_that_has_converged_has_no_word_of_it(runs: Path, tmp_path: Path) -> None:
+    words = ("as11", "compile", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
+    assert invoked(*words, "--anyway").exit_code == 0
+    with_option = (tmp_path / "st_thomas_as11.lst").read_bytes()
+    assert invoked(*words).exit_code == 0
+    assert (tmp_path / "st_thomas_as11.lst").read_bytes() == with_option
+    assert all(page.splitlines()[1] == "" for page in pages(tmp_path / "st_thomas_as11.lst"))
+
+
+@pytest.mark.parametrize("punched", ["result.pun", "st_thomas.pun"])
+def test_a_punched_deck_gives_the_points_of_its_run(runs: Path, tmp_path: Path, punched: str) -> None:
+    """Cards have stations to .1 mm and 1e-4 arc seconds, which is 1 mm at 2,400 m. Sigmas: of the stages alone."""
+    for name, run in (("run", "st_thomas.json"), ("deck", punched)):
+        assert invoked("as11", "compile", runs / run, stage_readings.DECK, "-o", tmp_path / name).exit_code == 0
+    of_run, of_deck = points(tmp_path / "run"), points(tmp_path / "deck")
+    gap = (of_deck["position"] - of_run["position"]) * [6.4e6, 6.4e6, 1.0]
+    assert np.nanmax(np.abs(gap)) < 0.005
+    assert np.nanmin(of_run["sigma"] / of_deck["sigma"]) > 1.0
+    text = pages(tmp_path / "deck/st_thomas_as11.lst")
+    assert all("SIGMAS ARE THOSE OF STAGES AND WATER ALONE" in page.splitlines()[1] for page in text)
+
+
+def test_sigmas_from_a_punched_deck_are_those_of_the_pointing(runs: Path, tmp_path: Path) -> None:
+    """B'B of four image coordinates of 5 um: here by differences of what both stages read of a moved mark."""
+    run = run_of(runs / "result.pun")
+    stereo = set_up(run, "21", "22")
+    loop, mark = Loop(stereo=stereo), np.array([[300.0, -900.0, -12.0]])
+    steps = 0.01 * np.eye(3)
+    B = np.stack([(loop.stages(mark + s).xy - loop.stages(mark - s).xy).ravel() / 0.02 for s in steps], axis=1)
+    expected = np.sqrt(np.diagonal(np.linalg.inv(B.T @ B))) * 0.005
+    readings = Readings(
+        ids=np.array(["A"]),
+        submerged=np.array([True]),
+        xy=loop.stages(mark).xy,
+        sigma=np.full((1, 2, 2), 0.005),
+    )
+    covariance = true_points(run, stereo.photos, readings).covariance[0]
+    turned = stereo.axes @ run.frame.axes(stereo.working(mark))[0].T
+    assert np.allclose(np.sqrt(np.diagonal(turned @ covariance @ turned.T)), expected, rtol=1e-5)
+
+
+def test_a_deck_that_cannot_be_a_run_is_refused_with_its_reasons(runs: Path, tmp_path: Path) -> None:
+    lines = [line for line in (runs / "result.pun").read_text().splitlines() if not line.startswith("ATT 22")]
+    deck = tmp_path / "no_attitude.pun"
+    deck.write_text("\n".join(lines) + "\n")
+    result = invoked("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
+    assert result.exit_code == 1 and "22" in result.output and "attitude" in result.output
+    assert "Traceback" not in result.output
+
+
+def test_points_are_compared_with_those_of_the_run(runs: Path, tmp_path: Path) -> None:
+    """The lengths are those of the differences; the record obeys its schema; the audit finds nothing."""
+    result = invoked("as11", "compare-points", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
+    assert result.exit_code == 0
+    record, schema = json.loads((tmp_path / "st_thomas_as11.points.json").read_text()), run_comparison.schema()
+    assert not list(violations(record, schema, schema))
+    lengths = np.linalg.norm([row["difference"] for row in record["against_run"]], axis=1)
+    told = f"vectors {lengths.min():.4f} to {lengths.max():.4f} m, mean {lengths.mean():.4f} m"
+    assert f"26 points of the run, {told}" in result.output
+    assert invoked("audit", tmp_path / "st_thomas_as11.points.lst").exit_code == 0
+
+
+def test_points_without_a_partner_are_not_compared(runs: Path, tmp_path: Path) -> None:
+    deck = tmp_path / "other.crd"
+    text = stage_readings.DECK.read_text().splitlines()
+    deck.write_text("\n".join(line for line in text if not line.startswith("STG") or " G0" in line) + "\n")
+    deck.write_text("\n".join(line for line in deck.read_text().splitlines() if line[:3] not in ("PRF", "GRD")) + "\n")
+    result = invoked("as11", "compare-points", runs / "st_thomas.json", deck, "-o", tmp_path)
+    assert result.exit_code == 1 and "no point of it has a position in the run too" in result.output
