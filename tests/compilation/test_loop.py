@@ -46,6 +46,22 @@ def test_stages_of_true_marks_are_traced_images() -> None:
     np.testing.assert_allclose(Loop(stereo=stereo).stages(marks).xy, flat_images(run, points), rtol=0.0, atol=1e-10)
 
 
+def test_tilted_water_rises_to_the_east() -> None:
+    """By 2 m over 1 km: a mark at 1 m is wet to the east of the stations' middle, one at -1 m dry to the west."""
+    run = pair(3000.0, 1810.0)
+    water = model.Water(index=1.34, tilt_east=2e-3, tilt_north=0.0)
+    stereo = set_up(replace(run, block=replace(run.block, water=water)), "1", "2")
+    marks = stereo.model(run.frame.working(np.array([[1905.0, 300.0, 1.0], [-95.0, 300.0, -1.0]])))
+    wet, dry = Loop(stereo=stereo).stages(marks).xy - Loop(stereo=stereo, drive=Drive.AIR).stages(marks).xy
+    assert np.abs(wet).max() > 1e-3 and np.abs(dry).max() < 1e-12
+
+
+def test_model_axes_are_right_handed_with_the_base_to_the_right(st_thomas: Stereomodel) -> None:
+    assert np.linalg.det(st_thomas.axes) == pytest.approx(1.0, abs=1e-12)
+    flat = set_up(pair(3000.0, 1810.0), "1", "2")
+    np.testing.assert_allclose(flat.axes, np.eye(3), rtol=0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("drive", Drive)
 def test_stages_and_marks_are_inverse(st_thomas: Stereomodel, drive: Drive) -> None:
     loop = Loop(stereo=st_thomas, drive=drive)

@@ -8,6 +8,7 @@ import pytest
 from compilation.scenes import at_depth, flat_images, grid, pair
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, compiled
+from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.model_points import stages_of
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation
@@ -40,9 +41,9 @@ def marks(stereo: Stereomodel, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
     return place, parallax
 
 
-def deck(place: FloatArray, parallax: FloatArray | None) -> bytes:
+def deck(place: FloatArray, parallax: FloatArray | None, loop: str = " ") -> bytes:
     """Return a deck of submerged model points, with and without their y-parallaxes (mm)."""
-    lines = ["MDL 1        1        2                                          5.00"]
+    lines = [f"MDL 1        1        2                                          5.00  {loop}"]
     for row, (X, Y, Z) in enumerate(place):
         py = "" if parallax is None else f"{1e3 * parallax[row]:8.2f}"
         lines.append(f"MPT 1        {row:<8} GB{X:12.4f}{Y:12.4f}{Z:12.4f}{py}")
@@ -64,7 +65,9 @@ def test_rays_come_back_from_the_mark_and_its_parallax(run: Triangulation) -> No
     # 30.1 um at the scale of the water; straight rays to both sides of the mark are exact up to rounding.
     scale = (stereo.height - place[:, 2]) / stereo.height
     assert np.abs(parallax * scale).max() == pytest.approx(0.0301, abs=5e-5)
-    np.testing.assert_allclose(stages_of(stereo, place, parallax), xy, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        stages_of(Loop(stereo=stereo, drive=Drive.AIR), place, parallax), xy, rtol=0, atol=1e-9
+    )
 
 
 def test_points_are_true_with_their_parallaxes_and_off_without(run: Triangulation) -> None:
@@ -94,3 +97,15 @@ def test_dry_points_need_no_parallax(run: Triangulation) -> None:
     stereo = set_up(run, "1", "2")
     assert np.abs(stereo.model(run.frame.working(result.gathered("position"))) - place).max() < 1e-4
     assert not list(result.warnings())
+
+
+def test_marks_of_a_loop_through_the_water_are_the_true_points(run: Triangulation) -> None:
+    """Nothing is lost without y-parallaxes there; one that the operator saw stays a y-parallax of the point."""
+    true = at_depth(_PLACES, _DEPTH)
+    place = set_up(run, "1", "2").model(run.frame.working(true))
+    result = points(run, deck(place, None, "T"))
+    assert np.abs(result.gathered("position") - true).max() < 1e-4  # .05 mm of the card
+    assert np.isnan(result.gathered("y_parallax")).all() and not list(result.warnings())
+    seen = points(run, deck(place, np.full(len(place), 0.008), "T"))
+    # that of the point is of the right image, across its epipolar line, which is not quite along Y.
+    np.testing.assert_allclose(seen.gathered("y_parallax"), 0.008, rtol=0.01)

@@ -133,6 +133,8 @@ def test_points_without_a_partner_are_not_compared(runs: Path, tmp_path: Path) -
     deck = tmp_path / "other.crd"
     text = stage_readings.DECK.read_text().splitlines()
     deck.write_text("\n".join(line for line in text if not line.startswith("STG") or " G0" in line) + "\n")
-    deck.write_text("\n".join(line for line in deck.read_text().splitlines() if line[:3] not in ("PRF", "GRD")) + "\n")
+    deck.write_text(
+        "\n".join(line for line in deck.read_text().splitlines() if line[:3] not in ("PRF", "GRD")) + "\n"
+    )
     result = invoked("as11", "compare-points", runs / "st_thomas.json", deck, "-o", tmp_path)
     assert result.exit_code == 1 and "no point of it has a position in the run too" in result.output

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compilation.scenes import pair
 from musatpy import model, read_deck
 from musatpy.adjustment.programs import adjust
 from musatpy.compilation.run_records import of_record
@@ -128,3 +129,15 @@ def test_a_run_that_has_not_converged_is_not_compiled_from() -> None:
     solution = adjust(replace(block, options=replace(block.options, max_iterations=1, max_passes=1)))
     with pytest.raises(CompilationError, match="the run has not converged"):
         of_solution(solution)
+
+
+def test_the_sigma_of_a_y_parallax_is_that_of_both_pointings() -> None:
+    """Vertical photos from one height: y right less y left, whose sigma is that of a coordinate times root 2."""
+    run = pair(3000.0, 1810.0)
+    xy = np.array([[[46.0, 20.0], [-46.0, 20.007]]])
+    readings = Readings(
+        ids=np.array(["A"]), submerged=np.zeros(1, dtype=bool), xy=xy, sigma=np.full((1, 2, 2), 0.005)
+    )
+    points = true_points(run, (0, 1), readings)
+    assert points.y_parallax[0] == pytest.approx(0.007, rel=1e-9)
+    assert points.y_parallax_sigma[0] == pytest.approx(0.005 * np.sqrt(2.0), rel=1e-9)

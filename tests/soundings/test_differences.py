@@ -121,6 +121,22 @@ def test_orders_of_points_by_their_sigmas() -> None:
     assert orders_met(np.full(5, 5.0), covariance).tolist() == [0, 1, 2, 4, 4]
 
 
+def test_the_limits_of_an_order_are_95_percent() -> None:
+    """Of order 1a at 10 m: sqrt(.5^2 + .13^2) m = 1.96 sigma of the height, 5 m + 5 % = 2.448 sigma in plan."""
+    vertical, horizontal = np.hypot(0.5, 0.13) / 1.960, 5.5 / 2.448
+    covariance = np.zeros((4, 3, 3))
+    for row, (of_plan, of_up) in enumerate(((0.999, 0.999), (0.999, 1.001), (1.001, 0.999), (0.0, 0.999))):
+        covariance[row] = np.diag(np.square([of_plan * horizontal, 0.0, of_up * vertical]))
+    first = [order.name for order in survey_orders()].index("1a/1b")
+    assert (orders_met(np.full(4, 10.0), covariance) <= first).tolist() == [True, False, False, True]
+
+
+@pytest.mark.parametrize(("within", "met"), [(94, False), (95, True)])
+def test_an_order_asks_for_95_percent(within: int, met: bool) -> None:
+    difference = np.concatenate([np.zeros(within), np.full(100 - within, 50.0)])
+    assert all(share.met is met for share in order_shares(differences(difference + 9.0, np.full(100, 9.0))))
+
+
 @pytest.mark.parametrize(
     ("scale", "words"), [(3.2808, "feet"), (0.5468, "fathoms"), (-1.0, "positive up"), (1.0, "")]
 )

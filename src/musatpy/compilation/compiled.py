@@ -10,6 +10,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.interior import refined_stages
+from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.model_points import lost_without_parallax, stages_of
 from musatpy.compilation.moved_stage import MovedStage, moved_right_stage
 from musatpy.compilation.printed import Printed, printed_points
@@ -45,9 +46,12 @@ class CompiledModel:
     readings: Readings
     points: TruePoints
     moved: MovedStage | None  # None: the right stage stands as in the run
+    drive: Drive = Drive.AIR  # of the plotter that its model points come from
 
     def lost_without_parallax(self, stages: StageReadings) -> float:
         """Return by how much (m) submerged points are off at most whose y-parallax was not read; 0 without any."""
+        if self.drive is Drive.TRUE:
+            return 0.0
         rows = np.flatnonzero(stages.without_parallax[self.rows] & self.points.wet.all(axis=1))
         position = self.points.position[rows]
         position = position[np.isfinite(position).all(axis=1)]
@@ -203,7 +207,8 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
     rows = stages.of_model(row)
     sigma = np.where(np.isfinite(stages.sigma[rows]), stages.sigma[rows], pointing)
     xy, marks = stages.xy[rows], np.flatnonzero(stages.as_points[rows])
-    xy[marks] = stages_of(stereo, stages.place[rows[marks]], stages.parallax[rows[marks]])
+    drive = Drive.TRUE if models.true_marks[row] and len(marks) else Drive.AIR
+    xy[marks] = stages_of(Loop(stereo=stereo, drive=drive), stages.place[rows[marks]], stages.parallax[rows[marks]])
     readings = Readings(
         ids=stages.ids[rows],
         submerged=stages.submerged[rows],
@@ -235,6 +240,7 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
         readings=readings,
         points=points,
         moved=moved,
+        drive=drive,
     )
 
 

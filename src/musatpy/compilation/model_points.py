@@ -2,7 +2,8 @@
 
 The operator has removed the x-parallax: at the height of the mark both straight rays have its X, and lie to both
 sides of it by half the y-parallax. Where that was not read the rays are those to the mark, which a submerged point
-has not (ETL-0306, section 5, takes them so).
+has not (ETL-0306, section 5, takes them so). Where the loop of the plotter goes through the water the mark is the
+true point, the rays are those to its refracted images, and a y-parallax is what the operator saw beside these.
 """
 
 from __future__ import annotations
@@ -14,14 +15,11 @@ from musatpy.compilation.loop import Loop
 from musatpy.compilation.printed import Printed, printed_points
 from musatpy.compilation.stereomodels import Stereomodel
 
-_ALONG = np.array([0.0, 1.0, 0.0])  # m, a step that gives the direction of Y in the images
 
-
-def stages_of(stereo: Stereomodel, place: FloatArray, parallax: FloatArray) -> FloatArray:
+def stages_of(loop: Loop, place: FloatArray, parallax: FloatArray) -> FloatArray:
     """Return the stages (k, 2, 2) mm of model points (k, 3) m with y-parallaxes (k,) mm, NaN where not read."""
-    both = np.repeat(place[:, None], 2, axis=1)
-    xy = stereo.images(both)
-    along = stereo.images(both + _ALONG) - xy
+    stages = loop.stages(place)
+    xy, along = stages.xy, stages.by_mark[..., 1]
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     half = 0.5 * np.nan_to_num(parallax)[:, None] * [-1.0, 1.0]
     return np.asarray(xy + half[..., None] * along)

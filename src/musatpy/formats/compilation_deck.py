@@ -110,6 +110,7 @@ def _contents(deck: CardDeck) -> tuple[Compilation, IntArray]:
                 pointing=_number(models, "pointing") * MICROMETRE,
                 limit=_number(models, "limit") * MICROMETRE,
                 adjust=_text(models, "adjust") == "A",
+                true_marks=_text(models, "loop") == "T",
             ),
             stages=taken(stacked([_readings(table, number) for table in tables]), order),
             profiles=_profiles(deck.table(cards["PRF"]), number),
@@ -194,6 +195,7 @@ def compilation_bytes(deck: Compilation) -> bytes:
                 "pointing": models.pointing / MICROMETRE,
                 "limit": models.limit / MICROMETRE,
                 "adjust": np.where(models.adjust, "A", ""),
+                "loop": np.where(models.true_marks, "T", ""),
             },
         ),
         (

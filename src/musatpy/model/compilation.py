@@ -41,6 +41,9 @@ class StereomodelSpecs(Table):
     pointing: FloatArray = per_row()  # (m,) mm
     limit: FloatArray = per_row()  # (m,) mm
     adjust: BoolArray = per_row()  # (m,) the right stage is corrected by points read again
+    true_marks: BoolArray = (
+        per_row()
+    )  # (m,) the mark of the plotter was the true point, not where straight rays meet
 
     @classmethod
     def of_photos(cls, ids: TextArray, left: TextArray, right: TextArray, pointing: float) -> StereomodelSpecs:
@@ -57,6 +60,7 @@ class StereomodelSpecs(Table):
             pointing=np.full(len(ids), pointing),
             limit=none,
             adjust=np.zeros(len(ids), dtype=bool),
+            true_marks=np.zeros(len(ids), dtype=bool),
         )
 
 
@@ -70,7 +74,7 @@ class StageReadings(Table):
     submerged: BoolArray = per_row()  # (k,)
     xy: FloatArray = per_row(2, 2)  # (k, 2, 2) mm, left and right, x and y; NaN of model points
     sigma: FloatArray = per_row()  # (k,) mm, NaN: the pointing of the model
-    place: FloatArray = per_row(3)  # (k, 3) m in the model, where straight rays meet; NaN of readings on the stages
+    place: FloatArray = per_row(3)  # (k, 3) m in the model, of the mark; NaN of readings on the stages
     parallax: FloatArray = (
         per_row()
     )  # (k,) mm, of the right image less the left, along Y of the model; NaN: not read

@@ -1,0 +1,110 @@
+"""Signs and constants of loop, modes, datum and statistics, each made wrong in a copy of the program.
+
+A change that no test of its room notices has no test.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LOOP, PRINTED = "compilation/test_loop.py", "compilation/test_printed.py"
+POINTS, COMPILE = "compilation/test_true_points.py", "compilation/test_compile_command.py"
+DIFFERENCES, AGAINST = "soundings/test_differences.py", "compilation/test_against_run.py"
+
+MUTATIONS = [
+    # the loop
+    ("compilation/loop.py", "tilt @ stereo.run.frame", "-tilt @ stereo.run.frame", LOOP),
+    ("compilation/loop.py", "by_ground @ self.stereo.axes.T", "by_ground @ self.stereo.axes", LOOP),
+    ("compilation/loop.py", "xy[active] - now.xy", "now.xy - xy[active]", LOOP),
+    ("compilation/loop.py", "over.depth, self.stereo.index", "over.depth, 1.333", LOOP),
+    ("compilation/loop.py", "_STILL = 1e-7", "_STILL = 1e-2", LOOP),
+    ("compilation/stereomodels.py", "np.cross(up, x)", "np.cross(x, up)", LOOP),
+    ("compilation/stereomodels.py", "self.run.block.photos.tide[list(self.photos)]",
+     "self.run.block.photos.tide[list(self.photos)][::-1]", LOOP),
+    ("compilation/model_points.py", "[-1.0, 1.0]", "[1.0, -1.0]", "compilation/test_model_points.py"),
+    ("compilation/model_points.py", "0.5 * np.nan_to_num", "np.nan_to_num", "compilation/test_model_points.py"),
+    # the modes
+    ("compilation/printed.py", "/ index  # (5.7)", "* index  # (5.7)", PRINTED),
+    ("compilation/printed.py", "r = -(tangent", "r = (tangent", PRINTED),
+    ("compilation/printed.py", "a = W - r", "a = W + r", PRINTED),
+    ("compilation/printed.py", "c13_23, c1_2 = -r.sum", "c13_23, c1_2 = r.sum", PRINTED),
+    ("compilation/printed.py", "c3 = np.sum(np.square(r), axis=(1, 2)), -np.sum",
+     "c3 = np.sum(np.square(r), axis=(1, 2)), np.sum", PRINTED),
+    ("compilation/printed.py", "(c3 - 0.5", "(c3 + 0.5", PRINTED),
+    ("compilation/printed.py", "local[:, 2] -= height", "local[:, 2] += height", PRINTED),
+    ("compilation/printed.py", "model.tides.mean()", "model.tides.max()", PRINTED),
+    ("compilation/errors_of_pairs.py", "row % 2 == 0", "row % 2 == 1 and row < 3", POINTS),
+    ("compilation/errors_of_pairs.py", " = run.pairs.cov", " = -run.pairs.cov", POINTS),
+    ("compilation/errors_of_pairs.py", "1.0 / network.weight", "2.0 / network.weight", POINTS),
+    ("compilation/errors_of_pairs.py", "off = -np.einsum", "off = np.einsum", POINTS),
+    ("compilation/errors_of_differences.py", "(c, t, -1.0), (t, c, -1.0)", "(c, t, 1.0), (t, c, 1.0)", AGAINST),
+    ("compilation/errors_of_differences.py", "(2.0 * t.alone if", "(0.0 * t.alone if", AGAINST),
+    # the datum
+    ("compilation/compiled.py", "self.datum.height - frame.height", "-frame.height", COMPILE),
+    ("compilation/compiled.py", "np.hypot(self.sigma[:, 2], self.datum.sigma)", "self.sigma[:, 2]", COMPILE),
+    ("compilation/sounded.py", "soundings.depth[met] + how.datum", "soundings.depth[met] - how.datum",
+     "compilation/test_sounded.py"),
+    ("compilation/sounded.py", "at.slope[met] * how.plan_sigma", "0.0 * at.slope[met] * how.plan_sigma",
+     "compilation/test_sounded.py"),
+    ("compilation/sounded.py", "np.full(len(met), how.datum_sigma)", "np.zeros(len(met))",
+     "compilation/test_sounded.py"),
+    # the statistics
+    ("soundings/differences.py", "return self.compiled - self.sounded", "return self.sounded - self.compiled",
+     DIFFERENCES),
+    ("soundings/differences.py", "_NORMAL = 1.4826", "_NORMAL = 1.4", DIFFERENCES),
+    ("soundings/differences.py", "_BLUNDER = 3.29", "_BLUNDER = 2.58", DIFFERENCES),
+    ("soundings/differences.py", "(len(v) - 2)", "len(v)", DIFFERENCES),
+    ("soundings/differences.py", "correlation = Q[0, 1]", "correlation = -Q[0, 1]", DIFFERENCES),
+    ("soundings/differences.py", "_SHARE = 0.95", "_SHARE = 0.90", DIFFERENCES),
+    ("soundings/differences.py", "size <= order.vertical", "size >= order.vertical", DIFFERENCES),
+    ("soundings/differences.py", "3.281: ", "3.9: ", DIFFERENCES),
+    ("soundings/s44.py", "1.960, 2.448", "1.960, 1.960", DIFFERENCES),
+    ("soundings/s44.py", "1.960, 2.448", "1.645, 2.448", DIFFERENCES),
+    ("soundings/s44.py", "np.hypot(self.a, self.b", "np.hypot(self.b, self.a", DIFFERENCES),
+    ("soundings/s44.py", "self.c + self.e", "self.c - self.e", DIFFERENCES),
+    ("soundings/s44.toml", "b = 0.0075", "b = 0.0085", DIFFERENCES),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a copy of the program."""
+    folder = tmp_path_factory.mktemp("copy")
+    shutil.copytree(ROOT / "src" / "musatpy", folder / "musatpy", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "card_formats", folder / "musatpy" / "card_formats")
+    return folder
+
+
+def outcome(copy: Path, tests: str) -> subprocess.CompletedProcess[str]:
+    """Run tests with the copy in the place of the program."""
+    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    options = ("-x", "-q", "-m", "", "-p", "no:cacheprovider", "-p", "no:xdist")
+    command = [sys.executable, "-m", "pytest", *options, "-o", "addopts=--import-mode=importlib", f"tests/{tests}"]
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tests", sorted({tests for *_, tests in MUTATIONS}))
+def test_the_copy_passes_as_it_is(copy: Path, tests: str) -> None:
+    result = outcome(copy, tests)
+    assert result.returncode == 0, result.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("file", "old", "new", "tests"), MUTATIONS)
+def test_a_wrong_sign_or_constant_is_noticed(copy: Path, file: str, old: str, new: str, tests: str) -> None:
+    path = copy / "musatpy" / file
+    text = path.read_text(encoding="utf-8")
+    assert text.count(old) >= 1 and old != new
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    try:
+        assert outcome(copy, tests).returncode == 1, f"{old} may be {new}"
+    finally:
+        path.write_text(text, encoding="utf-8")
