@@ -25,7 +25,7 @@ _STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small:
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
-_RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
+RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +88,7 @@ def point_normals(
         rhs[:, 2] += weight[:, 3] * deviation[:, 3] * priors.free[:, 2]
         diagonal += np.where(priors.free, 0.0, 1.0)
         objective = objective + np.einsum("ka,ka,ka->k", deviation, weight, deviation)
-    ridge = _RIDGE * diagonal.max(axis=1, keepdims=True)
+    ridge = RIDGE * diagonal.max(axis=1, keepdims=True)
     diagonal += ridge
     return PointNormals(
         images=images,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -109,14 +109,6 @@ class Network:
         """All points of the solution."""
         return (*self.pass_groups, *self.control_groups, *self.kept_groups)
 
-    def parts(self, rays: int) -> tuple[PointGroup, ...]:
-        """Return all points of the solution, in parts of at most so many rays."""
-        parts = []
-        for group in self.groups:
-            size = max(1, rays // group.rays.shape[1])
-            parts += [group.part(slice(start, start + size)) for start in range(0, len(group.point), size)]
-        return tuple(parts)
-
     def unknowns(self, group: PointGroup, columns: IntArray) -> IntArray:
         """Return the unknowns (k, m q + X) of the photos of points, and in the `columns` (k, X) of the border."""
         return np.concatenate([self.pattern.rows(self.photo[group.rays]), self.pattern.order + columns], axis=1)
@@ -220,6 +212,15 @@ def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: Bo
         chosen = count == m
         groups.append(PointGroup(point=members[chosen], rays=rays[start[chosen][:, None] + np.arange(m)[None, :]]))
     return tuple(groups)
+
+
+def parts_of(groups: Iterable[PointGroup], rays: int) -> tuple[PointGroup, ...]:
+    """Return groups of points in parts of at most so many rays."""
+    parts = []
+    for group in groups:
+        size = max(1, rays // group.rays.shape[1])
+        parts += [group.part(slice(start, start + size)) for start in range(0, len(group.point), size)]
+    return tuple(parts)
 
 
 def first_rows(point: IntArray, points: int) -> IntArray:

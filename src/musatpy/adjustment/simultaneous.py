@@ -12,11 +12,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
+from musatpy.adjustment.compiled_points import add_eliminated, kernels_of, split, squares_of
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.kinds import UNKNOWNS
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
@@ -46,7 +47,14 @@ class Simultaneous:
             E = eliminate(network, state, part)
             return E, reduced(network, part, E)
 
-        parts = network.parts(_PART)
+        kernels = kernels_of(network)
+        plain, others = ((), network.groups) if kernels is None else split(network)
+        if kernels is not None:
+            for group in plain:
+                follow, gain = add_eliminated(kernels, network, state, group, normals)
+                follows.append(follow)
+                of_points += gain
+        parts = parts_of(others, _PART)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
             follows.append(E.follow(part))
@@ -132,9 +140,10 @@ class Simultaneous:
     def with_squares(self, state: State) -> State:
         """Return the state with the weighted squares of its points where they are."""
         network, squares = self.network, state.squares.copy()
+        kernels = kernels_of(network)
         for group in network.groups:
             ground = state.ground[group.point]
-            squares[group.point] = point_squares(network, state, group, ground)
+            squares[group.point] = squares_of(kernels, network, state, group, ground)
         return replace(state, squares=squares)
 
     def converged(self, step: FloatArray) -> bool:
