@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy.adjustment.collinear import Follow
-from musatpy.adjustment.ground import RIDGE, point_squares, prior_rows
-from musatpy.adjustment.kernels import compiled_points
+from musatpy.adjustment.ground import RIDGE, prior_rows
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
-
-
-def kernels_of(network: Network) -> ModuleType | None:
-    """Return the compiled kernels for a network, None where numpy does the work."""
-    return compiled_points(network.photos)
 
 
 def split(network: Network) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, ...]]:
@@ -38,108 +33,119 @@ def split(network: Network) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, .
         if group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
             others.append(group)
             continue
-        wet = network.refracted[group.rays].any(axis=1) if unknown else np.zeros(len(group.point), dtype=bool)
+        wet = np.asarray(network.refracted[group.rays].any(axis=1) & unknown)
         plain += [group.part(~wet)] if not wet.all() else []
         others += [group.part(wet)] if wet.any() else []
     return tuple(plain), tuple(others)
 
 
-def add_eliminated(
-    kernels: ModuleType, network: Network, state: State, group: PointGroup, normals: NormalEquations
-) -> tuple[Follow, float]:
-    """Add the points of a group to the normal equations; return how they follow a step, and r' N_pp^-1 r of all."""
-    k, m = group.rays.shape
-    at = _measured(kernels, network, state, group, state.ground[group.point])
-    known = _known(kernels, network, state, group)
-    out = kernels.Eliminated(shift=np.empty((k, 3)), by_station=np.zeros((k, 3, m, network.pattern.size)))
-    slot, blocks, rhs = normals.to_add(at.photo)
-    gain = kernels.eliminate(
-        at,
-        _stations(kernels, network, state),
-        _water(kernels, network, state, group, at.ground),
-        known,
-        RIDGE,
-        kernels.Sums(slot=slot, blocks=blocks, rhs=rhs),
-        out,
-    )
-    axes = known.axes if len(known.axes) else np.broadcast_to(np.eye(3), (k, 3, 3))
-    follow = Follow(
-        group=group,
-        axes=axes,
-        shift=out.shift,
-        by_station=out.by_station,
-        by_extra=np.zeros((k, 3, 0)),
-        index=np.zeros((k, 0), dtype=np.int64),
-    )
-    return follow, float(gain)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Images:
+    """The images of a group of points, gathered once, and the pairs of their photos."""
 
+    group: PointGroup
+    photo: IntArray  # (k, m)
+    xy: FloatArray  # (k, m, 2)
+    weight: FloatArray  # (k, m, 2)
+    slot: IntArray  # (k, m (m + 1)/2)
+    wet: BoolArray  # (k, m), (0, 0) where all are dry
 
-def squares_of(
-    kernels: ModuleType | None, network: Network, state: State, group: PointGroup, ground: FloatArray
-) -> FloatArray:
-    """Return what `point_squares` does, compiled where there are kernels and the water has no waves."""
-    if kernels is None or network.sea is not None:
-        return point_squares(network, state, group, ground)
-    out = np.empty(len(group.point))
-    at = _measured(kernels, network, state, group, ground)
-    kernels.squares(at, _stations(kernels, network, state), _water(kernels, network, state, group, ground), out)
-    if group.known:
-        priors = prior_rows(network, state, group.point, ground)
-        out += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
-    return out
-
-
-def _measured(
-    kernels: ModuleType, network: Network, state: State, group: PointGroup, ground: FloatArray
-) -> points.Measured:
-    rays = group.rays
-    measured: points.Measured = kernels.Measured(
-        photo=network.photo[rays],
-        xy=network.xy[rays],
-        weight=network.weight[rays],
-        ground=np.ascontiguousarray(ground),
-    )
-    return measured
-
-
-def _stations(kernels: ModuleType, network: Network, state: State) -> points.Stations:
-    stations: points.Stations = kernels.Stations(
-        *(np.ascontiguousarray(part) for part in (state.position, state.M, state.dM, network.axes)),
-        focal_length=np.ascontiguousarray(network.focal_length),
-        principal_point=np.ascontiguousarray(network.principal_point),
-    )
-    return stations
-
-
-def _water(
-    kernels: ModuleType, network: Network, state: State, group: PointGroup, ground: FloatArray
-) -> points.Water:
-    wet = network.refracted[group.rays]
-    normal, depth = np.zeros((0, 0, 3)), np.zeros((0, 0))
-    if wet.any():
-        over = surface(
-            network.frame,
-            network.slope(state.tilt),
-            state.tide[network.photo[group.rays]],
-            np.repeat(ground[:, None], wet.shape[1], axis=1),
+    @classmethod
+    def of(cls, network: Network, group: PointGroup) -> _Images:
+        photo, wet = network.photo[group.rays], network.refracted[group.rays]
+        return cls(
+            group=group,
+            photo=photo,
+            xy=network.xy[group.rays],
+            weight=network.weight[group.rays],
+            slot=network.pattern.slots(photo),
+            wet=wet if wet.any() else np.zeros((0, 0), dtype=bool),
         )
-        normal, depth = np.ascontiguousarray(over.normal), np.ascontiguousarray(over.depth)
-    else:
-        wet = np.zeros((0, 0), dtype=bool)
-    water: points.Water = kernels.Water(wet=wet, normal=normal, depth=depth, index=float(state.index))
-    return water
 
 
-def _known(kernels: ModuleType, network: Network, state: State, group: PointGroup) -> points.Known:
-    if not group.known:
-        nothing = np.zeros((0, 3))
-        unknown: points.Known = kernels.Known(
-            axes=np.zeros((0, 3, 3)), free=np.zeros((0, 3), dtype=bool), weight=nothing, pull=nothing
+class CompiledPoints:
+    """The points of a network that compiled kernels eliminate, and the `others`."""
+
+    def __init__(self, kernels: ModuleType, network: Network) -> None:
+        plain, self.others = split(network)
+        self._kernels, self._network = kernels, network
+        self._images = [_Images.of(network, group) for group in plain]
+
+    def add_eliminated(self, state: State, normals: NormalEquations) -> tuple[list[Follow], float]:
+        """Add the points to the normal equations; return how they follow a step, and r' N_pp^-1 r of all."""
+        follows, gain = [], 0.0
+        blocks, rhs = normals.sums
+        stations = self._stations(state)
+        for images in self._images:
+            k, m = images.photo.shape
+            ground = state.ground[images.group.point]
+            known = self._known(state, images.group)
+            out = self._kernels.Eliminated(
+                shift=np.empty((k, 3)), by_station=np.zeros((k, 3, m, self._network.pattern.size))
+            )
+            sums = self._kernels.Sums(slot=images.slot, blocks=blocks, rhs=rhs)
+            at, water = self._at(images, ground), self._water(state, images, ground)
+            gain += self._kernels.eliminate(at, stations, water, known, RIDGE, sums, out)
+            follows.append(
+                Follow(
+                    group=images.group,
+                    axes=known.axes if images.group.known else np.broadcast_to(np.eye(3), (k, 3, 3)),
+                    shift=out.shift,
+                    by_station=out.by_station,
+                    by_extra=np.zeros((k, 3, 0)),
+                    index=np.zeros((k, 0), dtype=np.int64),
+                )
+            )
+        return follows, gain
+
+    def set_squares(self, state: State, squares: FloatArray) -> None:
+        """Set the weighted squares (p,) of the points where they are."""
+        stations = self._stations(state)
+        for images in self._images:
+            point = images.group.point
+            ground, out = state.ground[point], np.empty(len(point))
+            self._kernels.squares(self._at(images, ground), stations, self._water(state, images, ground), out)
+            if images.group.known:
+                priors = prior_rows(self._network, state, point, ground)
+                out += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
+            squares[point] = out
+
+    def _at(self, images: _Images, ground: FloatArray) -> points.Measured:
+        at: points.Measured = self._kernels.Measured(
+            photo=images.photo, xy=images.xy, weight=images.weight, ground=ground
         )
-        return unknown
-    priors = prior_rows(network, state, group.point, state.ground[group.point])
-    weight = np.ascontiguousarray(priors.weight[:, :3])
-    known: points.Known = kernels.Known(
-        axes=np.ascontiguousarray(priors.axes), free=priors.free, weight=weight, pull=weight * priors.deviation[:, :3]
-    )
-    return known
+        return at
+
+    def _stations(self, state: State) -> points.Stations:
+        network = self._network
+        arrays = (state.position, state.M, state.dM, network.axes, network.focal_length, network.principal_point)
+        stations: points.Stations = self._kernels.Stations(*(np.ascontiguousarray(array) for array in arrays))
+        return stations
+
+    def _water(self, state: State, images: _Images, ground: FloatArray) -> points.Water:
+        normal, depth = np.zeros((0, 0, 3)), np.zeros((0, 0))
+        if len(images.wet):
+            network, m = self._network, images.wet.shape[1]
+            over = surface(
+                network.frame,
+                network.slope(state.tilt),
+                state.tide[images.photo],
+                np.repeat(ground[:, None], m, axis=1),
+            )
+            normal, depth = np.ascontiguousarray(over.normal), np.ascontiguousarray(over.depth)
+        water: points.Water = self._kernels.Water(
+            wet=images.wet, normal=normal, depth=depth, refraction=float(state.index)
+        )
+        return water
+
+    def _known(self, state: State, group: PointGroup) -> points.Known:
+        k = len(group.point) if group.known else 0
+        axes, free = np.zeros((k, 3, 3)), np.zeros((k, 3), dtype=bool)
+        weight, pull = np.zeros((k, 3)), np.zeros((k, 3))
+        if k:
+            priors = prior_rows(self._network, state, group.point, state.ground[group.point])
+            axes, free = np.ascontiguousarray(priors.axes), priors.free
+            weight = np.ascontiguousarray(priors.weight[:, :3])
+            pull = weight * priors.deviation[:, :3]
+        known: points.Known = self._kernels.Known(axes=axes, free=free, weight=weight, pull=pull)
+        return known

@@ -142,13 +142,10 @@ class NormalEquations:
         self._blocks[sums.pairs] += sums.blocks
         self._rhs[sums.photos] += sums.rhs
 
-    def to_add(self, photo: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return where k points on photos (k, m), ascending, add, for who adds by itself.
-
-        Rows (k, m (m + 1)/2) of the blocks, in the order of `np.triu_indices(m)`, the blocks (e, q, q) and the right
-        sides (n, q).
-        """
-        return self.pattern.slots(photo), self._blocks, self._rhs
+    @property
+    def sums(self) -> tuple[FloatArray, FloatArray]:
+        """The blocks (e, q, q) and the right sides (n, q), for who adds to them by itself."""
+        return self._blocks, self._rhs
 
     def add_rows(self, index: IntArray, partials: FloatArray, weight: FloatArray, residual: FloatArray) -> None:
         """Add r observations of X unknowns each, counted photo by photo, then the global ones: index (r, X)."""

@@ -8,14 +8,16 @@ the stations by back substitution.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.compiled_points import add_eliminated, kernels_of, split, squares_of
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
+from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
@@ -37,24 +39,31 @@ class Simultaneous:
     held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # what holds a free block
     curved: bool = False  # the second derivatives of the images by unknown waves count too
 
+    @cached_property
+    def _compiled(self) -> CompiledPoints | None:
+        """The points that compiled kernels eliminate, None where numpy does all."""
+        kernels = compiled_points(self.network.photos)
+        return None if kernels is None else CompiledPoints(kernels, self.network)
+
+    @property
+    def _others(self) -> tuple[PointGroup, ...]:
+        """The points that they do not."""
+        return self.network.groups if self._compiled is None else self._compiled.others
+
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
-        follows, of_points = [], 0.0
+        follows: list[Follow] = []
+        of_points = 0.0
 
         def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
             E = eliminate(network, state, part)
             return E, reduced(network, part, E)
 
-        kernels = kernels_of(network)
-        plain, others = ((), network.groups) if kernels is None else split(network)
-        if kernels is not None:
-            for group in plain:
-                follow, gain = add_eliminated(kernels, network, state, group, normals)
-                follows.append(follow)
-                of_points += gain
-        parts = parts_of(others, _PART)
+        if self._compiled is not None:
+            follows, of_points = self._compiled.add_eliminated(state, normals)
+        parts = parts_of(self._others, _PART)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
             follows.append(E.follow(part))
@@ -139,11 +148,11 @@ class Simultaneous:
 
     def with_squares(self, state: State) -> State:
         """Return the state with the weighted squares of its points where they are."""
-        network, squares = self.network, state.squares.copy()
-        kernels = kernels_of(network)
-        for group in network.groups:
-            ground = state.ground[group.point]
-            squares[group.point] = squares_of(kernels, network, state, group, ground)
+        squares = state.squares.copy()
+        if self._compiled is not None:
+            self._compiled.set_squares(state, squares)
+        for group in self._others:
+            squares[group.point] = point_squares(self.network, state, group, state.ground[group.point])
         return replace(state, squares=squares)
 
     def converged(self, step: FloatArray) -> bool:

@@ -131,20 +131,10 @@ class Pattern:
             self._runs[key] = (Runs.of(pairs), Runs.of(photo.reshape(-1)))
         return self._runs[key]
 
-    @cached_property
-    def _slots(self) -> dict[tuple[int, bytes], IntArray]:
-        return {}
-
     def slots(self, photo: IntArray) -> IntArray:
-        """Return the rows (k, m (m + 1)/2) of `pairs` of points with photos (k, m), in the order of `triu_indices`.
-
-        What was looked up once is kept, as with `runs`.
-        """
-        key = (photo.shape[1], photo.tobytes())
-        if key not in self._slots:
-            i, j = np.triu_indices(photo.shape[1])
-            self._slots[key] = self.find(photo[:, i], photo[:, j])
-        return self._slots[key]
+        """Return the rows of `pairs` of points with photos (k, m): (k, m (m + 1)/2), ordered as `triu_indices`."""
+        i, j = np.triu_indices(photo.shape[1])
+        return self.find(photo[:, i], photo[:, j])
 
     @cached_property
     def graph(self) -> Graph:

@@ -1,8 +1,8 @@
 """Points by collinearity, one after the other: images, partials, elimination and sums in one pass.
 
-The numpy twins are `sightings.images`, `ground.point_normals`, `collinear.eliminate` and `collinear.reduced`, and of
-single rays `refraction.flat.incidence` and `geometry.collinearity`, whose equations these loops follow. Points have
-no unknowns but their own three and those of their stations; what has more goes by the twins.
+The numpy twins are `sightings.images`, `ground.point_normals`, `collinear.eliminate` and `collinear.reduced`, and
+of single rays `refraction.flat.incidence` and `geometry.collinearity`, whose equations these loops follow. Points
+have no unknowns but their own three and those of their stations; what has more goes by the twins.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Stations(NamedTuple):
 
     position: FloatArray  # (n, 3) working
     M: FloatArray  # (n, 3, 3) working axes to photo
-    dM: FloatArray  # (n, 3, 3, 3) by omega, phi, kappa
+    M_partials: FloatArray  # (n, 3, 3, 3) by omega, phi, kappa
     axes: FloatArray  # (n, 3, 3) along which positions are corrected
     focal_length: FloatArray  # (n,) mm
     principal_point: FloatArray  # (n, 2) mm
@@ -45,11 +45,11 @@ class Water(NamedTuple):
     wet: BoolArray  # (k, m) rays that it refracts
     normal: FloatArray  # (k, m, 3)
     depth: FloatArray  # (k, m) m, of the points
-    index: float
+    refraction: float  # index of the water
 
 
 class Known(NamedTuple):
-    """What is known of k points along axes of their own; of k points of which nothing is known, arrays of no rows."""
+    """What is known of k points along axes of their own; where that is nothing, arrays of no rows."""
 
     axes: FloatArray  # (k, 3, 3)
     free: BoolArray  # (k, 3) the component may move
@@ -93,17 +93,18 @@ def _air_tangent(H: float, h: float, D: float, n: float) -> float:
 
 
 @compiled
-def _bend(
-    gap: FloatArray, up: FloatArray, depth: float, n: float, v: FloatArray, by_camera: FloatArray, by_ground: FloatArray
-) -> None:
-    """Set v (3,) from camera to water point, and its partials (3, 3), of a wet ray: `refraction.flat.incidence`."""
-    fall = -(up[0] * gap[0] + up[1] * gap[1] + up[2] * gap[2])
-    e0, e1, e2 = gap[0] + up[0] * fall, gap[1] + up[1] * fall, gap[2] + up[2] * fall
+def _bend(p: int, k: int, water: Water, gap: FloatArray, v: FloatArray, by: FloatArray) -> None:
+    """Set v (3,) from camera to water point, and its partials by (2, 3, 3) camera and ground, of a wet ray.
+
+    `refraction.flat.incidence`; gap (3,) is the vector to the point.
+    """
+    up0, up1, up2 = water.normal[p, k, 0], water.normal[p, k, 1], water.normal[p, k, 2]
+    n, h = water.refraction, water.depth[p, k]
+    fall = -(up0 * gap[0] + up1 * gap[1] + up2 * gap[2])
+    e0, e1, e2 = gap[0] + up0 * fall, gap[1] + up1 * fall, gap[2] + up2 * fall
     D = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
     if D > 0.0:
         e0, e1, e2 = e0 / D, e1 / D, e2 / D
-    e = (e0, e1, e2)
-    h = depth
     H = fall - h
     t = _air_tangent(H, h, D, n)
     g = 1.0 / math.sqrt(n * n + (n * n - 1.0) * t * t)
@@ -116,86 +117,87 @@ def _bend(
     Q_H = t * air3 * h / spread
     Q_h = -n * t * g * water3 * H / spread
     ratio = H / (H + h * g)
+    up, e = (up0, up1, up2), (e0, e1, e2)
     for i in range(3):
         v[i] = e[i] * H * t - up[i] * H
         for j in range(3):
-            unit = 1.0 if i == j else 0.0
-            K = kappa * e[i] * e[j] + ratio * (unit - up[i] * up[j] - e[i] * e[j])
-            by_camera[i, j] = -K + (e[i] * Q_H - up[i]) * up[j]
-            by_ground[i, j] = K - e[i] * Q_h * up[j]
+            K = (kappa - ratio) * e[i] * e[j] - ratio * up[i] * up[j] + (ratio if i == j else 0.0)
+            by[0, i, j] = -K + (e[i] * Q_H - up[i]) * up[j]
+            by[1, i, j] = K - e[i] * Q_h * up[j]
 
 
 @compiled
 def _vector(
-    p: int, k: int, at: Measured, stations: Stations, water: Water, gap: FloatArray, v: FloatArray,
-    by_camera: FloatArray, by_ground: FloatArray,
-) -> bool:  # fmt: skip
-    """Set the vector from a station to its target, and where the ray is wet its partials; return whether it is."""
+    p: int, k: int, at: Measured, stations: Stations, water: Water, gap: FloatArray, v: FloatArray, by: FloatArray
+) -> bool:
+    """Set the vectors from a station to a point and to what its ray goes to in air, the point where it is dry.
+
+    Return whether the ray is wet; `by` has its partials then.
+    """
     n = at.photo[p, k]
     for i in range(3):
         gap[i] = at.ground[p, i] - stations.position[n, i]
         v[i] = gap[i]
-    if not (len(water.wet) and water.wet[p, k]):
-        return False
-    _bend(gap, water.normal[p, k], water.depth[p, k], water.index, v, by_camera, by_ground)
-    return True
+    if len(water.wet) and water.wet[p, k]:
+        _bend(p, k, water, gap, v, by)
+        return True
+    return False
 
 
 @compiled
-def _turned(row: FloatArray, by: FloatArray, factor: float, out: FloatArray) -> None:
-    """Set out (3,) to factor times the row (3,) times a matrix (3, 3)."""
+def _through(rows: FloatArray, k: int, c: int, by: FloatArray) -> None:
+    """Set the row (3,) at k and c to its product with a matrix (3, 3)."""
+    x, y, z = rows[k, c, 0], rows[k, c, 1], rows[k, c, 2]
     for i in range(3):
-        out[i] = factor * (row[0] * by[0, i] + row[1] * by[1, i] + row[2] * by[2, i])
+        rows[k, c, i] = x * by[0, i] + y * by[1, i] + z * by[2, i]
 
 
 @compiled
-def _image(
-    p: int, k: int, at: Measured, stations: Stations, water: Water, v: FloatArray, room: FloatArray,
-    A: FloatArray, B: FloatArray, residual: FloatArray,
+def _images(
+    p: int, at: Measured, stations: Stations, water: Water, room: FloatArray, A: FloatArray, B: FloatArray,
+    residual: FloatArray,
 ) -> None:  # fmt: skip
-    """Set the weighted residual (2,) of an image, and its partials by station, A (2, 6), and by ground, B (2, 3).
+    """Set the weighted residuals (m, 2) of a point, and partials by stations A (m, 2, 6), by ground B (m, 2, 3).
 
-    `sightings.images`, `geometry.collinearity.image_partials`.
+    `sightings.images`, `geometry.collinearity.image_partials`. `room` (3, 3, 3) is room for one ray.
     """
-    n = at.photo[p, k]
-    M, f = stations.M[n], stations.focal_length[n]
-    gap, by_camera, by_ground = room[0], room[1:4], room[4:7]
-    wet = _vector(p, k, at, stations, water, gap, v, by_camera, by_ground)
-    U = M[0, 0] * v[0] + M[0, 1] * v[1] + M[0, 2] * v[2]
-    V = M[1, 0] * v[0] + M[1, 1] * v[1] + M[1, 2] * v[2]
-    S = M[2, 0] * v[0] + M[2, 1] * v[1] + M[2, 2] * v[2]
-    scale = -f / S
-    by_v, bent = room[7], room[8]
-    for c in range(2):
-        image = U if c == 0 else V
-        root = math.sqrt(at.weight[p, k, c])
-        ratio, factor = image / S, scale * root
-        residual[c] = (scale * image + stations.principal_point[n, c] - at.xy[p, k, c]) * root
-        for i in range(3):
-            by_v[i] = factor * (M[c, i] - ratio * M[2, i])
-        if wet:
-            _turned(by_v, by_ground, 1.0, B[c])
-            _turned(by_v, by_camera, 1.0, bent)
-        else:
+    M, dM, axes = stations.M, stations.M_partials, stations.axes
+    gap, v, by = room[2, 0], room[2, 1], room[:2]
+    for k in range(at.photo.shape[1]):
+        n = at.photo[p, k]
+        wet = _vector(p, k, at, stations, water, gap, v, by)
+        S = M[n, 2, 0] * v[0] + M[n, 2, 1] * v[1] + M[n, 2, 2] * v[2]
+        scale = -stations.focal_length[n] / S
+        for c in range(2):
+            image = M[n, c, 0] * v[0] + M[n, c, 1] * v[1] + M[n, c, 2] * v[2]
+            root, ratio = math.sqrt(at.weight[p, k, c]), image / S
+            factor = scale * root
+            residual[k, c] = (scale * image + stations.principal_point[n, c] - at.xy[p, k, c]) * root
             for i in range(3):
-                B[c, i], bent[i] = by_v[i], -by_v[i]
-        for a in range(3):
-            axis, dM = stations.axes[n, a], stations.dM[n, a]
-            A[c, a] = bent[0] * axis[0] + bent[1] * axis[1] + bent[2] * axis[2]
-            of_image = dM[c, 0] * v[0] + dM[c, 1] * v[1] + dM[c, 2] * v[2]
-            of_depth = dM[2, 0] * v[0] + dM[2, 1] * v[1] + dM[2, 2] * v[2]
-            A[c, 3 + a] = factor * (of_image - ratio * of_depth)
+                B[k, c, i] = factor * (M[n, c, i] - ratio * M[n, 2, i])
+                A[k, c, i] = -B[k, c, i]
+                of_image = dM[n, i, c, 0] * v[0] + dM[n, i, c, 1] * v[1] + dM[n, i, c, 2] * v[2]
+                of_depth = dM[n, i, 2, 0] * v[0] + dM[n, i, 2, 1] * v[1] + dM[n, i, 2, 2] * v[2]
+                A[k, c, 3 + i] = factor * (of_image - ratio * of_depth)
+            if wet:
+                for i in range(3):
+                    A[k, c, i] = B[k, c, i]
+                _through(A, k, c, by[0])
+                _through(B, k, c, by[1])
+            x, y, z = A[k, c, 0], A[k, c, 1], A[k, c, 2]
+            for i in range(3):
+                A[k, c, i] = x * axes[n, i, 0] + y * axes[n, i, 1] + z * axes[n, i, 2]
 
 
 @compiled
-def _along_known(B: FloatArray, axes: FloatArray, free: BoolArray, turned: FloatArray) -> None:
+def _along_known(p: int, known: Known, B: FloatArray) -> None:
     """Turn partials B (m, 2, 3) by a point to its axes, zero by what is held: `ground.point_normals`."""
     for k in range(len(B)):
         for c in range(2):
+            x, y, z = B[k, c, 0], B[k, c, 1], B[k, c, 2]
             for i in range(3):
-                turned[i] = B[k, c, 0] * axes[i, 0] + B[k, c, 1] * axes[i, 1] + B[k, c, 2] * axes[i, 2]
-            for i in range(3):
-                B[k, c, i] = turned[i] if free[i] else 0.0
+                along = x * known.axes[p, i, 0] + y * known.axes[p, i, 1] + z * known.axes[p, i, 2]
+                B[k, c, i] = along if known.free[p, i] else 0.0
 
 
 @compiled
@@ -220,7 +222,14 @@ def _inverted(N: FloatArray, L: FloatArray, out: FloatArray) -> None:
 
 @compiled
 def _point_normals(
-    A: FloatArray, B: FloatArray, residual: FloatArray, p: int, known: Known, ridge: float, N: FloatArray, b: FloatArray
+    A: FloatArray,
+    B: FloatArray,
+    residual: FloatArray,
+    p: int,
+    known: Known,
+    ridge: float,
+    N: FloatArray,
+    b: FloatArray,
 ) -> None:
     """Set the normal equations N (3, 3), b (3,) of a point: `ground.point_normals`."""
     N[:] = 0.0
@@ -242,26 +251,28 @@ def _point_normals(
 
 @compiled
 def _add(
-    A: FloatArray, residual: FloatArray, W: FloatArray, p: int, photo: IntArray, sums: Sums, out: Eliminated
+    p: int, photo: IntArray, A: FloatArray, residual: FloatArray, W: FloatArray, sums: Sums, out: Eliminated
 ) -> None:
     """Add a point to the reduced normal equations of its stations: `collinear.reduced`."""
-    m, pair = len(photo), 0
-    shift, F = out.shift[p], out.by_station[p]
+    m, pair = photo.shape[1], 0
+    blocks, F = sums.blocks, out.by_station
+    x, y, z = out.shift[p, 0], out.shift[p, 1], out.shift[p, 2]
     for k in range(m):
-        n = photo[k]
+        n = photo[p, k]
         for a in range(_Q):
-            of_point = W[k, a, 0] * shift[0] + W[k, a, 1] * shift[1] + W[k, a, 2] * shift[2]
+            of_point = W[k, a, 0] * x + W[k, a, 1] * y + W[k, a, 2] * z
             sums.rhs[n, a] -= A[k, 0, a] * residual[k, 0] + A[k, 1, a] * residual[k, 1] + of_point
         for other in range(k, m):
-            block = sums.blocks[sums.slot[p, pair]]
+            e = sums.slot[p, pair]
             pair += 1
             for a in range(_Q):
+                w0, w1, w2 = W[k, a, 0], W[k, a, 1], W[k, a, 2]
                 for b in range(_Q):
-                    block[a, b] -= W[k, a, 0] * F[0, other, b] + W[k, a, 1] * F[1, other, b] + W[k, a, 2] * F[2, other, b]
-            if other == k:
-                for a in range(_Q):
-                    for b in range(_Q):
-                        block[a, b] += A[k, 0, a] * A[k, 0, b] + A[k, 1, a] * A[k, 1, b]
+                    blocks[e, a, b] -= w0 * F[p, 0, other, b] + w1 * F[p, 1, other, b] + w2 * F[p, 2, other, b]
+        e = sums.slot[p, pair - m + k]
+        for a in range(_Q):
+            for b in range(_Q):
+                blocks[e, a, b] += A[k, 0, a] * A[k, 0, b] + A[k, 1, a] * A[k, 1, b]
 
 
 @compiled
@@ -275,14 +286,13 @@ def eliminate(
     """
     points, m = at.photo.shape
     A, B, residual = np.empty((m, 2, _Q)), np.empty((m, 2, 3)), np.empty((m, 2))
-    W, room, v = np.empty((m, _Q, 3)), np.empty((9, 3)), np.empty(3)
+    W, room = np.empty((m, _Q, 3)), np.empty((3, 3, 3))
     N, b, L, inverse = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     gain = 0.0
     for p in range(points):
-        for k in range(m):
-            _image(p, k, at, stations, water, v, room, A[k], B[k], residual[k])
+        _images(p, at, stations, water, room, A, B, residual)
         if len(known.free):
-            _along_known(B, known.axes[p], known.free[p], v)
+            _along_known(p, known, B)
         _point_normals(A, B, residual, p, known, ridge, N, b)
         _inverted(N, L, inverse)
         for i in range(3):
@@ -296,7 +306,7 @@ def eliminate(
                     out.by_station[p, i, k, a] = (
                         inverse[i, 0] * W[k, a, 0] + inverse[i, 1] * W[k, a, 1] + inverse[i, 2] * W[k, a, 2]
                     )
-        _add(A, residual, W, p, at.photo[p], sums, out)
+        _add(p, at.photo, A, residual, W, sums, out)
     return gain
 
 
@@ -304,18 +314,17 @@ def eliminate(
 def squares(at: Measured, stations: Stations, water: Water, out: FloatArray) -> None:
     """Set the weighted squares (k,) of the images of points, infinite behind a camera: `ground.point_squares`."""
     points, m = at.photo.shape
-    gap, v, by_camera, by_ground = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    gap, v, by, M = np.empty(3), np.empty(3), np.empty((2, 3, 3)), stations.M
     for p in range(points):
         total = 0.0
         for k in range(m):
             n = at.photo[p, k]
-            M = stations.M[n]
-            _vector(p, k, at, stations, water, gap, v, by_camera, by_ground)
-            if not M[2, 0] * gap[0] + M[2, 1] * gap[1] + M[2, 2] * gap[2] < 0.0:
+            _vector(p, k, at, stations, water, gap, v, by)
+            if not M[n, 2, 0] * gap[0] + M[n, 2, 1] * gap[1] + M[n, 2, 2] * gap[2] < 0.0:
                 total = np.inf
-            S = M[2, 0] * v[0] + M[2, 1] * v[1] + M[2, 2] * v[2]
+            scale = -stations.focal_length[n] / (M[n, 2, 0] * v[0] + M[n, 2, 1] * v[1] + M[n, 2, 2] * v[2])
             for c in range(2):
-                image = -stations.focal_length[n] * (M[c, 0] * v[0] + M[c, 1] * v[1] + M[c, 2] * v[2]) / S
+                image = scale * (M[n, c, 0] * v[0] + M[n, c, 1] * v[1] + M[n, c, 2] * v[2])
                 off = image + stations.principal_point[n, c] - at.xy[p, k, c]
                 total += off * off * at.weight[p, k, c]
         out[p] = total if total < np.inf else np.inf

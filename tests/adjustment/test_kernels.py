@@ -1,0 +1,145 @@
+"""Compiled kernels beside their numpy twins: the same normal equations, the same steps, the same listings."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from musatpy import read_deck
+from musatpy.adjustment import kernels
+from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.job import prepared
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.unknowns import State
+from musatpy.cli.main import main as musat
+from musatpy.errors import AdjustmentError
+from musatpy.model import Options, Program, Refraction, WaterLevel
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+DECKS = ("st_thomas/st_thomas.crd", "cayman/cayman_modified.crd", "verdict/iia_same_deck.crd")
+BOTH = (kernels.NUMPY, kernels.NUMBA)
+
+
+@cache
+def job(deck: str) -> tuple[Network, State, Options]:
+    """Return the network of a deck with its submerged points wet, at first values."""
+    block = read_deck(FIXTURES / deck)
+    parts, state = prepared(block, None)
+    wet = block.points.bathymetric[block.plates.point]
+    return parts.network.with_plates(parts.network.xy, wet), state, block.options
+
+
+def linearised(
+    monkeypatch: pytest.MonkeyPatch, kind: str, network: Network, state: State, options: Options
+) -> tuple[Linearisation, State]:
+    """Return the linearisation of a state by kernels of a kind, and the state after its step."""
+    monkeypatch.setenv(kernels.VARIABLE, kind)
+    problem = Simultaneous(network=network, options=options)
+    line = problem.linearise(problem.with_squares(state))
+    step = np.linspace(-1e-3, 1e-3, len(line.rhs)) * 1e-3
+    return line, problem.apply(state, step, line.context)
+
+
+def assert_like(a: np.ndarray, b: np.ndarray, share: float = 1e-12) -> None:
+    """Elements differ by no more than a share of the largest: sums in another order."""
+    np.testing.assert_allclose(a, b, rtol=0.0, atol=share * np.abs(b[np.isfinite(b)]).max(initial=0.0))
+
+
+@pytest.mark.parametrize("deck", DECKS)
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 30.0), spread=st.floats(1.0, 30.0))
+def test_both_have_the_same_normal_equations(deck: str, seed: int, shift: float, spread: float) -> None:
+    """Stations and points off by metres, weights apart by their squares, some known components held."""
+    network, state, options = job(deck)
+    draws = np.random.default_rng(seed)
+    weight = network.weight * draws.uniform(1.0, spread, network.weight.shape)
+    held = network.priors.held | (network.priors.known & (draws.uniform(size=network.priors.known.shape) < 0.3))
+    network = replace(network, weight=weight, priors=replace(network.priors, held=held))
+    state = replace(
+        state,
+        position=state.position + shift * draws.normal(size=state.position.shape),
+        attitude=state.attitude + 1e-3 * draws.normal(size=state.attitude.shape),
+        ground=state.ground + 0.1 * shift * draws.normal(size=state.ground.shape),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        (a, after_a), (b, after_b) = (linearised(patch, kind, network, state, options) for kind in BOTH)
+    scale = 1.0 / np.sqrt(b.matrix.diagonal())
+    assert_like(a.matrix.scaled(scale).blocks, b.matrix.scaled(scale).blocks, 1e-11)
+    assert_like(a.rhs * scale, b.rhs * scale, 1e-11)
+    assert a.objective == pytest.approx(b.objective, rel=1e-12)
+    assert a.of_points == pytest.approx(b.of_points, rel=1e-9)  # a difference of nearly equal numbers at the best
+    assert_like(after_a.ground, after_b.ground)
+    assert_like(after_a.squares, after_b.squares, 1e-9)
+
+
+def test_points_that_depend_on_unknown_water_go_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of dry rays alone do not; both have the same normal equations with the border."""
+    block = read_deck(FIXTURES / DECKS[0])
+    unknown = {"program": Program.IIIA, "refraction": Refraction.RIGOROUS, "water_level": WaterLevel.ONE}
+    block = replace(block, options=replace(block.options, **unknown))
+    parts, state = prepared(block, None)
+    wet = block.points.bathymetric[block.plates.point]
+    network = parts.network.with_plates(parts.network.xy, wet)
+    (a, _), (b, _) = (linearised(monkeypatch, kind, network, state, block.options) for kind in BOTH)
+    assert a.matrix.border.shape[1] > 0 and np.abs(b.matrix.border).max() > 0.0
+    for name in ("blocks", "border", "corner"):
+        assert_like(getattr(a.matrix, name), getattr(b.matrix, name), 1e-11)
+    compiled = Simultaneous(network=network, options=block.options)._compiled
+    assert compiled is not None
+    by_numpy = np.concatenate([group.point for group in compiled.others])
+    sees_water = np.zeros(network.points, dtype=bool)
+    sees_water[network.point[wet]] = True
+    assert sees_water[by_numpy].sum() == sees_water.sum() and 0 < len(by_numpy) < network.points
+
+
+def test_a_point_behind_a_camera_has_no_squares(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, state, options = job(DECKS[2])
+    ground = state.ground.copy()
+    ground[3] += 2.0 * (state.position[0] - ground[3])
+    for kind in BOTH:
+        monkeypatch.setenv(kernels.VARIABLE, kind)
+        squares = Simultaneous(network=network, options=options).with_squares(replace(state, ground=ground)).squares
+        assert np.flatnonzero(np.isinf(squares)).tolist() == [3]
+
+
+@pytest.mark.parametrize("deck", DECKS)
+def test_listings_are_the_same_byte_by_byte(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, deck: str) -> None:
+    text = (FIXTURES / deck).read_text()
+    for old in ("IIA  GEOG WATPT   ", "IIA  LOCL WATPT   ", "IIA  GEOG RIGOROUS"):
+        text = text.replace(f"OPT {old}", f"OPT IIIA{old[4:9]} RIGOROUS")
+    source = tmp_path / "job.crd"
+    source.write_text(text)
+    for kind in BOTH:
+        monkeypatch.setenv(kernels.VARIABLE, kind)
+        assert CliRunner().invoke(musat, ["run", "-q", str(source), "-o", str(tmp_path / kind)]).exit_code == 0
+    a, b = ((tmp_path / kind / "job.lst").read_bytes() for kind in BOTH)
+    assert a == b
+
+
+def test_small_blocks_do_without_numba(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(kernels.VARIABLE, raising=False)
+    monkeypatch.setattr(kernels, "_COMPILED", "not_loaded_yet")
+    assert kernels.compiled_points(kernels.LARGE) is None
+
+
+def test_what_is_asked_for_and_not_there_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(kernels.VARIABLE, "fortran")
+    with pytest.raises(AdjustmentError, match="'fortran': it is numpy or numba"):
+        kernels.compiled_points(1)
+    kernels._loaded.cache_clear()
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
+    with pytest.raises(AdjustmentError, match=r"pip install 'musatpy\[fast\]'"):
+        kernels.compiled_points(1)
+    monkeypatch.delenv(kernels.VARIABLE)
+    assert kernels.compiled_points(10_000) is None
+    kernels._loaded.cache_clear()
