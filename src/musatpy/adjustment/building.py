@@ -76,6 +76,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
             len(photos.ids),
             7 if water.per_photo else 6,
             [*together, *(of.photo for of in measured.values() if of.photo.shape[1] > 1)],
+            position if np.isfinite(position).all() else None,
         ),
     )
 

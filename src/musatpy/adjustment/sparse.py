@@ -1,56 +1,22 @@
-"""Sparse symmetric systems of square blocks: ordering, Cholesky factor, solution and selected inverse.
+"""Sparse symmetric systems of square blocks: Cholesky factor, solution and selected inverse.
 
-Two blocks (photos) meet in the normal matrix where an observation has both. Nested dissection splits the graph of
-blocks by a set of blocks that separates two parts, and each part again; the matrix is factorised front by front,
-from the leaves of that tree to its root, each front a small dense matrix (the multifrontal method of Duff and
-Reid, 1983). The elements of the inverse inside the pattern follow from root to leaves without any others (Takahashi
-1973). No matrix of the size of the system is ever formed.
+Two blocks (photos) meet in the normal matrix where an observation has both. The matrix is factorised front by
+front, from the leaves of a nested dissection to its root, each front a small dense matrix (the multifrontal method
+of Duff and Reid, 1983), of which LAPACK works at the lower half. The elements of the inverse inside the pattern
+follow from root to leaves without any others (Takahashi 1973). No matrix of the size of the system is ever formed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg import blas, lapack
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
-
-_LEAF = 16  # blocks: a front of this size is cheaper than another split
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Graph:
-    """Neighbours of v blocks, without themselves: those of i are `neighbours[start[i]:start[i + 1]]`."""
-
-    start: IntArray  # (v + 1,)
-    neighbours: IntArray
-
-    def around(self, blocks: IntArray) -> IntArray:
-        """Return the neighbours of all of `blocks`, with repetitions."""
-        first, last = self.start[blocks], self.start[blocks + 1]
-        size = last - first
-        if size.sum() == 0:
-            return np.empty(0, dtype=np.int64)
-        offset = np.repeat(first - np.concatenate([[0], np.cumsum(size)[:-1]]), size)
-        return self.neighbours[offset + np.arange(size.sum())]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Front:
-    """One dense front: its own blocks are eliminated, the boundary goes on to the parent. In elimination order."""
-
-    own: IntArray  # blocks
-    boundary: IntArray  # blocks of ancestors, ascending by elimination
-    children: tuple[int, ...]
-    parent: int  # -1 for a root
-
-    @property
-    def blocks(self) -> IntArray:
-        """Own blocks and boundary."""
-        return np.concatenate([self.own, self.boundary])
+from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_of
+from musatpy.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,9 +46,10 @@ class Pattern:
     count: int  # v
     size: int
     pairs: IntArray  # (e, 2), ascending by i and j, every (i, i) among them
+    place: FloatArray | None = None  # (v, 3) of the blocks, where who meets whom goes by places
 
     @classmethod
-    def of(cls, count: int, size: int, cliques: Iterable[IntArray]) -> Pattern:
+    def of(cls, count: int, size: int, cliques: Iterable[IntArray], place: FloatArray | None = None) -> Pattern:
         """Return the pattern in which the blocks of each row of the arrays `cliques` (k, m) meet one another."""
         keys = [np.arange(count) * (count + 1)]
         for clique in cliques:
@@ -90,7 +57,7 @@ class Pattern:
             low, high = np.minimum(clique[:, i], clique[:, j]), np.maximum(clique[:, i], clique[:, j])
             keys.append(np.unique(low * count + high))
         key = np.unique(np.concatenate(keys))
-        return cls(count=count, size=size, pairs=np.stack(np.divmod(key, count), axis=1))
+        return cls(count=count, size=size, pairs=np.stack(np.divmod(key, count), axis=1), place=place)
 
     @property
     def order(self) -> int:
@@ -148,105 +115,79 @@ class Pattern:
     @cached_property
     def fronts(self) -> tuple[Front, ...]:
         """The fronts in the order of elimination, children before parents."""
-        return _symbolic(self.graph, dissect(self.graph, np.arange(self.count)))
+        if self.place is None:
+            return fronts_of(self.graph, dissect(self.graph, np.arange(self.count)))
+        return fronts_of(self.graph, dissect_by_place(self.graph, self.place))
 
     @cached_property
-    def assembly(self) -> tuple[tuple[IntArray, IntArray, IntArray], ...]:
-        """For every front: rows of `pairs` that enter there, and their block row and column in the front."""
-        owner = np.empty(self.count, dtype=np.int64)
-        for number, front in enumerate(self.fronts):
-            owner[front.own] = number
-        where = np.minimum(owner[self.pairs[:, 0]], owner[self.pairs[:, 1]])
-        order = np.argsort(where, kind="stable")
-        cut = np.searchsorted(where[order], np.arange(len(self.fronts) + 1))
-        place = np.empty(self.count, dtype=np.int64)
-        parts = []
-        for number, front in enumerate(self.fronts):
-            entries = order[cut[number] : cut[number + 1]]
-            place[front.blocks] = np.arange(len(front.blocks))
-            parts.append((entries, place[self.pairs[entries, 0]], place[self.pairs[entries, 1]]))
-        return tuple(parts)
+    def plan(self) -> tuple[FrontPlan, ...]:
+        """What every front takes from where, and where its unknowns are in the order of elimination."""
+        return tuple(_plans(self))
+
+    @cached_property
+    def eliminated(self) -> IntArray:
+        """(v size,) the unknowns in the order of their elimination."""
+        return _expand(np.concatenate([front.own for front in self.fronts]), self.size)
 
 
-@dataclass
-class _Tree:
-    """A set of blocks to eliminate after those of its parts."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrontPlan:
+    """A front of some blocks, and which entries of the matrix enter it; `own` is the count of its own unknowns.
 
-    own: IntArray
-    parts: list[_Tree] = field(default_factory=list)
+    entries (r,) rows of the pairs, at block rows and columns of the lower half, `turned` those on the other side.
+    Of each child its number, and the runs of its boundary in the unknowns of this front: first and last there, and
+    where they begin here. start: of the own unknowns in the order of elimination, boundary: the others in it.
+    """
 
-
-def dissect(graph: Graph, blocks: IntArray) -> list[_Tree]:
-    """Return the trees of a nested dissection of `blocks`, one for each connected component."""
-    trees, inside = [], np.zeros(len(graph.start) - 1, dtype=bool)
-    inside[blocks] = True
-    left = inside.copy()
-    while left.any():
-        component = np.concatenate(_levels(graph, int(left.argmax()), inside))
-        left[component] = False
-        trees.append(_split(graph, component))
-    return trees
-
-
-def _split(graph: Graph, component: IntArray) -> _Tree:
-    if len(component) <= _LEAF:
-        return _Tree(own=np.sort(component))
-    inside = np.zeros(len(graph.start) - 1, dtype=bool)
-    inside[component] = True
-    # twice to the farthest block: the levels of a long component are then its narrow cross sections
-    levels = _levels(graph, int(component[0]), inside)
-    for _ in range(2):
-        levels = _levels(graph, int(levels[-1][0]), inside)
-    if len(levels) < 3:
-        return _Tree(own=np.sort(component))
-    sizes = np.cumsum([len(level) for level in levels])
-    middle = int(np.clip(np.searchsorted(sizes, len(component) // 2), 1, len(levels) - 2))
-    separator = levels[middle]
-    before = dissect(graph, np.concatenate(levels[:middle]))
-    after = dissect(graph, np.concatenate(levels[middle + 1 :]))
-    return _Tree(own=np.sort(separator), parts=before + after)
+    own: int
+    blocks: int
+    entries: IntArray
+    row: IntArray
+    column: IntArray
+    turned: IntArray
+    children: tuple[tuple[int, tuple[tuple[int, int, int], ...]], ...]
+    parent: int
+    start: int
+    boundary: IntArray
 
 
-def _levels(graph: Graph, start: int, inside: BoolArray) -> list[IntArray]:
-    """Return the blocks reached from `start` within `inside`, by their distance."""
-    reached = ~inside
-    reached[start] = True
-    levels = [np.array([start])]
-    while levels[-1].size:
-        around = graph.around(levels[-1])
-        around = np.unique(around[~reached[around]])
-        reached[around] = True
-        levels.append(around)
-    return levels[:-1]
+def _plans(pattern: Pattern) -> Iterator[FrontPlan]:
+    size, fronts = pattern.size, pattern.fronts
+    owner, rank = np.empty((2, pattern.count), dtype=np.int64)
+    for number, front in enumerate(fronts):
+        owner[front.own] = number
+    rank[np.concatenate([front.own for front in fronts])] = np.arange(pattern.count)
+    where = np.minimum(owner[pattern.pairs[:, 0]], owner[pattern.pairs[:, 1]])
+    order = np.argsort(where, kind="stable")
+    cut = np.searchsorted(where[order], np.arange(len(fronts) + 1))
+    place, start = np.empty(pattern.count, dtype=np.int64), 0
+    for number, front in enumerate(fronts):
+        place[front.blocks] = np.arange(len(front.blocks))
+        entries = order[cut[number] : cut[number + 1]]
+        i, j = place[pattern.pairs[entries]].T
+        children = ((child, _runs(place[fronts[child].boundary], size)) for child in front.children)
+        yield FrontPlan(
+            own=len(front.own) * size,
+            blocks=len(front.blocks),
+            entries=entries,
+            row=np.maximum(i, j),
+            column=np.minimum(i, j),
+            turned=np.flatnonzero(i > j),
+            children=tuple(children),
+            parent=front.parent,
+            start=start,
+            boundary=_expand(rank[front.boundary], size),
+        )
+        start += len(front.own) * size
 
 
-def _symbolic(graph: Graph, trees: list[_Tree]) -> tuple[Front, ...]:
-    """Return the fronts of the trees in postorder, with their boundaries."""
-    nodes: list[tuple[_Tree, list[int]]] = []
-
-    def number(tree: _Tree) -> int:
-        children = [number(part) for part in tree.parts]
-        nodes.append((tree, children))
-        return len(nodes) - 1
-
-    for tree in trees:
-        number(tree)
-    rank = np.empty(len(graph.start) - 1, dtype=np.int64)
-    counted = 0
-    for tree, _ in nodes:
-        rank[tree.own] = counted + np.arange(len(tree.own))
-        counted += len(tree.own)
-    boundaries: list[IntArray] = []
-    parents = np.full(len(nodes), -1)
-    for index, (tree, children) in enumerate(nodes):
-        met = np.unique(np.concatenate([graph.around(tree.own), *(boundaries[child] for child in children)]))
-        met = met[rank[met] > rank[tree.own[-1]]]
-        boundaries.append(met[np.argsort(rank[met])])
-        parents[children] = index
-    return tuple(
-        Front(own=tree.own, boundary=boundaries[i], children=tuple(children), parent=int(parents[i]))
-        for i, (tree, children) in enumerate(nodes)
-    )
+def _runs(place: IntArray, size: int) -> tuple[tuple[int, int, int], ...]:
+    """Return the runs of places that follow one another: first, last, and the first place, in unknowns."""
+    if not len(place):
+        return ()
+    cut = np.flatnonzero(np.diff(place) != 1) + 1
+    first, last = np.concatenate([[0], cut]), np.concatenate([cut, [len(place)]])
+    return tuple(zip((first * size).tolist(), (last * size).tolist(), (place[first] * size).tolist(), strict=True))
 
 
 class NotPositiveDefiniteError(Exception):
@@ -259,7 +200,7 @@ class NotPositiveDefiniteError(Exception):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SparseFactor:
-    """Cholesky factor, front by front: L11 of the own unknowns, L21 of the boundary's."""
+    """Cholesky factor, front by front: L11 of the own unknowns, in its lower half, L21 of the boundary's."""
 
     pattern: Pattern
     own: tuple[FloatArray, ...]
@@ -267,50 +208,61 @@ class SparseFactor:
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Return N^-1 rhs, (v * size,) or (v * size, r)."""
-        x = np.array(rhs, dtype=float)
-        size, fronts = self.pattern.size, self.pattern.fronts
-        unknowns = [(_expand(front.own, size), _expand(front.boundary, size)) for front in fronts]
-        for (own, boundary), L11, L21 in zip(unknowns, self.own, self.below, strict=True):
-            x[own] = solve_triangular(L11, x[own], lower=True, check_finite=False)
-            x[boundary] -= L21 @ x[own]
-        for (own, boundary), L11, L21 in zip(unknowns[::-1], self.own[::-1], self.below[::-1], strict=True):
-            x[own] -= L21.T @ x[boundary]
-            x[own] = solve_triangular(L11, x[own], lower=True, trans=1, check_finite=False)
-        return x
+        pattern = self.pattern
+        x = np.asarray(rhs, dtype=float)[pattern.eliminated]
+        fronts = list(zip(pattern.plan, self.own, self.below, strict=True))
+        for plan, L11, L21 in fronts:
+            own = slice(plan.start, plan.start + plan.own)
+            x[own] = lapack.dtrtrs(L11, x[own], lower=1)[0]
+            if len(L21):
+                x[plan.boundary] -= L21 @ x[own]
+        for plan, L11, L21 in fronts[::-1]:
+            own = slice(plan.start, plan.start + plan.own)
+            if len(L21):
+                x[own] -= L21.T @ x[plan.boundary]
+            x[own] = lapack.dtrtrs(L11, x[own], lower=1, trans=1)[0]
+        out = np.empty_like(x)
+        out[pattern.eliminated] = x
+        return out
 
     def selected_inverse(self) -> FloatArray:
         """Return the blocks (e, size, size) of N^-1 of all pairs of the pattern."""
         pattern, size = self.pattern, self.pattern.size
         out = np.empty((len(pattern.pairs), size, size))
         whole: dict[int, FloatArray] = {}  # inverse of the fronts whose children still need it
-        waiting = {i: len(front.children) for i, front in enumerate(pattern.fronts)}
-        place = np.empty(pattern.count, dtype=np.int64)
-        for i in range(len(pattern.fronts) - 1, -1, -1):
-            front, L11, L21 = pattern.fronts[i], self.own[i], self.below[i]
-            p = len(L11)
-            Z = np.empty((p + len(L21), p + len(L21)))
-            inverse = solve_triangular(L11, np.eye(p), lower=True, check_finite=False)
-            if len(L21):
-                parent = pattern.fronts[front.parent]
-                place[parent.blocks] = np.arange(len(parent.blocks))
-                rows = _expand(place[front.boundary], size)
-                Z[p:, p:] = whole[front.parent][np.ix_(rows, rows)]
-                G = L21 @ inverse
-                Z[p:, :p] = -Z[p:, p:] @ G
-                Z[:p, p:] = Z[p:, :p].T
-                Z[:p, :p] = inverse.T @ inverse - G.T @ Z[p:, :p]
-            else:
-                Z[:] = inverse.T @ inverse
-            if front.parent >= 0:
-                waiting[front.parent] -= 1
-                if waiting[front.parent] == 0:
-                    del whole[front.parent]
-            if front.children:
+        waiting = [len(plan.children) for plan in pattern.plan]
+        for i in range(len(pattern.plan) - 1, -1, -1):
+            plan = pattern.plan[i]
+            above = None if plan.parent < 0 else whole[plan.parent]
+            Z = self._inverse(i, above)
+            if above is not None:
+                waiting[plan.parent] -= 1
+                if waiting[plan.parent] == 0:
+                    del whole[plan.parent]
+            if plan.children:
                 whole[i] = Z
-            entries, row, column = pattern.assembly[i]
-            blocks = Z.reshape(len(Z) // size, size, len(Z) // size, size)
-            out[entries] = blocks[row, :, column, :]
+            blocks = Z.reshape(plan.blocks, size, plan.blocks, size)[plan.row, :, plan.column, :]
+            out[plan.entries] = np.swapaxes(blocks, 1, 2)  # of the upper half, as pairs are
+            out[plan.entries[plan.turned]] = blocks[plan.turned]
         return out
+
+    def _inverse(self, i: int, above: FloatArray | None) -> FloatArray:
+        """Return the inverse (b size, b size) of front i, given that of its parent."""
+        plan, L21 = self.pattern.plan[i], self.below[i]
+        inverse = np.tril(lapack.dtrtri(self.own[i], lower=1)[0])
+        if above is None or not len(L21):
+            return np.asarray(inverse.T @ inverse)
+        p = plan.own
+        Z = np.empty((p + len(L21), p + len(L21)))
+        runs = dict(self.pattern.plan[plan.parent].children)[i]
+        for first, last, at in runs:
+            for start, end, to in runs:
+                Z[p + first : p + last, p + start : p + end] = above[at : at + last - first, to : to + end - start]
+        G = L21 @ inverse
+        Z[p:, :p] = -Z[p:, p:] @ G
+        Z[:p, p:] = Z[p:, :p].T
+        Z[:p, :p] = inverse.T @ inverse - G.T @ Z[p:, :p]
+        return Z
 
 
 def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
@@ -318,33 +270,37 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
 
     Raises `NotPositiveDefiniteError`.
     """
-    size = pattern.size
     diagonal: list[FloatArray] = []
     below: list[FloatArray] = []
     updates: dict[int, FloatArray] = {}
-    place = np.empty(pattern.count, dtype=np.int64)
-    for i, front in enumerate(pattern.fronts):
-        b = len(front.blocks)
-        F = np.zeros((b * size, b * size))
-        entries, row, column = pattern.assembly[i]
-        blocks = F.reshape(b, size, b, size)
-        blocks[row, :, column, :] = values[entries]
-        blocks[column, :, row, :] = np.swapaxes(values[entries], 1, 2)
-        place[front.blocks] = np.arange(b)
-        for child in front.children:
-            rows = _expand(place[pattern.fronts[child].boundary], size)
-            F[np.ix_(rows, rows)] += updates.pop(child)
-        p = len(front.own) * size
-        try:
-            L11 = cholesky(F[:p, :p], lower=True, check_finite=False)
-        except LinAlgError as error:
-            raise NotPositiveDefiniteError(front.own) from error
-        L21 = solve_triangular(L11, F[:p, p:], lower=True, check_finite=False).T
+    for i, plan in enumerate(pattern.plan):
+        F = _assembled(plan, pattern.size, values, updates).T  # in the order of FORTRAN, its lower half
+        p = plan.own
+        L11, failed = lapack.dpotrf(F[:p, :p], lower=1, clean=0)
+        if failed:
+            raise NotPositiveDefiniteError(pattern.fronts[i].own)
         diagonal.append(L11)
-        below.append(np.ascontiguousarray(L21))
+        L21 = blas.dtrsm(1.0, L11, F[p:, :p], side=1, lower=1, trans_a=1) if len(F) > p else np.zeros((0, p))
+        below.append(L21)
         if len(L21):
-            updates[i] = F[p:, p:] - L21 @ L21.T
+            updates[i] = blas.dsyrk(-1.0, L21, beta=1.0, c=F[p:, p:], lower=1).T
     return SparseFactor(pattern=pattern, own=tuple(diagonal), below=tuple(below))
+
+
+def _assembled(plan: FrontPlan, size: int, values: FloatArray, updates: dict[int, FloatArray]) -> FloatArray:
+    """Return the upper half of a front (b size, b size), what its children leave added."""
+    U = np.zeros((plan.blocks * size, plan.blocks * size))
+    entering = values[plan.entries]
+    entering[plan.turned] = np.swapaxes(entering[plan.turned], 1, 2)
+    U.reshape(plan.blocks, size, plan.blocks, size)[plan.column, :, plan.row, :] = entering
+    for child, runs in plan.children:
+        if not runs:
+            continue
+        update = updates.pop(child)
+        for number, (first, last, at) in enumerate(runs):
+            for start, end, to in runs[number:]:
+                U[at : at + last - first, to : to + end - start] += update[first:last, start:end]
+    return U
 
 
 def _expand(blocks: IntArray, size: int) -> IntArray:
