@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -9,9 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.collinear import Follow
+from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.ground import RIDGE, prior_rows
+from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.normals import Cofactors, NormalEquations
+from musatpy.adjustment.reliability import Part
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -63,13 +67,33 @@ class _Images:
         )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spread:
+    """Cofactors of the k points of a group (k, 3, 3) along east, north, up, and those of their images."""
+
+    group: PointGroup
+    points: FloatArray
+    images: Part
+
+
+def _beside_one_another(network: Network, group: PointGroup) -> PointGroup:
+    """Return a group in the order of the first photos of its points: what they add to stays in the cache."""
+    return group.part(np.argsort(network.photo[group.rays[:, 0]], kind="stable"))
+
+
 class CompiledPoints:
     """The points of a network that compiled kernels eliminate, and the `others`."""
+
+    @classmethod
+    def of(cls, network: Network) -> CompiledPoints | None:
+        """Return the points of a network, None where numpy does all."""
+        kernels = compiled_points(network.photos)
+        return None if kernels is None else cls(kernels, network)
 
     def __init__(self, kernels: ModuleType, network: Network) -> None:
         plain, self.others = split(network)
         self._kernels, self._network = kernels, network
-        self._images = [_Images.of(network, group) for group in plain]
+        self._images = [_Images.of(network, _beside_one_another(network, group)) for group in plain]
 
     def add_eliminated(self, state: State, normals: NormalEquations) -> tuple[list[Follow], float]:
         """Add the points to the normal equations; return how they follow a step, and r' N_pp^-1 r of all."""
@@ -109,6 +133,46 @@ class CompiledPoints:
                 priors = prior_rows(self._network, state, point, ground)
                 out += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
             squares[point] = out
+
+    @property
+    def known(self) -> tuple[PointGroup, ...]:
+        """The groups of points of which something is known."""
+        return tuple(images.group for images in self._images if images.group.known)
+
+    def spread(
+        self, state: State, cofactors: Cofactors, residual: FloatArray, diagonal: Diagonal
+    ) -> Iterator[Spread]:
+        """Yield how errors spread to the points of which nothing is known, and to their images; add to `diagonal`.
+
+        `residual` (all measurements, 2) mm.
+        """
+        network, stations = self._network, self._stations(state)
+        for images in self._images:
+            if images.group.known:
+                continue
+            (k, m), ground = images.photo.shape, state.ground[images.group.point]
+            out = self._kernels.Spread(
+                point=np.empty((k, 3, 3)),
+                image=np.empty((k, m, 2)),
+                covariance=np.empty((k, m, 2, 3)),
+                diagonal=diagonal.stations,
+            )
+            inverse = self._kernels.Inverse(slot=images.slot, blocks=cofactors.blocks)
+            at, water = self._at(images, ground), self._water(state, images, ground)
+            self._kernels.spread(at, stations, water, RIDGE, inverse, out)
+            axes = network.frame.axes(ground)
+            rays = np.repeat(images.group.rays[..., None], 2, axis=2)
+            covariance = out.covariance.reshape(k, 2 * m, 3) @ np.swapaxes(axes, 1, 2)
+            part = Part(
+                kind=ObservationKind.PLATE,
+                row=rays.reshape(-1),
+                component=np.broadcast_to(np.arange(2), rays.shape).reshape(-1),
+                residual=residual[images.group.rays].reshape(-1),
+                weight=images.weight.reshape(-1),
+                cofactor=out.image.reshape(-1),
+                covariance=covariance.reshape(-1, 3),
+            )
+            yield Spread(group=images.group, points=axes @ out.point @ np.swapaxes(axes, 1, 2), images=part)
 
     def _at(self, images: _Images, ground: FloatArray) -> points.Measured:
         at: points.Measured = self._kernels.Measured(

@@ -31,7 +31,7 @@ class PointGroup:
     kept: bool = False  # the points are not eliminated: their coordinates stand in the border
     known: bool = False  # something is known of the points beforehand, or they are tied to others
 
-    def part(self, rows: slice | BoolArray) -> Self:
+    def part(self, rows: slice | BoolArray | IntArray) -> Self:
         """Return some of the points."""
         return replace(self, point=self.point[rows], rays=self.rays[rows])
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment import reliability
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
@@ -192,7 +193,15 @@ def _spread(errors: _Errors, block: Block, part: Participation, residual: FloatA
     points = np.full((network.points, 3, 3), np.nan)
     parts, diagonal = list(reliability.direct(network, state, cofactors)), Diagonal(network)
     diagonal.add_direct(network, state)
-    for group in network.groups:
+    groups, compiled = network.groups, None
+    if errors.inner is None and not errors.of_parameters:
+        compiled = CompiledPoints.of(network)
+    if compiled is not None:
+        groups = (*compiled.known, *compiled.others)
+        for spread in compiled.spread(state, cofactors, residual, diagonal):
+            points[spread.group.point] = spread.points
+            parts.append(spread.images)
+    for group in groups:
         for rows, piece in _pieces(errors, group):
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
             parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]

@@ -17,7 +17,6 @@ from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
-from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
@@ -42,8 +41,7 @@ class Simultaneous:
     @cached_property
     def _compiled(self) -> CompiledPoints | None:
         """The points that compiled kernels eliminate, None where numpy does all."""
-        kernels = compiled_points(self.network.photos)
-        return None if kernels is None else CompiledPoints(kernels, self.network)
+        return CompiledPoints.of(self.network)
 
     @property
     def _others(self) -> tuple[PointGroup, ...]:

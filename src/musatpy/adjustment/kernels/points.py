@@ -65,6 +65,22 @@ class Sums(NamedTuple):
     rhs: FloatArray  # (n, q)
 
 
+class Inverse(NamedTuple):
+    """Elements of the inverse of the normal equations of stations, those of `Sums`."""
+
+    slot: IntArray  # (k, m (m + 1) / 2)
+    blocks: FloatArray  # (e, q, q)
+
+
+class Spread(NamedTuple):
+    """How errors spread to k points and their images."""
+
+    point: FloatArray  # (k, 3, 3) cofactors of the points, working axes
+    image: FloatArray  # (k, m, 2) cofactors of the adjusted images
+    covariance: FloatArray  # (k, m, 2, 3) of the positions and the adjusted images
+    diagonal: FloatArray  # (n, q) of the normal equations before points are eliminated, to which is added
+
+
 class Eliminated(NamedTuple):
     """How k points follow a step of their stations: dX = shift - by_station ds, along their axes."""
 
@@ -251,11 +267,12 @@ def _point_normals(
 
 @compiled
 def _add(
-    p: int, photo: IntArray, A: FloatArray, residual: FloatArray, W: FloatArray, sums: Sums, out: Eliminated
-) -> None:
+    p: int, photo: IntArray, A: FloatArray, residual: FloatArray, W: FloatArray, F: FloatArray, sums: Sums,
+    out: Eliminated,
+) -> None:  # fmt: skip
     """Add a point to the reduced normal equations of its stations: `collinear.reduced`."""
     m, pair = photo.shape[1], 0
-    blocks, F = sums.blocks, out.by_station
+    blocks = sums.blocks
     x, y, z = out.shift[p, 0], out.shift[p, 1], out.shift[p, 2]
     for k in range(m):
         n = photo[p, k]
@@ -268,7 +285,7 @@ def _add(
             for a in range(_Q):
                 w0, w1, w2 = W[k, a, 0], W[k, a, 1], W[k, a, 2]
                 for b in range(_Q):
-                    blocks[e, a, b] -= w0 * F[p, 0, other, b] + w1 * F[p, 1, other, b] + w2 * F[p, 2, other, b]
+                    blocks[e, a, b] -= w0 * F[other, 0, b] + w1 * F[other, 1, b] + w2 * F[other, 2, b]
         e = sums.slot[p, pair - m + k]
         for a in range(_Q):
             for b in range(_Q):
@@ -286,7 +303,7 @@ def eliminate(
     """
     points, m = at.photo.shape
     A, B, residual = np.empty((m, 2, _Q)), np.empty((m, 2, 3)), np.empty((m, 2))
-    W, room = np.empty((m, _Q, 3)), np.empty((3, 3, 3))
+    W, F, room = np.empty((m, _Q, 3)), np.empty((m, 3, _Q)), np.empty((3, 3, 3))
     N, b, L, inverse = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     gain = 0.0
     for p in range(points):
@@ -298,16 +315,103 @@ def eliminate(
         for i in range(3):
             out.shift[p, i] = inverse[i, 0] * b[0] + inverse[i, 1] * b[1] + inverse[i, 2] * b[2]
             gain += b[i] * out.shift[p, i]
+        _crossed(m, A, B, W)
+        _followed(m, W, inverse, F)
         for k in range(m):
-            for a in range(_Q):
-                for i in range(3):
-                    W[k, a, i] = A[k, 0, a] * B[k, 0, i] + A[k, 1, a] * B[k, 1, i]
-                for i in range(3):
-                    out.by_station[p, i, k, a] = (
-                        inverse[i, 0] * W[k, a, 0] + inverse[i, 1] * W[k, a, 1] + inverse[i, 2] * W[k, a, 2]
-                    )
-        _add(p, at.photo, A, residual, W, sums, out)
+            for i in range(3):
+                for a in range(_Q):
+                    out.by_station[p, i, k, a] = F[k, i, a]
+        _add(p, at.photo, A, residual, W, F, sums, out)
     return gain
+
+
+@compiled
+def _followed(m: int, W: FloatArray, inverse: FloatArray, F: FloatArray) -> None:
+    """Set F (m, 3, 6) = N_pp^-1 N_ps of a point: `collinear.eliminate`."""
+    for k in range(m):
+        for i in range(3):
+            for a in range(_Q):
+                F[k, i, a] = inverse[i, 0] * W[k, a, 0] + inverse[i, 1] * W[k, a, 1] + inverse[i, 2] * W[k, a, 2]
+
+
+@compiled
+def _crossed(m: int, A: FloatArray, B: FloatArray, W: FloatArray) -> None:
+    """Set W (m, 6, 3) = N_sp of a point."""
+    for k in range(m):
+        for a in range(_Q):
+            for i in range(3):
+                W[k, a, i] = A[k, 0, a] * B[k, 0, i] + A[k, 1, a] * B[k, 1, i]
+
+
+@compiled
+def _of_stations(p: int, m: int, F: FloatArray, inverse: Inverse, G: FloatArray) -> None:
+    """Set G (m, 3, 6) = F Q_ss of the stations of a point."""
+    G[:] = 0.0
+    pair, Q = 0, inverse.blocks
+    for k in range(m):
+        for other in range(k, m):
+            e = inverse.slot[p, pair]
+            pair += 1
+            for i in range(3):
+                for a in range(_Q):
+                    for b in range(_Q):
+                        G[other, i, b] += F[k, i, a] * Q[e, a, b]
+                        if other > k:
+                            G[k, i, a] += F[other, i, b] * Q[e, a, b]
+
+
+@compiled
+def spread(at: Measured, stations: Stations, water: Water, ridge: float, inverse: Inverse, out: Spread) -> None:
+    """Set the cofactors of points of which nothing is known, and of their images.
+
+    `propagation.point_covariances`, Q_xx = N_pp^-1 + F Q_ss F', and `reliability.images`: with partials a by the
+    stations and b by the point, (a - b F) Q_ss (a - b F)' + b N_pp^-1 b' = a Q a' - 2 a Q F' b' + b Q_xx b'.
+    """
+    points, m = at.photo.shape
+    A, B, residual = np.empty((m, 2, _Q)), np.empty((m, 2, 3)), np.empty((m, 2))
+    W, F, G, room = np.empty((m, _Q, 3)), np.empty((m, 3, _Q)), np.empty((m, 3, _Q)), np.empty((3, 3, 3))
+    N, b, L, of_point = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    nothing = Known(np.empty((0, 3, 3)), np.empty((0, 3), np.bool_), np.empty((0, 3)), np.empty((0, 3)))
+    for p in range(points):
+        _images(p, at, stations, water, room, A, B, residual)
+        _point_normals(A, B, residual, p, nothing, ridge, N, b)
+        _inverted(N, L, of_point)
+        _crossed(m, A, B, W)
+        _followed(m, W, of_point, F)
+        _of_stations(p, m, F, inverse, G)
+        for k in range(m):
+            for i in range(3):
+                for j in range(3):
+                    for a in range(_Q):
+                        of_point[i, j] += G[k, i, a] * F[k, j, a]
+        out.point[p] = of_point
+        _set_images(p, at, A, B, G, inverse, out)
+
+
+@compiled
+def _set_images(
+    p: int, at: Measured, A: FloatArray, B: FloatArray, G: FloatArray, inverse: Inverse, out: Spread
+) -> None:
+    """Set the cofactors of the images of a point, and of these with its position."""
+    m, pair = at.photo.shape[1], 0
+    for k in range(m):
+        n, e = at.photo[p, k], inverse.slot[p, pair]
+        pair += m - k
+        for c in range(2):
+            total = 0.0
+            for a in range(_Q):
+                out.diagonal[n, a] += A[k, c, a] * A[k, c, a]
+                for b in range(_Q):
+                    total += A[k, c, a] * inverse.blocks[e, a, b] * A[k, c, b]
+            for i in range(3):
+                by_station, by_point = 0.0, 0.0
+                for a in range(_Q):
+                    by_station += A[k, c, a] * G[k, i, a]
+                for j in range(3):
+                    by_point += B[k, c, j] * out.point[p, j, i]
+                total += B[k, c, i] * (by_point - 2.0 * by_station)
+                out.covariance[p, k, c, i] = (by_point - by_station) / math.sqrt(at.weight[p, k, c])
+            out.image[p, k, c] = total / at.weight[p, k, c]
 
 
 @compiled
