@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,7 @@ from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network, job_frame
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
+from musatpy.cli import run
 from musatpy.cli.main import main as musat
 from musatpy.errors import AdjustmentError
 from musatpy.model import Options, Program, Refraction, WaterLevel
@@ -145,12 +147,37 @@ def test_listings_are_the_same_byte_by_byte(monkeypatch: pytest.MonkeyPatch, tmp
         assert CliRunner().invoke(musat, ["run", "-q", str(source), "-o", str(tmp_path / kind)]).exit_code == 0
     a, b = ((tmp_path / kind / "job.lst").read_bytes() for kind in BOTH)
     assert a == b
+    records = [tmp_path / kind / "job.json" for kind in BOTH]
+    assert [json.loads(path.read_text())["program"]["kernels"] for path in records] == list(BOTH)
+    same = CliRunner().invoke(musat, ["diff", *(str(path) for path in records)]).output
+    assert "kernels" not in same
+
+
+def test_the_summary_names_kernels_that_are_not_the_plain_ones(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for kind, words in (("numpy", ", listing"), ("numba", ", numba kernels, listing")):
+        monkeypatch.setenv(kernels.VARIABLE, kind)
+        output = CliRunner().invoke(musat, ["run", str(FIXTURES / DECKS[0]), "-o", str(tmp_path)]).output
+        assert f"water passes: 4{words}" in output
+
+
+def test_a_large_block_without_numba_says_what_it_would_gain(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(run, "_LARGE", 2)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    output = CliRunner().invoke(musat, ["run", str(FIXTURES / DECKS[0]), "-o", str(tmp_path)]).output
+    assert output.count("pip install 'musatpy[fast]'") == 1
+    monkeypatch.undo()
+    output = CliRunner().invoke(musat, ["run", str(FIXTURES / DECKS[0]), "-o", str(tmp_path)]).output
+    assert "musatpy[fast]" not in output
 
 
 def test_small_blocks_do_without_numba(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(kernels.VARIABLE, raising=False)
-    monkeypatch.setattr(kernels, "_COMPILED", "not_loaded_yet")
     assert kernels.compiled_points(kernels.LARGE) is None
+    assert kernels.compiled_points(kernels.LARGE + 1) is not None
 
 
 def test_what_is_asked_for_and_not_there_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

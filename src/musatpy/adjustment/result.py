@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.adjustment import sightings
+from musatpy.adjustment import kernels, sightings
 from musatpy.adjustment.bathymetric import bathymetric_points
 from musatpy.adjustment.dependence import dependence
 from musatpy.adjustment.ground import point_squares
@@ -30,6 +30,7 @@ from musatpy.model import (
     AdjustedWater,
     AdjustedWaves,
     Block,
+    Dependence,
     GroundPoints,
     Iteration,
     ObservationKind,
@@ -84,8 +85,7 @@ def solution(
     known = precision(block, refracted, state, part, factor, free, plates.residual, squares, dof)
     points = _points_of(refracted, state, part, known.points)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
-    level_sigmas = np.sqrt(np.diagonal(known.unknowns.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
-    every, name = (*measured.groups, *left_out(measured, part)), unknown_name(refracted, block)
+    every = (*measured.groups, *left_out(measured, part))
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
@@ -105,14 +105,15 @@ def solution(
         plates=plates,
         bathymetric=bathymetric_points(block, measured, state, every, np.sqrt(known.depths)),
         levels=state.levels,
-        level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
+        level_sigmas=_level_sigmas(network, state, known),
         measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
         observed=known.observed,
         pairs=known.pairs,
         water_precision=known.water,
         considered=known.considered,
-        dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
+        kernels=kernels.name_of(network.photos),
+        dependence=_dependence(block, refracted, known),
     )
 
 
@@ -167,6 +168,18 @@ def _water(network: Network, state: State, covariances: Cofactors, waves: Adjust
         index_sigma=float(index[0]) if len(index) else np.nan,
         waves=waves,
     )
+
+
+def _level_sigmas(network: Network, state: State, known: Precision) -> FloatArray:
+    """Return the sigmas (g,) of the levels of equal elevations, NaN of those that are not known."""
+    sigmas = np.sqrt(np.diagonal(known.unknowns.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
+    return np.where(np.isnan(state.levels), np.nan, sigmas)
+
+
+def _dependence(block: Block, network: Network, known: Precision) -> Dependence:
+    """Return how the unknowns depend on one another."""
+    name = unknown_name(network, block)
+    return dependence(network, known.diagonal, known.cofactors, known.unknowns, name)
 
 
 def _idle_photos(network: Network, part: Participation) -> IntArray:

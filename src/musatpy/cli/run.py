@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import importlib.util
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,9 +18,12 @@ from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
+    from musatpy.model import Solution
     from musatpy.runs import ExitStatus, RunResult
 
 _CAUSES = 3  # that are named
+_LARGE = 500  # photos of a block, from which on numba is worth a word
+_FAST = "pip install 'musatpy[fast]'"
 
 
 @click.command(name="run", short_help="Adjust decks and write their listings.")
@@ -107,15 +111,23 @@ def _tell(result: RunResult, quiet: bool) -> None:
     if not quiet:
         for note in verdict.notes:
             complain(f"{name_of(result.deck)}: note: {note}")
+        if _would_gain(solution):
+            complain(f"{name_of(result.deck)}: note: with numba such blocks take half the time: {_FAST}")
         click.echo(
             f"{name_of(result.deck)}: {verdict.grade}, sigma0 {solution.sigma0:.4f}, "
             f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "
+            f"{'' if solution.kernels == 'numpy' else f'{solution.kernels} kernels, '}"
             f"listing {name_of(result.listing)}"
             f"{_punched(result.punched)}"
         )
         if solution.edited is not None:
             punched = f", edited deck {name_of(result.edited)}" if result.edited else ""
             click.echo(f"{name_of(result.deck)}: {count_of(len(solution.findings), 'blunder')} found{punched}")
+
+
+def _would_gain(solution: Solution) -> bool:
+    """Return whether a block is so large that numba, which is not installed, would be worth it."""
+    return len(solution.block.photos.ids) > _LARGE and importlib.util.find_spec("numba") is None
 
 
 def _punched(files: tuple[Path, ...]) -> str:

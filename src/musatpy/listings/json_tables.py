@@ -61,9 +61,17 @@ class RecordTable:
 def tables_of(content: Any) -> dict[str, RecordTable]:
     """Return the tables of a file by their paths, in their order."""
     tables: dict[str, RecordTable] = {}
-    for path, rows in _tables(content, ""):
+    for path, rows in _tables(_without_machine(content), ""):
         tables.setdefault(path or TOP, RecordTable(path or TOP)).rows.extend(rows)
     return tables
+
+
+def _without_machine(content: Any) -> Any:
+    """Return what a file says without that which depends on the machine alone: the kernels of a run."""
+    program = content.get("program") if isinstance(content, dict) else None
+    if not isinstance(program, dict) or "kernels" not in program:
+        return content
+    return {**content, "program": {name: value for name, value in program.items() if name != "kernels"}}
 
 
 def read_json(text: str, name: str) -> Any:

@@ -186,6 +186,7 @@ class Solution:
     unedited: str = ""  # why EDIT has edited nothing; empty where it has, or was not asked to
     edited: Block | None = None  # the block without what was found; None: no search
     reduced: Reduced | None = None  # what the reduction of its plates did; None: they came refined
+    kernels: str = "numpy"  # that did the work point after point, or numba
 
     def __post_init__(self) -> None:
         groups = len(self.block.equal_elevations.ids)

@@ -25,7 +25,7 @@ from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, same
 from musatpy.statistics import Statistics
 
-SCHEMA_VERSION = "1.8"
+SCHEMA_VERSION = "1.9"
 _ABOUT = (
     "The numbers of one job at full precision. Positions are in the system of the job: latitude, longitude, "
     "ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up (X, Y, Z in "
@@ -44,6 +44,10 @@ _TABLES: tuple[Node[Statistics], ...] = (
         (
             Field("name", "const", "name of the program", lambda s: "musatpy", choices=("musatpy",)),
             Field("version", "string", "version of the program", lambda s: musatpy.__version__),
+            Field(
+                "kernels", "string", "that did the work point after point, numpy or numba; no difference to `diff`",
+                lambda s: s.solution.kernels,
+            ),
         ),
     ),
     Group[Statistics, Statistics](

@@ -1,14 +1,13 @@
 """Which kernels do the work point after point: plain numpy, or loops compiled by numba (the extra `fast`).
 
 Both give the same numbers to rounding. numba takes longer to load than a small block to adjust, so that it does so
-for large blocks only; `MUSAT_KERNELS` chooses.
+for large blocks only, whatever was loaded before; `MUSAT_KERNELS` chooses.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import os
-import sys
 from functools import lru_cache
 from types import ModuleType
 
@@ -28,13 +27,18 @@ def compiled_points(photos: int) -> ModuleType | None:
     asked = os.environ.get(VARIABLE, "")
     if asked not in ("", NUMPY, NUMBA):
         raise AdjustmentError([Problem(message=f"{VARIABLE} is {asked!r}: it is {NUMPY} or {NUMBA}")])
-    if asked == NUMPY or (not asked and photos <= LARGE and _COMPILED not in sys.modules):
+    if asked == NUMPY or (not asked and photos <= LARGE):
         return None
     kernels = _loaded()
     if kernels is None and asked == NUMBA:
         message = f"{VARIABLE} asks for numba, which is not there: pip install 'musatpy[fast]'"
         raise AdjustmentError([Problem(message=message)])
     return kernels
+
+
+def name_of(photos: int) -> str:
+    """Return the name of the kernels for a block of so many photos. Raises as `compiled_points`."""
+    return NUMPY if compiled_points(photos) is None else NUMBA
 
 
 @lru_cache(maxsize=1)
