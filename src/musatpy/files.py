@@ -33,12 +33,12 @@ def name_fault(name: str) -> str:
     return ""
 
 
-def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> None:
+def write_files(files: Mapping[Path, bytes | Iterable[bytes]], outdated: Iterable[Path] = ()) -> None:
     """Write all files under temporary names in their folders, then rename them: never half a file.
 
-    None is renamed before all are written, so that a full disk leaves the files of an earlier run as they were.
-    What is `outdated` is removed just before the last file, which may tell of all, gets its name. Folders that are
-    missing are made. Raises `OSError`.
+    Contents are whole, or come piece by piece. None is renamed before all are written, so that a full disk leaves
+    the files of an earlier run as they were. What is `outdated` is removed just before the last file, which may
+    tell of all, gets its name. Folders that are missing are made. Raises `OSError`.
     """
     # `remove_leftovers` knows the temporary names
     temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in files}
@@ -46,7 +46,7 @@ def write_files(files: Mapping[Path, bytes], outdated: Iterable[Path] = ()) -> N
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             with _about(path), temporary[path].open("wb") as file:
-                file.write(data)
+                file.writelines([data] if isinstance(data, bytes | memoryview) else data)
                 _to_disk(file)
         places = list(files)
         for path in places[:-1]:

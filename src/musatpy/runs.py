@@ -18,7 +18,7 @@ from musatpy.model import Block, Grade, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
 from musatpy.reports.listing import printed, sections_of
-from musatpy.reports.record import dumps, record_of
+from musatpy.reports.record import record_of, texts_of
 from musatpy.statistics import Statistics
 
 if TYPE_CHECKING:
@@ -114,21 +114,21 @@ def run_deck(
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
             statistics = Statistics(solution)
-            report = partial(begin, progress)
-            sections = sections_of(statistics, brief=brief, on_report=report)
+            sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
             text = printed(statistics, sections, carriage_control=carriage_control, date=date)
-            begin(progress, "record")
-            files = {listing: text.encode(), record: dumps(record_of(statistics)).encode()}
-            files |= _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
+            tables = _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
-    punched: dict[Path, bytes] = {}
-    if punch is not None:
-        punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
-        notes += more
-    write_files(files | edited | punched)
-    warnings = (Problem(file=str(deck), message=note, severity="warning") for note in notes)
+    punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
+    begin(progress, "record")
+    values = map(str.encode, texts_of(statistics))
+    try:
+        with numerics("the record of the solution"):  # made while it is written
+            write_files({listing: text.encode(), record: values, **tables, **edited, **punched})
+    except ProblemsError as error:
+        return _unusable(deck, (*error.problems, *problems))
+    warnings = (Problem(file=str(deck), message=note, severity="warning") for note in (*notes, *more))
     return RunResult(
         deck=deck,
         status=ExitStatus.of(statistics.verdict.grade, strict=strict),
@@ -177,9 +177,11 @@ def _edited_deck(
 
 
 def _punched(
-    solution: Solution, punch: Punch, place: Path, family: Family | None, other: FormatFamily | None
+    solution: Solution, punch: Punch | None, place: Path, family: Family | None, other: FormatFamily | None
 ) -> tuple[dict[Path, bytes], tuple[str, ...]]:
-    """Return the deck to go on with, or the files of the family `other`, and what to note about them."""
+    """Return the deck to go on with, or the files of the family `other`, if asked for, and notes about them."""
+    if punch is None:
+        return {}, ()
     from musatpy.jobs.punch import punched  # costs the start of every run else
 
     block, lines = punched(solution, punch)

@@ -10,7 +10,9 @@ import pytest
 
 from json_schema import MANUAL, SCHEMA, load_schema, violations, with_table
 from musatpy.model import CoordinateSystem, Refraction
-from musatpy.reports.record import dumps, record, schema_text
+from musatpy.reports import record_text
+from musatpy.reports.fields import Field, Rows
+from musatpy.reports.record import dumps, record, record_of, schema_text, texts_of
 from musatpy.statistics import Statistics
 from sample_solutions import sample_solution
 
@@ -25,6 +27,37 @@ def read_back(solution):
 def test_the_record_obeys_its_schema(system, refraction):
     schema = load_schema()
     assert not list(violations(read_back(sample_solution(system, refraction)), schema, schema))
+
+
+@pytest.mark.parametrize(("system", "refraction"), CASES)
+def test_the_text_made_by_columns_is_that_of_the_rows(system, refraction):
+    statistics = Statistics(sample_solution(system, refraction))
+    assert "".join(texts_of(statistics)) == dumps(record_of(statistics))
+
+
+def test_the_text_by_columns_of_odd_values_is_that_of_the_rows(monkeypatch):
+    """Quotes, percent signs and what is no number; more rows than are made at a time; a table without rows."""
+    monkeypatch.setattr(record_text, "_ROWS", 2)
+    names = ['a "quoted" 100% one', "", "\u00fc\\", "b", "b"]
+    values = np.array([1.0, np.nan, np.inf, -0.0, 1e-300])
+    table = Rows(
+        "t %s",
+        "",
+        lambda s: s,
+        (
+            Field("name", "string", "", lambda s: names),
+            Field("%d", "number?", "", lambda s: values),
+            Field("pair", "2x2 number?", "", lambda s: np.arange(20.0).reshape(5, 2, 2)),
+            Field("some", "2 number?", "", lambda s: np.stack([values, values[::-1]], axis=1)),
+            Field("count", "integer", "", lambda s: np.arange(5)),
+            Field("flag", "boolean", "", lambda s: np.arange(5) > 2),
+            Field("ids", "* string", "", lambda s: [["x", "y"], [], ["z"], ["x"], ["%"]]),
+            Field("mixed", "string?", "", lambda s: [None, "a", None, "b", "c"]),
+        ),
+    )
+    empty = Rows("empty", "", lambda s: None, table.fields)
+    text = "".join(record_text.record_texts([table, empty], 1))
+    assert text == dumps({node.name: node.json(1) for node in (table, empty)})
 
 
 @pytest.mark.parametrize(

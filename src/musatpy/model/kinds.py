@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy.arrays import IntArray
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 if TYPE_CHECKING:
@@ -67,6 +68,15 @@ class ObservationKind(IntEnum):
             return [str(photos.ids[row])], []
         photo, point = (getattr(table, name, _NOTHING)[row : row + 1] for name in ("photo", "point"))
         return photos.ids[photo.reshape(-1)].tolist(), points.ids[point.reshape(-1)].tolist()
+
+    def ids_of(self, block: Block, rows: IntArray) -> list[list[str]]:
+        """Return the ids of the photos, then of the points, that rows (r,) of the table name."""
+        table, photos, points = getattr(block, self.attribute), block.photos, block.points
+        if table is photos:
+            return [[name] for name in photos.ids[rows].tolist()]
+        links = ((getattr(table, "photo", None), photos.ids), (getattr(table, "point", None), points.ids))
+        parts = [ids[link[rows]].reshape(len(rows), -1) for link, ids in links if link is not None]
+        return [list(row) for row in zip(*(column for part in parts for column in part.T.tolist()), strict=True)]
 
 
 class Blunder(StrEnum):

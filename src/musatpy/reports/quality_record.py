@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,11 +21,11 @@ from musatpy.model import (
 )
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.verdict import Reason
-from musatpy.reports.encoding import names
+from musatpy.reports.encoding import Json, names
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
 from musatpy.statistics.exact_water import exact_water
-from musatpy.statistics.kind_formats import KINDS
+from musatpy.statistics.kind_formats import KINDS, Kind
 from musatpy.statistics.quality import ChiSquare
 from musatpy.units import ARC_SECOND, DEGREE
 
@@ -284,16 +285,31 @@ TESTS = Group[Statistics, Statistics](
 )
 
 
+def _of_kinds(statistics: Statistics, values: Callable[[Kind, IntArray], Sequence[Json]]) -> list[Json]:
+    """Return what `values` has for the rows of each kind of the observations, in their order."""
+    kinds = statistics.quality.observed.kind
+    out: list[Json] = [None] * len(kinds)
+    for kind in np.unique(kinds).tolist():
+        rows = np.flatnonzero(kinds == kind)
+        for row, value in zip(rows.tolist(), values(KINDS[ObservationKind(kind)], rows), strict=True):
+            out[row] = value
+    return out
+
+
+def _kinds(statistics: Statistics) -> list[str]:
+    return _of_kinds(statistics, lambda kind, rows: names(ObservationKind, [kind.kind]) * len(rows))
+
+
 def _owners(statistics: Statistics) -> list[list[str]]:
     observed = statistics.quality.observed
-    kinds = [KINDS[ObservationKind(kind)] for kind in observed.kind.tolist()]
-    return [kind.owner(statistics, row).split() for kind, row in zip(kinds, observed.row.tolist(), strict=True)]
+    return _of_kinds(statistics, lambda kind, rows: kind.owners(statistics, observed.row[rows]))
 
 
 def _components(statistics: Statistics) -> list[str]:
     observed = statistics.quality.observed
-    kinds = [KINDS[ObservationKind(kind)] for kind in observed.kind.tolist()]
-    return [kind.components[number] for kind, number in zip(kinds, observed.component.tolist(), strict=True)]
+    return _of_kinds(
+        statistics, lambda kind, rows: [kind.components[number] for number in observed.component[rows].tolist()]
+    )
 
 
 OBSERVATIONS = Rows[Statistics, Statistics](
@@ -306,7 +322,7 @@ OBSERVATIONS = Rows[Statistics, Statistics](
             "kind", "string",
             "plate, control, station_position, station_attitude, equal_elevation, air_base, water_level, "
             "water_tilt, water_index, distance or height_difference",
-            lambda s: names(ObservationKind, s.quality.observed.kind.tolist()),
+            _kinds,
         ),
         Field("of", "* string", "ids of the photo, the point, or both", _owners),
         Field("component", "string", "x, y, East, North, Up, X-Tilt, ...", _components),

@@ -6,8 +6,7 @@ Numbers that do not exist (NaN) are null; rows of tables stand one on a line.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import musatpy
@@ -23,6 +22,7 @@ from musatpy.reports import (
 )
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, same
+from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
 SCHEMA_VERSION = "1.9"
@@ -142,31 +142,17 @@ def schema_text() -> str:
 def _spread(schema: Any, margin: str) -> str:
     """Spread what holds fields over lines that begin with `margin`."""
     inner = margin + "  "
-    if not isinstance(schema, dict) or '"properties": ' not in (text := _dump(schema)):
-        return _dump(schema)
-    entries = (f"{inner}{_dump(key)}: {_spread(entry, inner)}" for key, entry in schema.items())
+    if not isinstance(schema, dict) or '"properties": ' not in (text := encoded(schema)):
+        return encoded(schema)
+    entries = (f"{inner}{encoded(key)}: {_spread(entry, inner)}" for key, entry in schema.items())
     return text if not schema else "{" + ",".join(entries) + margin + "}"
 
 
 def dumps(record: dict[str, Json]) -> str:
-    """Return the record as JSON text, one row of a table on a line."""
-    return _layout(record, "\n") + "\n"
+    """Return a record as JSON text, one row of a table on a line."""
+    return laid_out(record, "\n") + "\n"
 
 
-def _layout(value: Json, margin: str) -> str:
-    """Spread tables, and what contains them, over lines that begin with `margin`."""
-    inner = margin + "  "
-    if _is_table(value):
-        return "[" + ",".join(inner + _dump(row) for row in value) + margin + "]"
-    if isinstance(value, dict) and any(_is_table(entry) or isinstance(entry, dict) for entry in value.values()):
-        entries = (f"{inner}{_dump(key)}: {_layout(entry, inner)}" for key, entry in value.items())
-        return "{" + ",".join(entries) + margin + "}"
-    return _dump(value)
-
-
-def _is_table(value: Json) -> bool:
-    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
-
-
-# One encoder for all: json.dumps would make another for every row.
-_dump = json.JSONEncoder(allow_nan=False).encode
+def texts_of(statistics: Statistics) -> Iterator[str]:
+    """Yield the text of `record_of`, as `dumps` has it, piece by piece."""
+    yield from record_texts(tables(), statistics)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from musatpy.arrays import IntArray
 from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
@@ -34,6 +35,12 @@ class Kind:
         if water and self.kind is ObservationKind.WATER_LEVEL:
             return str(water.correction_ids[row])
         return str(water.waves.ids[row]) if water and water.waves and self.kind is ObservationKind.WAVE else ""
+
+    def owners(self, s: Statistics, rows: IntArray) -> list[list[str]]:
+        """Return these of observations (r,), id by id."""
+        if self.kind.attribute:
+            return self.kind.ids_of(s.block, rows)
+        return [self.owner(s, row).split() for row in rows.tolist()]
 
 
 KINDS = {kind: Kind(kind, kind.label, kind.components, kind.unit, kind.factor) for kind in ObservationKind}
