@@ -33,7 +33,7 @@ def name_fault(name: str) -> str:
     return ""
 
 
-def write_files(files: Mapping[Path, bytes | Iterable[bytes]], outdated: Iterable[Path] = ()) -> None:
+def write_files(files: Mapping[Path, bytes | memoryview | Iterable[bytes]], outdated: Iterable[Path] = ()) -> None:
     """Write all files under temporary names in their folders, then rename them: never half a file.
 
     Contents are whole, or come piece by piece. None is renamed before all are written, so that a full disk leaves
@@ -62,7 +62,7 @@ def write_files(files: Mapping[Path, bytes | Iterable[bytes]], outdated: Iterabl
                 leftover.unlink()
 
 
-def write_file(path: Path, data: bytes) -> None:
+def write_file(path: Path, data: bytes | memoryview) -> None:
     """Write one file as `write_files` does; what a killed process left of it is removed. Raises `OSError`."""
     remove_leftovers([path])
     write_files({path: data})

@@ -51,7 +51,7 @@ def write(path: Path, grid: Grid) -> None:
                 dataset.write(values[::-1], band)
                 dataset.set_band_description(band, name)
                 dataset.set_band_unit(band, grid.units.get(name, ""))
-        write_file(path, memory.getbuffer())
+        write_file(path, memoryview(memory.getbuffer()))
 
 
 def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> Grid:
