@@ -44,7 +44,7 @@ def split(network: Network) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, .
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Images:
+class Images:
     """The images of a group of points, gathered once, and the pairs of their photos."""
 
     group: PointGroup
@@ -55,7 +55,8 @@ class _Images:
     wet: BoolArray  # (k, m), (0, 0) where all are dry
 
     @classmethod
-    def of(cls, network: Network, group: PointGroup) -> _Images:
+    def of(cls, network: Network, group: PointGroup) -> Images:
+        """Return the images of a group."""
         photo, wet = network.photo[group.rays], network.refracted[group.rays]
         return cls(
             group=group,
@@ -76,9 +77,22 @@ class Spread:
     images: Part
 
 
-def _beside_one_another(network: Network, group: PointGroup) -> PointGroup:
+def beside_one_another(network: Network, group: PointGroup) -> PointGroup:
     """Return a group in the order of the first photos of its points: what they add to stays in the cache."""
     return group.part(np.argsort(network.photo[group.rays[:, 0]], kind="stable"))
+
+
+def measured(kernels: ModuleType, images: Images, ground: FloatArray) -> points.Measured:
+    """Return the images of points that are at `ground` (k, 3)."""
+    at: points.Measured = kernels.Measured(photo=images.photo, xy=images.xy, weight=images.weight, ground=ground)
+    return at
+
+
+def stations_of(kernels: ModuleType, network: Network, state: State) -> points.Stations:
+    """Return the photos where they are."""
+    arrays = (state.position, state.M, state.dM, network.axes, network.focal_length, network.principal_point)
+    stations: points.Stations = kernels.Stations(*(np.ascontiguousarray(array) for array in arrays))
+    return stations
 
 
 class CompiledPoints:
@@ -93,13 +107,13 @@ class CompiledPoints:
     def __init__(self, kernels: ModuleType, network: Network) -> None:
         plain, self.others = split(network)
         self._kernels, self._network = kernels, network
-        self._images = [_Images.of(network, _beside_one_another(network, group)) for group in plain]
+        self._images = [Images.of(network, beside_one_another(network, group)) for group in plain]
 
     def add_eliminated(self, state: State, normals: NormalEquations) -> tuple[list[Follow], float]:
         """Add the points to the normal equations; return how they follow a step, and r' N_pp^-1 r of all."""
         follows, gain = [], 0.0
         blocks, rhs = normals.sums
-        stations = self._stations(state)
+        stations = stations_of(self._kernels, self._network, state)
         for images in self._images:
             k, m = images.photo.shape
             ground = state.ground[images.group.point]
@@ -108,7 +122,7 @@ class CompiledPoints:
                 shift=np.empty((k, 3)), by_station=np.zeros((k, 3, m, self._network.pattern.size))
             )
             sums = self._kernels.Sums(slot=images.slot, blocks=blocks, rhs=rhs)
-            at, water = self._at(images, ground), self._water(state, images, ground)
+            at, water = measured(self._kernels, images, ground), self._water(state, images, ground)
             gain += self._kernels.eliminate(at, stations, water, known, RIDGE, sums, out)
             follows.append(
                 Follow(
@@ -124,11 +138,13 @@ class CompiledPoints:
 
     def set_squares(self, state: State, squares: FloatArray) -> None:
         """Set the weighted squares (p,) of the points where they are."""
-        stations = self._stations(state)
+        stations = stations_of(self._kernels, self._network, state)
         for images in self._images:
             point = images.group.point
             ground, out = state.ground[point], np.empty(len(point))
-            self._kernels.squares(self._at(images, ground), stations, self._water(state, images, ground), out)
+            self._kernels.squares(
+                measured(self._kernels, images, ground), stations, self._water(state, images, ground), out
+            )
             if images.group.known:
                 priors = prior_rows(self._network, state, point, ground)
                 out += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
@@ -146,7 +162,7 @@ class CompiledPoints:
 
         `residual` (all measurements, 2) mm.
         """
-        network, stations = self._network, self._stations(state)
+        network, stations = self._network, stations_of(self._kernels, self._network, state)
         for images in self._images:
             if images.group.known:
                 continue
@@ -158,7 +174,7 @@ class CompiledPoints:
                 diagonal=diagonal.stations,
             )
             inverse = self._kernels.Inverse(slot=images.slot, blocks=cofactors.blocks)
-            at, water = self._at(images, ground), self._water(state, images, ground)
+            at, water = measured(self._kernels, images, ground), self._water(state, images, ground)
             self._kernels.spread(at, stations, water, RIDGE, inverse, out)
             axes = network.frame.axes(ground)
             rays = np.repeat(images.group.rays[..., None], 2, axis=2)
@@ -174,20 +190,8 @@ class CompiledPoints:
             )
             yield Spread(group=images.group, points=axes @ out.point @ np.swapaxes(axes, 1, 2), images=part)
 
-    def _at(self, images: _Images, ground: FloatArray) -> points.Measured:
-        at: points.Measured = self._kernels.Measured(
-            photo=images.photo, xy=images.xy, weight=images.weight, ground=ground
-        )
-        return at
-
-    def _stations(self, state: State) -> points.Stations:
-        network = self._network
-        arrays = (state.position, state.M, state.dM, network.axes, network.focal_length, network.principal_point)
-        stations: points.Stations = self._kernels.Stations(*(np.ascontiguousarray(array) for array in arrays))
-        return stations
-
-    def _water(self, state: State, images: _Images, ground: FloatArray) -> points.Water:
-        normal, depth = np.zeros((0, 0, 3)), np.zeros((0, 0))
+    def _water(self, state: State, images: Images, ground: FloatArray) -> points.Water:
+        water: points.Water = self._kernels.dry_water()
         if len(images.wet):
             network, m = self._network, images.wet.shape[1]
             over = surface(
@@ -197,19 +201,15 @@ class CompiledPoints:
                 np.repeat(ground[:, None], m, axis=1),
             )
             normal, depth = np.ascontiguousarray(over.normal), np.ascontiguousarray(over.depth)
-        water: points.Water = self._kernels.Water(
-            wet=images.wet, normal=normal, depth=depth, refraction=float(state.index)
-        )
+            water = water._replace(wet=images.wet, normal=normal, depth=depth, refraction=float(state.index))
         return water
 
     def _known(self, state: State, group: PointGroup) -> points.Known:
-        k = len(group.point) if group.known else 0
-        axes, free = np.zeros((k, 3, 3)), np.zeros((k, 3), dtype=bool)
-        weight, pull = np.zeros((k, 3)), np.zeros((k, 3))
-        if k:
+        known: points.Known = self._kernels.nothing_known()
+        if group.known:
             priors = prior_rows(self._network, state, group.point, state.ground[group.point])
-            axes, free = np.ascontiguousarray(priors.axes), priors.free
             weight = np.ascontiguousarray(priors.weight[:, :3])
             pull = weight * priors.deviation[:, :3]
-        known: points.Known = self._kernels.Known(axes=axes, free=free, weight=weight, pull=pull)
+            axes = np.ascontiguousarray(priors.axes)
+            known = known._replace(axes=axes, free=priors.free, weight=weight, pull=pull)
         return known

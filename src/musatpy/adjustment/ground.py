@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,12 +20,15 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, intersection
 from musatpy.model import ObservationKind
 
-_MAX_STEPS = 25
+if TYPE_CHECKING:
+    from musatpy.adjustment.compiled_conditions import CompiledPassPoints
+
+MAX_STEPS = 25
 _FEW_STEPS = 5  # for a trial: points that take more of them are running away
-_STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
+STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
-_ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
+ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
 
@@ -132,13 +136,13 @@ def settle_group(
 
     By Gauss-Newton with step halving; a `trial` goes some way only where points run away.
     """
-    steps = _FEW_STEPS if trial else _MAX_STEPS
+    steps = _FEW_STEPS if trial else MAX_STEPS
     X, squares, _ = _best(network, state, group, ground, steps)
     return X, squares
 
 
 def _best(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, steps: int = _MAX_STEPS
+    network: Network, state: State, group: PointGroup, ground: FloatArray, steps: int = MAX_STEPS
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what `settle_group` does, and by how much the squares (k,) were still to fall by the last step."""
     X, best = ground, ground
@@ -147,7 +151,7 @@ def _best(
     gain = left = np.zeros(len(ground))
     for _ in range(steps):
         normals = point_normals(network, state, group, X, stations=False)
-        worse = ~(normals.objective <= best_objective * (1.0 + _ROUNDING) + _ROUNDING)
+        worse = ~(normals.objective <= best_objective * (1.0 + ROUNDING) + ROUNDING)
         worse &= np.isfinite(best_objective)
         local = np.linalg.solve(normals.matrix, normals.rhs[..., None])
         new_step = (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0]
@@ -159,7 +163,7 @@ def _best(
         X = best + step
         if group.known:
             X = hold(network, group.point, X)
-        if np.abs(step).max(initial=0.0) < _STEP_LIMIT:
+        if np.abs(step).max(initial=0.0) < STEP_LIMIT:
             break
     # the last step is taken without looking: its gain in squares is known to the second order
     return X, np.maximum(best_objective - gain, 0.0), left
@@ -175,10 +179,13 @@ def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
     return ground
 
 
-def settle(network: Network, state: State) -> State:
+def settle(network: Network, state: State, compiled: CompiledPassPoints | None = None) -> State:
     """Return the state with every point of the solution at its optimum for the current stations and levels."""
     ground, squares, unsettled = state.ground.copy(), np.zeros(network.points), 0.0
-    for group in (*network.pass_groups, *network.control_groups):
+    pass_groups = network.pass_groups
+    if compiled is not None:
+        unsettled, pass_groups = compiled.settle(state, ground, squares), compiled.wet
+    for group in (*pass_groups, *network.control_groups):
         point = group.point
         ground[point], squares[point], left = _best(network, state, group, ground[point])
         unsettled += float(left.sum())

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
+from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
@@ -33,13 +35,22 @@ class Triangulation:
     options: Options  # weights and limits
     fixed_scale: Scale = None  # the variances of equal weights, the same for the whole triangulation
 
+    @cached_property
+    def _compiled(self) -> CompiledPassPoints | None:
+        """The pass points that compiled kernels work at, None where numpy does all."""
+        return CompiledPassPoints.of(self.network)
+
     def linearise(self, state: State) -> Linearisation:
         """Return the reduced normal equations of stations and levels at `state`."""
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         scale: Scale = None
         if self.options.weights is Weights.FULL:
-            for group in network.pass_groups:
+            groups = network.pass_groups
+            if self._compiled is not None:
+                self._compiled.add_conditions(state, normals)
+                groups = self._compiled.wet
+            for group in groups:
                 ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
                 add_full(network, state, group, image_coordinates(network, state, group.rays, ground), normals)
         else:
@@ -76,7 +87,11 @@ class Triangulation:
 
     def apply(self, state: State, step: FloatArray, context: Scale) -> State:
         """Return the state after a step of stations and levels, its points settled again."""
-        return settle(self.network, state_after(self.network, state, step))
+        return self.settled(state_after(self.network, state, step))
+
+    def settled(self, state: State) -> State:
+        """Return the state with its points at their optimum."""
+        return settle(self.network, state, self._compiled)
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest differential rotation and translation are below their limits."""

@@ -57,6 +57,16 @@ class Known(NamedTuple):
     pull: FloatArray  # (k, 3) 1/m, weights times known minus current
 
 
+def dry_water() -> Water:
+    """Return the water of points that have none."""
+    return Water(np.zeros((0, 0), dtype=bool), np.zeros((0, 0, 3)), np.zeros((0, 0)), 1.0)
+
+
+def nothing_known() -> Known:
+    """Return what is known of points of which nothing is."""
+    return Known(np.zeros((0, 3, 3)), np.zeros((0, 3), dtype=bool), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
 class Sums(NamedTuple):
     """Normal equations of stations, to which points are added, and the blocks of the pairs of rays of a point."""
 
