@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
+from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.iteration import SHORT, Outcome
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
@@ -90,13 +91,13 @@ class _Run:
         """
         measured, iterations = self.job.network, self.job.iterations
         begin(self.job.progress, "first triangulation")
-        outcome = self.triangulate(measured, ground_points.settle(measured, state), 0)
+        outcome = self.triangulate(measured, state, 0)
         if not outcome.failure:
             return outcome, ()
         count = len(iterations)
         near = self.simultaneous(state)
         if near is not None:
-            again = self.triangulate(measured, ground_points.settle(measured, near), 0)
+            again = self.triangulate(measured, near, 0)
             if not again.failure:
                 text = f"the triangulation did not converge from the given stations: {outcome.failure}"
                 return again, (f"{text}; it was started again from a simultaneous adjustment",)
@@ -117,7 +118,11 @@ class _Run:
         return None if outcome.failure else outcome.state
 
     def triangulate(self, network: Network, state: State, outer_pass: int) -> Outcome:
-        """Return the outcome of one triangulation. Raises `AdjustmentError` naming what is free."""
+        """Return the outcome of one triangulation, which settles its points first.
+
+        Raises `AdjustmentError` naming what is free.
+        """
+        state = ground_points.settle(network, state, CompiledPassPoints.of(network))
         return self.job.iterate(self.problem(network, state), network, state, outer_pass)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
@@ -131,7 +136,7 @@ class _Run:
         short = 0
         for number in itertools.count(1):
             network, state = refracted(measured, line, state)
-            outcome = self.triangulate(network, ground_points.settle(network, state), number)
+            outcome = self.triangulate(network, state, number)
             state = self.job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.is_final or short == SHORT:
@@ -156,7 +161,7 @@ class _Run:
             before, last = state.ground, line
             network = measured.with_plates(xy, measured.refracted)
             straightened = measured.with_plates(measured.xy, line.wet)
-            outcome = self.triangulate(network, ground_points.settle(network, state), number)
+            outcome = self.triangulate(network, state, number)
             state = self.job.with_left_out(network, outcome.state)
             if not outcome.lost:
                 line = next_line(measured, line, state, self.job.bathymetric)
