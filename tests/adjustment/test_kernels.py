@@ -46,7 +46,7 @@ def linearised(
 ) -> tuple[Linearisation, State]:
     """Return the linearisation of a state by kernels of a kind, and the state after its step."""
     monkeypatch.setenv(kernels.VARIABLE, kind)
-    problem = Simultaneous(network=network, options=options)
+    problem = Simultaneous(network=replace(network), options=options)  # which keeps what it has gathered
     line = problem.linearise(problem.with_squares(state))
     step = np.linspace(-1e-3, 1e-3, len(line.rhs)) * 1e-3
     return line, problem.apply(state, step, line.context)
@@ -100,13 +100,13 @@ def test_both_have_the_same_conditions_and_points_at_rest(
     for kind in BOTH:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv(kernels.VARIABLE, kind)
-            problem = Triangulation(network=network, options=options)
+            problem = Triangulation(network=replace(network), options=options)
             settled.append(problem.settled(state))
             lines.append(problem.linearise(settled[0]))
     a, b = settled
-    # the last step of a point is below 10 um, of which Gauss-Newton leaves a thousandth; numpy goes on with the
-    # points of a group until the last one is there
-    np.testing.assert_allclose(a.ground, b.ground, rtol=0.0, atol=1e-8)
+    # the last step of a point is below 10 um, of which Gauss-Newton leaves some thousandths where stations are off
+    # by metres; numpy goes on with the points of a group until the last one is there
+    np.testing.assert_allclose(a.ground, b.ground, rtol=0.0, atol=1e-7)
     assert_like(a.squares, b.squares, 1e-9)
     a, b = lines
     scale = 1.0 / np.sqrt(b.matrix.diagonal())
@@ -126,7 +126,7 @@ def test_points_that_depend_on_unknown_water_go_by_numpy(monkeypatch: pytest.Mon
     assert a.matrix.border.shape[1] > 0 and np.abs(b.matrix.border).max() > 0.0
     for name in ("blocks", "border", "corner"):
         assert_like(getattr(a.matrix, name), getattr(b.matrix, name), 1e-11)
-    compiled = Simultaneous(network=network, options=block.options)._compiled
+    compiled = replace(network).compiled
     assert compiled is not None
     by_numpy = np.concatenate([group.point for group in compiled.others])
     sees_water = np.zeros(network.points, dtype=bool)
@@ -140,7 +140,11 @@ def test_a_point_behind_a_camera_has_no_squares(monkeypatch: pytest.MonkeyPatch)
     ground[3] += 2.0 * (state.position[0] - ground[3])
     for kind in BOTH:
         monkeypatch.setenv(kernels.VARIABLE, kind)
-        squares = Simultaneous(network=network, options=options).with_squares(replace(state, ground=ground)).squares
+        squares = (
+            Simultaneous(network=replace(network), options=options)
+            .with_squares(replace(state, ground=ground))
+            .squares
+        )
         assert np.flatnonzero(np.isinf(squares)).tolist() == [3]
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from functools import cached_property
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.compiled_points import CompiledPoints
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,6 +112,13 @@ class Network:
     def groups(self) -> tuple[PointGroup, ...]:
         """All points of the solution."""
         return (*self.pass_groups, *self.control_groups, *self.kept_groups)
+
+    @cached_property
+    def compiled(self) -> CompiledPoints | None:
+        """Its points for compiled kernels, gathered once; None where numpy does all."""
+        from musatpy.adjustment.compiled_points import CompiledPoints  # which is made of networks
+
+        return CompiledPoints.of(self)
 
     def unknowns(self, group: PointGroup, columns: IntArray) -> IntArray:
         """Return the unknowns (k, m q + X) of the photos of points, and in the `columns` (k, X) of the border."""

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment import reliability
-from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
@@ -195,7 +194,7 @@ def _spread(errors: _Errors, block: Block, part: Participation, residual: FloatA
     diagonal.add_direct(network, state)
     groups, compiled = network.groups, None
     if errors.inner is None and not errors.of_parameters:
-        compiled = CompiledPoints.of(network)
+        compiled = network.compiled
     if compiled is not None:
         groups = (*compiled.known, *compiled.others)
         for spread in compiled.spread(state, cofactors, residual, diagonal):

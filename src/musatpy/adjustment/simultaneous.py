@@ -8,12 +8,10 @@ the stations by back substitution.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import hold, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
@@ -38,15 +36,10 @@ class Simultaneous:
     held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # what holds a free block
     curved: bool = False  # the second derivatives of the images by unknown waves count too
 
-    @cached_property
-    def _compiled(self) -> CompiledPoints | None:
-        """The points that compiled kernels eliminate, None where numpy does all."""
-        return CompiledPoints.of(self.network)
-
     @property
     def _others(self) -> tuple[PointGroup, ...]:
-        """The points that they do not."""
-        return self.network.groups if self._compiled is None else self._compiled.others
+        """The points that compiled kernels do not eliminate."""
+        return self.network.groups if self.network.compiled is None else self.network.compiled.others
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
@@ -59,8 +52,8 @@ class Simultaneous:
             E = eliminate(network, state, part)
             return E, reduced(network, part, E)
 
-        if self._compiled is not None:
-            follows, of_points = self._compiled.add_eliminated(state, normals)
+        if network.compiled is not None:
+            follows, of_points = network.compiled.add_eliminated(state, normals)
         parts = parts_of(self._others, _PART)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
@@ -147,8 +140,8 @@ class Simultaneous:
     def with_squares(self, state: State) -> State:
         """Return the state with the weighted squares of its points where they are."""
         squares = state.squares.copy()
-        if self._compiled is not None:
-            self._compiled.set_squares(state, squares)
+        if self.network.compiled is not None:
+            self.network.compiled.set_squares(state, squares)
         for group in self._others:
             squares[group.point] = point_squares(self.network, state, group, state.ground[group.point])
         return replace(state, squares=squares)
