@@ -60,18 +60,26 @@ def prints_as_zero(descriptor: str, value: float) -> bool:
 
 
 def _fixed(values: list[float], edit: Edit) -> list[str]:
-    """Edit by Fw.d: all at once, then one by one again what has a zero to drop, no value or no room."""
-    texts = _at_once(f"%#{edit.width}.{edit.decimals}f", values)
-    size = np.abs(np.array(values, dtype=float))
-    plain = (size >= 1.0) & (size < 10.0 ** (edit.width - edit.decimals - 2) - 1.0)
+    """Edit by Fw.d: all at once, then one by one again what has no value or no room for a blank before it."""
+    zeros = "0" * edit.decimals
+    joined = _joined(f"%#{edit.width}.{edit.decimals}f", values)
+    joined = joined.replace(f"-0.{zeros}\0", f" 0.{zeros}\0")  # no sign of what rounds to zero
+    texts = joined.replace(" 0.", "  .").replace(" -0.", "  -.").split("\0")[:-1]
+    size, room = np.abs(np.array(values, dtype=float)), edit.width - edit.decimals
+    plain = size < (10.0 ** (room - 2) - 1.0 if edit.decimals and room > 3 else 0.0)
     for row in np.flatnonzero(~plain).tolist():
         texts[row] = _number(values[row], edit)
     return texts
 
 
 def _at_once(template: str, values: list[Any]) -> list[str]:
-    """Return `template % value` of each value in one operation: a large block has millions of them."""
-    return ((template + "\0") * len(values) % tuple(values)).split("\0")[:-1]
+    """Return `template % value` of each value."""
+    return _joined(template, values).split("\0")[:-1]
+
+
+def _joined(template: str, values: list[Any]) -> str:
+    """Return `template % value` of each value and a null, in one operation: a large block has millions of them."""
+    return (template + "\0") * len(values) % tuple(values)
 
 
 @lru_cache(maxsize=4096)
