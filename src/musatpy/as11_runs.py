@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from musatpy.compilation.against_run import against_run
@@ -14,10 +14,11 @@ from musatpy.compilation.profiles import CompiledProfile, profiles_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.triangulation import Triangulation, of_block
-from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
+from musatpy.errors import CompilationError, DeckError, InterchangeError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.formats.musat import check_deck
+from musatpy.interchange.layers import Lines, Points
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_setup, run_comparison
@@ -48,15 +49,18 @@ def compile_deck(
     csv: bool = False,
     plots: bool = False,
     gis: bool = False,
+    las: bool = False,
+    crs: str = "",
     date: datetime.date | None = None,
 ) -> CompileResult:
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
     With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv`, with grids of posts `NAME.GRID.csv`,
     and with `plots` the picture of contours, `NAME.contours.png` and `.pdf`; with `gis` `NAME.gpkg`, `NAME.dxf`
-    and `NAME.GRID.tif`; with `csv` the tables of the listing, in `NAME_tables`; `anyway` also on a run that has
-    not converged. Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises
-    `OSError` where files cannot be read or written.
+    and `NAME.GRID.tif`, with `las` `NAME.las`, all of them in the system `crs` where it is given; with `csv` the
+    tables of the listing, in `NAME_tables`; `anyway` also on a run that has not converged. Where run or deck
+    cannot be used nothing is written, and every reason is in `problems`. Raises `OSError` where files cannot be
+    read or written.
     """
     result, bottom, problems = _with_bottom(run, deck, anyway)
     if result is None:
@@ -76,14 +80,17 @@ def compile_deck(
     files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(result, profiles, bottom)}
     if plots and bottom is not None:
         files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottom)}
+    layers = _layers(result, bottom, crs) if gis or las else {}
     write_files(files)
-    written = [*files, *(_for_gis(result, bottom, listing) if gis else ())]
+    written = [*files, *(_for_gis(result, bottom, layers, listing) if gis else ())]
+    written += _point_cloud(layers, listing) if las else ()
+    of_globe, refused = _as_geojson(layers, listing) if gis and crs else ([], [])
     return CompileResult(
         status=ExitStatus.DONE,
         problems=tuple(problems),
         compiled=result,
-        warnings=warnings,
-        files=tuple(written),
+        warnings=(*warnings, *refused),
+        files=(*written, *of_globe),
     )
 
 
@@ -230,12 +237,19 @@ def _compiled(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, lis
         return None, list(error.problems)
 
 
-def _for_gis(result: Compiled, bottom: Bottom | None, listing: Path) -> Iterator[Path]:
-    """Write points and contours for GIS and CAD, and yield where they are."""
-    from musatpy.compilation.gis_layers import layers_of, raster_of  # few users need these packages
+def _layers(result: Compiled, bottom: Bottom | None, crs: str) -> dict[str, Points | Lines]:
+    from musatpy.compilation.gis_layers import layers_of  # few users need these packages
+
+    return layers_of(result, bottom, crs)
+
+
+def _for_gis(
+    result: Compiled, bottom: Bottom | None, layers: dict[str, Points | Lines], listing: Path
+) -> Iterator[Path]:
+    """Write layers and grids for GIS and CAD, and yield where they are."""
+    from musatpy.compilation.gis_layers import raster_of
     from musatpy.interchange import dxf, geopackage, geotiff
 
-    layers = layers_of(result, bottom)
     for suffix, write in ((".gpkg", geopackage.write), (".dxf", dxf.write)):
         path = listing.with_suffix(suffix)
         write(path, layers)
@@ -244,6 +258,32 @@ def _for_gis(result: Compiled, bottom: Bottom | None, listing: Path) -> Iterator
         path = listing.with_suffix(f".{grid.name}.tif")
         geotiff.write(path, raster_of(grid, result.datum))
         yield path
+
+
+def _as_geojson(layers: dict[str, Points | Lines], listing: Path) -> tuple[list[Path], list[str]]:
+    """Write layers as GeoJSON, which is of WGS 84; return where they are, and why one cannot be."""
+    from musatpy.interchange import geojson
+
+    written, refused = [], []
+    for name, layer in layers.items():
+        path = listing.with_suffix(f".{name}.geojson")
+        try:
+            geojson.write(path, layer)
+            written.append(path)
+        except InterchangeError as error:
+            refused.append(f"no {path.name}: {error.problems[0].message}")
+    return written, refused
+
+
+def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[Path]:
+    """Write the points with their columns of numbers as a LAS file, and yield where it is."""
+    from musatpy.interchange import las
+
+    points, path = layers["points"], listing.with_suffix(".las")
+    assert isinstance(points, Points)
+    columns = {name: column for name, column in points.columns.items() if not column.is_text}
+    las.write(path, replace(points, columns=columns))
+    yield path
 
 
 def _pictures(result: Compiled, bottom: Bottom) -> Iterator[tuple[str, bytes]]:

@@ -10,9 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import ezdxf
+import laspy
 import numpy as np
 import pyogrio
+import pyogrio.raw
 import pytest
+import shapely
 from click.testing import CliRunner, Result
 
 import stage_readings
@@ -121,6 +124,63 @@ def test_files_for_gis_are_read_by_other_programs(run: Path, tmp_path: Path) -> 
     assert "Transverse_Mercator" in crs and "Clarke 1866" in crs
     lines = ezdxf.readfile(tmp_path / "a/st_thomas_as11.dxf").modelspace().query("POLYLINE")
     assert len(lines) == sum(row["lines"] for row in record["contours"])
+
+
+def test_files_in_the_system_of_the_job_are_read_by_other_programs(run: Path, tmp_path: Path) -> None:
+    """NAD 27 is on the ellipsoid of the job: its longitudes and latitudes are those of the record."""
+    options = ("--gis", "--las", "--crs", "EPSG:4267")
+    assert compiled(run, stage_readings.DECK, tmp_path, *options).exit_code == 0
+    rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
+    known = [row for row in rows if row["position"]]
+    lat_lon = np.degrees([row["position"][:2] for row in known])
+    crs, packed, xy = features(tmp_path / "st_thomas_as11.gpkg", "points")
+    assert crs == "EPSG:4267" and packed["point"].tolist() == [row["point"] for row in known]
+    np.testing.assert_allclose(xy, lat_lon[:, ::-1], rtol=0.0, atol=1e-9)  # written to 0.1 mm
+    cloud = laspy.read(tmp_path / "st_thomas_as11.las")
+    assert cloud.header.parse_crs().to_epsg() == 4267
+    np.testing.assert_allclose(np.stack([cloud.x, cloud.y], axis=1), lat_lon[:, ::-1], rtol=0.0, atol=1e-9)
+    wet = np.array([row["submerged"] for row in known])
+    sigma = np.array([row["datum_depth_sigma"] for row in known])
+    np.testing.assert_allclose(np.array(cloud["depth_sigma"]), np.where(wet, sigma, np.nan), rtol=1e-6)
+    crs, _, moved = features(tmp_path / "st_thomas_as11.points.geojson")
+    assert crs == "EPSG:4326"
+    shift = np.abs(moved - lat_lon[:, ::-1])
+    assert (shift < 0.003).all() and (shift > 1e-5).any(axis=1).all()  # 200 m at most, 1 m at least: another datum
+    _, lines, _ = features(tmp_path / "st_thomas_as11.contours.geojson")
+    assert set(lines["depth"].tolist()) >= {2.0, 4.0}
+
+
+def features(path: Path, layer: str | None = None) -> tuple[str, dict[str, np.ndarray], np.ndarray]:
+    """Return the system, the columns and the x and y of the first vertices of a file, as GDAL reads it."""
+    meta, _, shapes, columns = pyogrio.raw.read(path, layer=layer)
+    xy = np.array([shapely.get_coordinates(shape)[0] for shape in shapely.from_wkb(shapes)])
+    return meta["crs"], dict(zip(meta["fields"].tolist(), columns, strict=True)), xy
+
+
+@pytest.mark.parametrize(
+    ("crs", "message"),
+    [
+        ("EPSG:4326", "no datum is shifted"),
+        ("EPSG:4978", "on another"),
+        ("nothing", "nothing"),
+    ],
+)
+def test_a_system_that_the_job_is_not_in_is_refused_before_anything_is_written(
+    run: Path, tmp_path: Path, crs: str, message: str
+) -> None:
+    result = compiled(run, stage_readings.DECK, tmp_path, "--gis", "--crs", crs)
+    assert result.exit_code == 1 and message in result.output and not list(tmp_path.iterdir())
+
+
+def test_a_system_without_files_that_have_one_is_no_command(run: Path, tmp_path: Path) -> None:
+    result = compiled(run, stage_readings.DECK, tmp_path, "--crs", "EPSG:4267")
+    assert result.exit_code == 2 and "--crs goes with --gis or --las" in result.output
+
+
+def test_a_system_without_a_way_to_wgs_84_has_no_geojson(run: Path, tmp_path: Path) -> None:
+    result = compiled(run, stage_readings.DECK, tmp_path, "--gis", "--crs", "EPSG:26720")
+    assert result.exit_code == 0 and "no st_thomas_as11.points.geojson: PROJ has no transformation" in result.output
+    assert (tmp_path / "st_thomas_as11.gpkg").exists() and not list(tmp_path.glob("*.geojson"))
 
 
 def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:

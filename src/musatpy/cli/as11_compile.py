@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 @click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
 @click.option("--plots", is_flag=True, help="A picture of the contours too (NAME.contours.png).")
 @click.option("--gis", is_flag=True, help="Points and contours for GIS and CAD too (NAME.gpkg, NAME.dxf).")
+@click.option("--las", is_flag=True, help="Points with depths and sigmas as a cloud too (NAME.las).")
+@click.option(
+    "--crs",
+    default="",
+    help="System of these files, on the ellipsoid of the job: EPSG:4267; then GeoJSON too.",
+)
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.pass_context
 def command(
@@ -39,6 +45,8 @@ def command(
     csv: bool,
     plots: bool,
     gis: bool,
+    las: bool,
+    crs: str,
     dated: bool,
 ) -> None:
     """Compile the compilation DECK in stereomodels of RUN.json: the listing NAME.lst and the record NAME.json.
@@ -46,6 +54,8 @@ def command(
     RUN.json is the record of a run; a punched deck serves too, without covariances. Exit status: 0 done, 1 the run
     or the deck cannot be used.
     """
+    if crs and not (gis or las):
+        raise click.UsageError("--crs goes with --gis or --las")
     from musatpy.as11_runs import compile_deck
     from musatpy.runs import output_paths
 
@@ -60,6 +70,8 @@ def command(
         csv=csv,
         plots=plots,
         gis=gis,
+        las=las,
+        crs=crs,
         date=date,
     )
     compiled = report_faults(ctx, deck, result)

@@ -1,49 +1,86 @@
-"""A compilation as layers for other programs: its points and contours, in metres of a map about its middle."""
+"""A compilation as layers for other programs: its points and contours, on a map about it or in a system."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.grids import PostGrid
 from musatpy.compilation.joined_surfaces import Surface
+from musatpy.errors import CompilationError, Problem
+from musatpy.geometry.crs import system_of
 from musatpy.geometry.plan import Plan
+from musatpy.geometry.systems import Geocentric
 from musatpy.interchange.layers import Column, Grid, Lines, Points
 from musatpy.model.compilation import SoundingDatum
 from musatpy.surfaces.contours import Contour
 from musatpy.units import MICROMETRE
 
+if TYPE_CHECKING:
+    import pyproj
 
-def layers_of(compiled: Compiled, bottom: Bottom | None) -> dict[str, Points | Lines]:
-    """Return the layers `points` and `contours`.
 
-    Jobs on an ellipsoid are on a transverse Mercator map about their points, whose datum is the ellipsoid of the
-    job and no more; local jobs have no system. Heights are those of the job.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Placement:
+    """The system of layers, and how positions (k, 3) of the job come into it."""
+
+    places: Callable[[FloatArray], FloatArray]
+    crs: pyproj.CRS | None
+    heights: str
+
+
+def _placement(compiled: Compiled, crs: str) -> _Placement:
+    """Return the system of layers: `crs`; a map about the points of a job on an ellipsoid; that of a local job.
+
+    The datum of the map is the ellipsoid of the job and no more. Raises `SystemsError` for a system that is not on
+    the ellipsoid of the job, and `CompilationError` for one of a local job.
     """
+    position, system = compiled.gathered("position"), compiled.run.map_system
+    known = np.isfinite(position).all(axis=1)
+    if system is None or not known.any():
+        if crs:
+            raise CompilationError([Problem(message="--crs: the run is a local job, in no system of a register")])
+        return _Placement(places=np.asarray, crs=None, heights="heights of the job")
+    import pyproj
+
+    heights, frame = "above the ellipsoid of the job", compiled.run.frame
+    if not crs:
+        plan = Plan.about(system, position[known])
+        return _Placement(places=plan.places, crs=pyproj.CRS.from_user_input(plan.map.definition), heights=heights)
+    assert system.ellipsoid is not None  # of a job that is on one
+    target = system_of(crs, system.ellipsoid)
+    if isinstance(target, Geocentric):
+        raise CompilationError([Problem(message=f"--crs: {crs} is geocentric, and maps are not")])
+    return _Placement(
+        places=lambda positions: target.coordinates(frame.level(frame.working(positions))),
+        crs=pyproj.CRS.from_user_input(crs),
+        heights=heights,
+    )
+
+
+def layers_of(compiled: Compiled, bottom: Bottom | None, crs: str = "") -> dict[str, Points | Lines]:
+    """Return the layers `points` and `contours`, in a system or on a map about the points of the job.
+
+    Heights are those of the job. Raises `SystemsError` and `CompilationError` for a system that it is not in.
+    """
+    at = _placement(compiled, crs)
+    place: dict[str, Any] = {"crs": at.crs, "heights": at.heights}
     position = compiled.gathered("position")
     known = np.isfinite(position).all(axis=1)
-    system = compiled.run.map_system
-    plan = None if system is None or not known.any() else Plan.about(system, position[known])
-    place: dict[str, Any] = {"crs": None, "heights": "heights of the job"}
-    if plan is not None:
-        import pyproj
-
-        place = {
-            "crs": pyproj.CRS.from_user_input(plan.map.definition),
-            "heights": "above the ellipsoid of the job",
-        }
-    xyz = position[known] if plan is None else plan.places(position[known])
+    xyz = at.places(position[known])
     layers: dict[str, Points | Lines] = {"points": Points(xyz=xyz, columns=_columns(compiled, known), **place)}
     lines = [] if bottom is None else list(_numbered_lines(bottom))
     if lines:
         datum, paths = compiled.datum.height, []
         for _, surface, line in lines:
-            at = surface.coordinates(line.xy, np.full(len(line.xy), datum - line.level))
-            path = at if plan is None else plan.places(at)
+            path = at.places(surface.coordinates(line.xy, np.full(len(line.xy), datum - line.level)))
+            path[:, 2] = datum - line.level  # without the rounding of the way there
             paths.append(np.concatenate([path[:-1], path[:1]]) if line.closed else path)
         columns = {
             "surface": Column.of([number for number, _, _ in lines]),
