@@ -147,6 +147,7 @@ def compilation(pointing: float = POINTING) -> Compilation:
         ),
         grids=GridSpecs(
             ids=np.array(["BAY"]),
+            collocated=np.array([False]),
             spacing=np.array([100.0]),
             first=np.array([[18.327, -64.941]]),
             second=np.array([[18.3335, -64.919]]),

@@ -55,6 +55,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "surfaces",
         "soundings",
         "interchange",
+        "sea",
     },
     "reports": {
         "model",

@@ -9,9 +9,12 @@ from compilation.scenes import flat_images, pair
 from musatpy.arrays import FloatArray
 from musatpy.compilation.bottom import Bottom, bottom_of
 from musatpy.compilation.compiled import compiled
+from musatpy.compilation.grids import grids_of
+from musatpy.compilation.joined_surfaces import BottomPoints, Surface
 from musatpy.errors import CompilationError
 from musatpy.model.compilation import Compilation, ContourSpec, GridSpecs, StageReadings, StereomodelSpecs
 from musatpy.model.tables import empty
+from musatpy.surfaces.tin import Tin
 
 _WEST, _EAST, _FAR = (200.0, 1000.0), (800.0, 1600.0), (1400.0, 1600.0)  # X of the models, m
 
@@ -93,10 +96,14 @@ def test_models_apart_have_surfaces_of_their_own_and_a_third_may_join_them() -> 
     assert [edge.models for edge in joined.edges] == [("M0", "M2"), ("M1", "M2")]
 
 
-def grid_specs(spacing: float, *corners: tuple[float, float]) -> GridSpecs:
+def grid_specs(spacing: float, *corners: tuple[float, float], collocated: bool = False) -> GridSpecs:
     first, second = corners or ((np.nan, np.nan),) * 2
     return GridSpecs(
-        ids=np.array(["A"]), spacing=np.array([spacing]), first=np.array([first]), second=np.array([second])
+        ids=np.array(["A"]),
+        collocated=np.array([collocated]),
+        spacing=np.array([spacing]),
+        first=np.array([first]),
+        second=np.array([second]),
     )
 
 
@@ -121,3 +128,50 @@ def test_a_grid_without_corners_covers_the_bottom_and_one_of_no_posts_is_refused
         bottom(_WEST, grids=grid_specs(500.0, (210.0, 10.0), (400.0, 20.0)))
     with pytest.raises(CompilationError, match=r"grid A has 1\.4e\+14 posts"):
         bottom(_WEST, _EAST, grids=grid_specs(1e-4))
+
+
+def rolling(xy: FloatArray) -> FloatArray:
+    """Return the depths (k,) of a smooth bottom at places (k, 2)."""
+    return np.asarray(9.0 + 0.004 * xy[:, 0] + 1.5 * np.sin(xy[:, 0] / 150.0) * np.cos(xy[:, 1] / 130.0))
+
+
+def noisy(seed: int, number: int = 150, sigma: float = 0.2) -> Surface:
+    """Return the surface of points of the rolling bottom with errors."""
+    draws = np.random.default_rng(seed)
+    xy = draws.uniform(0.0, 1000.0, (number, 2))
+    depth, sigmas = rolling(xy) + sigma * draws.normal(size=number), np.full(number, sigma)
+    points = BottomPoints(xy=xy, depth=depth, sigma=sigmas, water=np.zeros(number))
+    tin = Tin.of(np.column_stack([xy, depth]), sigmas)
+    return Surface(models=("M",), points=points, tin=tin, plan=None)
+
+
+def test_posts_by_collocation_are_nearer_to_the_truth_and_know_how_near() -> None:
+    """Of eight bottoms: two thirds of the triangles' errors at most; errors over sigmas by their 2,000 posts."""
+    corners, error, tests, left_out = ((200.0, 200.0), (800.0, 800.0)), [], [], []
+    for seed in range(8):
+        surfaces = (noisy(seed),)
+        by_tin, by_collocation = (
+            grids_of(grid_specs(40.0, *corners, collocated=collocated), surfaces, 1.0)[0]
+            for collocated in (False, True)
+        )
+        truth = rolling(by_tin.coordinates(0.0)[:, :2]).reshape(by_tin.depth.shape)
+        error.append([np.square(grid.depth - truth).mean() for grid in (by_tin, by_collocation)])
+        tests.append(np.square((by_collocation.depth - truth) / by_collocation.sigma).mean())
+        assert by_tin.validation is None and by_collocation.validation is not None
+        left_out.append(by_collocation.validation.standardised_rms)
+    of_triangles, of_collocation = np.sqrt(np.mean(error, axis=0))
+    assert of_collocation < 0.67 * of_triangles
+    assert 0.8 < np.sqrt(np.mean(tests)) < 1.2 and 0.85 < np.mean(left_out) < 1.15
+
+
+def test_posts_by_collocation_are_empty_where_there_is_no_surface() -> None:
+    (grid,) = grids_of(grid_specs(100.0, (-300.0, 0.0), (1000.0, 1000.0), collocated=True), (noisy(1),), 1.0)
+    (by_tin,) = grids_of(grid_specs(100.0, (-300.0, 0.0), (1000.0, 1000.0)), (noisy(1),), 1.0)
+    assert grid.empty == by_tin.empty > 0
+    np.testing.assert_array_equal(np.isnan(grid.depth), np.isnan(by_tin.depth))
+
+
+@pytest.mark.parametrize(("number", "message"), [(4, "are too few"), (2001, "2001 points are too many")])
+def test_too_few_or_too_many_points_for_a_collocation_are_refused(number: int, message: str) -> None:
+    with pytest.raises(CompilationError, match=f"grid A: .*{message}"):
+        grids_of(grid_specs(100.0, collocated=True), (noisy(2, number),), 1.0)

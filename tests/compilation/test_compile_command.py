@@ -183,6 +183,18 @@ def test_a_system_without_a_way_to_wgs_84_has_no_geojson(run: Path, tmp_path: Pa
     assert (tmp_path / "st_thomas_as11.gpkg").exists() and not list(tmp_path.glob("*.geojson"))
 
 
+def test_a_grid_may_be_predicted_by_collocation(run: Path, tmp_path: Path) -> None:
+    """The record has what points that were left out say of it, and the listing a page."""
+    deck = changed(tmp_path, ("GRD BAY      ", "GRD BAY     C"))
+    assert compiled(run, deck, tmp_path).exit_code == 0
+    record, of_record = json.loads((tmp_path / "changed.json").read_text()), schema()
+    assert not list(violations(record, of_record, of_record))
+    (grid,) = record["grids"]
+    assert grid["collocated"] and grid["empty"] == 0 and 0.0 < grid["mean_sigma"] < 0.2
+    assert 0.6 < grid["left_out_test"] < 1.4
+    assert "Grids By Collocation" in (tmp_path / "changed.lst").read_text()
+
+
 def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:
     """Depths at the vertices by the formula of the fixture: its scatter of .3 m, and sigmas of the points."""
     compiled(run, stage_readings.DECK, tmp_path)

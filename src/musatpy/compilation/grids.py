@@ -9,10 +9,16 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.joined_surfaces import Surface
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CollocationError, CompilationError, Problem
 from musatpy.model.compilation import GridSpecs
+from musatpy.sea.interpolation.correlation import Family
+from musatpy.sea.interpolation.interpolate import Options, interpolate
+from musatpy.sea.interpolation.prediction import CrossValidation, Observed, Trend
+from musatpy.surfaces.tin import Tin
 
 _MOST = 50_000_000  # posts: 800 MB of depths and sigmas
+_MOST_COLLOCATED = 2000  # points: their covariances are factorised some dozen times
+_FAMILIES = (Family.GAUSSIAN, Family.EXPONENTIAL)  # of a bottom: smooth, or rough
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,6 +35,7 @@ class PostGrid:
     depth: FloatArray
     sigma: FloatArray
     surface: Surface
+    validation: CrossValidation | None = None  # of the points, left out in groups, where posts are predicted
 
     @property
     def empty(self) -> int:
@@ -59,12 +66,15 @@ def grids_of(specs: GridSpecs, surfaces: Sequence[Surface], corner_unit: float) 
             float(specs.spacing[row]),
             np.stack([specs.first[row], specs.second[row]]) * corner_unit,
             networks,
+            collocated=bool(specs.collocated[row]),
         )
         for row in range(len(specs.ids))
     )
 
 
-def _grid(name: str, spacing: float, corners: FloatArray, surfaces: Sequence[Surface]) -> PostGrid:
+def _grid(
+    name: str, spacing: float, corners: FloatArray, surfaces: Sequence[Surface], *, collocated: bool
+) -> PostGrid:
     """Return a grid between corners (2, 2) of the job, over all of the surfaces where these are NaN."""
     if np.isfinite(corners).all():
         places = surfaces[0].places(corners)
@@ -78,11 +88,15 @@ def _grid(name: str, spacing: float, corners: FloatArray, surfaces: Sequence[Sur
     x, y = np.meshgrid(first[0] + np.arange(columns), first[1] + np.arange(rows))
     posts = spacing * np.column_stack([x.ravel(), y.ravel()])
     depth, sigma = np.full(len(posts), np.nan), np.full(len(posts), np.nan)
+    validations = []
     for surface in surfaces:
         assert surface.tin is not None
         at = surface.tin.at(posts)
         new = np.isnan(depth) & np.isfinite(at.value)
         depth[new], sigma[new] = at.value[new], at.sigma[new]
+        if collocated and new.any():
+            depth[new], sigma[new], validation = _predicted(name, surface.tin, posts[new])
+            validations.append(validation)
     shape = (int(rows), int(columns))
     return PostGrid(
         name=name,
@@ -92,4 +106,32 @@ def _grid(name: str, spacing: float, corners: FloatArray, surfaces: Sequence[Sur
         depth=depth.reshape(shape),
         sigma=sigma.reshape(shape),
         surface=surfaces[0],
+        validation=_joined(validations) if validations else None,
+    )
+
+
+def _predicted(name: str, tin: Tin, posts: FloatArray) -> tuple[FloatArray, FloatArray, CrossValidation]:
+    """Return depths (p,) at posts (p, 2) by collocation of the points of a network, sigmas, and its validation.
+
+    A plane and a signal, whose covariance is the better of two families by the restricted likelihood; what points
+    err by is their sigmas. Sigmas of depths are larger by what points that were left out say. Raises
+    `CompilationError`.
+    """
+    if len(tin.z) > _MOST_COLLOCATED:
+        message = f"grid {name}: {len(tin.z)} points are too many for a collocation ({_MOST_COLLOCATED} at most)"
+        raise CompilationError([Problem(message=message)])
+    observed = Observed(place=tin.xy, value=tin.z, sigma=tin.sigma)
+    options = Options(trend=Trend.PLANE, families=_FAMILIES, free_noise=False, reject=False)
+    try:
+        found = interpolate(observed, options)
+    except CollocationError as error:
+        message = f"grid {name}: {error.problems[0].message}"
+        raise CompilationError([Problem(message=message)]) from error
+    prediction = found.collocation.predict(posts)
+    return prediction.value, found.factor * prediction.sigma, found.grouped
+
+
+def _joined(parts: Sequence[CrossValidation]) -> CrossValidation:
+    return CrossValidation(
+        error=np.concatenate([part.error for part in parts]), sigma=np.concatenate([part.sigma for part in parts])
     )

@@ -152,6 +152,7 @@ def _profiles(table: CardTable, models: dict[str, int]) -> ProfileSpecs:
 def _grids(table: CardTable) -> GridSpecs:
     return GridSpecs(
         ids=_text(table, "name"),
+        collocated=_text(table, "surface") == "C",
         spacing=_number(table, "spacing"),
         first=_numbers(table, _CORNERS[:2]),
         second=_numbers(table, _CORNERS[2:]),
@@ -210,6 +211,7 @@ def compilation_bytes(deck: Compilation) -> bytes:
             cards["GRD"],
             {
                 "name": deck.grids.ids,
+                "surface": np.where(deck.grids.collocated, "C", ""),
                 "spacing": deck.grids.spacing,
                 **dict(zip(_CORNERS, np.hstack([deck.grids.first, deck.grids.second]).T, strict=True)),
             },

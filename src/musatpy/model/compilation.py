@@ -118,6 +118,7 @@ class GridSpecs(Table):
     """g grids of posts, in the order of the deck."""
 
     ids: TextArray = per_row()  # (g,)
+    collocated: BoolArray = per_row()  # (g,) predicted by collocation, not read off the triangles
     spacing: FloatArray = per_row()  # (g,) m
     first: FloatArray = per_row(2)  # (g, 2) corner, degrees or m as the job's coordinates; NaN: all of the bottom
     second: FloatArray = per_row(2)  # (g, 2) opposite corner

@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.moved_stage import MovedStage
     from musatpy.compilation.profiles import CompiledProfile
 
-_VERSION = "1.2"
+_VERSION = "1.3"
 _ABOUT = (
     "Points compiled in stereomodels of a run, in metres and radians; positions are in the system of the job, "
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.reports.columns import vector
 from musatpy.reports.fields import Each, Field
 from musatpy.reports.origin import Origin
@@ -73,8 +73,18 @@ GRIDS: Each[Bottom, PostGrid] = Each(
         Field("empty", "integer", "posts without a surface"),
         Field("least", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmin), "m"),
         Field("greatest", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmax), "m"),
+        Field("collocated", "boolean", "predicted, not read off triangles", lambda g: g.validation is not None),
+        Field(
+            "left_out_rms", "number?", "of points that were left out and predicted; null of triangles",
+            lambda g: g.validation.rms if g.validation else np.nan, "m",
+        ),
+        Field(
+            "left_out_test", "number?", "the same over their sigmas: 1 where these are honest",
+            lambda g: g.validation.standardised_rms if g.validation else np.nan,
+        ),
+        Field("mean_sigma", "number?", "of the posts", lambda g: _least(g.sigma, np.nanmean), "m"),
     ),
-)
+)  # fmt: skip
 CONTOURS: Each[Bottom, Level] = Each(
     "contours",
     "one row per depth of a surface",
@@ -132,6 +142,10 @@ def _least(depth: FloatArray, of: Any) -> float:
     return float(of(depth)) if np.isfinite(depth).any() else np.nan
 
 
+def _collocated(bottom: Bottom) -> IntArray:
+    return np.flatnonzero([grid.validation is not None for grid in bottom.grids])
+
+
 def _levels(bottom: Bottom) -> list[Level]:
     rows: list[Level] = []
     for number, _, drawn in _numbered(bottom):
@@ -168,6 +182,17 @@ GRID_TABLE: Report[Any] = Report(
         Column("Empty", "I9", shows="empty"),
         Column("Least depth\nm", "F11.3", shows="least"),
         Column("Greatest depth\nm", "F14.3", shows="greatest"),
+    ),
+)
+COLLOCATED_TABLE: Report[Any] = Report(
+    title="Grids By Collocation: Points Left Out And Predicted",
+    table=GRIDS,
+    rows=lambda bottom: _collocated(bottom),
+    columns=(
+        key("Grid", "A8", "grid"),
+        Column("RMS\nm", "F8.3", shows="left_out_rms"),
+        Column("over sigma", "F10.2", shows="left_out_test"),
+        Column("Mean sigma of posts\nm", "F19.3", shows="mean_sigma"),
     ),
 )
 EDGE_TABLE: Report[Any] = Report(
@@ -210,7 +235,7 @@ PROFILE_TABLE: Report[Any] = Report(
         Column("Without, because", "A44", shows="reason"),
     ),
 )
-STATED = (PROFILE_TABLE, SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, GRID_TABLE)
+STATED = (PROFILE_TABLE, SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 
 
 def sections_of(bottom: Bottom | None, profiles: list[CompiledProfile]) -> list[Section]:
@@ -236,6 +261,7 @@ def sections_of(bottom: Bottom | None, profiles: list[CompiledProfile]) -> list[
         *([EDGE_TABLE.section(bottom)] if bottom.edges else []),
         *([CONTOUR_TABLE.section(bottom)] if any(drawn.lines for drawn in bottom.lines) else []),
         *([GRID_TABLE.section(bottom)] if bottom.grids else []),
+        *([COLLOCATED_TABLE.section(bottom)] if len(_collocated(bottom)) else []),
     ]
 
 
