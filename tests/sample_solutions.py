@@ -37,6 +37,7 @@ from musatpy.model import (
     HeightDifferences,
     Iteration,
     Lenses,
+    LevelPairs,
     MarkDistances,
     ObservationKind,
     Observations,
@@ -156,8 +157,17 @@ def sample_solution(
         },
         water=_water(block),
         pairs=StationPairs(photo=np.array([[0, 1], [1, 2]]), covariance=rng.normal(0.0, 1e-3, (2, 6, 6))),
+        level_pairs=LevelPairs(
+            photo=np.array([[0, 0], [0, 1]]),
+            of_first=rng.normal(0.0, 1e-3, (2, 6)),
+            of_second=rng.normal(0.0, 1e-3, (2, 6)),
+            level=np.array([0.02, 0.01]),
+        ),
         water_precision=WaterPrecision(
-            names=("water level",), covariance=np.array([[0.01]]), stations=rng.normal(0.0, 1e-3, (n, 6, 1))
+            names=("water level",),
+            covariance=np.array([[0.01]]),
+            stations=rng.normal(0.0, 1e-3, (n, 6, 1)),
+            levels=np.empty((0, 1)),
         ),
         observed=_observed(rng, block),
         dependence=_dependence(rng, n),

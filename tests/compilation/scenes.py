@@ -56,6 +56,7 @@ def pair(
         given=position,
         covariance=np.zeros((2, 6, 6)),
         pairs=model.StationPairs(photo=np.array([[0, 1]]), covariance=np.zeros((1, 6, 6))),
+        levels=None,
         water=None,
         position=np.zeros((0, 3)),
         point_covariance=np.zeros((0, 3, 3)),

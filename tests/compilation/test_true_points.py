@@ -18,7 +18,7 @@ from musatpy.errors import CompilationError
 from musatpy.reports.record import dumps, record
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
-ONE = {"water_level": model.WaterLevel.ONE}
+ONE, PHOTO = ({"water_level": level} for level in (model.WaterLevel.ONE, model.WaterLevel.PHOTO))
 
 
 def kept_out(
@@ -79,6 +79,8 @@ def compare(run: Triangulation, solution: model.Solution, points: list[int]) -> 
         ("st_thomas/st_thomas.crd", model.Program.IIA, True, {}),
         ("st_thomas/st_thomas.crd", model.Program.IIIA, True, ONE),
         ("st_thomas/st_thomas.crd", model.Program.IIIA, True, {**ONE, "water_index": model.Treatment.ADJUST}),
+        ("st_thomas/st_thomas.crd", model.Program.IIIA, True, PHOTO),
+        ("st_thomas/st_thomas.crd", model.Program.IIIA, True, {**PHOTO, "water_index": model.Treatment.ADJUST}),
         ("cayman/cayman_clean.crd", model.Program.IIIA, False, {}),
     ],
 )

@@ -18,13 +18,14 @@ from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
-from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.water_surface import is_considered
 from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     Block,
     ConsideredWater,
+    LevelPairs,
     Observations,
     PointStatus,
     Program,
@@ -54,6 +55,7 @@ class Precision:
     diagonal: Diagonal
     considered: ConsideredWater | None
     pairs: StationPairs
+    levels: LevelPairs | None  # None: no photo has a level of its own as an unknown
     water: WaterPrecision | None
 
 
@@ -128,6 +130,7 @@ def precision(
         diagonal=spread.diagonal,
         considered=considered.parameters if considered else None,
         pairs=_pairs(unknowns),
+        levels=_level_pairs(unknowns),
         water=_water_precision(network, cofactors.times(unit_sigma**2), considered),
     )
 
@@ -137,6 +140,19 @@ def _pairs(covariances: Cofactors) -> StationPairs:
     photo = covariances.pattern.pairs
     apart = photo[:, 0] < photo[:, 1]
     return StationPairs(photo=photo[apart], covariance=covariances.blocks[apart, :6, :6])
+
+
+def _level_pairs(covariances: Cofactors) -> LevelPairs | None:
+    """Return the covariances of the levels of single photos, None where these are no unknowns."""
+    if covariances.pattern.size == 6:
+        return None
+    blocks = covariances.blocks
+    return LevelPairs(
+        photo=covariances.pattern.pairs,
+        of_first=blocks[:, :6, LEVEL],
+        of_second=blocks[:, LEVEL, :6],
+        level=blocks[:, LEVEL, LEVEL],
+    )
 
 
 def _water_precision(
@@ -160,6 +176,7 @@ def _water_precision(
         names=tuple(names[column] for column in water),
         covariance=corner[np.ix_(water, water)],
         stations=of_stations[:, :6],
+        levels=of_stations[:, LEVEL] if network.water.per_photo else np.empty((0, len(water))),
     )
 
 

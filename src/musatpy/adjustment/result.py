@@ -29,6 +29,7 @@ from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
+    BathymetricPoints,
     Block,
     Dependence,
     GroundPoints,
@@ -85,7 +86,6 @@ def solution(
     known = precision(block, refracted, state, part, factor, free, plates.residual, squares, dof)
     points = _points_of(refracted, state, part, known.points)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
-    every = (*measured.groups, *left_out(measured, part))
     if refracted is not network and not reason:
         warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
     return Solution(
@@ -103,13 +103,14 @@ def solution(
         stations=stations,
         points=points,
         plates=plates,
-        bathymetric=bathymetric_points(block, measured, state, every, np.sqrt(known.depths)),
+        bathymetric=_bathymetric(block, measured, state, part, known),
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, known),
         measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
         water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
         observed=known.observed,
         pairs=known.pairs,
+        level_pairs=known.levels,
         water_precision=known.water,
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
@@ -168,6 +169,14 @@ def _water(network: Network, state: State, covariances: Cofactors, waves: Adjust
         index_sigma=float(index[0]) if len(index) else np.nan,
         waves=waves,
     )
+
+
+def _bathymetric(
+    block: Block, measured: Network, state: State, part: Participation, known: Precision
+) -> BathymetricPoints:
+    """Return the submerged points, those that took no part too."""
+    every = (*measured.groups, *left_out(measured, part))
+    return bathymetric_points(block, measured, state, every, np.sqrt(known.depths))
 
 
 def _level_sigmas(network: Network, state: State, known: Precision) -> FloatArray:

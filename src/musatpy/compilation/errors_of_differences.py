@@ -41,9 +41,10 @@ def difference_covariances(model: CompiledModel, rows: IntArray, points: IntArra
     where the run has a point not on both photos, and where it has kept out one of the readings of a point.
     """
     run = model.stereo.run
-    pattern = Pattern.of(len(run.block.photos.ids), 6, [run.pairs.photo])
-    compiled = _influences(run, *_compiled_network(model, rows), np.arange(len(rows)))
+    network, state = _compiled_network(model, rows)
+    compiled = _influences(run, network, state, np.arange(len(rows)))
     of_run = _influences(run, *_run_network(run, points), np.arange(len(points)))
+    pattern = Pattern.of(len(run.block.photos.ids), network.pattern.size, [run.pairs.photo])
     border = run.water.covariance.shape[0] if run.water else 0
     Q = covariances_in(run, pattern, border)
     took_part = np.isin(points, run.block.plates.point[run.triangulated])

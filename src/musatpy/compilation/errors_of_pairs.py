@@ -8,6 +8,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.sparse import Pattern
+from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import FloatArray
 from musatpy.compilation.triangulation import Triangulation
 
@@ -22,13 +23,21 @@ def covariances_in(run: Triangulation, pattern: Pattern, size: int) -> Cofactors
     q = pattern.size
     blocks = np.zeros((len(pattern.pairs), q, q))
     blocks[pattern.diagonal, :6, :6] = run.covariance
-    rows = {(int(i), int(j)): row for row, (i, j) in enumerate(run.pairs.photo)}
-    for place, (i, j) in enumerate(pattern.pairs.tolist()):
-        if i < j and (i, j) in rows:
-            blocks[place, :6, :6] = run.pairs.covariance[rows[i, j]]
+    place = {pair: row for row, pair in enumerate(map(tuple, pattern.pairs.tolist()))}
+    for pair, covariance in zip(map(tuple, run.pairs.photo.tolist()), run.pairs.covariance, strict=True):
+        if pair in place:
+            blocks[place[pair], :6, :6] = covariance
+    if run.levels is not None and q > LEVEL:
+        levels = run.levels
+        known = [(place[pair], row) for row, pair in enumerate(map(tuple, levels.photo.tolist())) if pair in place]
+        at, row = np.array(known, dtype=np.int64).reshape(-1, 2).T
+        blocks[at, :6, LEVEL], blocks[at, LEVEL, :6] = levels.of_first[row], levels.of_second[row]
+        blocks[at, LEVEL, LEVEL] = levels.level[row]
     border, corner = np.zeros((pattern.count, q, size)), np.zeros((size, size))
     if run.water is not None:
         border[:, :6], corner[:] = run.water.stations, run.water.covariance
+        if q > LEVEL and len(run.water.levels):
+            border[:, LEVEL] = run.water.levels
     return Cofactors(pattern=pattern, blocks=blocks, border=border.reshape(pattern.order, size), corner=corner)
 
 

@@ -16,6 +16,7 @@ from musatpy.model import (
     Cameras,
     CoordinateSystem,
     EllipsoidSpec,
+    LevelPairs,
     Options,
     Photos,
     PlateMeasurements,
@@ -52,6 +53,8 @@ _NEEDS = {
     "water_precision": ("quantity", "covariance", "stations"),
 }  # fmt: skip
 
+_OF_LATER = {"level_pairs": ("photos", "of_first", "of_second", "level")}  # fields of records from 1.10 on
+
 
 def of_record(path: Path, anyway: bool = False) -> Triangulation:
     """Return the triangulation of the record of a run; `anyway` also of one that has not converged.
@@ -59,7 +62,7 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
     Raises `CompilationError` where it is none that can be compiled from, and `OSError`.
     """
     try:
-        record = read_record(path, _NEEDS)
+        record = read_record(path, _NEEDS, _OF_LATER)
     except RecordError as error:
         raise CompilationError(error.problems) from error
     solution, water = record["solution"], record["adjusted_water"]
@@ -73,6 +76,7 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         given=_array([row["given_position"] for row in stations], 3),
         covariance=_array([row["covariance"] for row in stations], 6, 6),
         pairs=_pairs(record),
+        levels=_level_pairs(record),
         water=_water_precision(record["water_precision"], count),
         position=_array([row["position"] or [None] * 3 for row in points], 3),
         point_covariance=_array([row["covariance"] or [[None] * 3] * 3 for row in points], 3, 3),
@@ -171,6 +175,19 @@ def _pairs(record: Any) -> StationPairs:
     )
 
 
+def _level_pairs(record: Any) -> LevelPairs | None:
+    rows = record.get("level_pairs")
+    if not rows:
+        return None
+    number = {row["photo"]: place for place, row in enumerate(record["stations"])}
+    return LevelPairs(
+        photo=np.array([[number[name] for name in row["photos"]] for row in rows], dtype=np.int64),
+        of_first=_array([row["of_first"] for row in rows], 6),
+        of_second=_array([row["of_second"] for row in rows], 6),
+        level=_array([row["level"] for row in rows]),
+    )
+
+
 def _water_precision(rows: Any, stations: int) -> WaterPrecision | None:
     if not rows:
         return None
@@ -178,4 +195,5 @@ def _water_precision(rows: Any, stations: int) -> WaterPrecision | None:
         names=tuple(row["quantity"] for row in rows),
         covariance=_array([row["covariance"] for row in rows], len(rows)),
         stations=np.moveaxis(_array([row["stations"] for row in rows], stations, 6), 0, -1),
+        levels=_array([row.get("levels", []) for row in rows], -1).T,
     )

@@ -13,7 +13,7 @@ from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, System
-from musatpy.model import Block, Solution, StationPairs, Water, WaterPrecision
+from musatpy.model import Block, LevelPairs, Solution, StationPairs, Water, WaterPrecision
 
 UNCONVERGED = "the run has not converged"
 PUNCHED = "from a punched deck: sigmas are those of stages and water alone"
@@ -27,14 +27,16 @@ class Triangulation:
     measurements of the run. `given` (n, 3) are the stations of the deck, about which the axes of covariances stand
     and the water tilts, NaN where there were none. position (p, 3) in the system of the job and covariance (p, 3,
     3) of its points, NaN where not determined; triangulated (m,) measurements, points of control (p,). covariance
-    (n, 6, 6) of stations, with those of pairs and of the water; `unit_sigma` is the a posteriori sigma of unit
-    weight. `caution` is what every page of what comes of it must say, and `because` says more of it.
+    (n, 6, 6) of stations, with those of pairs, of levels of single photos and of the water; `unit_sigma` is the a
+    posteriori sigma of unit weight. `caution` is what every page of what comes of it must say, and `because` says
+    more of it.
     """
 
     block: Block
     given: FloatArray
     covariance: FloatArray
     pairs: StationPairs
+    levels: LevelPairs | None
     water: WaterPrecision | None
     position: FloatArray
     point_covariance: FloatArray
@@ -103,6 +105,7 @@ def of_solution(solution: Solution) -> Triangulation:
         given=block.photos.position,
         covariance=stations.covariance,
         pairs=solution.pairs,
+        levels=solution.level_pairs,
         water=solution.water_precision,
         position=solution.points.position,
         point_covariance=solution.points.covariance,
@@ -141,6 +144,7 @@ def of_block(block: Block) -> Triangulation:
         given=photos.position,
         covariance=np.zeros((len(photos.ids), 6, 6)),
         pairs=StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6))),
+        levels=None,
         water=None,
         position=position,
         point_covariance=np.full((count, 3, 3), np.nan),

@@ -79,16 +79,27 @@ class StationPairs(Table):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class LevelPairs(Table):
+    """Levels that photos have of their own as unknowns: e pairs of photos, as `StationPairs`, and each alone."""
+
+    photo: IntArray = per_row(2)  # (e, 2)
+    of_first: FloatArray = per_row(6)  # (e, 6) covariances of the parameters of the first with the second's level
+    of_second: FloatArray = per_row(6)  # (e, 6) of the first's level with the parameters of the second
+    level: FloatArray = per_row()  # (e,) of both levels, m2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class WaterPrecision:
     """Joint covariances of g quantities of the water, adjusted and considered ones, in m and rad.
 
-    A posteriori, as those of the stations, with which they stand here too. Levels that every photo has of its own
-    as an unknown are not among them.
+    A posteriori, as those of the stations, with which they stand here too, and with the levels that photos have of
+    their own as unknowns, which are not among them.
     """
 
     names: tuple[str, ...]  # (g,) in the order of the border of the normal equations
     covariance: FloatArray  # (g, g)
     stations: FloatArray  # (n, 6, g) of the parameters of stations with the water
+    levels: FloatArray  # (n, g) of the levels of single photos with it, (0, g) where these are no unknowns
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,6 +188,7 @@ class Solution:
     ]  # (r,) adjusted lengths, ... of a table; NaN: an end has no place
     water: AdjustedWater | None = None  # None: a job without water
     pairs: StationPairs | None = None  # None: the solution was not built by an adjustment
+    level_pairs: LevelPairs | None = None  # None: no photo has a water level of its own as an unknown
     water_precision: WaterPrecision | None = None  # None: nothing of the water is uncertain
     considered: ConsideredWater | None = None  # None: nothing of the water has a sigma without being unknown
     observed: Observations | None = None  # None: the solution was not built by an adjustment

@@ -25,7 +25,7 @@ from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, sa
 from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
-SCHEMA_VERSION = "1.9"
+SCHEMA_VERSION = "1.10"
 _ABOUT = (
     "The numbers of one job at full precision. Positions are in the system of the job: latitude, longitude, "
     "ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up (X, Y, Z in "
@@ -77,6 +77,7 @@ _TABLES: tuple[Node[Statistics], ...] = (
     job_record.FIDUCIALS,
     result_record.STATIONS,
     result_record.PAIRS,
+    result_record.LEVEL_PAIRS,
     result_record.POINTS,
     stated_record.STATED,
     result_record.BATHYMETRIC,

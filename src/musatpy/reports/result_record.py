@@ -6,6 +6,7 @@ from musatpy.arrays import TextArray
 from musatpy.model import (
     ControlKind,
     Iteration,
+    LevelPairs,
     ObservationKind,
     PointStatus,
     Solution,
@@ -237,6 +238,32 @@ PAIRS = Rows[Statistics, tuple[TextArray, StationPairs]](
         ),
     ),
 )
+
+
+def _level_pairs(statistics: Statistics) -> tuple[TextArray, LevelPairs] | None:
+    pairs = statistics.solution.level_pairs
+    return None if pairs is None else (statistics.block.photos.ids, pairs)
+
+
+LEVEL_PAIRS = Rows[Statistics, tuple[TextArray, LevelPairs]](
+    "level_pairs",
+    "levels that photos have of their own as unknowns: one row per pair of photos that share a point, and of each "
+    "alone; empty where there are none",
+    _level_pairs,
+    (
+        Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
+        Field(
+            "of_first", "6 number?",
+            "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with the level of the second",
+            lambda p: p[1].of_first, "m2, m rad",
+        ),
+        Field(
+            "of_second", "6 number?", "of the first's level with those of the second", lambda p: p[1].of_second,
+            "m2, m rad",
+        ),
+        Field("level", "number?", "of both levels", lambda p: p[1].level, "m2"),
+    ),
+)  # fmt: skip
 WATER_PRECISION = Rows[Statistics, WaterPrecision](
     "water_precision",
     "one row per quantity of the water that is adjusted or considered, but unknown levels of single photos",
@@ -248,6 +275,10 @@ WATER_PRECISION = Rows[Statistics, WaterPrecision](
             "stations", "* number?",
             "a posteriori, with east, north, up, X-tilt, Y-tilt, heading of each station, one after the other",
             lambda w: w.stations.reshape(-1, len(w.names)).T, "m, rad",
+        ),
+        Field(
+            "levels", "* number?", "a posteriori, with the unknown level of each photo; empty where there are none",
+            lambda w: w.levels.T, "m",
         ),
     ),
 )  # fmt: skip
