@@ -155,7 +155,8 @@ class _Work:
         """Correct a file of points chunk by chunk."""
         crs = next(read_points(self.source, self.stand_in)).crs
         correction = self.correction(crs)
-        corrector = _corrector(correction, Survey.of(part.xyz for part in read_points(self.source, self.stand_in)))
+        places = (part.xyz for part in read_points(self.source, self.stand_in, alone=True))
+        corrector = _corrector(correction, Survey.of(places))
         tallies: list[Tally] = []
         if {self.source.suffix.lower(), self.target.suffix.lower()} <= {*CLOUDS}:
             correct_cloud(self.source, self.target, corrector, tallies)

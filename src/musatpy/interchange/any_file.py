@@ -45,12 +45,14 @@ def read_layers(path: Path, crs: pyproj.CRS | None = None, layer: str = "") -> L
     raise _no_format(path)
 
 
-def read_points(path: Path, crs: pyproj.CRS | None = None) -> Iterator[Points]:
+def read_points(path: Path, crs: pyproj.CRS | None = None, *, alone: bool = False) -> Iterator[Points]:
     """Yield the points of a file of points alone (`POINT_FILES`) in chunks, with the columns that it has.
 
-    Further columns of texts are texts. Raises `InterchangeError`, of a text after its last chunk; `OSError`.
+    Further columns of text files are texts; `alone` may leave them out. Raises `InterchangeError`, of a text after its last chunk; `OSError`.
     """
-    return las.read_chunks(path, crs) if path.suffix.lower() in CLOUDS else xyz.read_chunks(path, crs=crs)
+    if path.suffix.lower() in CLOUDS:
+        return las.read_chunks(path, crs)
+    return xyz.read_chunks(path, crs=crs, alone=alone)
 
 
 def write_points(path: Path, chunks: Iterable[Points]) -> None:

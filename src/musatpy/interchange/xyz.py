@@ -43,7 +43,7 @@ class _Form:
 
     def values(self, line: str) -> list[str]:
         """Return the values of a line."""
-        return next(csv.reader([line])) if self.named else line.split()
+        return next(csv.reader([line.rstrip("\r\n")])) if self.named else line.split()
 
     @property
     def others(self) -> list[int]:
@@ -76,41 +76,46 @@ def read(path: Path, columns: Sequence[str] = _AXES, crs: pyproj.CRS | None = No
 
 
 def read_chunks(
-    path: Path, columns: Sequence[str] = _AXES, crs: pyproj.CRS | None = None, heights: str = ""
+    path: Path,
+    columns: Sequence[str] = _AXES,
+    crs: pyproj.CRS | None = None,
+    heights: str = "",
+    *,
+    alone: bool = False,
 ) -> Iterator[Points]:
     """Yield the points of a file in chunks; their further columns are texts, as they stand in the file.
 
-    Raises `InterchangeError` after the last chunk with every line that cannot be read; `OSError`.
+    `alone` leaves these out, for who needs coordinates only. Raises `InterchangeError` after the last chunk with every line that cannot be read; `OSError`.
     """
     require_content(path)
     problems: list[Problem] = []
     count = 0
     with path.open(newline="", **ENCODING) as file:  # type: ignore[call-overload]
-        lines = ((place, line.rstrip("\r\n")) for place, line in enumerate(_unmarked(file), 1))
-        form = _named_form(path, next(lines)[1], columns) if path.suffix.lower() == _NAMED else None
-        while chunk := list(islice(lines, CHUNK)):
-            rows = [row for row in chunk if row[1].strip()]
-            if not rows:
-                continue
-            form = form or _bare_form(path, rows[0][1])
-            texts = [text for _, text in rows]
-            xyz = _numbers(form, texts)
-            if xyz is None:
-                xyz, faults = _checked_numbers(form, rows)
-                problems += faults
-            count += len(rows)
-            if not problems:
-                yield Points(xyz=xyz, columns=_others(form, texts), crs=crs, heights=heights)
+        named = path.suffix.lower() == _NAMED
+        form = _named_form(path, file.readline().rstrip("\r\n"), columns) if named else None
+        first = 2 if named else 1  # line of the next chunk
+        while chunk := list(islice(file, CHUNK)):
+            texts = [line for line in map(_unmarked, chunk) if line and not line.isspace()]
+            if texts:
+                form = form or _bare_form(path, texts[0])
+                xyz = _numbers(form, texts)
+                if xyz is None:
+                    xyz, faults = _checked_numbers(form, first, chunk)
+                    problems += faults
+                count += len(texts)
+                if not problems:
+                    others = {} if alone else _others(form, texts)
+                    yield Points(xyz=xyz, columns=others, crs=crs, heights=heights)
+            first += len(chunk)
     if problems:
         raise InterchangeError(problems)
     if not count:
         raise refuse(path, "", "there are no points", "a line of each point")
 
 
-def _unmarked(file: Iterable[str]) -> Iterator[str]:
-    """Yield the lines of a file, the first without the mark of its encoding."""
-    for position, line in enumerate(file):
-        yield line if position else line.removeprefix("\ufeff")
+def _unmarked(line: str) -> str:
+    """Return a line without the mark of an encoding, which the first line of a file may have."""
+    return line.removeprefix("\ufeff")
 
 
 def _named_form(path: Path, header: str, columns: Sequence[str]) -> _Form:
@@ -138,9 +143,10 @@ def _numbers(form: _Form, lines: Sequence[str]) -> FloatArray | None:
     return table[:, :3] if (np.abs(table[:, :3]) <= FAR).all() else None
 
 
-def _checked_numbers(form: _Form, rows: Sequence[tuple[int, str]]) -> tuple[FloatArray, list[Problem]]:
-    """Return the coordinates (n, 3) of lines with their numbers, and what is wrong with them."""
+def _checked_numbers(form: _Form, first: int, lines: Sequence[str]) -> tuple[FloatArray, list[Problem]]:
+    """Return the coordinates (n, 3) of lines from the number of the first on, and what is wrong with them."""
     problems: list[Problem] = []
+    rows = [(line, text) for line, text in enumerate(map(_unmarked, lines), first) if text.strip()]
     names, xyz = form.names, np.full((len(rows), 3), np.nan)
     for i, (line, text) in enumerate(rows):
         values = form.values(text)
@@ -160,7 +166,9 @@ def _others(form: _Form, lines: Sequence[str]) -> dict[str, Column]:
     """Return what lines have besides coordinates, as texts."""
     if not form.others:
         return {}
-    columns = list(zip(*(form.values(line) for line in lines), strict=True))
+    plain = form.named and not any('"' in line for line in lines)
+    rows = csv.reader(lines) if plain else (form.values(line) for line in lines)
+    columns = list(zip(*rows, strict=True))
     return {
         form.names[place]: Column(values=np.array(columns[place], dtype=np.str_), unit=form.units[place])
         for place in form.others
