@@ -48,7 +48,8 @@ def read_layers(path: Path, crs: pyproj.CRS | None = None, layer: str = "") -> L
 def read_points(path: Path, crs: pyproj.CRS | None = None, *, alone: bool = False) -> Iterator[Points]:
     """Yield the points of a file of points alone (`POINT_FILES`) in chunks, with the columns that it has.
 
-    Further columns of text files are texts; `alone` may leave them out. Raises `InterchangeError`, of a text after its last chunk; `OSError`.
+    Further columns of text files are texts; `alone` may leave them out. Raises `InterchangeError`, of a text file
+    after its last chunk; `OSError`.
     """
     if path.suffix.lower() in CLOUDS:
         return las.read_chunks(path, crs)

@@ -85,7 +85,8 @@ def read_chunks(
 ) -> Iterator[Points]:
     """Yield the points of a file in chunks; their further columns are texts, as they stand in the file.
 
-    `alone` leaves these out, for who needs coordinates only. Raises `InterchangeError` after the last chunk with every line that cannot be read; `OSError`.
+    `alone` leaves these out, for who needs coordinates only. Raises `InterchangeError` after the last chunk with
+    every line that cannot be read; `OSError`.
     """
     require_content(path)
     problems: list[Problem] = []
