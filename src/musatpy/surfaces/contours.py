@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,15 +57,25 @@ def levels_between(low: float, high: float, interval: float) -> FloatArray:
 
 
 def contours(tin: Tin, levels: Sequence[float], index: Sequence[float] = (), shortest: float = 0.0) -> Contours:
-    """Return the contours of a network at levels; pieces shorter than a limit (m) are left out.
+    """Return the contours of a network at levels; open pieces shorter than a limit (m) are left out.
 
     Raises `MusatError` where matplotlib is missing.
     """
+    return gathered(_traced(tin, sorted(levels)), lambda places: tin.at(places).gradient, index, shortest)
+
+
+def gathered(
+    traced: Iterable[tuple[float, FloatArray]],
+    gradient: Callable[[FloatArray], FloatArray],
+    index: Sequence[float],
+    shortest: float,
+) -> Contours:
+    """Return traced lines (k, 2) of levels as contours; `gradient` (m, 2) is that of their surface at places."""
     lines, dropped = [], 0
-    for level, xy in _traced(tin, sorted(levels)):
+    for level, xy in traced:
         closed = bool(np.abs(xy[0] - xy[-1]).max() <= _SAME) and len(xy) > 3
-        line = Contour(level=level, xy=_turned(tin, xy), closed=closed, index=level in index)
-        if line.length < max(shortest, _SAME):
+        line = Contour(level=level, xy=_turned(gradient, xy), closed=closed, index=level in index)
+        if line.length < (_SAME if closed else max(shortest, _SAME)):  # a ring is a shoal or a hollow
             dropped += 1
         else:
             lines.append(line)
@@ -89,12 +99,12 @@ def _traced(tin: Tin, levels: Sequence[float]) -> Iterator[tuple[float, FloatArr
                 yield float(level), np.asarray(xy, dtype=float)
 
 
-def _turned(tin: Tin, xy: FloatArray) -> FloatArray:
+def _turned(gradient: Callable[[FloatArray], FloatArray], xy: FloatArray) -> FloatArray:
     """Return a line in the direction that has the greater values on its right."""
     middle, along = 0.5 * (xy[:-1] + xy[1:]), np.diff(xy, axis=0)
     right = np.stack([along[:, 1], -along[:, 0]], axis=1)
     with np.errstate(invalid="ignore"):
-        pull = np.nansum(np.sum(tin.at(middle).gradient * right, axis=1))
+        pull = np.nansum(np.sum(gradient(middle) * right, axis=1))
     return np.asarray(xy if pull >= 0.0 else xy[::-1])
 
 
