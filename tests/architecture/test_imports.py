@@ -69,6 +69,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "surfaces",
         "soundings",
     },
+    "notebook": {"model", "statistics", "reports"},
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
@@ -109,7 +110,7 @@ ONLY = {
 FRONT_DOOR = "__init__"
 
 # What `musat run` must not load: it would cost more than the adjustment of a strip.
-HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "matplotlib", "dask")
+HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "xarray", "matplotlib", "dask")
 SHORT_FILE = 500
 SHORT_FUNCTION = 60
 LONG_FUNCTIONS: dict[str, str] = {}  # "module.function" -> why it is long

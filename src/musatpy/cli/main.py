@@ -24,6 +24,7 @@ COMMANDS = {
     "batch": "musatpy.cli.batch",
     "baseline": "musatpy.cli.baseline",
     "check": "musatpy.cli.check",
+    "card": "musatpy.cli.card",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
     "audit": "musatpy.cli.audit",

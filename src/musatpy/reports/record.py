@@ -25,7 +25,7 @@ from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, sa
 from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
-SCHEMA_VERSION = "1.10"
+SCHEMA_VERSION = "1.11"
 _ABOUT = (
     "The numbers of one job at full precision. Positions are in the system of the job: latitude, longitude, "
     "ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up (X, Y, Z in "
@@ -61,6 +61,10 @@ _TABLES: tuple[Node[Statistics], ...] = (
         ),
     ),
     Field("titles", "* string", "title cards", lambda s: s.block.titles),
+    Field(
+        "settings", "* string", "what was set for the run in place of what its cards say: `OP2.water_level=ONE`",
+        lambda s: s.block.settings,
+    ),
     job_record.OPTIONS,
     job_record.ELLIPSOID,
     job_record.WATER,
