@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -23,6 +23,7 @@ from musatpy.statistics import Statistics
 
 if TYPE_CHECKING:
     from musatpy.comparison import Comparison
+    from musatpy.formats.cards.settings import Setting
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
@@ -82,6 +83,7 @@ def run_deck(
     punch: Punch | None = None,
     punch_family: FormatFamily | None = None,
     on_read: Callable[[Block], None] | None = None,
+    settings: Sequence[Setting] = (),
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
@@ -93,15 +95,14 @@ def run_deck(
     doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
-    `Watcher`; `family` is that of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where the results would
-    overwrite the deck, and `OSError` where they cannot be written.
+    `Watcher`; `family` and `settings` are those of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where
+    the results would overwrite the deck, and `OSError` where they cannot be written.
     """
     deck = Path(deck)
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     begin(progress, "reading")
-    checked = checked_deck(deck, family)
-    block = checked.block
-    if block is None:
+    checked = checked_deck(deck, family, settings=settings)
+    if (block := checked.block) is None:
         return _unusable(deck, checked.problems)
     if on_read is not None:
         on_read(block)
@@ -122,9 +123,9 @@ def run_deck(
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
     punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
     begin(progress, "record")
-    values = map(str.encode, texts_of(statistics))
     try:
         with numerics("the record of the solution"):  # made while it is written
+            values = map(str.encode, texts_of(statistics))
             write_files({listing: text.encode(), record: values, **tables, **edited, **punched})
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))

@@ -57,7 +57,7 @@ def levels_between(low: float, high: float, interval: float) -> FloatArray:
 
 
 def contours(tin: Tin, levels: Sequence[float], index: Sequence[float] = (), shortest: float = 0.0) -> Contours:
-    """Return the contours of a network at levels; pieces shorter than a limit (m) are left out.
+    """Return the contours of a network at levels; open pieces shorter than a limit (m) are left out.
 
     Raises `MusatError` where matplotlib is missing.
     """
@@ -68,12 +68,12 @@ def contours(tin: Tin, levels: Sequence[float], index: Sequence[float] = (), sho
 
 
 def kept(lines: Iterable[tuple[float, FloatArray]], index: Sequence[float], shortest: float) -> Contours:
-    """Return lines, each a level and its vertices (k, 2), without those shorter than a limit (m)."""
+    """Return lines, each a level and its vertices (k, 2), without open ones shorter than a limit (m)."""
     long, dropped = [], 0
     for level, xy in lines:
         closed = bool(np.abs(xy[0] - xy[-1]).max() <= _SAME) and len(xy) > 3
         line = Contour(level=level, xy=xy, closed=closed, index=level in index)
-        if line.length < max(shortest, _SAME):
+        if line.length < (_SAME if closed else max(shortest, _SAME)):  # a ring is a shoal or a hollow
             dropped += 1
         else:
             long.append(line)

@@ -20,16 +20,18 @@ def grid_contours(
     index: Sequence[float] = (),
     shortest: float = 0.0,
 ) -> Contours:
-    """Return the contours of nodes (rows, columns), north and east of a corner, without pieces below a length.
+    """Return the contours of nodes (rows, columns), north and east of a corner, without open pieces below a length.
 
     Lines end beside nodes that are NaN, but in corners of squares whose other three nodes are there. Raises
     `MusatError` where contourpy is missing.
     """
+    rows, columns = values.shape
+    if min(rows, columns) < 2:
+        return Contours(lines=(), dropped=0)
     try:
         from contourpy import contour_generator
     except ImportError as error:
         raise MusatError("contours need contourpy: pip install 'musatpy[plots]'") from error
-    rows, columns = values.shape
     generator = contour_generator(
         corner[0] + spacing * np.arange(columns),
         corner[1] + spacing * np.arange(rows),
@@ -44,8 +46,5 @@ def grid_contours(
 def _traced(generator: Any, levels: Sequence[float]) -> Iterator[tuple[float, FloatArray]]:
     for level in levels:
         for xy in generator.lines(level):
-            if len(xy) > 1:
-                yield (
-                    float(level),
-                    np.asarray(xy[::-1], dtype=float),
-                )  # contourpy has the greater values on the left
+            if len(xy) > 1:  # contourpy has the greater values on the left
+                yield float(level), np.asarray(xy[::-1], dtype=float)
