@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,9 +24,10 @@ from musatpy.compilation.correction_layers import (
     total,
 )
 from musatpy.compilation.correction_rasters import BANDS, apparent_posts, corrected_rows, true_posts
+from musatpy.compilation.misplaced_points import require_model
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CompilationError, Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.systems import LocalRectangular, System
 from musatpy.interchange import geotiff
@@ -46,6 +48,7 @@ from musatpy.units import MICROMETRE
 if TYPE_CHECKING:
     import pyproj
 
+_DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water
 _MANY = 50_000  # points, from which on polynomials stand for the correction
 
 
@@ -76,6 +79,11 @@ class CorrectedFile:
         for name, done in self.layers.items():
             if done.known and not done.wet:
                 yield f"{name}: nothing is under water: heights are positive up"
+            if done.deepest > _DEEPEST:
+                yield (
+                    f"{name}: down to {done.deepest:.0f} m, where no photo shows the bottom: are there values of "
+                    "empty posts or points among the heights, or heights in another unit?"
+                )
             for why, count in zip(REASONS, done.lost.tolist(), strict=True):
                 if count:
                     yield f"{name}: {count} without a position: {why or 'no apparent height'}"
@@ -116,13 +124,25 @@ def correct_file(
         layer=layer,
         band=band,
     )
-    if source.suffix.lower() in RASTERS:
-        done = work.raster()
-    elif {source.suffix.lower(), target.suffix.lower()} <= {*POINT_FILES}:
-        done = work.points()
-    else:
-        done = work.layers()
+    with _about(source):
+        if source.suffix.lower() in RASTERS:
+            done = work.raster()
+        elif {source.suffix.lower(), target.suffix.lower()} <= {*POINT_FILES}:
+            done = work.points()
+        else:
+            done = work.layers()
     return replace(done, caution=triangulation.caution)
+
+
+@contextmanager
+def _about(source: Path) -> Iterator[None]:
+    """Let problems with points and their systems name the file that they are in."""
+    try:
+        yield
+    except (CompilationError, SystemsError) as error:
+        raise type(error)(
+            [replace(problem, file=problem.file or str(source)) for problem in error.problems]
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,7 +241,7 @@ def _corrector(correction: Correction, survey: Survey) -> Corrector:
 
     Raises `CompilationError` where none of the points is in the model.
     """
-    correction.require_model(survey.few)
+    require_model(correction, survey.few)
     return (smooth(correction, survey.heights) if survey.count >= _MANY else None) or correction
 
 
