@@ -160,7 +160,7 @@ def test_lines_are_cut_where_no_photo_shows_them() -> None:
     [
         ([[-600.0, 905.0, -3.0]], "x and y exchanged"),
         ([[905.0 / 0.3048, 2200.0 / 0.3048, -3.0 / 0.3048]], "feet"),
-        ([[905.0, 0.0, 5000.0]], "depths positive down"),
+        ([[905.0, 0.0, 2900.0]], "depths positive down"),
     ],
 )
 def test_points_elsewhere_are_told_what_would_bring_them(points: list[list[float]], words: str) -> None:
