@@ -300,6 +300,25 @@ def test_coordinates_go_by_other_names(record: Path, tmp_path: Path, names: str)
     assert (tmp_path / "true.csv").read_text().startswith("x,y,z,depth [m]")
 
 
+@pytest.mark.parametrize("suffix", ["gpkg", "tif"])
+def test_results_state_the_system_that_was_named(record: Path, tmp_path: Path, suffix: str) -> None:
+    """A file in zone 20 that says zone 19, or nothing: it is read, and written, by the name that is right."""
+    import pyproj
+
+    _, apparent, _ = bottom_of(record, system_of("EPSG:26720", of_record(record).ellipsoid))  # type: ignore[arg-type]
+    for stated in (pyproj.CRS("EPSG:26719"), None):
+        layers: Layers = {"points": Points(xyz=apparent, crs=stated)}
+        if suffix == "tif":
+            west, south = np.rint(apparent[24, :2]).tolist()
+            bands = {"z": np.full((6, 8), -5.0)}
+            layers = {"grid": Grid(west=west, south=south, spacing=10.0, bands=bands, crs=stated)}
+        write_layers(tmp_path / f"a.{suffix}", layers)
+        result = corrected(record, tmp_path / f"a.{suffix}", tmp_path / f"t.{suffix}", "--crs", "EPSG:26720")
+        assert result.exit_code == 0, result.output
+        (true,) = read_layers(tmp_path / f"t.{suffix}").values()
+        assert true.crs == pyproj.CRS("EPSG:26720")
+
+
 def test_values_of_empty_posts_are_told(record: Path, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,-9.5\n-64.936,18.331,-999\n")
     result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
