@@ -1,11 +1,14 @@
-"""A figure of matplotlib, and how it becomes the bytes of a PNG file, or a page of PDF."""
+"""A figure of matplotlib, and how it becomes the bytes of a PNG or SVG file, or a page of PDF."""
 
 from __future__ import annotations
 
-from io import BytesIO
+import re
+from io import BytesIO, StringIO
 from typing import Any
 
 from musatpy.errors import MusatError
+
+_DIGITS = re.compile(r"(\d+\.\d{2})\d+")  # of SVG, beyond a hundredth of a point
 
 
 def new_figure(width: float, height: float) -> Any:
@@ -29,3 +32,13 @@ def pdf(figure: Any) -> bytes:
     buffer = BytesIO()
     figure.savefig(buffer, format="pdf", metadata={"CreationDate": None, "Producer": None, "Creator": None})
     return buffer.getvalue()
+
+
+def svg(figure: Any, salt: str) -> bytes:
+    """Return the figure as SVG, its texts as texts; the same figure and salt of its ids give the same bytes."""
+    from matplotlib import rc_context
+
+    text = StringIO()
+    with rc_context({"svg.hashsalt": salt, "svg.fonttype": "none"}):
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    return _DIGITS.sub(r"\1", text.getvalue()).encode()

@@ -78,6 +78,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "as11_corrections": {"as11_runs", "compilation", "geometry", "interchange"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
+    "plots": {"geometry", "depth", "interchange"},  # of depth, the system of a record
     "listings": {"reports", "geometry"},
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {

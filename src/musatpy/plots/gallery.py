@@ -1,0 +1,45 @@
+"""The pictures of a record, and how they become files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from musatpy.canvas import png, svg
+from musatpy.plots.picture import Picture
+from musatpy.plots.plan import PLAN
+from musatpy.plots.tables import Tables
+
+GALLERY: tuple[Picture[Any], ...] = (PLAN,)
+
+MOST_MARKS = 2000  # of a picture that is SVG: 10,000 ellipses are 7.1 MB, and 0.5 MB as PNG
+
+
+def rendered(picture: Picture[Any], tables: Tables) -> tuple[str, bytes] | None:
+    """Return the suffix and the bytes of a picture of a record, None where it has nothing to show.
+
+    SVG up to `MOST_MARKS` marks, PNG above; the same record gives the same bytes. Raises `MusatError` where
+    matplotlib is missing.
+    """
+    figure = picture.draw(tables)
+    if figure is None:
+        return None
+    return ("svg", svg(figure, picture.name)) if marks(figure) <= MOST_MARKS else ("png", png(figure))
+
+
+def marks(figure: Any) -> int:
+    """Return how many markers, lines, arrows, ellipses and cells a figure has."""
+    return sum(_marks_of(artist) for axes in figure.axes for artist in axes.get_children())
+
+
+def _marks_of(artist: Any) -> int:
+    from matplotlib.collections import Collection, LineCollection, PolyCollection
+    from matplotlib.lines import Line2D
+
+    if isinstance(artist, Line2D):
+        return np.size(artist.get_xdata()) if artist.get_marker() not in ("", "None", " ", None) else 1
+    if isinstance(artist, Collection):
+        paths = len(artist.get_paths()) if isinstance(artist, LineCollection | PolyCollection) else 1
+        return max(paths, len(np.atleast_2d(artist.get_offsets())))
+    return 1
