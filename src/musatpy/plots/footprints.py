@@ -6,7 +6,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.plots.ellipses import turned
+from musatpy.plots.enlarged import turned
 from musatpy.plots.plane import Plane
 from musatpy.plots.tables import Tables, numbers, part, rows_of, texts
 

@@ -7,11 +7,25 @@ from typing import Any
 import numpy as np
 
 from musatpy.canvas import png, svg
+from musatpy.plots.corrections import CORRECTIONS
+from musatpy.plots.mean_residuals import MEANS
+from musatpy.plots.normalised import NORMALISED
 from musatpy.plots.picture import Picture
 from musatpy.plots.plan import PLAN
+from musatpy.plots.plate_residuals import PHOTOS
+from musatpy.plots.redundancy import REDUNDANCY
+from musatpy.plots.sigma_map import SIGMAS
 from musatpy.plots.tables import Tables
 
-GALLERY: tuple[Picture[Any], ...] = (PLAN,)
+GALLERY: tuple[Picture[Any], ...] = (
+    PLAN,
+    PHOTOS,
+    MEANS,
+    SIGMAS,
+    REDUNDANCY,
+    NORMALISED,
+    CORRECTIONS,
+)
 
 MOST_MARKS = 2000  # of a picture that is SVG: 10,000 ellipses are 7.1 MB, and 0.5 MB as PNG
 

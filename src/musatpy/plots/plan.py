@@ -8,14 +8,30 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.plots.ellipses import ellipses, magnification, round_length, turned
+from musatpy.plots.enlarged import confidence_ellipses, magnification, round_length, turned
 from musatpy.plots.footprints import outlines
-from musatpy.plots.mapping import GREY, INK, LIGHT, finish, name_places, new_map, view_of
+from musatpy.plots.mapping import (
+    CONTROL,
+    DRY,
+    GREY,
+    INK,
+    WET,
+    dot_size,
+    draw_arrows,
+    draw_outlines,
+    finish,
+    key_place,
+    name_places,
+    new_map,
+    shown_size,
+    view_of,
+    write_key,
+)
 from musatpy.plots.picture import Picture
 from musatpy.plots.plane import Plane, plane_of
 from musatpy.plots.tables import Tables, flags, numbers, part, rows_of, texts
+from musatpy.plots.wording import counted, measure
 
-_SHOWN = 0.02  # of the extent: what most ellipses and arrows are drawn as
 CONTROL_MARKERS = {"full": "^", "horizontal": "s", "vertical": "D", "check": "P"}  # kind of control -> marker
 
 
@@ -48,9 +64,7 @@ def block_plan(tables: Tables) -> BlockPlan:
     plane, stations, points = plane_of(tables), part(tables, "stations"), part(tables, "points")
     position = numbers(points, "position", 3)
     places, turns = plane.places(position), plane.turns(position)
-    R = np.stack([turned(np.tile(axis, (len(turns), 1)), turns) for axis in np.eye(2)], axis=2)
-    covariance = R @ numbers(points, "covariance", 3, 3)[:, :2, :2] @ np.swapaxes(R, 1, 2)
-    axes, angle = ellipses(covariance)
+    axes, angle = confidence_ellipses(numbers(points, "covariance", 3, 3), turns)
     control = part(tables, "control")
     ids, known = texts(points, "point"), texts(control, "point")
     row = rows_of(ids, known)
@@ -80,53 +94,50 @@ def ground_of(tables: Tables, places: FloatArray) -> float:
 def sentence(plan: BlockPlan) -> str:
     """Return what the plan says."""
     wet, checks = int(plan.submerged.sum()), int(plan.checks.sum())
-    known = np.isfinite(plan.axes).all(axis=1)
-    text = (
-        f"{len(plan.photos)} photos, {len(plan.ids)} points, {wet} of them submerged, "
-        f"{len(plan.control) - checks} control points and {checks} check points"
-    )
-    if known.any():
-        larger = plan.axes[known, 0]
-        text += f"; the 95 % ellipse of the typical point has a semi-axis of {np.median(larger):.3g} m"
-        text += f", the largest {larger.max():.3g} m (point {plan.ids[known][larger.argmax()]})"
+    control = counted(len(plan.control) - checks, "control point")
+    facts = [
+        f"{counted(len(plan.photos), 'photo')}, {counted(len(plan.ids), 'point')}, {wet:,} of them submerged, "
+        f"{control} and {counted(checks, 'check point')}"
+    ]
+    longer = plan.axes[:, 0]
+    if np.isfinite(longer).any():
+        worst = int(np.nanargmax(longer))
+        facts.append(
+            f"the 95 % ellipse of a typical point has a semi-axis of {measure(np.nanmedian(longer), 'm')}, the "
+            f"largest {measure(longer[worst], 'm')} (point {plan.ids[worst]})"
+        )
     for name, rows in (("control", ~plan.checks), ("check points", plan.checks)):
         size = np.linalg.norm(plan.discrepancy[rows], axis=1)
         if np.isfinite(size).any():
             worst = int(np.nanargmax(size))
-            text += f"; {name}: largest discrepancy in plan {size[worst]:.3g} m at {plan.control[rows][worst]}"
-    return text + "."
+            facts.append(
+                f"largest discrepancy of {name} in plan {measure(size[worst], 'm')} at {plan.control[rows][worst]}"
+            )
+    return "; ".join(facts) + "."
 
 
 def figure(plan: BlockPlan) -> Any:
     """Return the figure of a plan. Raises `MusatError` where matplotlib is missing."""
     core = np.concatenate([plan.stations, plan.outlines.reshape(-1, 2)])
-    bounds, seen = view_of(core, plan.points)
+    bounds, seen = view_of(core, plan.points, keys=2)
     drawing, axes = new_map(bounds, plan.plane, "Block plan")
-    shown = _SHOWN * float((bounds[1] - bounds[0]).max())
-    _draw_outlines(axes, plan.outlines)
-    axes.plot(*plan.stations.T, "o", color=INK, markerfacecolor="white", markersize=5, label="exposure stations")
-    name_places(axes, plan.stations, plan.photos, color=INK)
-    for rows, marker, shade, label in (
-        (seen & ~plan.submerged, ".", "#b8860b", "dry points"),
-        (seen & plan.submerged, "x", "#00457c", "submerged points"),
+    shown = shown_size(bounds, int(seen.sum()))
+    draw_outlines(axes, plan.outlines)
+    marker = dot_size(bounds, int(seen.sum()))
+    axes.plot(*plan.stations.T, "o", color=INK, markerfacecolor="white", markersize=1.3 * marker, label="stations")
+    for rows, sign, shade, label in (
+        (seen & ~plan.submerged, ".", DRY, "dry point"),
+        (seen & plan.submerged, "x", WET, "submerged point"),
     ):
         if rows.any():
-            axes.plot(*plan.points[rows].T, marker, color=shade, markersize=4, label=f"{rows.sum()} {label}")
+            label = counted(int(rows.sum()), label)
+            axes.plot(*plan.points[rows].T, sign, color=shade, markersize=marker, label=label)
     _draw_ellipses(axes, plan, seen, shown)
-    _draw_control(axes, plan, shown)
+    _draw_control(axes, plan, shown_size(bounds, len(plan.control)))
+    name_places(axes, plan.stations, plan.photos)
     if outside := int((~seen).sum()):
-        axes.plot([], [], " ", label=f"{outside} points are outside, or have no place")
+        axes.plot([], [], " ", label=f"{counted(outside, 'point')} outside, or without a place")
     return finish(drawing, axes)
-
-
-def _draw_outlines(axes: Any, outlines: FloatArray) -> None:
-    from matplotlib.collections import LineCollection
-
-    known = outlines[np.isfinite(outlines).all(axis=(1, 2))]
-    if len(known):
-        rings = np.concatenate([known, known[:, :1]], axis=1)
-        axes.add_collection(LineCollection(rings, colors=LIGHT, linewidths=0.6, zorder=0), autolim=False)
-        axes.plot([], [], "-", color=LIGHT, label="footprints")
 
 
 def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray, shown: float) -> None:
@@ -136,51 +147,33 @@ def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray, shown: float) ->
     factor = magnification(plan.axes[rows, 0], shown)
     if not factor:
         return
-    size, angle = 2.0 * factor * plan.axes[rows], np.degrees(plan.angle[rows])
+    radius = round_length(1.5 * shown / factor)
+    place = key_place(axes, 1)
+    size = 2.0 * factor * np.concatenate([plan.axes[rows], [[radius, radius]]])
+    style: dict[str, Any] = {"facecolors": "none", "edgecolors": GREY, "linewidths": 0.7}
+    offsets = np.concatenate([plan.points[rows], [place]])
+    angle = np.degrees(np.append(plan.angle[rows], 0.0))
     axes.add_collection(
         EllipseCollection(
-            size[:, 0], size[:, 1], angle, units="xy", offsets=plan.points[rows], offset_transform=axes.transData,
-            facecolors="none", edgecolors=GREY, linewidths=0.7,
+            size[:, 0], size[:, 1], angle, units="xy", offsets=offsets, offset_transform=axes.transData, **style
         ),
         autolim=False,
-    )  # fmt: skip
-    radius = round_length(shown / factor)
-    axes.plot([], [], "o", color=GREY, markerfacecolor="none", label=f"95 % ellipses, {factor:,g} times enlarged")
-    (west, _), (south, north) = axes.get_xlim(), axes.get_ylim()
-    place = (west + 2.0 * shown, south + 0.09 * (north - south))
-    axes.add_collection(
-        EllipseCollection(
-            [2.0 * factor * radius], [2.0 * factor * radius], [0.0], units="xy", offsets=[place],
-            offset_transform=axes.transData, facecolors="none", edgecolors=GREY, linewidths=0.7,
-        ),
-        autolim=False,
-    )  # fmt: skip
-    axes.annotate(
-        f"semi-axis of {radius:g} m ({factor:,g} x)", place, textcoords="offset points", xytext=(16, -3), fontsize=8
     )
+    write_key(axes, place, f"95 % ellipses, {factor:,g} times enlarged: semi-axis of {radius:g} m")
 
 
 def _draw_control(axes: Any, plan: BlockPlan, shown: float) -> None:
     for kind, marker in CONTROL_MARKERS.items():
         rows = plan.kind == kind
         if rows.any():
-            label = "check points" if kind == "check" else f"{kind} control"
+            noun, many = ("check point", "") if kind == "check" else (f"{kind} control",) * 2
             axes.plot(
-                *plan.control_places[rows].T, marker, color="#c1272d", markerfacecolor="none", markersize=9,
-                markeredgewidth=1.3, label=f"{rows.sum()} {label}",
+                *plan.control_places[rows].T, marker, color=CONTROL, markerfacecolor="none", markersize=9,
+                markeredgewidth=1.3, label=counted(int(rows.sum()), noun, many),
             )  # fmt: skip
-    rows = np.isfinite(plan.discrepancy).all(axis=1) & np.isfinite(plan.control_places).all(axis=1)
-    factor = magnification(np.linalg.norm(plan.discrepancy[rows], axis=1), 2.0 * shown)
-    if factor:
-        arrows = axes.quiver(
-            *plan.control_places[rows].T, *(factor * plan.discrepancy[rows].T), angles="xy", scale_units="xy",
-            scale=1.0, color="#c1272d", width=0.0025, zorder=3,
-        )  # fmt: skip
-        length = round_length(2.0 * shown / factor)
-        axes.quiverkey(
-            arrows, 0.045, 0.04, factor * length, f"adjusted minus given: {length:g} m ({factor:,g} x)",
-            labelpos="E", coordinates="axes", fontproperties={"size": 8},
-        )  # fmt: skip
+    draw_arrows(
+        axes, plan.control_places, plan.discrepancy, 2.0 * shown, "control, adjusted minus given", color=CONTROL
+    )
 
 
 PLAN = Picture(
