@@ -8,6 +8,8 @@ import numpy as np
 
 from musatpy.canvas import png, svg
 from musatpy.plots.corrections import CORRECTIONS
+from musatpy.plots.correlations import CORRELATIONS
+from musatpy.plots.gnss import GNSS
 from musatpy.plots.mean_residuals import MEANS
 from musatpy.plots.normalised import NORMALISED
 from musatpy.plots.picture import Picture
@@ -16,6 +18,7 @@ from musatpy.plots.plate_residuals import PHOTOS
 from musatpy.plots.redundancy import REDUNDANCY
 from musatpy.plots.sigma_map import SIGMAS
 from musatpy.plots.tables import Tables
+from musatpy.plots.tides import TIDES
 
 GALLERY: tuple[Picture[Any], ...] = (
     PLAN,
@@ -25,6 +28,9 @@ GALLERY: tuple[Picture[Any], ...] = (
     REDUNDANCY,
     NORMALISED,
     CORRECTIONS,
+    TIDES,
+    CORRELATIONS,
+    GNSS,
 )
 
 MOST_MARKS = 2000  # of a picture that is SVG: 10,000 ellipses are 7.1 MB, and 0.5 MB as PNG

@@ -58,7 +58,7 @@ def new_panels(block: PointMap, titles: list[str]) -> tuple[Any, list[Any]]:
     """Return a figure with the maps of a block side by side. Raises `MusatError` where matplotlib is missing."""
     width, height = (block.bounds[1] - block.bounds[0]).tolist()
     scale = _PANEL / max(width, height)
-    across = min(len(titles), 3 if width <= 1.4 * height else 2)
+    across = min(len(titles), 2)
     down = -(-len(titles) // across)
     figure = new_figure((width * scale + 0.7) * across + 0.3, max(height * scale + 0.7, _LOW) * down + 1.0)
     panels = [figure.add_subplot(down, across, place) for place in range(1, len(titles) + 1)]

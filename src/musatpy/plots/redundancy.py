@@ -66,8 +66,8 @@ def sentence(found: RedundancyMap) -> str:
     wet = found.submerged & known
     text = (
         f"{counted(int(known.sum()), 'point')} with {found.rays[known].mean():.1f} rays in the mean, {two:,} with "
-        f"two only; mean redundancy number of plate coordinates {found.plates.mean():.2f}, {weak:.0%} of them below "
-        f"{_WEAK:g}"
+        f"two only; mean redundancy number of plate coordinates {found.plates.mean():.2f}, {weak:.0%} of them "
+        f"below {_WEAK:g}"
     )
     if wet.any():
         text += f"; submerged points have {found.rays[wet].mean():.1f} rays"
@@ -82,7 +82,7 @@ def figure(found: RedundancyMap) -> Any:
     grade = np.where(known, np.searchsorted(_NUMBERS, np.nan_to_num(found.redundancy), side="right"), -1)
     for axes, classes, values in zip(panels, (_RAY_CLASSES, _NUMBER_CLASSES), (rays, grade), strict=True):
         draw_block(axes, found.block)
-        draw_grades(axes, found.block, values, classes, np.unique(values[values >= 0]).tolist())
+        draw_grades(axes, found.block, values, classes, np.unique(values[values >= 0])[::-1].tolist())
     return finish_panels(drawing, panels, "How well images check each other")
 
 
