@@ -41,9 +41,8 @@ class Correlations:
 
 def correlated(covariance: FloatArray) -> FloatArray:
     """Return the correlations (..., k, k) of covariances (..., k, k); NaN with what has no variance."""
-    sigma = np.sqrt(
-        np.where(np.einsum("...ii->...i", covariance) > 0.0, np.einsum("...ii->...i", covariance), np.nan)
-    )
+    variance = np.einsum("...ii->...i", covariance)
+    sigma = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     return covariance / (sigma[..., :, None] * sigma[..., None, :])
 
 
@@ -90,7 +89,7 @@ def sentence(found: Correlations) -> str:
         f"Of the unknowns of photo {found.photo}"
         f"{' with the water' if len(found.names) > 6 else ''}, {found.names[column]} and {found.names[row]} are "
         f"correlated most: {found.value[row, column]:+.3f}; "
-        f"{counted(int((upper >= _HIGH).sum()), 'pair')} reach {_HIGH:g}"
+        f"{counted(int((upper >= _HIGH).sum()), 'pair')} of {_HIGH:g} and more"
     )
     if len(found.inflation):
         worst = int(np.nanargmax(found.inflation))
@@ -115,17 +114,16 @@ def figure(found: Correlations) -> Any:
     axes.set_title(f"Correlations of the unknowns of photo {found.photo}", fontsize=10)
     drawing.colorbar(shade, ax=axes, label="size of the correlation", shrink=0.7, location="left")
     if bars:
-        panels[1].barh(range(bars), found.inflation, color="0.7", edgecolor="0.3", height=0.6)
+        panels[1].barh(range(bars), found.inflation, color="0.7", edgecolor="0.3", height=0.5)
         panels[1].set_yticks(range(bars), found.inflated.tolist(), fontsize=8)
         panels[1].invert_yaxis()
         panels[1].set_xscale("log")
-        panels[1].set_xlim(left=1.0)
+        panels[1].set_xlim(1.0, 3.0 * max(float(np.nanmax(found.inflation)), 1.0))
         panels[1].set_xlabel("variance inflation factor")
         panels[1].set_title("Unknowns of all photos", fontsize=10)
         for row, value in enumerate(found.inflation.tolist()):
-            panels[1].annotate(
-                f"{value:.3g}", (max(value, 1.0), row), textcoords="offset points", xytext=(3, -3), fontsize=7
-            )
+            place = (max(value, 1.0), row)
+            panels[1].annotate(f"{value:.3g}", place, textcoords="offset points", xytext=(3, -3), fontsize=7)
     return drawing
 
 

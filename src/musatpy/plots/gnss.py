@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
+from musatpy.canvas import new_figure
 from musatpy.plots.enlarged import NORMAL, turned
 from musatpy.plots.footprints import outlines
 from musatpy.plots.mapping import INK, WET, draw_arrows, dress, name_places, shown_size, view_of
@@ -20,6 +21,7 @@ from musatpy.plots.wording import counted, measure, rms
 _AXES = ("east", "north", "up")
 _LOCAL = ("X", "Y", "Z")
 _MAP = 6.0  # inches
+_TICKS = 40  # photos that are named, at most
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,8 +85,6 @@ def sentence(found: ObservedStations) -> str:
 
 def figure(found: ObservedStations) -> Any:
     """Return the figure of stations. Raises `MusatError` where matplotlib is missing."""
-    from musatpy.canvas import new_figure
-
     bounds, _ = view_of(found.places, found.places, keys=1)
     width, height = (bounds[1] - bounds[0]).tolist()
     tall = max(_MAP * height / max(width, height), 3.0)
@@ -103,7 +103,10 @@ def figure(found: ObservedStations) -> Any:
         first = first or panel
         _draw_component(panel, found, axis)
         panel.set_ylabel(f"{name}, m", fontsize=9)
-    panel.set_xlabel("station, in the order of the record")
+    step = -(-len(found.photos) // _TICKS)
+    number = np.arange(1.0, len(found.photos) + 1.0)
+    panel.set_xticks(number[::step], found.photos[::step].tolist(), rotation=90, fontsize=7)
+    panel.set_xlabel("photo")
     handles, labels = panel.get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
     return drawing

@@ -15,6 +15,7 @@ from musatpy.plots.picture import Picture
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.plots.wording import counted, measure
 
+_BARS = 60  # exposures with error bars, at most; of more there is a band
 _NAMES = 30  # of photos on the axis, at most
 
 
@@ -44,7 +45,7 @@ def tides(tables: Tables) -> Tides:
     if not np.isfinite([given, adjusted]).any():
         raise NothingToShowError("no height of the water is known")
     time = numbers(stations, "time")
-    timed = len(time) == len(given) and bool(np.isfinite(time).all()) and np.ptp(time) > 0.0
+    timed = bool(len(time) == len(given) and np.isfinite(time).all() and np.ptp(time) > 0.0)
     groups, days = texts(stations, "tide_group"), texts(stations, "tide_day")
     return Tides(
         photos=texts(stations, "photo"),
@@ -81,11 +82,7 @@ def figure(found: Tides) -> Any:
     drawing = new_figure(9.0, 4.6)
     axes = drawing.add_subplot()
     axes.set_title("Water at the exposures", fontsize=11)
-    bars = np.where(found.sigma > 0.0, NORMAL * found.sigma, 0.0)
-    axes.errorbar(
-        found.at, found.given, bars, fmt="o", color=GREY, markerfacecolor="none", markersize=5, linewidth=0.8,
-        capsize=2, label=f"given, with {NORMAL:g} sigma",
-    )  # fmt: skip
+    _draw_given(axes, found)
     axes.plot(found.at, found.adjusted, "x", color=WET, markersize=5, label="adjusted")
     _draw_groups(axes, found)
     if found.timed:
@@ -100,6 +97,19 @@ def figure(found: Tides) -> Any:
     axes.grid(alpha=0.3)
     drawing.legend(loc="outside lower center", ncols=3, fontsize=8)
     return drawing
+
+
+def _draw_given(axes: Any, found: Tides) -> None:
+    half = np.where(found.sigma > 0.0, NORMAL * found.sigma, 0.0)
+    label = f"given, with {NORMAL:g} sigma"
+    style: dict[str, Any] = {"color": GREY, "markerfacecolor": "none", "markersize": 5}
+    if len(found.at) <= _BARS:
+        axes.errorbar(found.at, found.given, half, fmt="o", linewidth=0.8, capsize=2, label=label, **style)
+        return
+    order = np.argsort(found.at, kind="stable")
+    low, high = (found.given - half)[order], (found.given + half)[order]
+    axes.fill_between(found.at[order], low, high, color="0.9", linewidth=0)
+    axes.plot(found.at, found.given, "o", label=label, **style)
 
 
 def _draw_groups(axes: Any, found: Tides) -> None:
