@@ -15,6 +15,7 @@ from musatpy.plots.normalised import NORMALISED
 from musatpy.plots.picture import Picture
 from musatpy.plots.plan import PLAN
 from musatpy.plots.plate_residuals import PHOTOS
+from musatpy.plots.profile import PROFILE
 from musatpy.plots.redundancy import REDUNDANCY
 from musatpy.plots.sigma_map import SIGMAS
 from musatpy.plots.tables import Tables
@@ -27,6 +28,7 @@ GALLERY: tuple[Picture[Any], ...] = (
     SIGMAS,
     REDUNDANCY,
     NORMALISED,
+    PROFILE,
     CORRECTIONS,
     TIDES,
     CORRELATIONS,

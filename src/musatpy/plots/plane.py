@@ -39,6 +39,17 @@ class Plane:
             return self._near(positions)
         return self._on_map(geographic(self.system.ellipsoid, positions))
 
+    def places_of_level(self, level: FloatArray) -> FloatArray:
+        """Return x, y, height (n, 3) m of latitude, longitude (rad), height; in local jobs of X, Y, Z."""
+        return self._near(level) if self.system.ellipsoid is None else self._on_map(level)
+
+    def heights(self, positions: FloatArray, height: FloatArray) -> FloatArray:
+        """Return heights (n,) of the plane at positions (n, 3) of the record, of heights (n,) of the record."""
+        if self.system.ellipsoid is None:
+            return height
+        level = np.column_stack([level_positions(self.tables, positions)[:, :2], height])
+        return self._on_map(level)[:, 2]
+
     def turns(self, positions: FloatArray) -> FloatArray:
         """Return by which angle (n,) rad north of the plane stands clockwise of true north at positions."""
         out = np.zeros(len(positions))
