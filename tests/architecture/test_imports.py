@@ -78,7 +78,15 @@ MAY_IMPORT: dict[str, set[str]] = {
     "as11_corrections": {"as11_runs", "compilation", "geometry", "interchange"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
-    "plots": {"geometry", "depth", "interchange"},  # of depth, the system of a record
+    "plots": {  # of depth, the system of a record; of reports, the schemas of records
+        "geometry",
+        "depth",
+        "statistics",
+        "soundings",
+        "interchange",
+        "pointfiles",
+        "reports",
+    },
     "listings": {"reports", "geometry"},
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {
@@ -98,6 +106,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "depth",
         "sea",
         "pointfiles",
+        "plots",
     },
     "__main__": {"cli"},
 }

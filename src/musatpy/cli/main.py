@@ -23,6 +23,7 @@ COMMANDS = {
     "as11": "musatpy.cli.as11",
     "batch": "musatpy.cli.batch",
     "baseline": "musatpy.cli.baseline",
+    "plot": "musatpy.cli.plot",
     "check": "musatpy.cli.check",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",

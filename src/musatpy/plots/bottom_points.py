@@ -11,7 +11,6 @@ from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.plots.plane import Plane, plane_of
 from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
 
-COMPILATION = "compilation_version"  # first field of the record of a compilation
 _ABOUT = {"name": "GRS80", "semi_major_axis": None, "inverse_flattening": None}  # of plans of older compilations
 
 
@@ -46,7 +45,12 @@ def bottom_points(tables: Tables) -> BottomPoints:
 
     Raises `NothingToShowError` where the system of the job is not known.
     """
-    return _of_compilation(tables) if COMPILATION in tables else _of_run(tables)
+    return _of_compilation(tables) if is_compilation(tables) else _of_run(tables)
+
+
+def is_compilation(tables: Tables) -> bool:
+    """Tell whether tables are of the record of a compilation, and not of a run."""
+    return "job" in tables
 
 
 def submerged_points(tables: Tables) -> BottomPoints:

@@ -50,6 +50,12 @@ def frames(tables: Tables) -> tuple[FloatArray, FloatArray]:
     return corners, numbers(cameras, "focal_length")[of]
 
 
+def ground_of(places: FloatArray) -> float:
+    """Return the median height of places (n, 3), 0 where none is known."""
+    heights = places[np.isfinite(places).all(axis=1), 2]
+    return float(np.median(heights)) if len(heights) else 0.0
+
+
 def outlines(tables: Tables, plane: Plane, ground: float) -> FloatArray:
     """Return the corners (n, 4, 2) m on the plane of what each photo shows at a height; NaN where it has none."""
     stations = part(tables, "stations")

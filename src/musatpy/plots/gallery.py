@@ -1,4 +1,4 @@
-"""The pictures of a record, and how they become files."""
+"""The pictures of records, and how they become files."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.canvas import png, svg
+from musatpy.plots import compiled_pictures
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.correlations import CORRELATIONS
 from musatpy.plots.gnss import GNSS
@@ -18,9 +19,11 @@ from musatpy.plots.plate_residuals import PHOTOS
 from musatpy.plots.profile import PROFILE
 from musatpy.plots.redundancy import REDUNDANCY
 from musatpy.plots.sigma_map import SIGMAS
+from musatpy.plots.sounded import SOUNDINGS
 from musatpy.plots.tables import Tables
 from musatpy.plots.tides import TIDES
 
+# Of a run, of a compilation, and of a comparison with soundings.
 GALLERY: tuple[Picture[Any], ...] = (
     PLAN,
     PHOTOS,
@@ -34,6 +37,14 @@ GALLERY: tuple[Picture[Any], ...] = (
     CORRELATIONS,
     GNSS,
 )
+COMPILED: tuple[Picture[Any], ...] = (
+    compiled_pictures.DEPTHS,
+    compiled_pictures.SIGMAS,
+    compiled_pictures.PROFILE,
+    compiled_pictures.CORRECTIONS,
+    compiled_pictures.PARALLAXES,
+)
+SOUNDED: tuple[Picture[Any], ...] = (SOUNDINGS,)
 
 MOST_MARKS = 2000  # of a picture that is SVG: 10,000 ellipses are 7.1 MB, and 0.5 MB as PNG
 

@@ -15,7 +15,7 @@ from musatpy.plots.picture import Picture
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.plots.wording import counted
 
-_LEAST = 3  # residuals of a kind
+LEAST = 3  # residuals of a kind
 _SPAN = 4.5  # sigmas of a histogram; what is beyond counts in its last bars
 _BARS = (9, 36)  # least and most
 _DRAWN = 200  # quantiles at most, the ends all
@@ -64,7 +64,7 @@ def residuals_by_kind(tables: Tables) -> list[Residuals]:
     found = []
     for name in dict.fromkeys(kind.tolist()):
         values = value[known & (kind == name)]
-        if len(values) >= _LEAST:
+        if len(values) >= LEAST:
             found.append(Residuals(kind=str(name).replace("_", " "), values=np.sort(values)))
     if not found:
         raise NothingToShowError("no kind of observation has three checked residuals")

@@ -10,7 +10,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.canvas import new_figure
-from musatpy.plots.footprints import outlines
+from musatpy.plots.bottom_points import as_run, is_compilation
+from musatpy.plots.footprints import ground_of, outlines
 from musatpy.plots.mapping import INK, SHADES, dot_size, draw_outlines, dress, view_of
 from musatpy.plots.plane import Plane, plane_of
 from musatpy.plots.tables import Tables, numbers, part
@@ -37,21 +38,23 @@ class PointMap:
     bounds: FloatArray  # (2, 2)
 
 
-def point_map(tables: Tables, positions: FloatArray | None = None) -> PointMap:
-    """Return the map of points (n, 3), those of the record where none are given.
+def point_map(tables: Tables) -> PointMap:
+    """Return the map of the points of a run or a compilation, of the latter without photos.
 
-    Raises `NothingToShowError` without stations.
+    Raises `NothingToShowError` where the system of the job is not known.
     """
-    plane = plane_of(tables)
-    if positions is None:
-        positions = numbers(part(tables, "points"), "position", 3)
-    places = plane.places(positions)
-    stations = plane.places(numbers(part(tables, "stations"), "position", 3))[:, :2]
-    heights = places[np.isfinite(places).all(axis=1), 2]
-    ground = float(np.median(heights)) if len(heights) else 0.0
-    around = outlines(tables, plane, ground)
-    bounds, seen = view_of(np.concatenate([stations, around.reshape(-1, 2)]), places[:, :2])
-    return PointMap(plane=plane, stations=stations, outlines=around, places=places[:, :2], seen=seen, bounds=bounds)
+    position = numbers(part(tables, "points"), "position", 3)
+    if is_compilation(tables):
+        plane = plane_of(as_run(tables))
+        stations, around = np.empty((0, 2)), np.empty((0, 4, 2))
+    else:
+        plane = plane_of(tables)
+        stations = plane.places(numbers(part(tables, "stations"), "position", 3))[:, :2]
+        around = outlines(tables, plane, ground_of(plane.places(position)))
+    places = plane.places(position)[:, :2]
+    core = np.concatenate([stations, around.reshape(-1, 2)]) if len(stations) else places
+    bounds, seen = view_of(core, places)
+    return PointMap(plane=plane, stations=stations, outlines=around, places=places, seen=seen, bounds=bounds)
 
 
 def new_panels(block: PointMap, titles: list[str]) -> tuple[Any, list[Any]]:
@@ -72,7 +75,8 @@ def new_panels(block: PointMap, titles: list[str]) -> tuple[Any, list[Any]]:
 def draw_block(axes: Any, block: PointMap) -> None:
     """Draw footprints and stations of a block."""
     draw_outlines(axes, block.outlines)
-    axes.plot(*block.stations.T, "+", color=INK, markersize=4, label="stations")
+    if len(block.stations):
+        axes.plot(*block.stations.T, "+", color=INK, markersize=4, label="stations")
 
 
 def draw_grades(axes: Any, block: PointMap, grade: IntArray, classes: Sequence[str], used: Sequence[int]) -> None:

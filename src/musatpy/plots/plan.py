@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.plots.enlarged import confidence_ellipses, magnification, round_length, turned
-from musatpy.plots.footprints import outlines
+from musatpy.plots.footprints import ground_of, outlines
 from musatpy.plots.mapping import (
     CONTROL,
     DRY,
@@ -72,7 +72,7 @@ def block_plan(tables: Tables) -> BlockPlan:
         plane=plane,
         photos=texts(stations, "photo"),
         stations=plane.places(numbers(stations, "position", 3))[:, :2],
-        outlines=outlines(tables, plane, ground_of(tables, places)),
+        outlines=outlines(tables, plane, ground_of(places)),
         ids=ids,
         points=places[:, :2],
         submerged=flags(points, "bathymetric"),
@@ -83,12 +83,6 @@ def block_plan(tables: Tables) -> BlockPlan:
         control_places=places[row, :2],
         discrepancy=turned(numbers(control, "difference", 3)[:, :2], turns[row]),
     )
-
-
-def ground_of(tables: Tables, places: FloatArray) -> float:
-    """Return the height on which most points stand, 0 where none has a place."""
-    heights = places[np.isfinite(places).all(axis=1), 2]
-    return float(np.median(heights)) if len(heights) else 0.0
 
 
 def sentence(plan: BlockPlan) -> str:

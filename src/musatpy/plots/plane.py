@@ -26,6 +26,7 @@ class Plane:
     tables: Tables
     labels: tuple[str, str]  # of the axes
     north: str  # what is up
+    own: bool  # x and y are coordinates of the job
 
     def places(self, positions: FloatArray) -> FloatArray:
         """Return x, y, height (n, 3) m of positions of the record; NaN of what has none, or lies far off."""
@@ -93,14 +94,14 @@ def plane_of(tables: Tables) -> Plane:
         raise NothingToShowError(f"the system of the job cannot be had: {error}") from error
     middle = np.median(level, axis=0)
     if system.ellipsoid is None:
-        return Plane(system=system, middle=middle, tables=tables, labels=("X, m", "Y, m"), north="Y")
+        return Plane(system=system, middle=middle, tables=tables, labels=("X, m", "Y, m"), north="Y", own=True)
     if system.plane and isinstance(system, Projected | TangentPlane) and system.units[0] == "m":
         labels = (f"{system.names[0]}, m", f"{system.names[1]}, m")
-        return Plane(system=system, middle=middle, tables=tables, labels=labels, north=system.names[1])
+        return Plane(system=system, middle=middle, tables=tables, labels=labels, north=system.names[1], own=True)
     about = local_map(system.ellipsoid, middle)
     latitude, longitude = np.degrees(middle[:2]).tolist()
     labels = (f"east of {_angle(longitude, 'EW')}, m", f"north of {_angle(latitude, 'NS')}, m")
-    return Plane(system=about, middle=middle, tables=tables, labels=labels, north="N")
+    return Plane(system=about, middle=middle, tables=tables, labels=labels, north="N", own=False)
 
 
 def _angle(degrees: float, letters: str) -> str:

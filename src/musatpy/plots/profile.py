@@ -162,7 +162,7 @@ def _in_corridor(line: Line, half: float, places: FloatArray, values: FloatArray
 
 
 def _own_line(tables: Tables, bottom: BottomPoints, wet: FloatArray) -> Line:
-    """Return the axis of the strip beside which most submerged points (m, 2) lie, or theirs where more lie at it."""
+    """Return the axis of the strip beside which most submerged points (m, 2) lie, or their own."""
     lines = [_axis("the longest axis of the submerged points", wet, wet)]
     photos = part(tables, "stations")
     stations = bottom.plane.places(numbers(photos, "position", 3))[:, :2]
@@ -239,7 +239,8 @@ def figure(found: Profile) -> Any:
             found.distance, height, marker, color=shade, markersize=4 if joined else 2, linewidth=1.0, label=label,
             linestyle=style if joined else "none",
         )  # fmt: skip
-    axes.plot(*found.dry.T, "s", color=DRY, markersize=3, label="dry points")
+    if len(found.dry):
+        axes.plot(*found.dry.T, "s", color=DRY, markersize=3, label="dry points")
     _draw_water(axes, found)
     if len(found.sounded):
         axes.plot(*found.sounded[:, :2].T, "+", color=INK, markersize=5, label="soundings", zorder=4)
@@ -254,7 +255,8 @@ def figure(found: Profile) -> Any:
 
 def _set_heights(axes: Any, found: Profile) -> None:
     """Have the bottom fill the picture: land that is higher is cut off."""
-    shown = [found.corrected, found.apparent, found.water[:, 1], found.sounded[:, 1]]
+    lowest = found.corrected - NORMAL * np.nan_to_num(found.sigma)
+    shown = [found.corrected, lowest, found.apparent, found.water[:, 1], found.sounded[:, 1]]
     low, high = (float(of([of(part) for part in shown if len(part)])) for of in (np.nanmin, np.nanmax))
     border = 0.15 * max(high - low, 0.1)
     axes.set_ylim(low - border, high + 2.0 * border)

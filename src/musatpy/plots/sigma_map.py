@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.plots.bottom_points import bottom_points
+from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.enlarged import CONFIDENCE, NORMAL
 from musatpy.plots.panels import MAPS_NEED, PointMap, draw_block, draw_grades, finish_panels, new_panels, point_map
 from musatpy.plots.picture import Picture
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, rows_of, texts
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part
 from musatpy.plots.wording import counted, measure
 from musatpy.soundings.s44 import survey_orders
 from musatpy.statistics.quality import ellipses
@@ -58,13 +60,10 @@ def class_names() -> tuple[str, ...]:
 
 def sigma_maps(tables: Tables) -> SigmaMaps:
     """Return the uncertainties of points. Raises `NothingToShowError` where no point has a sigma."""
-    block, points = point_map(tables), part(tables, "points")
-    ids, covariance = texts(points, "point"), numbers(points, "covariance", 3, 3)
-    of_depths = part(tables, "bathymetric_points")
-    row = rows_of(ids, texts(of_depths, "point"))
-    depth, depth_sigma = np.zeros(len(ids)), np.full(len(ids), np.nan)
-    depth[row] = np.nan_to_num(numbers(of_depths, "depth"))
-    depth_sigma[row] = numbers(of_depths, "depth_sigma")
+    block, bottom = point_map(tables), bottom_points(tables)
+    covariance = numbers(part(tables, "points"), "covariance", 3, 3)
+    depth = np.nan_to_num(bottom.depth)
+    depth_sigma = np.where(bottom.submerged, bottom.depth_sigma, np.nan)
     up, plan = NORMAL * ellipses(covariance).vertical, _PLAN * ellipses(covariance).major
     vertical = steps([order.vertical(depth) for order in survey_orders()])
     horizontal, names = steps([order.horizontal(depth) for order in survey_orders()]), class_names()
@@ -77,7 +76,7 @@ def sigma_maps(tables: Tables) -> SigmaMaps:
         maps.append(Uncertainty(what="depths", value=value, grade=graded(value, vertical), classes=names))
     if not np.isfinite(up).any():
         raise NothingToShowError("no point has a sigma")
-    return SigmaMaps(block=block, ids=ids, maps=tuple(maps))
+    return SigmaMaps(block=block, ids=bottom.ids, maps=tuple(maps))
 
 
 def sentence(sigmas: SigmaMaps) -> str:
@@ -109,7 +108,7 @@ def figure(sigmas: SigmaMaps) -> Any:
 SIGMAS = Picture(
     name="sigmas",
     title="Uncertainty of points",
-    needs={**MAPS_NEED, "points": ("point", "position", "covariance"), "bathymetric_points": ()},
+    needs={**MAPS_NEED, **CORRECTIONS.needs, "points": ("point", "bathymetric", "position", "sigma", "covariance")},
     numbers=sigma_maps,
     figure=figure,
     words=sentence,

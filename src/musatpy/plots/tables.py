@@ -29,12 +29,16 @@ def part(tables: Tables, name: str) -> Mapping[str, Any]:
 
 
 def numbers(table: Mapping[str, Any], field: str, *shape: int) -> FloatArray:
-    """Return a column of numbers (n, *shape), NaN for null; (0, *shape) of a field that is not there."""
+    """Return a column of numbers (n, *shape), NaN for null; (0, *shape) of a field that is not there.
+
+    Raises `NothingToShowError` where they are no numbers, or not so many.
+    """
     values = table.get(field, ())
-    if not shape:
-        return np.array(values, dtype=float)
     nothing = np.full(shape, np.nan).tolist()
-    return np.array([nothing if row is None else row for row in values], dtype=float).reshape(-1, *shape)
+    try:
+        return np.array([nothing if row is None else row for row in values], dtype=float).reshape(-1, *shape)
+    except (TypeError, ValueError) as error:
+        raise NothingToShowError(f"the field {field} of the record has other things than numbers") from error
 
 
 def texts(table: Mapping[str, Any], field: str) -> TextArray:
