@@ -116,7 +116,7 @@ def figure(found: Correlations) -> Any:
     if bars:
         panels[1].barh(range(bars), found.inflation, color="0.7", edgecolor="0.3", height=0.5)
         panels[1].set_yticks(range(bars), found.inflated.tolist(), fontsize=8)
-        panels[1].invert_yaxis()
+        panels[1].set_ylim(max(bars, 4) - 0.5, -0.5)
         panels[1].set_xscale("log")
         panels[1].set_xlim(1.0, 3.0 * max(float(np.nanmax(found.inflation)), 1.0))
         panels[1].set_xlabel("variance inflation factor")
