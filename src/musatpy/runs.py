@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
-from musatpy.model import Block, Grade, Solution, Verdict
+from musatpy.model import Block, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
 from musatpy.reports.listing import printed, sections_of
@@ -62,7 +62,7 @@ class RunResult:
     solution: Solution | None  # None: unusable
     verdict: Verdict | None  # likewise
     listing: Path | None  # where the listing is
-    record: Path | None  # where the JSON record is
+    record: Path | None  # where the JSON record is, if there was to be one
     edited: Path | None = None  # where the edited deck is, if one was to be punched
     punched: tuple[Path, ...] = ()  # where the deck to go on with is, or the files of another family
 
@@ -82,15 +82,16 @@ def run_deck(
     punch: Punch | None = None,
     punch_family: FormatFamily | None = None,
     on_read: Callable[[Block], None] | None = None,
+    record: RecordContent = RecordContent.FULL,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
-    `csv` writes the tables of the listing too, in the folder `NAME_tables`.
-    `brief` leaves the echo of the input and the residuals out of the listing; `strict` makes the status of a
-    doubtful answer that of a rejected one.
+    `csv` writes the tables of the listing too, in the folder `NAME_tables`. `record` says what `NAME.json` has; with
+    `NONE` there is none, nor that of an earlier run any more. `brief` leaves the echo of the input and the residuals
+    out of the listing; `strict` makes the status of a doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
     `Watcher`; `family` is that of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where the results would
@@ -100,8 +101,7 @@ def run_deck(
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     begin(progress, "reading")
     checked = checked_deck(deck, family)
-    block = checked.block
-    if block is None:
+    if (block := checked.block) is None:
         return _unusable(deck, checked.problems)
     if on_read is not None:
         on_read(block)
@@ -109,7 +109,7 @@ def run_deck(
     if solution is None:
         return _unusable(deck, problems)
     folder = _folder(deck, out_dir)
-    listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
+    listing, place = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
     try:
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
@@ -122,10 +122,11 @@ def run_deck(
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
     punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
     begin(progress, "record")
-    values = map(str.encode, texts_of(statistics))
+    recorded = {} if record is RecordContent.NONE else {place: map(str.encode, texts_of(statistics, record))}
     try:
         with numerics("the record of the solution"):  # made while it is written
-            write_files({listing: text.encode(), record: values, **tables, **edited, **punched})
+            files = {listing: text.encode(), **recorded, **tables, **edited, **punched}
+            write_files(files, outdated=() if recorded else (place,))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     warnings = (Problem(file=str(deck), message=note, severity="warning") for note in (*notes, *more))
@@ -136,7 +137,7 @@ def run_deck(
         solution=solution,
         verdict=statistics.verdict,
         listing=listing,
-        record=record,
+        record=next(iter(recorded), None),
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )

@@ -10,7 +10,7 @@ from collections.abc import Container, Iterator, Sequence
 from typing import Any
 
 import musatpy
-from musatpy.model import Solution
+from musatpy.model import RecordContent, Solution
 from musatpy.reports import (
     job_record,
     listing,
@@ -21,7 +21,7 @@ from musatpy.reports import (
     waves_page,
 )
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, same
+from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, same, without_images
 from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
@@ -32,12 +32,9 @@ _ABOUT = (
     "longitude, ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up "
     "(X, Y, Z in LOCL jobs). Attitudes are X-tilt, Y-tilt, heading. A number that does not exist is null."
 )
+
+
 _TABLES: tuple[Node[Statistics], ...] = (
-    Field(
-        "schema_version", "const",
-        "version of this schema; the first number changes when a field changes its meaning or goes",
-        lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,),
-    ),
     Group[Statistics, Statistics](
         "program",
         "what made the record",
@@ -106,9 +103,21 @@ _TABLES: tuple[Node[Statistics], ...] = (
 )  # fmt: skip
 
 
-def tables() -> Sequence[Node[Statistics]]:
+def tables(content: RecordContent = RecordContent.FULL) -> Sequence[Node[Statistics]]:
     """Return all that stands in the record, in its order; last the tables of pages that have their own."""
-    return [*_TABLES, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
+    head: tuple[Node[Statistics], ...] = (
+        Field(
+            "schema_version", "const",
+            "version of this schema; the first number changes when a field changes its meaning or goes",
+            lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,),
+        ),
+        Field(
+            "content", "string", "full, or tables: those of images are left out", lambda s: content,
+            choices=(RecordContent.FULL, RecordContent.TABLES),
+        ),
+    )  # fmt: skip
+    nodes = [*head, *_TABLES, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
+    return nodes if content is RecordContent.FULL else list(without_images(nodes))
 
 
 def record(solution: Solution) -> dict[str, Json]:
@@ -158,6 +167,6 @@ def dumps(record: dict[str, Json]) -> str:
     return laid_out(record, "\n") + "\n"
 
 
-def texts_of(statistics: Statistics) -> Iterator[str]:
+def texts_of(statistics: Statistics, content: RecordContent = RecordContent.FULL) -> Iterator[str]:
     """Yield the text of `record_of` piece by piece."""
-    yield from record_texts(tables(), statistics)
+    yield from record_texts(tables(content), statistics)
