@@ -20,13 +20,18 @@ _SHORTER = (
 )
 
 
-def new_figure(width: float, height: float) -> Any:
-    """Return an empty figure of the given size (inches). Raises `MusatError` where matplotlib is missing."""
+def check_matplotlib() -> Any:
+    """Return the class of figures of matplotlib. Raises `MusatError` where that is missing."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MusatError("pictures need matplotlib: pip install 'musatpy[plots]'") from error
-    return Figure(figsize=(width, height), layout="constrained")
+    return Figure
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Return an empty figure of the given size (inches). Raises `MusatError` where matplotlib is missing."""
+    return check_matplotlib()(figsize=(width, height), layout="constrained")
 
 
 def png(figure: Any) -> bytes:

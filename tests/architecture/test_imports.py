@@ -87,6 +87,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "pointfiles",
         "reports",
     },
+    "gis": {"geometry", "depth", "interchange", "plots"},  # of plots, tables and footprints
+    "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis"},
     "listings": {"reports", "geometry"},
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {
@@ -107,6 +109,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "sea",
         "pointfiles",
         "plots",
+        "shown_runs",
     },
     "__main__": {"cli"},
 }

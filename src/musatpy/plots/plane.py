@@ -84,24 +84,36 @@ def _kept(positions: FloatArray, distance: FloatArray) -> FloatArray:
 
 def plane_of(tables: Tables) -> Plane:
     """Return the plane of a record. Raises `NothingToShowError` where its system, or a station, is not there."""
+    system, middle = _system_and_middle(tables)
+    if system.ellipsoid is None:
+        return Plane(system=system, middle=middle, tables=tables, labels=("X, m", "Y, m"), north="Y", own=True)
+    if system.plane and isinstance(system, Projected | TangentPlane) and system.units[0] == "m":
+        x, y = system.names[:2]
+        return Plane(system=system, middle=middle, tables=tables, labels=(f"{x}, m", f"{y}, m"), north=y, own=True)
+    return map_about(tables)
+
+
+def map_about(tables: Tables) -> Plane:
+    """Return a map about the stations of a job on an ellipsoid, the plane of a local one. Raises as `plane_of`."""
+    system, middle = _system_and_middle(tables)
+    if system.ellipsoid is None:
+        return plane_of(tables)
+    latitude, longitude = np.degrees(middle[:2]).tolist()
+    labels = (f"east of {_angle(longitude, 'EW')}, m", f"north of {_angle(latitude, 'NS')}, m")
+    about = local_map(system.ellipsoid, middle)
+    return Plane(system=about, middle=middle, tables=tables, labels=labels, north="N", own=False)
+
+
+def _system_and_middle(tables: Tables) -> tuple[System, FloatArray]:
+    """Return the system of a job, and the middle (3,) of its stations, level coordinates."""
     positions = numbers(part(tables, "stations"), "position", 3)
     positions = positions[np.isfinite(positions).all(axis=1)]
     if not len(positions):
         raise NothingToShowError("no station has a position")
     try:
-        system, level = job_system(tables), level_positions(tables, positions)
+        return job_system(tables), np.median(level_positions(tables, positions), axis=0)
     except (SystemsError, ValueError) as error:
         raise NothingToShowError(f"the system of the job cannot be had: {error}") from error
-    middle = np.median(level, axis=0)
-    if system.ellipsoid is None:
-        return Plane(system=system, middle=middle, tables=tables, labels=("X, m", "Y, m"), north="Y", own=True)
-    if system.plane and isinstance(system, Projected | TangentPlane) and system.units[0] == "m":
-        labels = (f"{system.names[0]}, m", f"{system.names[1]}, m")
-        return Plane(system=system, middle=middle, tables=tables, labels=labels, north=system.names[1], own=True)
-    about = local_map(system.ellipsoid, middle)
-    latitude, longitude = np.degrees(middle[:2]).tolist()
-    labels = (f"east of {_angle(longitude, 'EW')}, m", f"north of {_angle(latitude, 'NS')}, m")
-    return Plane(system=about, middle=middle, tables=tables, labels=labels, north="N", own=False)
 
 
 def _angle(degrees: float, letters: str) -> str:
