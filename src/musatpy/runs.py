@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -125,16 +125,14 @@ def run_deck(
     recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
     try:
         with numerics("the record of the solution"):  # made while it is written
-            write_files(
-                {listing: text.encode(), **recorded, **tables, **edited, **punched}, [] if recorded else [place]
-            )
+            files = {listing: text.encode(), **recorded, **tables, **edited, **punched}
+            write_files(files, outdated=() if recorded else (place,))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
-    warnings = (Problem(file=str(deck), message=note, severity="warning") for note in (*notes, *more))
     return RunResult(
         deck=deck,
         status=ExitStatus.of(statistics.verdict.grade, strict=strict),
-        problems=(*problems, *warnings),
+        problems=(*problems, *_warnings(deck, *notes, *more)),
         solution=solution,
         verdict=statistics.verdict,
         listing=listing,
@@ -142,6 +140,10 @@ def run_deck(
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _warnings(deck: Path, *notes: str) -> Iterator[Problem]:
+    return (Problem(file=str(deck), message=note, severity="warning") for note in notes)
 
 
 def _tables(sections: Iterable[Section], folder: Path) -> dict[Path, bytes]:
