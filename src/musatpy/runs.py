@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -89,9 +89,9 @@ def run_deck(
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
-    `csv` writes the tables of the listing too, in the folder `NAME_tables`. `record` says what `NAME.json` has; with
-    `NONE` there is none, nor that of an earlier run any more. `brief` leaves the echo of the input and the residuals
-    out of the listing; `strict` makes the status of a doubtful answer that of a rejected one.
+    `csv` writes the tables of the listing too, in the folder `NAME_tables`. `record` says what the record has: with
+    `NONE` there is none, nor one of an earlier run. `brief` leaves the echo of the input and the residuals out of
+    the listing; `strict` makes the status of a doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
     `Watcher`; `family` is that of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where the results would
@@ -109,7 +109,7 @@ def run_deck(
     if solution is None:
         return _unusable(deck, problems)
     folder = _folder(deck, out_dir)
-    listing, place = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
+    listing, place = (folder / f"{deck.stem}.{ending}" for ending in ("lst", "json"))
     try:
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
@@ -122,18 +122,17 @@ def run_deck(
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
     punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
     begin(progress, "record")
-    recorded = {} if record is RecordContent.NONE else {place: map(str.encode, texts_of(statistics, record))}
+    recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
     try:
         with numerics("the record of the solution"):  # made while it is written
             files = {listing: text.encode(), **recorded, **tables, **edited, **punched}
             write_files(files, outdated=() if recorded else (place,))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
-    warnings = (Problem(file=str(deck), message=note, severity="warning") for note in (*notes, *more))
     return RunResult(
         deck=deck,
         status=ExitStatus.of(statistics.verdict.grade, strict=strict),
-        problems=(*problems, *warnings),
+        problems=(*problems, *_warnings(deck, *notes, *more)),
         solution=solution,
         verdict=statistics.verdict,
         listing=listing,
@@ -141,6 +140,10 @@ def run_deck(
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _warnings(deck: Path, *notes: str) -> Iterator[Problem]:
+    return (Problem(file=str(deck), message=note, severity="warning") for note in notes)
 
 
 def _tables(sections: Iterable[Section], folder: Path) -> dict[Path, bytes]:
