@@ -37,11 +37,11 @@ def shown_of(given: dict[str, Any]) -> Shown:
 
 def show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     """Write what is wanted of a run, say so, and return whether all of it could be."""
+    if result.listing is None or not (wanted.plots or wanted.gis):
+        return True
     from musatpy.plots.tables import NothingToShowError
     from musatpy.shown_runs import draw_run, write_layers
 
-    if result.listing is None:
-        return True
     name, done = name_of(result.deck), True
     try:
         if wanted.plots:

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray
 from musatpy.gis.target_system import TargetSystem, target_system
 from musatpy.interchange.layers import Column, Lines, Points
 from musatpy.plots.footprints import ground_of, outlines
 from musatpy.plots.plane import map_about, plane_of
-from musatpy.plots.tables import Tables, flags, numbers, part, rows_of, texts
+from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
 from musatpy.units import DEGREE
 
 _AXES = ("east", "north", "up")
@@ -55,7 +55,7 @@ def layers_of(tables: Tables, crs: str = "") -> dict[str, Points | Lines]:
     if footprints.vertices:
         layers["footprints"] = footprints
     if len(row):
-        layers["control"] = _placed(points[row], _of_control(control), target)
+        layers["control"] = _placed(at_rows(points, row), _of_control(control), target)
     if part(tables, "observations"):
         layers["observations"] = _observations(tables, stations, points, target)
     return layers
@@ -145,7 +145,7 @@ def _observations(tables: Tables, stations: FloatArray, points: FloatArray, targ
     point = np.array(named, dtype=np.str_)
     at_point = rows_of(texts(part(tables, "points"), "point"), point)
     at_photo = rows_of(texts(part(tables, "stations"), "photo"), photo)
-    places = np.where((at_point >= 0)[:, None], _rows(points, at_point), _rows(stations, at_photo))
+    places = np.where((at_point >= 0)[:, None], at_rows(points, at_point), at_rows(stations, at_photo))
     columns = {
         "kind": Column.of(kinds),
         "photo": Column.of(photo),
@@ -158,8 +158,3 @@ def _observations(tables: Tables, stations: FloatArray, points: FloatArray, targ
         "standardised": Column.of(numbers(observed, "standardised")),
     }
     return _placed(places, columns, target)
-
-
-def _rows(places: FloatArray, row: IntArray) -> FloatArray:
-    """Return rows (n,) of places (m, 3), NaN for -1."""
-    return np.concatenate([places, np.full((1, 3), np.nan)])[row]

@@ -70,7 +70,7 @@ def _of_run(tables: Tables) -> BottomPoints:
 
     def spread(values: FloatArray) -> FloatArray:
         out = np.full((len(ids), *values.shape[1:]), np.nan)
-        out[row] = values
+        out[row[row >= 0]] = values[row >= 0]
         return out
 
     apparent = plane.places_of_xyz(numbers(wet, "no_refraction", 3))

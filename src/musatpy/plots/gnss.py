@@ -10,9 +10,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.canvas import new_figure
 from musatpy.plots.enlarged import NORMAL, turned
-from musatpy.plots.footprints import outlines
 from musatpy.plots.mapping import INK, WET, draw_arrows, dress, name_places, shown_size, view_of
-from musatpy.plots.panels import MAPS_NEED
 from musatpy.plots.picture import Picture
 from musatpy.plots.plane import Plane, plane_of
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
@@ -31,7 +29,6 @@ class ObservedStations:
     plane: Plane
     photos: TextArray  # (n,)
     places: FloatArray  # (n, 2) m
-    outlines: FloatArray  # (n, 4, 2) m
     difference: FloatArray  # (n, 3) m, adjusted minus observed, east, north, up
     sigma: FloatArray  # (n, 3) m, of the observed positions; NaN of a component that was not
     turns: FloatArray  # (n,) rad of the plane
@@ -58,7 +55,6 @@ def observed_stations(tables: Tables) -> ObservedStations:
         plane=plane,
         photos=texts(stations, "photo")[rows],
         places=places[rows, :2],
-        outlines=outlines(tables, plane, float(np.nanmin(places[:, 2])) - 1.0)[rows],
         difference=np.where(np.isfinite(sigma), difference, np.nan)[rows],
         sigma=sigma[rows],
         turns=turns[rows],
@@ -127,8 +123,8 @@ GNSS = Picture(
     name="gnss",
     title="Stations against observed positions",
     needs={
-        **MAPS_NEED,
-        "stations": ("photo", "camera", "position", "attitude", "given_position", "given_position_sigma"),
+        "options": ("system",),
+        "stations": ("photo", "position", "given_position", "given_position_sigma"),
     },
     numbers=observed_stations,
     figure=figure,

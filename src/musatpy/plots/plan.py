@@ -29,7 +29,7 @@ from musatpy.plots.mapping import (
 )
 from musatpy.plots.picture import Picture
 from musatpy.plots.plane import Plane, plane_of
-from musatpy.plots.tables import Tables, flags, numbers, part, rows_of, texts
+from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
 from musatpy.plots.wording import counted, measure
 
 CONTROL_MARKERS = {"full": "^", "horizontal": "s", "vertical": "D", "check": "P"}  # kind of control -> marker
@@ -80,8 +80,8 @@ def block_plan(tables: Tables) -> BlockPlan:
         angle=angle,
         control=known,
         kind=texts(control, "kind"),
-        control_places=places[row, :2],
-        discrepancy=turned(numbers(control, "difference", 3)[:, :2], turns[row]),
+        control_places=at_rows(places, row)[:, :2],
+        discrepancy=turned(numbers(control, "difference", 3)[:, :2], np.nan_to_num(at_rows(turns, row))),
     )
 
 

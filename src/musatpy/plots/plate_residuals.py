@@ -57,13 +57,14 @@ def plate_residuals(tables: Tables) -> PlateResiduals:
     cameras, photos = part(tables, "cameras"), texts(stations, "photo")
     residual = numbers(plates, "residual", 2) / MICROMETRE
     photo = rows_of(photos, texts(plates, "photo"))
-    known = np.isfinite(residual).all(axis=1) & (photo >= 0)
+    point = rows_of(texts(points, "point"), texts(plates, "point"))
+    known = np.isfinite(residual).all(axis=1) & (photo >= 0) & (point >= 0)
     if not known.any():
         raise NothingToShowError("no plate coordinate has a residual")
     corners, _ = frames(tables)
     camera = rows_of(texts(cameras, "camera"), texts(stations, "camera"))
     centre = numbers(cameras, "principal_point", 2)[camera]
-    wet = flags(points, "bathymetric")[rows_of(texts(points, "point"), texts(plates, "point"))]
+    wet = flags(points, "bathymetric")[point]
     return PlateResiduals(
         photos=photos,
         camera=camera,

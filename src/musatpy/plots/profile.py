@@ -190,11 +190,10 @@ def _axis(name: str, places: FloatArray, wet: FloatArray) -> Line:
 
 def _water(tables: Tables, bottom: BottomPoints, line: Line, rows: IntArray) -> tuple[FloatArray, TextArray]:
     """Return where along a line the water of photos stands, or that of points where there are no photos."""
-    tide = numbers(part(tables, "adjusted_water"), "tide")
-    if not len(tide):
+    tide, stations = numbers(part(tables, "adjusted_water"), "tide"), part(tables, "stations")
+    if not len(tide) or len(tide) != len(numbers(stations, "position", 3)):
         distance = along(line.vertices, bottom.places[rows, :2])[0]
         return np.column_stack([distance, bottom.water[rows]]), np.full(len(rows), "")
-    stations = part(tables, "stations")
     position = numbers(stations, "position", 3)
     distance, offset = along(line.vertices, bottom.plane.places(position)[:, :2])
     height = bottom.plane.heights(position, tide)
@@ -279,7 +278,7 @@ def profile_picture(
     return Picture(
         name="profile",
         title="Depth profile",
-        needs=CORRECTIONS.needs,
+        needs={**CORRECTIONS.needs, "stations": ("photo", "position")},
         numbers=partial(profile, line=line, soundings=soundings),
         figure=figure,
         words=sentence,

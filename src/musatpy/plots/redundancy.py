@@ -47,6 +47,9 @@ def redundancy_map(tables: Tables) -> RedundancyMap:
         raise NothingToShowError("the record has no observation of a plate")
     owners = observed["of"]
     row = rows_of(ids, np.array([owners[number][-1] for number in plates.tolist()], dtype=np.str_))
+    plates, row = plates[row >= 0], row[row >= 0]
+    if not len(plates):
+        raise NothingToShowError("no observed point is in the record")
     numbers_of_plates = numbers(observed, "redundancy")[plates]
     return RedundancyMap(
         block=block,

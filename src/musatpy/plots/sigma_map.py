@@ -108,7 +108,7 @@ def figure(sigmas: SigmaMaps) -> Any:
 SIGMAS = Picture(
     name="sigmas",
     title="Uncertainty of points",
-    needs={**MAPS_NEED, **CORRECTIONS.needs, "points": ("point", "bathymetric", "position", "sigma", "covariance")},
+    needs={**CORRECTIONS.needs, **MAPS_NEED, "points": ("point", "bathymetric", "position", "sigma", "covariance")},
     numbers=sigma_maps,
     figure=figure,
     words=sentence,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 
 Tables = Mapping[str, Any]
 
@@ -51,7 +51,12 @@ def flags(table: Mapping[str, Any], field: str, *shape: int) -> BoolArray:
     return np.array(table.get(field, ()), dtype=bool).reshape(-1, *shape)
 
 
-def rows_of(ids: TextArray, names: TextArray) -> np.ndarray[Any, np.dtype[np.int64]]:
+def at_rows(values: FloatArray, row: IntArray) -> FloatArray:
+    """Return the rows (k,) of values (n, ...), NaN for -1."""
+    return np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])[row]
+
+
+def rows_of(ids: TextArray, names: TextArray) -> IntArray:
     """Return the rows (k,) of names in ids, -1 of one that is not there."""
     row = {name: number for number, name in enumerate(ids.tolist())}
     return np.array([row.get(name, -1) for name in names.tolist()], dtype=np.int64)

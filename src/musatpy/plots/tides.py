@@ -41,7 +41,9 @@ def tides(tables: Tables) -> Tides:
     """Return the tides of a run. Raises `NothingToShowError` where it has no water, or none of them is known."""
     stations, water = part(tables, "stations"), part(tables, "adjusted_water")
     given = numbers(stations, "tide")
-    adjusted = numbers(water, "tide") if water else np.full(len(given), np.nan)
+    adjusted = numbers(water, "tide")
+    if len(adjusted) != len(given):
+        adjusted = np.full(len(given), np.nan)
     if not np.isfinite([given, adjusted]).any():
         raise NothingToShowError("no height of the water is known")
     time = numbers(stations, "time")
