@@ -56,10 +56,11 @@ def command(
 
     Exit status: 0 done, 1 a record cannot be used, or has nothing to show.
     """
-    from musatpy.plots.files import check_names, drawn, profile_of
+    from musatpy.plots.files import check_names, check_stems, drawn, profile_of
 
     try:
         check_names(names)
+        check_stems(records, out_dir)
     except MusatError as error:
         raise click.UsageError(str(error)) from error
     profile = profile_of(line, soundings, crs, datum) if line or soundings else None

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import MusatError
-from musatpy.files import write_files
+from musatpy.files import real_path, write_files
 from musatpy.plots.gallery import rendered
 from musatpy.plots.given_lines import given_line, given_soundings
 from musatpy.plots.picture import Picture
@@ -32,6 +32,23 @@ def check_names(names: Sequence[str]) -> None:
     unknown = [name for name in names if name not in there]
     if unknown:
         raise MusatError(f"no picture '{unknown[0]}'; there are {', '.join(there)}")
+
+
+def stem_of(record: Path, out_dir: Path | None = None) -> Path:
+    """Return what the names of the pictures of a record begin with."""
+    return (record.parent if out_dir is None else out_dir) / record.stem
+
+
+def check_stems(records: Sequence[Path], out_dir: Path | None = None) -> None:
+    """Raise `MusatError` where the pictures of two records would have the same names."""
+    taken: dict[Path, Path] = {}
+    for record in records:
+        stem = real_path(stem_of(record, out_dir))
+        if stem in taken:
+            raise MusatError(
+                f"the pictures of {taken[stem]} and {record} would both go to {stem_of(record, out_dir)}.*"
+            )
+        taken[stem] = record
 
 
 def profile_of(line: Path | None, soundings: Path | None, crs: str = "", datum: float = 0.0) -> Picture[Profile]:
@@ -76,8 +93,7 @@ def drawn(
     wanted = [picture for picture in kind.pictures if not names or picture.name in names]
     if profile is not None:
         wanted = [profile if picture.name == profile.name else picture for picture in wanted]
-    stem = (record.parent if out_dir is None else out_dir) / record.stem
-    files, sentences, reasons = pictures_of(tables, wanted, stem)
+    files, sentences, reasons = pictures_of(tables, wanted, stem_of(record, out_dir))
     if files:
         write_files(files)
     lacking = {name: f"is no picture of a {kind.what}" for name in names if name not in {p.name for p in wanted}}
