@@ -73,12 +73,6 @@ def test_footprints_hold_the_points_of_their_photos(tmp_path: Path) -> None:
     meta, _, geometry, fields = pyogrio.raw.read(package, layer="footprints")
     rings = [shapely.polygons(shapely.get_coordinates(line)) for line in shapely.from_wkb(geometry)]
     around = dict(zip(fields[0], rings, strict=True))
-        zip(
-            fields[0],
-            [shapely.polygons(shapely.get_coordinates(line)) for line in shapely.from_wkb(geometry)],
-            strict=True,
-        )
-    )
     assert meta["crs"] == "EPSG:4267"
     values = record(tmp_path)
     place = dict(zip(values["points"]["point"], np.degrees(values["points"]["position"])[:, [1, 0]], strict=True))
