@@ -6,6 +6,7 @@ import datetime
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from musatpy.compilation.against_run import against_run
 from musatpy.compilation.bottom import Bottom, bottom_of
@@ -57,8 +58,9 @@ def compile_deck(
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
     With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv`, with grids of posts `NAME.GRID.csv`,
-    and with `plots` the picture of contours, `NAME.contours.png` and `.pdf`; with `gis` `NAME.gpkg`, `NAME.dxf`
-    and `NAME.GRID.tif`, with `las` `NAME.las`, all of them in the system `crs` where it is given; with `csv` the
+    with `plots` the pictures of the record and that of contours, `NAME.contours.png` and `.pdf`; with `gis`
+    `NAME.gpkg`, `NAME.dxf` and `NAME.GRID.tif`, with `las` `NAME.las`, all in the system `crs` where it is given;
+    with `csv` the
     tables of the listing, in `NAME_tables`; `anyway` also on a run that has not converged. Where run or deck
     cannot be used nothing is written, and every reason is in `problems`. Raises `OSError` where files cannot be
     read or written.
@@ -73,14 +75,14 @@ def compile_deck(
     sections = compilation.sections_of(result, against, profiles, bottom, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
-    values = dumps(compilation.record_of(result, against, profiles, bottom, warnings))
-    files = {listing: text.encode(), record: values.encode()}
+    values = compilation.record_of(result, against, profiles, bottom, warnings)
+    files = {listing: text.encode(), record: dumps(values).encode()}
     if csv:
         folder = listing.with_name(f"{deck.stem}_tables")
         files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
     files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(result, profiles, bottom)}
-    if plots and bottom is not None:
-        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottom)}
+    if plots:
+        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottom, values)}
     layers = _layers(result, bottom, crs) if gis or las else {}
     write_files(files)
     written = [*files, *(_for_gis(result, bottom, layers, listing) if gis else ())]
@@ -272,12 +274,17 @@ def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[P
     yield path
 
 
-def _pictures(result: Compiled, bottom: Bottom) -> Iterator[tuple[str, bytes]]:
-    """Yield the names and contents of the contours as a PNG and as a page of PDF."""
+def _pictures(result: Compiled, bottom: Bottom | None, record: dict[str, Any]) -> Iterator[tuple[str, bytes]]:
+    """Yield the names and contents of the pictures of a record, and of the contours as a PNG and a page of PDF."""
     from musatpy.compilation.pictures import contour_pictures  # few users draw
+    from musatpy.plots.gallery import COMPILED, rendered
 
-    for kind, data in contour_pictures(result, bottom).items():
-        yield f"contours.{kind}", data
+    for picture in COMPILED:
+        if found := rendered(picture, record):
+            yield f"{picture.name}.{found[0]}", found[1]
+    if bottom is not None:
+        for kind, data in contour_pictures(result, bottom).items():
+            yield f"contours.{kind}", data
 
 
 def _of_file(path: Path, error: ProblemsError) -> list[Problem]:

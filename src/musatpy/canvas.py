@@ -8,6 +8,7 @@ from typing import Any
 
 from musatpy.errors import MusatError
 
+_COLOURS = 128
 _FONT = "'DejaVu Sans', Verdana, sans-serif"
 _TAG = re.compile(r"<[^>]*>")
 _DIGITS = re.compile(r"(\d+\.\d{2})\d+")  # of a tag, beyond a hundredth of a point
@@ -38,6 +39,17 @@ def png(figure: Any) -> bytes:
     """Return the figure as a PNG file, without date and version: the same figure gives the same bytes."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def small_png(figure: Any) -> bytes:
+    """Return the figure as `png` does, in colours of a palette: a third as long, and the same to the eye."""
+    from PIL import Image  # matplotlib needs it
+
+    buffer = BytesIO()
+    with Image.open(BytesIO(png(figure))) as image:
+        flat = image.convert("RGB").quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        flat.save(buffer, format="png", optimize=True)
     return buffer.getvalue()
 
 

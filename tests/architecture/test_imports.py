@@ -76,7 +76,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
     "as11_corrections": {"as11_runs", "compilation", "geometry", "interchange"},
-    "as11_runs": {"model", "formats", "compilation", "interchange", "reports", "runs"},
+    "as11_runs": {"model", "formats", "compilation", "interchange", "plots", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
     "plots": {  # of depth, the system of a record; of reports, the schemas of records
         "geometry",

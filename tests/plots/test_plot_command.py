@@ -118,6 +118,8 @@ LINE = "lat,lon\n18.3353,-64.9440\n18.3285,-64.9290\n18.3285,-64.9150\n"
 def test_a_profile_runs_along_a_line(record: Path, tmp_path: Path) -> None:
     result = profile(record, tmp_path, LINE)
     assert result.exit_code == 0 and "Along line.csv: " in result.output
+    near = profile(record, tmp_path, LINE, "--within", "700")
+    assert near.exit_code == 0 and "within 700 m" in near.output and near.output != result.output
     on_map = profile(
         record, tmp_path, "x,y\n294550,2027850\n297700,2028000\n", "--crs", "+proj=utm +zone=20 +ellps=clrk66"
     )
@@ -145,7 +147,7 @@ def test_soundings_stand_beside_a_profile(record: Path, tmp_path: Path) -> None:
     soundings = tmp_path / "soundings.csv"
     soundings.write_text(stage_readings.soundings())
     result = plot(record, "-o", tmp_path, "--only", "profile", "--soundings", soundings, "--datum", "-0.15")
-    assert result.exit_code == 0 and "soundings beside them" in result.output
+    assert result.exit_code == 0 and " soundings within " in result.output
     soundings.write_text("lat,lon,depth\n1,2,x\n")
     result = plot(record, "-o", tmp_path, "--only", "profile", "--soundings", soundings)
     assert result.exit_code == 1 and "soundings.csv:2" in result.output
@@ -163,6 +165,9 @@ def test_a_compilation_has_pictures_of_its_own(record: Path, tmp_path: Path) -> 
     for name in ("depths", "sigmas", "profile", "corrections", "parallaxes"):
         assert (tmp_path / f"st_thomas_as11.{name}.svg").read_text().startswith("<?xml")
     assert "below MLLW" in result.output
+    words = ["--only", "profile", "--soundings", stage_readings.SOUNDINGS, "--datum", "-0.15"]
+    result = plot(tmp_path / "st_thomas_as11.json", *words)
+    assert result.exit_code == 0 and " soundings within " in result.output
 
 
 # --- in one go, and without the package ---

@@ -32,6 +32,12 @@ def show_names(context: click.Context, _: click.Parameter, shown: bool) -> None:
     "--line", metavar="FILE", type=NamedPath(), help="Where the depth profile runs (CSV, GeoJSON, DXF, ...)."
 )
 @click.option("--soundings", metavar="FILE", type=NamedPath(), help="Soundings in the depth profile (CSV, LAS).")
+@click.option(
+    "--within",
+    metavar="M",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Points so near the line stand in the profile, m; as near as it must be where not given.",
+)
 @click.option("--datum", metavar="H", type=float, default=0.0, help="Height from which their depths count, m.")
 @click.option("--crs", default="", help="System of x and y of a file that says none: EPSG:32620.")
 @click.option(
@@ -46,6 +52,7 @@ def command(
     names: tuple[str, ...],
     line: Path | None,
     soundings: Path | None,
+    within: float | None,
     datum: float,
     crs: str,
     quiet: bool,
@@ -63,7 +70,7 @@ def command(
         check_stems(records, out_dir)
     except MusatError as error:
         raise click.UsageError(str(error)) from error
-    profile = profile_of(line, soundings, crs, datum) if line or soundings else None
+    profile = profile_of(line, soundings, crs, datum, within) if line or soundings or within else None
     failed = False
     for record in records:
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,14 +51,17 @@ def check_stems(records: Sequence[Path], out_dir: Path | None = None) -> None:
         taken[stem] = record
 
 
-def profile_of(line: Path | None, soundings: Path | None, crs: str = "", datum: float = 0.0) -> Picture[Profile]:
-    """Return the picture of the profile along the line of a file, with soundings of another.
+def profile_of(
+    line: Path | None, soundings: Path | None, crs: str = "", datum: float = 0.0, within: float | None = None
+) -> Picture[Profile]:
+    """Return the picture of the profile along the line of a file, with soundings of another, `within` metres of it.
 
     Raises `ProblemsError` where a file cannot be used, and `OSError`.
     """
     return profile_picture(
         None if line is None else given_line(line, crs),
         None if soundings is None else given_soundings(soundings, crs, datum),
+        within,
     )
 
 
@@ -92,7 +95,8 @@ def drawn(
     kind, tables = read_tables(record)
     wanted = [picture for picture in kind.pictures if not names or picture.name in names]
     if profile is not None:
-        wanted = [profile if picture.name == profile.name else picture for picture in wanted]
+        own = profile.numbers
+        wanted = [replace(one, numbers=own) if one.name == profile.name else one for one in wanted]
     files, sentences, reasons = pictures_of(tables, wanted, stem_of(record, out_dir))
     if files:
         write_files(files)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.canvas import png, svg
+from musatpy.canvas import small_png, svg
 from musatpy.plots import compiled_pictures
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.correlations import CORRELATIONS
@@ -58,7 +58,7 @@ def rendered(picture: Picture[Any], tables: Tables) -> tuple[str, bytes] | None:
     figure = picture.draw(tables)
     if figure is None:
         return None
-    return ("svg", svg(figure, picture.name)) if marks(figure) <= MOST_MARKS else ("png", png(figure))
+    return ("svg", svg(figure, picture.name)) if marks(figure) <= MOST_MARKS else ("png", small_png(figure))
 
 
 def marks(figure: Any) -> int:

@@ -98,13 +98,20 @@ def finish(figure: Any, axes: Any, *, shade: Any = None, label: str = "") -> Any
     figure.set_size_inches(*whole)
     axes.set_position([left / whole[0], below / whole[1], width / whole[0], height / whole[1]])
     if labels:
-        figure.legend(handles, labels, loc="lower center", ncols=columns, fontsize=8)
+        enlarge_signs(figure.legend(handles, labels, loc="lower center", ncols=columns, fontsize=8))
     if shade is not None:
         place = [(left + width + 0.15) / whole[0], below / whole[1], 0.18 / whole[0], height / whole[1]]
         bar = figure.add_axes(place)
         figure.colorbar(shade, cax=bar, label=label)
         bar.tick_params(labelsize=8)
     return figure
+
+
+def enlarge_signs(legend: Any) -> None:
+    """Give the markers of a legend a size at which they can be told apart, whatever that of the map is."""
+    for handle in legend.legend_handles:
+        if hasattr(handle, "set_markersize"):
+            handle.set_markersize(max(handle.get_markersize(), _DOTS[1] - 1.0))
 
 
 def _draw_scale(axes: Any, bounds: FloatArray) -> None:

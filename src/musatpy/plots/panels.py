@@ -12,7 +12,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.canvas import new_figure
 from musatpy.plots.bottom_points import as_run, is_compilation
 from musatpy.plots.footprints import ground_of, outlines
-from musatpy.plots.mapping import INK, SHADES, dot_size, draw_outlines, dress, view_of
+from musatpy.plots.mapping import INK, SHADES, dot_size, draw_outlines, dress, enlarge_signs, view_of
 from musatpy.plots.plane import Plane, plane_of
 from musatpy.plots.tables import Tables, numbers, part
 
@@ -23,6 +23,7 @@ MAPS_NEED = {
     "points": ("position",),
 }
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of classes
+_STATIONS = 200  # that are drawn in a panel, at most: more would hide the points
 _PANEL, _LOW = 5.0, 2.6  # inches, of the long side of a map, and of its height at least
 
 
@@ -75,7 +76,7 @@ def new_panels(block: PointMap, titles: list[str]) -> tuple[Any, list[Any]]:
 def draw_block(axes: Any, block: PointMap) -> None:
     """Draw footprints and stations of a block."""
     draw_outlines(axes, block.outlines)
-    if len(block.stations):
+    if len(block.stations) <= _STATIONS:
         axes.plot(*block.stations.T, "+", color=INK, markersize=4, label="stations")
 
 
@@ -84,9 +85,10 @@ def draw_grades(axes: Any, block: PointMap, grade: IntArray, classes: Sequence[s
     from matplotlib import colormaps
 
     size = dot_size(block.bounds, int(block.seen.sum()))
+    low, high = min(used, default=0), max(used, default=0)
     for number in used:
         rows = block.seen & (grade == number)
-        shade = colormaps[SHADES](number / max(len(classes) - 1, 1))
+        shade = colormaps[SHADES]((number - low) / max(high - low, 1))
         marker = _MARKERS[number % len(_MARKERS)]
         axes.plot(
             *block.places[rows].T, marker, color=shade, markersize=size, markeredgewidth=0, label=classes[number]
@@ -100,5 +102,8 @@ def finish_panels(figure: Any, panels: list[Any], title: str) -> Any:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(label, handle)
     figure.suptitle(title, fontsize=11)
-    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=min(len(named), 5), fontsize=8)
+    legend = figure.legend(
+        named.values(), named.keys(), loc="outside lower center", ncols=min(len(named), 5), fontsize=8
+    )
+    enlarge_signs(legend)
     return figure

@@ -22,6 +22,7 @@ from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, text
 from musatpy.plots.wording import counted, measure
 
 _WANTED = 12  # submerged points of a profile, where there are as many
+_SOUNDED = 40  # soundings, likewise: where there are more, the nearest
 _NARROW, _WIDE = 0.005, 0.16  # of the length of a line: half a corridor, at least and at most
 _BEND, _GAP = 60.0, 2.5  # degrees, and typical distances, at which a strip ends
 _BESIDE_AXIS = 0.05  # of the length of a line: what counts where the line is chosen
@@ -61,6 +62,7 @@ class Profile:
     water: FloatArray  # (w, 2) distance and height
     photos: TextArray  # (w,) whose water it is; empty: that of a point
     sounded: FloatArray  # (s, 3) distance, height, sigma
+    beside: float  # half the corridor of the soundings
 
 
 def along(vertices: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -112,27 +114,31 @@ def profile(
     tables: Tables,
     line: Callable[[Plane], Line] | None = None,
     soundings: Callable[[Plane], SoundedPlaces] | None = None,
+    within: float | None = None,
 ) -> Profile:
     """Return the profile along a line; of its own along the strip, or the points, with most of the bottom.
 
-    Raises `NothingToShowError` where no submerged point lies there.
+    `within` (m) is half the corridor about it; else it is as wide as it must be. Raises `NothingToShowError` where
+    no submerged point lies there.
     """
     bottom = submerged_points(tables)
     known = bottom.submerged & np.isfinite(bottom.shift).all(axis=1)
     places = bottom.places[known, :2]
     best = line(bottom.plane) if line else _own_line(tables, bottom, places)
     offset = along(best.vertices, places)[1]
-    half = half_corridor(offset, _length(best))
+    half = half_corridor(offset, _length(best)) if within is None else within
     rows = np.flatnonzero(known)[np.nan_to_num(offset, nan=np.inf) <= half]
     if not len(rows):
         raise NothingToShowError(f"no submerged point lies within {half:.0f} m of {best.name}")
     distance = along(best.vertices, bottom.places[rows, :2])[0]
     order = np.argsort(distance, kind="stable")
     rows = rows[order]
-    sounded = np.empty((0, 3))
+    sounded, beside = np.empty((0, 3)), half
     if soundings:
         found = soundings(bottom.plane)
-        sounded = _in_corridor(best, half, found.places, np.column_stack([found.height, found.sigma]))
+        offset = along(best.vertices, found.places)[1]
+        beside = min(half, half_corridor(offset, _length(best), _SOUNDED)) if within is None else within
+        sounded = _in_corridor(best, beside, found.places, np.column_stack([found.height, found.sigma]))
     water, photos = _water(tables, bottom, best, rows)
     dry = bottom.places[~bottom.submerged]
     return Profile(
@@ -147,6 +153,7 @@ def profile(
         water=water,
         photos=photos,
         sounded=sounded,
+        beside=beside,
     )
 
 
@@ -217,7 +224,7 @@ def sentence(found: Profile) -> str:
     if np.isfinite(found.sigma).any():
         text += f"; {NORMAL:g} sigma of a height is typically {measure(NORMAL * np.nanmedian(found.sigma), 'm')}"
     if len(found.sounded):
-        text += f"; {counted(len(found.sounded), 'sounding')} beside them"
+        text += f"; {counted(len(found.sounded), 'sounding')} within {measure(found.beside, 'm')}"
     return text + "."
 
 
@@ -242,7 +249,8 @@ def figure(found: Profile) -> Any:
         axes.plot(*found.dry.T, "s", color=DRY, markersize=3, label="dry points")
     _draw_water(axes, found)
     if len(found.sounded):
-        axes.plot(*found.sounded[:, :2].T, "+", color=INK, markersize=5, label="soundings", zorder=4)
+        label = f"soundings within {measure(found.beside, 'm')}"
+        axes.plot(*found.sounded[:, :2].T, "+", color=INK, markersize=5, label=label, zorder=4)
     _set_heights(axes, found)
     axes.set_xlabel("distance along the line, m")
     axes.set_ylabel("height, m")
@@ -272,14 +280,16 @@ def _draw_water(axes: Any, found: Profile) -> None:
 
 
 def profile_picture(
-    line: Callable[[Plane], Line] | None = None, soundings: Callable[[Plane], SoundedPlaces] | None = None
+    line: Callable[[Plane], Line] | None = None,
+    soundings: Callable[[Plane], SoundedPlaces] | None = None,
+    within: float | None = None,
 ) -> Picture[Profile]:
     """Return the picture of the profile along a line, with soundings."""
     return Picture(
         name="profile",
         title="Depth profile",
         needs={**CORRECTIONS.needs, "stations": ("photo", "position")},
-        numbers=partial(profile, line=line, soundings=soundings),
+        numbers=partial(profile, line=line, soundings=soundings, within=within),
         figure=figure,
         words=sentence,
     )
