@@ -11,6 +11,7 @@ from pathlib import Path
 from musatpy.compilation.against_run import against_run
 from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
+from musatpy.compilation.file_places import places_of
 from musatpy.compilation.joined_surfaces import Of
 from musatpy.compilation.profiles import CompiledProfile, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record
@@ -23,7 +24,6 @@ from musatpy.formats.compilation_cards import place_of_model, place_of_reading
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.formats.musat import check_deck
 from musatpy.interchange.layers import Lines, Points
-from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_setup, run_comparison
 from musatpy.reports.compilation_bottom import contours_csv, grid_csv
@@ -121,14 +121,14 @@ def _extracts(
     result: Compiled, profiles: list[CompiledProfile], bottoms: Sequence[Bottom]
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the names and contents of the files that a deck asks for: profiles, contours, grids of posts."""
-    angular = result.run.block.options.system is CoordinateSystem.GEOGRAPHIC
+    places = places_of(result)
     if profiles:
-        yield "profiles.csv", profiles_csv(profiles, angular, result.datum).encode()
+        yield "profiles.csv", profiles_csv(profiles, places, result.datum).encode()
     for bottom in bottoms:
         if bottom.sheets:
-            yield f"{_OF[bottom.of]}.csv", contours_csv(bottom, angular, result.datum).encode()
+            yield f"{_OF[bottom.of]}.csv", contours_csv(bottom, places, result.datum).encode()
         for grid in bottom.grids:
-            yield f"{grid.name}.csv", grid_csv(grid, angular, result.datum).encode()
+            yield f"{grid.name}.csv", grid_csv(grid, places, result.datum).encode()
 
 
 def set_up_deck(
