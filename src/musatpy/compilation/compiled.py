@@ -224,6 +224,9 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
     if models.adjust[row]:
         stereo, moved = moved_right_stage(stereo, readings.part(np.flatnonzero(stages.kind[rows] == AGAIN)))
     mode = Mode(str(models.mode[row]) or Mode.IMAGE)
+    if mode is Mode.PRINTED and run.sea is not None:
+        message = "the run has waves, and PRINTED is of still water: IMAGE goes through them"
+        raise CompilationError([Problem(message=message)])
     points = _points(stereo, readings)
     unread = stages.without_parallax[rows]
     points = replace(points, y_parallax=np.where(unread, np.nan, points.y_parallax))

@@ -116,11 +116,13 @@ class SmoothCorrection:
 def smooth(correction: Correction, heights: tuple[float, float]) -> SmoothCorrection | None:
     """Return a correction by polynomials for points between two heights (m), None where there is none.
 
-    Heights of the points must be those over the ellipsoid, and the water level.
+    Heights of the points must be those over the ellipsoid, and the water level, without waves.
     """
     stereo, system = correction.stereo, correction.system
     water, tides = stereo.run.block.water, stereo.tides
     if water is None or not np.isfinite(tides).all() or water.tilt_east or water.tilt_north:
+        return None
+    if stereo.run.sea is not None:
         return None
     if isinstance(system, Geocentric) or system.geoid is not None:
         return None

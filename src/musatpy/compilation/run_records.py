@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.triangulation import UNCONVERGED, Triangulation, adjusted_water, faults_of_run
+from musatpy.compilation.triangulation import UNCONVERGED, Triangulation, adjusted_water, fault_of_run, waves_of_run
 from musatpy.errors import CompilationError, Problem, RecordError
 from musatpy.json_files import read_record
 from musatpy.model import (
@@ -28,23 +29,31 @@ from musatpy.model import (
     Water,
     WaterLevel,
     WaterPrecision,
+    WaveOrigin,
+    Waves,
 )
+from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.tables import empty
+from musatpy.model.waves import SIGMAS
 
 _NEEDS = {
     "solution": ("converged", "reason", "unit_sigma"),
     "options": ("program", "system", "plate_sigma", "submerged_factor", "water_level", "water_tilt", "water_index"),
     "ellipsoid": (),
     "water": (),
-    "waves": ("wave",),
+    "waves": (
+        "wave", "shape", "depth", "given_period", "given_length", "given_speed", "height", "azimuth", "crest",
+        "height_sigma", "length_sigma", "azimuth_sigma", "crest_sigma",
+    ),
+    "wave_origin": (),
     "cameras": ("camera", "focal_length", "principal_point", "format_size"),
     "stations": (
         "photo", "camera", "position", "attitude", "covariance", "given_position",
-        "tide_sigma", "tide_group", "tide_day",
+        "tide_sigma", "tide_group", "tide_day", "time",
     ),
     "points": ("point", "bathymetric", "position", "covariance"),
     "plates": ("photo", "point", "xy", "sigma", "triangulated"),
-    "adjusted_water": ("tide", "tilt", "index"),
+    "adjusted_water": ("tide", "tilt", "index", "waves"),
     "station_pairs": ("photos", "covariance"),
     "control": ("point", "kind"),
     "equal_elevations": ("points",),
@@ -67,12 +76,19 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         raise CompilationError(error.problems) from error
     solution, water = record["solution"], record["adjusted_water"]
     unconverged = "" if solution["converged"] else str(solution["reason"])
-    if faults := faults_of_run("" if anyway else unconverged, waves=bool(record["waves"])):
+    if faults := fault_of_run("" if anyway else unconverged):
         raise CompilationError([Problem(file=str(path), message=fault) for fault in faults])
     stations, points = record["stations"], record["points"]
-    count = len(stations)
+    count, block = (
+        len(stations),
+        _block(record, None if water is None else (water["index"], np.array(water["tilt"]))),
+    )
+    try:
+        sea = waves_of_run(replace(block, **_waves(record)), _adjusted_waves(water))
+    except CompilationError as error:
+        raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
     return Triangulation(
-        block=_block(record, None if water is None else (water["index"], np.array(water["tilt"]))),
+        block=block,
         given=_array([row["given_position"] for row in stations], 3),
         covariance=_array([row["covariance"] for row in stations], 6, 6),
         pairs=_pairs(record),
@@ -83,6 +99,7 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         triangulated=np.array([row["triangulated"] for row in record["plates"]], dtype=bool),
         control=np.isin([row["point"] for row in points], _known_of(record)),
         unit_sigma=float(solution["unit_sigma"] or 1.0),
+        sea=sea,
         caution=UNCONVERGED if unconverged else "",
         because=unconverged,
     )
@@ -141,6 +158,7 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
             tide_sigma=_array([row["tide_sigma"] for row in stations]),
             tide_group=np.array([row["tide_group"] for row in stations], dtype=np.str_),
             tide_day=np.array([row["tide_day"] for row in stations], dtype=np.str_),
+            time=_array([row["time"] for row in stations]),
         ),
         points=Points(
             ids=np.array([row["point"] for row in record["points"]], dtype=np.str_),
@@ -148,6 +166,34 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
         ),
         plates=_plates(record),
     )
+
+
+def _waves(record: Any) -> dict[str, Any]:
+    """Return the waves of a block and their origin, as its deck gave them."""
+    rows, origin = record["waves"], record["wave_origin"]
+    if not rows or origin is None:
+        return {}
+    from musatpy.sea.deck_waves import SHAPES  # most runs have none
+
+    code = {str(shape): letters for letters, shape in SHAPES.items()}
+    given = {name: f"given_{name}" for name in ("period", "length", "speed")}
+    same = ("depth", "height", "azimuth", "crest", *SIGMAS)
+    waves = Waves(
+        ids=np.array([row["wave"] for row in rows], dtype=np.str_),
+        shape=np.array([code[row["shape"]] for row in rows], dtype=np.str_),
+        **{
+            name: _array([row[field] for row in rows])
+            for name, field in (given | dict(zip(same, same, strict=True))).items()
+        },
+    )
+    return {"waves": waves, "wave_origin": WaveOrigin(position=tuple(origin))}
+
+
+def _adjusted_waves(water: Any) -> FloatArray | None:
+    """Return the parameters (k, 4) of waves that the run has adjusted, None where there are none."""
+    if water is None or water["waves"] is None:
+        return None
+    return _array([[row[name] for name in PARAMETERS] for row in water["waves"]["waves"]], 4)
 
 
 def _plates(record: Any) -> PlateMeasurements:

@@ -349,11 +349,21 @@ def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequ
     read = any(part.again.any() for part in against)
     return [
         *([] if compiled.reduced is None else reduction_sections(compiled.reduced)),
-        MODEL_TABLE.section(compiled),
+        MODEL_TABLE.section(compiled, _of_waves(compiled)),
         *([MOVED_TABLE.section(compiled)] if any(model.moved for model in compiled.models) else []),
         *([RECOVERED_TABLE.section((compiled, against))] if read else []),
         *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
     ]
+
+
+def _of_waves(compiled: Compiled) -> list[str]:
+    """Return the note that rays go through the waves of the run, where it has some."""
+    sea = compiled.run.sea
+    if sea is None:
+        return []
+    names = f" ({', '.join(sea.names)})" if sea.names else ""
+    note = f"Through the waves of the run{names}, as they stood at each exposure. Depths count from the tides."
+    return ["", *wrapped([note])]
 
 
 def listing_of(
