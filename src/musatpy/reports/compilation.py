@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.moved_stage import MovedStage
     from musatpy.compilation.profiles import CompiledProfile
 
-_VERSION = "1.3"
+_VERSION = "2.0"
 _ABOUT = (
     "Points compiled in stereomodels of a run, in metres and radians; positions are in the system of the job, "
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
@@ -110,7 +110,9 @@ POINTS: Rows[Compiled, Compiled] = Rows(
         Field("position", "3 number?", "true", lambda c: c.gathered("position"), "rad, rad, m (GEOG) or m"),
         Field("sigma", "3 number?", "east north up", lambda c: c.sigma, "m"),
         Field("covariance", "3x3 number?", "of east, north, up", lambda c: c.gathered("covariance"), "m2"),
-        Field("apparent", "3 number?", "where the straight rays meet", lambda c: c.gathered("apparent")),
+        Field(
+            "apparent", "3 number?", "where the straight rays meet", lambda c: c.gathered("apparent"), exact=True,
+        ),
         Field("water_level", "number?", "mean of both photos, there", lambda c: c.gathered("water_level"), "m"),
         Field("depth", "number?", "below that", lambda c: c.gathered("depth"), "m"),
         Field("depth_sigma", "number?", "of the depth", lambda c: c.gathered("depth_sigma"), "m"),
