@@ -29,10 +29,14 @@ NEEDS = {
     "points": ("point", "bathymetric", "position", "sigma", "reason"),
     "bathymetric_points": ("point", "depth", "depth_sigma"),
     "control": ("kind", "difference"),
-    "plates": ("residual", "refraction"),
     "plate_statistics": ("total_rms",),
 }
-OPTIONAL = {"waves": ("wave", *PARAMETERS), "wave_origin": (), "adjusted_water": ("waves",)}  # of later versions
+OPTIONAL = {  # what records of earlier versions have not, or those without tables of images
+    "waves": ("wave", *PARAMETERS),
+    "wave_origin": (),
+    "adjusted_water": ("waves",),
+    "plates": ("residual", "refraction"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,8 +285,10 @@ def _facts_of(record: Record) -> dict[str, str]:
     x, y = plates["total_rms"][0]
     if x is not None:
         facts["RMS of triangulated plate residuals x, y, um"] = f"{1e3 * x:.2f}  {1e3 * y:.2f}"
-    columns = (record["plates"][name] for name in ("residual", "refraction"))
-    residual, refraction = (np.array(column, dtype=float).reshape(-1, 2) for column in columns)
+    images = record.get("plates", {"residual": [], "refraction": []})
+    residual, refraction = (
+        np.array(images[name], dtype=float).reshape(-1, 2) for name in ("residual", "refraction")
+    )
     kept = residual[(refraction != 0.0).any(axis=1) & np.isfinite(residual).all(axis=1)]
     if len(kept):
         rms = 1e3 * np.sqrt(np.mean(np.square(kept), axis=0))

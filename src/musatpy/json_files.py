@@ -19,6 +19,8 @@ Schema = Mapping[str, Any]
 Needs = Mapping[str, Sequence[str]]  # field of a record -> the fields of its table, or of it, that are needed
 
 _SCHEMA = Path(__file__).with_name("reports") / "record.schema.json"
+_SOME = "tables"  # content of a record without tables of images
+_LEFT_OUT = ": the record was written with --record tables"
 _LISTED = 20  # problems of one file
 _PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
 _DIGITS = 15  # of a whole number at most that is exact in double precision
@@ -74,7 +76,11 @@ def read_record(path: Path, needs: Needs, optional: Needs | None = None) -> dict
     wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
     said = _with_rows(wanted) if by_rows else wanted
     if not _fits([record], said):
-        faults = list(islice(_faults(record, said, ""), _LISTED))
+        left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
+        faults = [
+            (where, f"{message}{_LEFT_OUT if where in left_out else ''}")
+            for where, message in islice(_faults(record, said, ""), _LISTED)
+        ]
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
     return dict(_in_columns(found, wanted)) if by_rows else found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
-from musatpy.model import Block, Grade, Solution, Verdict
+from musatpy.model import Block, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
 from musatpy.reports.listing import printed, sections_of
@@ -63,7 +63,7 @@ class RunResult:
     solution: Solution | None  # None: unusable
     verdict: Verdict | None  # likewise
     listing: Path | None  # where the listing is
-    record: Path | None  # where the JSON record is
+    record: Path | None  # where the JSON record is, if there was to be one
     edited: Path | None = None  # where the edited deck is, if one was to be punched
     punched: tuple[Path, ...] = ()  # where the deck to go on with is, or the files of another family
 
@@ -84,15 +84,16 @@ def run_deck(
     punch_family: FormatFamily | None = None,
     on_read: Callable[[Block], None] | None = None,
     settings: Sequence[Setting] = (),
+    record: RecordContent = RecordContent.FULL,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
-    `csv` writes the tables of the listing too, in the folder `NAME_tables`.
-    `brief` leaves the echo of the input and the residuals out of the listing; `strict` makes the status of a
-    doubtful answer that of a rejected one.
+    `csv` writes the tables of the listing too, in the folder `NAME_tables`. `record` says what the record has: with
+    `NONE` there is none, nor one of an earlier run. `brief` leaves the echo of the input and the residuals out of
+    the listing; `strict` makes the status of a doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
     `Watcher`; `family` and `settings` are those of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where
@@ -110,37 +111,40 @@ def run_deck(
     if solution is None:
         return _unusable(deck, problems)
     folder = _folder(deck, out_dir)
-    listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
+    listing, place = (folder / f"{deck.stem}.{ending}" for ending in ("lst", "json"))
     try:
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
             statistics = Statistics(solution)
             sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
-            text = printed(statistics, sections, carriage_control=carriage_control, date=date)
+            text = printed(statistics, sections, carriage_control=carriage_control, date=date).encode()
             tables = _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
     punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
     begin(progress, "record")
+    recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
     try:
         with numerics("the record of the solution"):  # made while it is written
-            values = map(str.encode, texts_of(statistics))
-            write_files({listing: text.encode(), record: values, **tables, **edited, **punched})
+            write_files({listing: text, **recorded, **tables, **edited, **punched}, () if recorded else (place,))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
-    warnings = (Problem(file=str(deck), message=note, severity="warning") for note in (*notes, *more))
     return RunResult(
         deck=deck,
         status=ExitStatus.of(statistics.verdict.grade, strict=strict),
-        problems=(*problems, *warnings),
+        problems=(*problems, *_warnings(deck, *notes, *more)),
         solution=solution,
         verdict=statistics.verdict,
         listing=listing,
-        record=record,
+        record=next(iter(recorded), None),
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _warnings(deck: Path, *notes: str) -> Iterator[Problem]:
+    return (Problem(file=str(deck), message=note, severity="warning") for note in notes)
 
 
 def _tables(sections: Iterable[Section], folder: Path) -> dict[Path, bytes]:

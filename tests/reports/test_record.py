@@ -8,8 +8,9 @@ import json
 import numpy as np
 import pytest
 
+from altered import altered
 from json_schema import MANUAL, SCHEMA, load_schema, violations, with_table
-from musatpy.model import CoordinateSystem, Refraction
+from musatpy.model import CoordinateSystem, RecordContent, Refraction
 from musatpy.reports import record_text
 from musatpy.reports.fields import Field, Rows
 from musatpy.reports.record import dumps, record, record_of, schema_text, texts_of
@@ -125,10 +126,22 @@ def test_the_schema_notices(path, value):
     assert list(violations(found, schema, schema))
 
 
+def test_a_record_without_tables_of_images_has_all_else():
+    statistics = Statistics(sample_solution())
+    whole, some = (
+        json.loads("".join(texts_of(statistics, content))) for content in (RecordContent.FULL, RecordContent.TABLES)
+    )
+    left_out = {"observations", "plates", "fiducial_measurements", "cross_measurements"}
+    assert whole.keys() - some.keys() == left_out == whole.keys() - set(load_schema()["required"])
+    assert whole | {"content": "tables"} == some | {name: whole[name] for name in left_out}
+
+
 def test_every_field_of_the_schema_is_in_the_record():
     """The order too: that of the schema is that of the record."""
-    schema, found = load_schema(), record(sample_solution())
-    assert list(found) == list(schema["properties"]) == schema["required"]
+    solution = altered(sample_solution(), block={"settings": ("OPT.program=IIA",)})
+    schema, found = load_schema(), record(solution)
+    assert list(found) == list(schema["properties"])
+    assert list(record(sample_solution())) == [name for name in found if name != "settings"]
     for name, entry in schema["properties"].items():
         if entry.get("columns"):
             assert list(found[name]) == list(entry["properties"]), name

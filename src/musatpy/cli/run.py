@@ -13,7 +13,14 @@ import click
 
 from musatpy.cli.live_line import LiveLine
 from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, on_terminal
-from musatpy.cli.options import decks_argument, formats_option, out_option, set_option, settings_for
+from musatpy.cli.options import (
+    decks_argument,
+    formats_option,
+    out_option,
+    record_option,
+    set_option,
+    settings_for,
+)
 from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.errors import MusatError
 
@@ -36,6 +43,7 @@ _FAST = "pip install 'musatpy[fast]'"
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
 @click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
+@record_option
 @click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
@@ -52,6 +60,7 @@ def command(
     quiet: bool,
     dated: bool,
     punch_edits: bool,
+    record: str | None,
     **given: Any,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
@@ -59,6 +68,7 @@ def command(
     Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an
     answer is rejected (with --strict: or doubtful).
     """
+    from musatpy.model import RecordContent
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
     punch, punch_family = punch_of(formats_dir, given)
@@ -76,6 +86,7 @@ def command(
         punch_edits=punch_edits,
         punch=punch,
         punch_family=punch_family,
+        record=RecordContent(record or "full"),
         **{name: given[name] for name in ("carriage_control", "brief", "csv", "strict")},
     )
     statuses = [_status_of(deck, run, quiet) for deck in decks]

@@ -60,9 +60,23 @@ STATED_POINTS: Rows[Compiled, StatedPoints] = Rows(
     "one row per reading; null where the system does not reach",
     lambda c: c.answer,
     (
-        Field("position", "3 number?", "true", lambda a: a.position, "that of the coordinates"),
-        Field("covariance", "3x3 number?", "of that", lambda a: a.covariance, "that of the coordinates, squared"),
-        Field("apparent", "3 number?", "where straight rays meet", lambda a: a.apparent, "that of the coordinates"),
+        Field("position", "3 number?", "true", lambda a: a.position, "that of the coordinates", exact=True),
+        Field(
+            "covariance",
+            "3x3 number?",
+            "of that",
+            lambda a: a.covariance,
+            "that of the coordinates, squared",
+            exact=True,
+        ),
+        Field(
+            "apparent",
+            "3 number?",
+            "where straight rays meet",
+            lambda a: a.apparent,
+            "that of the coordinates",
+            exact=True,
+        ),
     ),
 )
 ANSWER: Group[Compiled, Compiled] = Group(

@@ -358,6 +358,7 @@ OBSERVATIONS = Rows[Statistics, Statistics](
             lambda s: s.quality.effect, "m",
         ),
     ),
+    of_images=True,
 )  # fmt: skip
 
 STATION_INFLATION = Rows[Statistics, Statistics](
