@@ -69,6 +69,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "surfaces",
         "soundings",
     },
+    "notebook": {"model", "statistics", "reports"},
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
@@ -79,9 +80,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "as11_runs": {"model", "formats", "compilation", "interchange", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
     "listings": {"reports", "geometry"},
+    "examples": set(),
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {
         "campaign",
+        "examples",
         "model",
         "formats",
         "runs",
@@ -109,7 +112,7 @@ ONLY = {
 FRONT_DOOR = "__init__"
 
 # What `musat run` must not load: it would cost more than the adjustment of a strip.
-HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "matplotlib", "dask")
+HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "xarray", "matplotlib", "dask")
 SHORT_FILE = 500
 SHORT_FUNCTION = 60
 LONG_FUNCTIONS: dict[str, str] = {}  # "module.function" -> why it is long

@@ -14,8 +14,9 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import NO_TIDE, OFF_PLATE
 from musatpy.compilation.loop import Loop
+from musatpy.compilation.parts import in_parts
 from musatpy.compilation.stereomodels import Stereomodel, off_plate
-from musatpy.compilation.true_points import BEHIND, PARALLEL_RAYS, Readings, true_points
+from musatpy.compilation.true_points import BEHIND, NOT_FOLLOWED, PARALLEL_RAYS, Readings, true_points
 from musatpy.errors import CompilationError, Problem, SystemsError
 from musatpy.geometry.collinearity import in_front
 from musatpy.geometry.systems import System
@@ -25,7 +26,7 @@ _STEPS = 40
 _STILL = 1e-7  # m
 _FOOT = 0.3048
 BELOW_HORIZON = "a photo is below its horizon"
-REASONS = ("", OFF_PLATE, BEHIND, BELOW_HORIZON, NO_TIDE, PARALLEL_RAYS)
+REASONS = ("", OFF_PLATE, BEHIND, BELOW_HORIZON, NO_TIDE, PARALLEL_RAYS, NOT_FOLLOWED)
 _SHAPES: dict[str, tuple[int, ...]] = {"xyz": (3,), "sigma": (3,), "depth": (), "depth_sigma": (), "moved": (2,)}
 
 
@@ -101,7 +102,10 @@ class Correction:
         below = frame.height(working) < np.nan_to_num(stereo.tides, nan=np.inf).max()
         wet = below & (reason == 0)
         if known:
-            xy[wet] = _refracted_images(stereo, both[wet, 0])
+            loop, rows = Loop(stereo=stereo), np.flatnonzero(wet)
+            for part, images in in_parts(lambda some: _refracted_images(loop, both[some, 0]), rows):
+                xy[part] = np.nan if images is None else images
+            reason[rows[np.isnan(xy[rows]).any(axis=(1, 2))]] = REASONS.index(NOT_FOLLOWED)
         else:
             reason[wet] = REASONS.index(NO_TIDE)
         used = np.flatnonzero(reason == 0)
@@ -166,9 +170,12 @@ class Correction:
         return working, reason
 
 
-def _refracted_images(stereo: Stereomodel, apparent: FloatArray) -> FloatArray:
-    """Return the images (k, 2, 2) mm, refracted, whose straight rays meet in points (k, 3) of the model."""
-    loop, stretch = Loop(stereo=stereo), np.array([1.0, 1.0, stereo.index])
+def _refracted_images(loop: Loop, apparent: FloatArray) -> FloatArray:
+    """Return the images (k, 2, 2) mm, refracted, whose straight rays meet in points (k, 3) of the model.
+
+    NaN where none are found, as under waves that are short beside the depth. Raises `AdjustmentError`.
+    """
+    stereo, stretch = loop.stereo, np.array([1.0, 1.0, loop.stereo.index])
     true, xy = apparent.copy(), np.empty((len(apparent), 2, 2))
     active = np.arange(len(true))
     for _ in range(_STEPS):
@@ -178,4 +185,5 @@ def _refracted_images(stereo: Stereomodel, apparent: FloatArray) -> FloatArray:
         active = active[np.abs(gap).max(axis=1) > _STILL]
         if not len(active):
             break
+    xy[active] = np.nan
     return xy

@@ -123,6 +123,23 @@ def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
     return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))
 
 
+def faults_of_pair(run: Triangulation, left: str, right: str) -> list[tuple[str, str]]:
+    """Return why two photos by their names make no model: `left` or `right`, and what is wrong with it."""
+    names = run.block.photos.ids
+    missing = [
+        (side, f"the run has no photo {name}")
+        for side, name in (("left", left), ("right", right))
+        if not (names == name).any()
+    ]
+    if missing:
+        return missing
+    try:
+        set_up(run, left, right)
+    except CompilationError as error:
+        return [("right", problem.message) for problem in error.problems]
+    return []
+
+
 def off_plate(model: Stereomodel, xy: FloatArray) -> BoolArray:
     """Return (k, 2) which plate coordinates (k, 2, 2) mm lie outside the formats of the cameras."""
     size = model.camera("format_size")

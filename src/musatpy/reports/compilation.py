@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
-from musatpy.reports import compilation_bottom, run_comparison
+from musatpy.reports import compilation_bottom, compilation_profiles, run_comparison
 from musatpy.reports.columns import position_columns, vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.compiled import Compiled, CompiledModel
     from musatpy.compilation.moved_stage import MovedStage
-    from musatpy.compilation.profiles import CompiledProfile
+    from musatpy.compilation.profiles import CompiledProfile, ProfileScan
 
 _VERSION = "2.0"
 _ABOUT = (
@@ -44,7 +44,8 @@ JOB: Group[Compiled, Compiled] = Group(
         Field("caution", "string?", "to be known of the run, on every page", lambda c: c.run.caution or None),
         Field("index", "number?", "refractive index of the water", lambda c: _index(c)),
         Field("datum", "string?", "sounding datum", lambda c: c.deck.datum.name if c.deck.datum else None),
-        Field("datum_height", "number", "of the datum", lambda c: c.datum.height, "m"),
+        Field("datum_height", "number", "of it, above its grid if it has one", lambda c: c.datum.height, "m"),
+        Field("datum_grid", "string?", "grid file of its heights", lambda c: _grid_of(c)),
         Field("datum_sigma", "number", "of that", lambda c: c.datum.sigma, "m"),
     ),
 )
@@ -160,7 +161,8 @@ def record_of(
     compiled: Compiled,
     against: list[AgainstRun],
     profiles: list[CompiledProfile],
-    bottom: Bottom | None,
+    scans: list[ProfileScan],
+    bottoms: Sequence[Bottom],
     warnings: Sequence[str],
 ) -> dict[str, Json]:
     """Return the record of a compilation, with its points beside those of the run, and the bottom."""
@@ -170,8 +172,9 @@ def record_of(
         **{node.name: node.json(compiled) for node in nodes},
         RECOVERED.name: RECOVERED.json((compiled, against)),
         **{node.name: node.json((compiled, against)) for node in run_comparison.RECORD},
-        compilation_bottom.PROFILES.name: compilation_bottom.PROFILES.json(profiles),
-        **{node.name: node.json(bottom) if bottom else [] for node in compilation_bottom.RECORD},
+        compilation_profiles.PROFILES.name: compilation_profiles.PROFILES.json(profiles),
+        compilation_profiles.SCANS.name: compilation_profiles.SCANS.json(scans),
+        **{node.name: node.json(bottoms) for node in compilation_bottom.RECORD},
         "warnings": list(warnings),
     }
 
@@ -181,7 +184,7 @@ def schema() -> Schema:
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
         *(JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES, RECOVERED, *run_comparison.RECORD),
-        compilation_bottom.PROFILES,
+        *compilation_profiles.RECORD,
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
     )
@@ -200,6 +203,11 @@ def _shorelines(compiled: Compiled) -> list[tuple[str, FloatArray]]:
         for model in compiled.models
     )
     return [(name, heights) for name, heights in of_models if len(heights)]
+
+
+def _grid_of(compiled: Compiled) -> str | None:
+    datum = compiled.deck.datum
+    return datum.geoid or None if datum else None
 
 
 def _index(compiled: Compiled) -> float | None:
@@ -329,7 +337,8 @@ def sections_of(
     compiled: Compiled,
     against: list[AgainstRun],
     profiles: list[CompiledProfile],
-    bottom: Bottom | None,
+    scans: list[ProfileScan],
+    bottoms: Sequence[Bottom],
     warnings: Sequence[str],
 ) -> list[Section]:
     """Return what the listing says, section by section."""
@@ -341,7 +350,8 @@ def sections_of(
         POINT_TABLE.section(compiled, new_page=True),
         RAY_TABLE.section(compiled),
         *([SHORE_TABLE.section(compiled)] if _shorelines(compiled) else []),
-        *compilation_bottom.sections_of(bottom, profiles),
+        *compilation_profiles.sections_of(profiles, scans),
+        *compilation_bottom.sections_of(bottoms),
         *run_comparison.sections_of(compiled, against),
     ]
 
@@ -351,11 +361,21 @@ def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequ
     read = any(part.again.any() for part in against)
     return [
         *([] if compiled.reduced is None else reduction_sections(compiled.reduced)),
-        MODEL_TABLE.section(compiled),
+        MODEL_TABLE.section(compiled, _of_waves(compiled)),
         *([MOVED_TABLE.section(compiled)] if any(model.moved for model in compiled.models) else []),
         *([RECOVERED_TABLE.section((compiled, against))] if read else []),
         *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
     ]
+
+
+def _of_waves(compiled: Compiled) -> list[str]:
+    """Return the note that rays go through the waves of the run, where it has some."""
+    sea = compiled.run.sea
+    if sea is None:
+        return []
+    names = f" ({', '.join(sea.names)})" if sea.names else ""
+    note = f"Through the waves of the run{names}, as they stood at each exposure. Depths count from the tides."
+    return ["", *wrapped([note])]
 
 
 def listing_of(

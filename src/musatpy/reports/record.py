@@ -59,6 +59,10 @@ _TABLES: tuple[Node[Statistics], ...] = (
         ),
     ),
     Field("titles", "* string", "title cards", lambda s: s.block.titles),
+    Field(
+        "settings", "* string", "what was set for the run in place of what its cards say: `OP2.water_level=ONE`",
+        lambda s: s.block.settings,
+    ),
     job_record.OPTIONS,
     job_record.ELLIPSOID,
     job_record.WATER,
