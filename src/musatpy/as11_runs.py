@@ -18,11 +18,12 @@ from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
-from musatpy.errors import CompilationError, DeckError, InterchangeError, Problem, ProblemsError
+from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_cards import place_of_model, place_of_reading
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.formats.musat import check_deck
+from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_setup, run_comparison
@@ -93,7 +94,7 @@ def compile_deck(
     write_files(files)
     written = [*files, *(_for_gis(result, bottoms, layers, listing) if gis else ())]
     written += _point_cloud(layers, listing) if las else ()
-    of_globe, refused = _as_geojson(layers, listing) if gis and crs else ([], [])
+    of_globe, refused = write_each(layers, listing.with_suffix("")) if gis and crs else ([], [])
     return CompileResult(
         status=ExitStatus.DONE,
         problems=tuple(problems),
@@ -290,21 +291,6 @@ def _for_gis(
         path = listing.with_suffix(f".{grid.name}.tif")
         geotiff.write(path, raster_of(grid, result.datum))
         yield path
-
-
-def _as_geojson(layers: dict[str, Points | Lines], listing: Path) -> tuple[list[Path], list[str]]:
-    """Write layers as GeoJSON, which is of WGS 84; return where they are, and why one cannot be."""
-    from musatpy.interchange import geojson
-
-    written, refused = [], []
-    for name, layer in layers.items():
-        path = listing.with_suffix(f".{name}.geojson")
-        try:
-            geojson.write(path, layer)
-            written.append(path)
-        except InterchangeError as error:
-            refused.append(f"no {path.name}: {error.problems[0].message}")
-    return written, refused
 
 
 def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[Path]:

@@ -80,6 +80,17 @@ MAY_IMPORT: dict[str, set[str]] = {
     "as11_corrections": {"as11_runs", "compilation", "geometry", "interchange"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
+    "plots": {  # of depth, the system of a record; of reports, the schemas of records
+        "geometry",
+        "depth",
+        "statistics",
+        "soundings",
+        "interchange",
+        "pointfiles",
+        "reports",
+    },
+    "gis": {"geometry", "depth", "interchange", "plots"},  # of plots, tables and footprints
+    "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis"},
     "listings": {"reports", "geometry"},
     "examples": set(),
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
@@ -101,6 +112,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "depth",
         "sea",
         "pointfiles",
+        "plots",
+        "shown_runs",
     },
     "__main__": {"cli"},
 }
