@@ -46,12 +46,15 @@ class CompiledPassPoints(CompiledRows):
             wet=tuple(group.part(of_group) for group, of_group in parts if of_group.any()),
         )
 
-    def add_conditions(self, state: State, normals: NormalEquations) -> None:
-        """Add the conditions of the points with full weights, linearised at their adjusted images."""
+    def add_conditions(self, state: State, normals: NormalEquations, matrix: bool = True) -> None:
+        """Add the conditions of the points with full weights, linearised at their adjusted images.
+
+        Without `matrix` to the right sides only.
+        """
         at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
 
         def work(part: Part, sums: points.Sums) -> None:
-            self.conditions.add_conditions(part.rows, at, stations, sequence.pairs, sums)
+            self.conditions.add_conditions(part.rows, at, stations, sequence.pairs, matrix, sums)
 
         self.add(normals, work)
 

@@ -215,8 +215,13 @@ class CompiledPoints(CompiledRows):
         plain, others = split(network)
         return cls(kernels=kernels, network=network, groups=plain, others=others)
 
-    def add_eliminated(self, state: State, normals: NormalEquations) -> tuple[CompiledFollow, float]:
-        """Add the points to the normal equations; return how they follow a step, and r' N_pp^-1 r of all."""
+    def add_eliminated(
+        self, state: State, normals: NormalEquations, matrix: bool = True
+    ) -> tuple[CompiledFollow, float]:
+        """Add the points to the normal equations; return how they follow a step, and r' N_pp^-1 r of all.
+
+        Without `matrix` to the right sides only.
+        """
         at, stations = self.measured(state.ground), self.stations(state)
         water, known = self.water(state, at.ground), self.known(state, at.ground)
         k = len(self.sequence.point)
@@ -224,7 +229,7 @@ class CompiledPoints(CompiledRows):
 
         def work(part: SequencePart, sums: points.Sums) -> float:
             gain: float = self.kernels.eliminate(
-                part.rows, at, stations, water, known, RIDGE, self.sequence.pairs, True, sums, out
+                part.rows, at, stations, water, known, RIDGE, self.sequence.pairs, matrix, sums, out
             )
             return gain
 

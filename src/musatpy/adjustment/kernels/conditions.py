@@ -241,11 +241,20 @@ def _solve(m: int, of: Conditions) -> None:
 
 
 @inlined
-def _add(p: int, m: int, at: Measured, pairs: Pairs, of: Conditions, sums: Sums) -> None:
-    """Add A'A and -A'w of a point to the normal equations."""
-    pair, count = pairs.start[p], 2 * m - 3
+def _add(p: int, m: int, at: Measured, of: Conditions, sums: Sums) -> None:
+    """Add -A'w of a point to the right sides."""
     for k in range(m):
         n = at.photo[at.start[p] + k]
+        for c in range(2 * m - 3):
+            for a in range(Q):
+                sums.rhs[n, a] -= of.A[c, Q * k + a] * of.w[c]
+
+
+@inlined
+def _add_blocks(p: int, m: int, pairs: Pairs, of: Conditions, sums: Sums) -> None:
+    """Add A'A of a point to the normal matrix."""
+    pair, count = pairs.start[p], 2 * m - 3
+    for k in range(m):
         for other in range(k, m):
             e = pairs.slot[pair] - sums.first
             pair += 1
@@ -262,16 +271,16 @@ def _add(p: int, m: int, at: Measured, pairs: Pairs, of: Conditions, sums: Sums)
                 sums.blocks[e, a, 3] += s3
                 sums.blocks[e, a, 4] += s4
                 sums.blocks[e, a, 5] += s5
-        for c in range(count):
-            for a in range(Q):
-                sums.rhs[n, a] -= of.A[c, Q * k + a] * of.w[c]
 
 
 @compiled
-def add_conditions(rows: IntArray, at: Measured, stations: Stations, pairs: Pairs, sums: Sums) -> None:
+def add_conditions(
+    rows: IntArray, at: Measured, stations: Stations, pairs: Pairs, matrix: bool, sums: Sums
+) -> None:
     """Add the conditions of points, linearised at their adjusted images, with full weights.
 
-    g + A dx + G v = 0 has the normal equations A'(G Q G')^-1 A: `pass_points.add_full`.
+    g + A dx + G v = 0 has the normal equations A'(G Q G')^-1 A: `pass_points.add_full`; without `matrix` the right
+    sides only.
     """
     of = _room(at.start, rows)
     for p in rows:
@@ -286,7 +295,9 @@ def add_conditions(rows: IntArray, at: Measured, stations: Stations, pairs: Pair
             _condition(row, first, m, at, stations, of)
         _weigh(first, m, at, of)
         _solve(m, of)
-        _add(p, m, at, pairs, of, sums)
+        _add(p, m, at, of, sums)
+        if matrix:
+            _add_blocks(p, m, pairs, of, sums)
 
 
 @compiled
