@@ -47,6 +47,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "soundings": {"statistics", "pointfiles", "geometry", "interchange"},
     "compilation": {
         "model",
+        "systems",
         "geometry",
         "refraction",
         "reduction",

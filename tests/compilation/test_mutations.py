@@ -21,7 +21,7 @@ DIFFERENCES, AGAINST = "soundings/test_differences.py", "compilation/test_agains
 
 MUTATIONS = [
     # the loop
-    ("compilation/loop.py", "tilt @ stereo.run.frame", "-tilt @ stereo.run.frame", LOOP),
+    ("compilation/stereomodels.py", "tilt @ self.run.frame", "-tilt @ self.run.frame", LOOP),
     ("compilation/loop.py", "by_ground @ self.stereo.axes.T", "by_ground @ self.stereo.axes", LOOP),
     ("compilation/loop.py", "xy[active] - now.xy", "now.xy - xy[active]", LOOP),
     ("compilation/loop.py", "over.depth, index", "over.depth, 1.333", LOOP),

@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
-from musatpy.adjustment.ground import hold, point_squares, settle_group
+from musatpy.adjustment.ground import point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup, parts_of
@@ -53,7 +53,8 @@ class Simultaneous:
             return E, reduced(network, part, E)
 
         if network.compiled is not None:
-            follows, of_points = network.compiled.add_eliminated(state, normals)
+            follow, of_points = network.compiled.add_eliminated(state, normals)
+            follows.append(follow)
         parts = parts_of(self._others, _PART)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
@@ -104,10 +105,7 @@ class Simultaneous:
         new = state_after(network, state, step)
         ground = new.ground.copy()
         for follow in context:
-            point = follow.group.point
-            local = follow.step(network, step)
-            moved_points = state.ground[point] + np.einsum("kji,kj->ki", follow.axes, local)
-            ground[point] = hold(network, point, moved_points)
+            follow.move(network, state, step, ground)
         after = replace(new, ground=ground)
         sensible = network.sea is None or network.sea.at(new.waves).sensible
         if not (

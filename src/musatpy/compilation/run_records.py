@@ -26,6 +26,7 @@ from musatpy.model import (
     Program,
     Refraction,
     StationPairs,
+    SystemSpec,
     Treatment,
     Water,
     WaterLevel,
@@ -36,6 +37,7 @@ from musatpy.model import (
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.tables import empty
 from musatpy.model.waves import SIGMAS
+from musatpy.units import AngleUnit
 
 _NEEDS = {
     "solution": ("converged", "reason", "unit_sigma"),
@@ -61,6 +63,7 @@ _NEEDS = {
     "distances": ("points",),
     "height_differences": ("points",),
     "water_precision": ("quantity", "covariance", "stations"),
+    "stated": ("answer",),
 }  # fmt: skip
 
 _OF_LATER = {"level_pairs": ("photos", "of_first", "of_second", "level")}  # fields of records from 1.10 on
@@ -98,8 +101,28 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         control=np.isin(points["point"], _known_of(record)),
         unit_sigma=float(solution["unit_sigma"] or 1.0),
         sea=sea,
+        stated=_stated(record["stated"]),
         caution=UNCONVERGED if unconverged else "",
         because=unconverged,
+    )
+
+
+def _stated(stated: Any) -> SystemSpec | None:
+    """Return how the answer is stated."""
+    if stated is None:
+        return None
+    words = stated["answer"]
+    origin, false = (words[name] and tuple(words[name]) for name in ("origin", "false_origin"))
+    return SystemSpec(
+        kind=words["kind"],
+        definition=words["definition"] or "",
+        geoid=words["geoid"] or "",
+        origin=origin,
+        false=false,
+        axes=words["axes"],
+        angles=words["angles"],
+        sigmas=words["sigmas"],
+        unit=AngleUnit(words["unit"]),
     )
 
 
@@ -167,28 +190,27 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
 
 def _waves(record: Any) -> dict[str, Any]:
     """Return the waves of a block and their origin, as its deck gave them."""
-    waves, origin = record["waves"], record["wave_origin"]
-    if not waves["wave"] or origin is None:
+    table, origin = record["waves"], record["wave_origin"]
+    if not table["wave"] or origin is None:
         return {}
     from musatpy.sea.deck_waves import SHAPES  # most runs have none
 
     code = {str(shape): letters for letters, shape in SHAPES.items()}
     given = {name: f"given_{name}" for name in ("period", "length", "speed")}
     same = ("depth", "height", "azimuth", "crest", *SIGMAS)
-    table = Waves(
-        ids=np.array(waves["wave"], dtype=np.str_),
-        shape=np.array([code[shape] for shape in waves["shape"]], dtype=np.str_),
-        **{name: _array(waves[field]) for name, field in (given | dict(zip(same, same, strict=True))).items()},
+    waves = Waves(
+        ids=np.array(table["wave"], dtype=np.str_),
+        shape=np.array([code[shape] for shape in table["shape"]], dtype=np.str_),
+        **{name: _array(table[field]) for name, field in (given | dict(zip(same, same, strict=True))).items()},
     )
-    return {"waves": table, "wave_origin": WaveOrigin(position=tuple(origin))}
+    return {"waves": waves, "wave_origin": WaveOrigin(position=tuple(origin))}
 
 
 def _adjusted_waves(water: Any) -> FloatArray | None:
     """Return the parameters (k, 4) of waves that the run has adjusted, None where there are none."""
     if water is None or water["waves"] is None:
         return None
-    adjusted = water["waves"]["waves"]
-    return _array(list(zip(*(adjusted[name] for name in PARAMETERS), strict=True)), 4)
+    return np.stack([_array(water["waves"]["waves"][name]) for name in PARAMETERS], axis=1)
 
 
 def _plates(record: Any) -> PlateMeasurements:
