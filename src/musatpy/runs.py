@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -23,6 +23,7 @@ from musatpy.statistics import Statistics
 
 if TYPE_CHECKING:
     from musatpy.comparison import Comparison
+    from musatpy.formats.cards.settings import Setting
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
@@ -82,6 +83,7 @@ def run_deck(
     punch: Punch | None = None,
     punch_family: FormatFamily | None = None,
     on_read: Callable[[Block], None] | None = None,
+    settings: Sequence[Setting] = (),
     record: RecordContent = RecordContent.FULL,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
@@ -94,13 +96,13 @@ def run_deck(
     the listing; `strict` makes the status of a doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
-    `Watcher`; `family` is that of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where the results would
-    overwrite the deck, and `OSError` where they cannot be written.
+    `Watcher`; `family` and `settings` are those of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where
+    the results would overwrite the deck, and `OSError` where they cannot be written.
     """
     deck = Path(deck)
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     begin(progress, "reading")
-    checked = checked_deck(deck, family)
+    checked = checked_deck(deck, family, settings=settings)
     if (block := checked.block) is None:
         return _unusable(deck, checked.problems)
     if on_read is not None:
@@ -115,7 +117,7 @@ def run_deck(
             begin(progress, "statistics")
             statistics = Statistics(solution)
             sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
-            text = printed(statistics, sections, carriage_control=carriage_control, date=date)
+            text = printed(statistics, sections, carriage_control=carriage_control, date=date).encode()
             tables = _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
@@ -125,8 +127,7 @@ def run_deck(
     recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
     try:
         with numerics("the record of the solution"):  # made while it is written
-            files = {listing: text.encode(), **recorded, **tables, **edited, **punched}
-            write_files(files, outdated=() if recorded else (place,))
+            write_files({listing: text, **recorded, **tables, **edited, **punched}, () if recorded else (place,))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     return RunResult(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musatpy import read_deck
-from musatpy.adjustment import adjust, kernels
+from musatpy.adjustment import adjust, kernels, sequence, threads
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network, job_frame
@@ -235,3 +236,27 @@ def test_what_is_asked_for_and_not_there_is_an_error(monkeypatch: pytest.MonkeyP
     monkeypatch.delenv(kernels.VARIABLE)
     assert kernels.compiled_points(10_000) is None
     kernels._loaded.cache_clear()
+
+
+@pytest.mark.parametrize("program", [Program.IIIA, Program.IIA])
+def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch, program: Program) -> None:
+    """Bit by bit, points in four parts; IIA settles its points in the same parts."""
+    network, state, options = job(DECKS[2])
+    monkeypatch.setattr(sequence, "_PART", 10)
+    monkeypatch.setattr(threads, "_FEWEST", 0)
+    monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
+    lines = []
+    for most in (1, 3):
+        monkeypatch.setattr(threads, "_MOST", most)
+        monkeypatch.setattr(os, "cpu_count", lambda: 8)
+        if program is Program.IIIA:
+            problem = Simultaneous(network=replace(network), options=options)
+            lines.append(problem.linearise(problem.with_squares(state)))
+            assert problem.network.compiled is not None and len(problem.network.compiled.parts) == 4
+        else:
+            pass_points = Triangulation(network=replace(network), options=options)
+            lines.append(pass_points.linearise(pass_points.settled(state)))
+    a, b = lines
+    np.testing.assert_array_equal(a.matrix.blocks, b.matrix.blocks)
+    np.testing.assert_array_equal(a.rhs, b.rhs)
+    assert a.objective == b.objective and a.of_points == b.of_points

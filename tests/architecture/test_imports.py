@@ -47,6 +47,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "soundings": {"statistics", "pointfiles", "geometry", "interchange"},
     "compilation": {
         "model",
+        "systems",
         "geometry",
         "refraction",
         "reduction",
@@ -69,6 +70,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "surfaces",
         "soundings",
     },
+    "notebook": {"model", "statistics", "reports"},
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
@@ -90,9 +92,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "gis": {"geometry", "depth", "interchange", "plots"},  # of plots, tables and footprints
     "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis"},
     "listings": {"reports", "geometry"},
+    "examples": set(),
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {
         "campaign",
+        "examples",
         "model",
         "formats",
         "runs",
@@ -122,7 +126,7 @@ ONLY = {
 FRONT_DOOR = "__init__"
 
 # What `musat run` must not load: it would cost more than the adjustment of a strip.
-HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "matplotlib", "dask")
+HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "xarray", "matplotlib", "dask")
 SHORT_FILE = 500
 SHORT_FUNCTION = 60
 LONG_FUNCTIONS: dict[str, str] = {}  # "module.function" -> why it is long

@@ -16,15 +16,23 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LOOP, PRINTED = "compilation/test_loop.py", "compilation/test_printed.py"
 POINTS, COMPILE = "compilation/test_true_points.py", "compilation/test_compile_command.py"
+WAVES = "compilation/test_runs_with_waves.py"
 DIFFERENCES, AGAINST = "soundings/test_differences.py", "compilation/test_against_run.py"
 
 MUTATIONS = [
     # the loop
-    ("compilation/loop.py", "tilt @ stereo.run.frame", "-tilt @ stereo.run.frame", LOOP),
+    ("compilation/stereomodels.py", "tilt @ self.run.frame", "-tilt @ self.run.frame", LOOP),
     ("compilation/loop.py", "by_ground @ self.stereo.axes.T", "by_ground @ self.stereo.axes", LOOP),
     ("compilation/loop.py", "xy[active] - now.xy", "now.xy - xy[active]", LOOP),
-    ("compilation/loop.py", "over.depth, self.stereo.index", "over.depth, 1.333", LOOP),
+    ("compilation/loop.py", "over.depth, index", "over.depth, 1.333", LOOP),
     ("compilation/loop.py", "_STILL = 1e-7", "_STILL = 1e-2", LOOP),
+    ("compilation/loop.py", "np.tile(self.stereo.photos", "np.tile(self.stereo.photos[::-1]", WAVES),
+    ("compilation/loop.py", "np.tile(tides", "np.tile(tides[::-1]", WAVES),
+    ("compilation/triangulation.py", "sea.trains.with_values(adjusted).surface", "sea.surface", WAVES),
+    ("compilation/true_points.py", "participation(block), run.sea", "participation(block), None", WAVES),
+    ("compilation/true_points.py", "and run.sea.considered", "and not run.sea.considered", WAVES),
+    ("compilation/run_records.py", "given | dict(zip", "dict(zip", WAVES),
+    ("compilation/correcting.py", "xy[active] = np.nan", "xy[active] *= 1.0", WAVES),
     ("compilation/stereomodels.py", "np.cross(up, x)", "np.cross(x, up)", LOOP),
     ("compilation/stereomodels.py", "self.run.block.photos.tide[list(self.photos)]",
      "self.run.block.photos.tide[list(self.photos)][::-1]", LOOP),

@@ -65,6 +65,7 @@ class JobOptions:
     """How a job is run: what `musat run` can be told. Everything else is said by the deck."""
 
     formats: Path | None = key(None, "folder of card formats", convert=path_of)
+    settings: tuple[str, ...] = key((), "fields of cards, as `--set` has them", name="set")
     carriage_control: bool = key(False)
     brief: bool = key(False)
     record: str | None = key(None, "`full`, `tables` or `none`")
@@ -83,7 +84,9 @@ class JobOptions:
     def as_data(self) -> dict[str, Any]:
         """Return the options that are set, as JSON can hold them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        values = {key: value for key, value in values.items() if value not in (None, False) or key in _THREE_WAY}
+        values = {
+            key: value for key, value in values.items() if value not in (None, False, ()) or key in _THREE_WAY
+        }
         return {
             key: str(value) if key == "formats" else value for key, value in values.items() if value is not None
         }
@@ -107,6 +110,7 @@ def _formats_now(folder: Path) -> dict[str, str]:
 
 @cache
 def _arguments(options: JobOptions) -> dict[str, Any]:
+    from musatpy.formats.cards.settings import settings_of
     from musatpy.formats.families import DeckFamily, families
     from musatpy.formats.musat import card_family
 
@@ -117,11 +121,13 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         known = families(options.formats)
         if options.punch_family not in known:
             raise MusatError(f"punch_family: no family '{options.punch_family}'; there are {', '.join(known)}")
-        family = known[options.punch_family]
-        other = None if isinstance(family, DeckFamily) else family
-        own = options.formats is not None and other is not None and family.name == real_path(options.formats).name
+        punched = known[options.punch_family]
+        other = None if isinstance(punched, DeckFamily) else punched
+        own = options.formats is not None and other is not None and punched.name == real_path(options.formats).name
+    family = card_family(None if own else options.formats)
     return {
-        "family": card_family(None if own else options.formats),
+        "family": family,
+        "settings": settings_of(options.settings, family),
         "carriage_control": options.carriage_control,
         "brief": options.brief,
         "record": _content(options),

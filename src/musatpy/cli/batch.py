@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, name_of, tell
-from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option, record_option
+from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option, record_option, set_option
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult
@@ -25,6 +25,7 @@ _IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the sa
 @click.argument("sources", metavar="MANIFEST|FOLDER|DECK...", nargs=-1, required=True, type=NamedPath())
 @out_option
 @formats_option
+@set_option
 @processes_option
 @click.option(
     "--cluster",
@@ -42,6 +43,7 @@ def command(
     sources: tuple[Path, ...],
     out_dir: Path | None,
     formats_dir: Path | None,
+    settings: tuple[str, ...],
     processes: int | None,
     address: str | None,
     record: str | None,
@@ -64,7 +66,7 @@ def command(
     if address is not None and processes is not None:
         raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
     try:
-        plan = plan_of(sources, out_dir, JobOptions(formats=formats_dir, record=record))
+        plan = plan_of(sources, out_dir, JobOptions(formats=formats_dir, settings=settings, record=record))
     except ManifestError:
         raise
     except MusatError as error:

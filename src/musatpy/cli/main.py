@@ -18,6 +18,7 @@ from musatpy.cli.messages import complain, complain_of_error
 from musatpy.errors import MusatError, printable
 
 COMMANDS = {
+    "example": "musatpy.cli.example",
     "run": "musatpy.cli.run",
     "orient": "musatpy.cli.orient",
     "as11": "musatpy.cli.as11",
@@ -25,6 +26,7 @@ COMMANDS = {
     "baseline": "musatpy.cli.baseline",
     "plot": "musatpy.cli.plot",
     "check": "musatpy.cli.check",
+    "card": "musatpy.cli.card",
     "simulate": "musatpy.cli.simulate",
     "compare": "musatpy.cli.compare",
     "audit": "musatpy.cli.audit",

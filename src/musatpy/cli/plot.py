@@ -18,9 +18,9 @@ def show_names(context: click.Context, _: click.Parameter, shown: bool) -> None:
     from musatpy.plots.records import KINDS
 
     for kind in KINDS.values():
-        click.echo(f"of a {kind.what}:")
+        tell(f"of a {kind.what}:")
         for picture in kind.pictures:
-            click.echo(f"  {picture.name:<16}{picture.title}")
+            tell(f"  {picture.name:<16}{picture.title}")
     context.exit()
 
 

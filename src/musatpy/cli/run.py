@@ -13,7 +13,14 @@ import click
 
 from musatpy.cli.live_line import LiveLine
 from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, on_terminal
-from musatpy.cli.options import decks_argument, formats_option, out_option, record_option
+from musatpy.cli.options import (
+    decks_argument,
+    formats_option,
+    out_option,
+    record_option,
+    set_option,
+    settings_for,
+)
 from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.cli.shown import show, shown_of, shown_options
 from musatpy.errors import MusatError
@@ -32,6 +39,7 @@ _FAST = "pip install 'musatpy[fast]'"
 @decks_argument
 @out_option
 @formats_option
+@set_option
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no summary; messages of errors only.")
 @click.option(
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
@@ -51,6 +59,7 @@ def command(
     decks: tuple[Path, ...],
     out_dir: Path | None,
     formats_dir: Path | None,
+    settings: tuple[str, ...],
     quiet: bool,
     dated: bool,
     punch_edits: bool,
@@ -77,6 +86,7 @@ def command(
         out_dir=out_dir,
         date=datetime.date.today() if dated else None,
         family=family,
+        settings=settings_for(settings, family),
         punch_edits=punch_edits,
         punch=punch,
         punch_family=punch_family,

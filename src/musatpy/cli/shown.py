@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.messages import complain, complain_of_error, count_of, name_of
+from musatpy.cli.messages import complain, complain_of_error, count_of, name_of, tell
 from musatpy.cli.options import options_of
 from musatpy.errors import MusatError, ProblemsError
 
@@ -49,13 +49,13 @@ def show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
             for picture, reason in drawn.reasons.items():
                 complain(f"{name}: no {picture}: {reason}")
             if drawn.files and not quiet:
-                click.echo(f"{name}: {count_of(len(drawn.files), 'picture')}, {name_of(drawn.files[0])} the first")
+                tell(f"{name}: {count_of(len(drawn.files), 'picture')}, {name_of(drawn.files[0])} the first")
         if wanted.gis:
             files, refused = write_layers(result, wanted.crs)
             for reason in refused:
                 complain(f"{name}: {reason}")
             if not quiet:
-                click.echo(f"{name}: layers {', '.join(name_of(file) for file in files)}")
+                tell(f"{name}: layers {', '.join(name_of(file) for file in files)}")
     except ProblemsError as error:
         for problem in error.problems:
             complain(f"{name}: {problem.message}")

@@ -1,7 +1,8 @@
 """The plotter's real-time loop: the mark in the model -> both stages, and back, through the water.
 
 `TRUE`: the mark is the true point, the stages stand at its refracted images, no y-parallax is left. `AIR`: the mark
-is where straight rays meet, as on the AS-11AM of 1983. Stages are refined plate coordinates.
+is where straight rays meet, as on the AS-11AM of 1983. Stages are refined plate coordinates. Waves of the run stand
+as they did at the exposure of each photo, whatever the time on the plotter.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from musatpy.adjustment.water_surface import surface
+from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import FloatArray
 from musatpy.compilation.stereomodels import Stereomodel
 from musatpy.errors import CompilationError, Problem
@@ -51,33 +53,43 @@ class Loop:
     focal_length: FloatArray = field(init=False)  # (2,) mm
     principal_point: FloatArray = field(init=False)  # (2, 2) mm
     slope: FloatArray = field(init=False)  # (3,) of the water, working
+    sea: WorkingSea | None = field(init=False)  # waves on it
 
     def __post_init__(self) -> None:
         stereo, water = self.stereo, self.stereo.run.block.water
         if self.drive is Drive.TRUE and (water is None or not np.isfinite(stereo.tides).all()):
             raise CompilationError([Problem(message="true marks need water with a tide at both photos: drive AIR")])
-        tilt = np.zeros(2) if water is None else np.array([water.tilt_east or 0.0, water.tilt_north or 0.0])
         for name, value in (
             ("camera", stereo.working(stereo.stations)),
             ("turn", stereo.rotation @ stereo.axes),
             ("focal_length", stereo.camera("focal_length")),
             ("principal_point", stereo.camera("principal_point")),
-            ("slope", tilt @ stereo.run.frame.axes(np.zeros(3))[:2]),
+            ("slope", stereo.water_slope),
+            ("sea", None if stereo.run.sea is None else WorkingSea.of(stereo.run.sea, stereo.run.frame).known),
         ):
             object.__setattr__(self, name, value)
 
     def stages(self, mark: FloatArray) -> Stages:
-        """Return the stages of marks (k, 3) in the model, with their partials."""
+        """Return the stages of marks (k, 3) in the model, with their partials.
+
+        Raises `AdjustmentError` where a ray cannot be followed through waves.
+        """
         ground = np.repeat(self.stereo.working(mark)[:, None], 2, axis=1)
         v, by_ground = ground - self.camera, np.broadcast_to(np.eye(3), (*ground.shape, 3))
         if self.drive is Drive.TRUE:
-            over = surface(self.stereo.run.frame, self.slope, self.stereo.tides, ground)
-            bent = flat.incidence(
-                np.broadcast_to(self.camera, ground.shape), ground, over.normal, over.depth, self.stereo.index
-            )
-            v, by_ground = bent.v, bent.by_ground
+            bent = self._incidence(ground)
+            v, by_ground = bent.v.reshape(v.shape), bent.by_ground.reshape(by_ground.shape)
         xy, by_v = collinearity.image_by_vector(v, self.turn, self.focal_length, self.principal_point)
         return Stages(xy=xy, by_mark=by_v @ by_ground @ self.stereo.axes.T)
+
+    def _incidence(self, ground: FloatArray) -> flat.Incidence:
+        """Return the incidence points of marks (k, 2, 3) at the exposures of both photos."""
+        camera, tides, index = np.broadcast_to(self.camera, ground.shape), self.stereo.tides, self.stereo.index
+        if self.sea is None:
+            over = surface(self.stereo.run.frame, self.slope, tides, ground)
+            return flat.incidence(camera, ground, over.normal, over.depth, index)
+        photo, tide = np.tile(self.stereo.photos, len(ground)), np.tile(tides, len(ground))
+        return self.sea.incidence(photo, camera.reshape(-1, 3), ground.reshape(-1, 3), tide, index)
 
     def mark(self, xy: FloatArray) -> FloatArray:
         """Return the marks (k, 3) in the model of stages (k, 2, 2) mm: the least squares of their coordinates.

@@ -12,7 +12,6 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.loop import Loop
-from musatpy.compilation.printed import Printed, printed_points
 from musatpy.compilation.stereomodels import Stereomodel
 
 
@@ -27,6 +26,7 @@ def stages_of(loop: Loop, place: FloatArray, parallax: FloatArray) -> FloatArray
 
 def lost_without_parallax(stereo: Stereomodel, true: FloatArray) -> float:
     """Return by how much (m) points (k, 3) in the water of the model are off at most by rays to a shared point."""
-    xy = Loop(stereo=stereo).stages(true).xy
-    off = printed_points(stereo, xy, Printed(shared_point=True)) - true
+    loop = Loop(stereo=stereo)
+    shared = np.repeat(stereo.apparent(loop.stages(true).xy)[:, None], 2, axis=1)
+    off = loop.mark(stereo.images(shared)) - true
     return float(np.linalg.norm(off, axis=1).max(initial=0.0))

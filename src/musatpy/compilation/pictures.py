@@ -9,38 +9,46 @@ import numpy as np
 from musatpy.canvas import new_figure, pdf, png
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
-from musatpy.compilation.joined_surfaces import Surface
-from musatpy.surfaces.contours import Contours
+from musatpy.compilation.joined_surfaces import Of, Surface
+from musatpy.surfaces.contours import Contour
 
 _PANEL = 6.0  # inches
 
 
 def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
     """Return the surfaces side by side, north up, as `png` and `pdf`. Raises `MusatError` without matplotlib."""
-    shown = [pair for pair in zip(bottom.surfaces, bottom.lines, strict=True) if pair[0].tin is not None]
+    shown = [(surface, _lines_of(bottom, surface)) for surface in bottom.surfaces if surface.tin is not None]
     figure = new_figure(_PANEL * max(len(shown), 1), _PANEL)
     title = compiled.deck.titles[0] if compiled.deck.titles else "Bottom"
-    figure.suptitle(f"{title}: depths below {compiled.datum.name or 'the height 0'}, m", wrap=True)
+    of_depth = bottom.of is Of.DEPTH
+    what = f"depths below {compiled.datum.title}" if of_depth else "heights"
+    figure.suptitle(f"{title}: {what}, m", wrap=True)
     depths = np.concatenate([surface.tin.z for surface, _ in shown if surface.tin] or [np.array([0.0, 1.0])])
     shade = None
     for number, (surface, lines) in enumerate(shown, 1):
         axes = figure.add_subplot(1, len(shown), number, aspect="equal")
-        shade = _draw(axes, surface, lines, (float(depths.min()), float(depths.max())))
+        limits = (float(depths.min()), float(depths.max()))
+        shade = _draw(axes, surface, lines, limits, "Blues" if of_depth else "terrain")
         _draw_models(axes, compiled, surface)
     if shade is not None:
-        figure.colorbar(shade, ax=axes, label="depth, m")
+        figure.colorbar(shade, ax=axes, label=f"{bottom.of}, m")
     return {"png": png(figure), "pdf": pdf(figure)}
 
 
-def _draw(axes: Any, surface: Surface, lines: Contours, limits: tuple[float, float]) -> Any:
+def _lines_of(bottom: Bottom, surface: Surface) -> list[Contour]:
+    """Return the contours of a surface, or of the posts that are on its map."""
+    return [line for sheet in bottom.sheets if sheet.surface is surface for line in sheet.contours.lines]
+
+
+def _draw(axes: Any, surface: Surface, lines: list[Contour], limits: tuple[float, float], colours: str) -> Any:
     """Draw a surface with its points and contours, and return what its colours mean."""
     tin = surface.tin
     assert tin is not None
     shade = axes.tripcolor(
-        *tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", cmap="Blues", vmin=limits[0],
+        *tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", cmap=colours, vmin=limits[0],
         vmax=limits[1],
     )  # fmt: skip
-    for line in lines.lines:
+    for line in lines:
         axes.plot(*line.xy.T, color="0.15", linewidth=1.6 if line.index else 0.7)
         if line.index:
             middle = line.xy[len(line.xy) // 2]

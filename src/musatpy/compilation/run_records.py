@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.compilation.triangulation import UNCONVERGED, Triangulation, adjusted_water, faults_of_run
+from musatpy.compilation.triangulation import UNCONVERGED, Triangulation, adjusted_water, fault_of_run, waves_of_run
 from musatpy.errors import CompilationError, Problem, RecordError
 from musatpy.json_files import read_record
 from musatpy.model import (
@@ -25,33 +26,44 @@ from musatpy.model import (
     Program,
     Refraction,
     StationPairs,
+    SystemSpec,
     Treatment,
     Water,
     WaterLevel,
     WaterPrecision,
+    WaveOrigin,
+    Waves,
 )
+from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.tables import empty
+from musatpy.model.waves import SIGMAS
+from musatpy.units import AngleUnit
 
 _NEEDS = {
     "solution": ("converged", "reason", "unit_sigma"),
     "options": ("program", "system", "plate_sigma", "submerged_factor", "water_level", "water_tilt", "water_index"),
     "ellipsoid": (),
     "water": (),
-    "waves": ("wave",),
+    "waves": (
+        "wave", "shape", "depth", "given_period", "given_length", "given_speed", "height", "azimuth", "crest",
+        "height_sigma", "length_sigma", "azimuth_sigma", "crest_sigma",
+    ),
+    "wave_origin": (),
     "cameras": ("camera", "focal_length", "principal_point", "format_size"),
     "stations": (
         "photo", "camera", "position", "attitude", "covariance", "given_position",
-        "tide_sigma", "tide_group", "tide_day",
+        "tide_sigma", "tide_group", "tide_day", "time",
     ),
     "points": ("point", "bathymetric", "position", "covariance"),
     "plates": ("photo", "point", "xy", "sigma", "triangulated"),
-    "adjusted_water": ("tide", "tilt", "index"),
+    "adjusted_water": ("tide", "tilt", "index", "waves"),
     "station_pairs": ("photos", "covariance"),
     "control": ("point", "kind"),
     "equal_elevations": ("points",),
     "distances": ("points",),
     "height_differences": ("points",),
     "water_precision": ("quantity", "covariance", "stations"),
+    "stated": ("answer",),
 }  # fmt: skip
 
 _OF_LATER = {"level_pairs": ("photos", "of_first", "of_second", "level")}  # fields of records from 1.10 on
@@ -68,11 +80,16 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         raise CompilationError(error.problems) from error
     solution, water = record["solution"], record["adjusted_water"]
     unconverged = "" if solution["converged"] else str(solution["reason"])
-    if faults := faults_of_run("" if anyway else unconverged, waves=bool(record["waves"]["wave"])):
+    if faults := fault_of_run("" if anyway else unconverged):
         raise CompilationError([Problem(file=str(path), message=fault) for fault in faults])
     stations, points = record["stations"], record["points"]
+    block = _block(record, None if water is None else (water["index"], np.array(water["tilt"])))
+    try:
+        sea = waves_of_run(replace(block, **_waves(record)), _adjusted_waves(water))
+    except CompilationError as error:
+        raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
     return Triangulation(
-        block=_block(record, None if water is None else (water["index"], np.array(water["tilt"]))),
+        block=block,
         given=_array(stations["given_position"], 3),
         covariance=_array(stations["covariance"], 6, 6),
         pairs=_pairs(record),
@@ -83,8 +100,29 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         triangulated=np.array(record["plates"]["triangulated"], dtype=bool),
         control=np.isin(points["point"], _known_of(record)),
         unit_sigma=float(solution["unit_sigma"] or 1.0),
+        sea=sea,
+        stated=_stated(record["stated"]),
         caution=UNCONVERGED if unconverged else "",
         because=unconverged,
+    )
+
+
+def _stated(stated: Any) -> SystemSpec | None:
+    """Return how the answer is stated."""
+    if stated is None:
+        return None
+    words = stated["answer"]
+    origin, false = (words[name] and tuple(words[name]) for name in ("origin", "false_origin"))
+    return SystemSpec(
+        kind=words["kind"],
+        definition=words["definition"] or "",
+        geoid=words["geoid"] or "",
+        origin=origin,
+        false=false,
+        axes=words["axes"],
+        angles=words["angles"],
+        sigmas=words["sigmas"],
+        unit=AngleUnit(words["unit"]),
     )
 
 
@@ -140,6 +178,7 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
             tide_sigma=_array(stations["tide_sigma"]),
             tide_group=np.array(stations["tide_group"], dtype=np.str_),
             tide_day=np.array(stations["tide_day"], dtype=np.str_),
+            time=_array(stations["time"]),
         ),
         points=Points(
             ids=np.array(record["points"]["point"], dtype=np.str_),
@@ -147,6 +186,31 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
         ),
         plates=_plates(record),
     )
+
+
+def _waves(record: Any) -> dict[str, Any]:
+    """Return the waves of a block and their origin, as its deck gave them."""
+    table, origin = record["waves"], record["wave_origin"]
+    if not table["wave"] or origin is None:
+        return {}
+    from musatpy.sea.deck_waves import SHAPES  # most runs have none
+
+    code = {str(shape): letters for letters, shape in SHAPES.items()}
+    given = {name: f"given_{name}" for name in ("period", "length", "speed")}
+    same = ("depth", "height", "azimuth", "crest", *SIGMAS)
+    waves = Waves(
+        ids=np.array(table["wave"], dtype=np.str_),
+        shape=np.array([code[shape] for shape in table["shape"]], dtype=np.str_),
+        **{name: _array(table[field]) for name, field in (given | dict(zip(same, same, strict=True))).items()},
+    )
+    return {"waves": waves, "wave_origin": WaveOrigin(position=tuple(origin))}
+
+
+def _adjusted_waves(water: Any) -> FloatArray | None:
+    """Return the parameters (k, 4) of waves that the run has adjusted, None where there are none."""
+    if water is None or water["waves"] is None:
+        return None
+    return np.stack([_array(water["waves"]["waves"][name]) for name in PARAMETERS], axis=1)
 
 
 def _plates(record: Any) -> PlateMeasurements:

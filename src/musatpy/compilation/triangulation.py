@@ -8,12 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.network import job_frame
+from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import AdjustmentError, CompilationError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, System
-from musatpy.model import Block, LevelPairs, Solution, StationPairs, Water, WaterPrecision
+from musatpy.model import Block, LevelPairs, Solution, StationPairs, SystemSpec, Water, WaterPrecision
+from musatpy.model.waves import known_waves
 
 UNCONVERGED = "the run has not converged"
 PUNCHED = "from a punched deck: sigmas are those of stages and water alone"
@@ -29,7 +31,7 @@ class Triangulation:
     3) of its points, NaN where not determined; triangulated (m,) measurements, points of control (p,). covariance
     (n, 6, 6) of stations, with those of pairs, of levels of single photos and of the water; `unit_sigma` is the a
     posteriori sigma of unit weight. `caution` is what every page of what comes of it must say, and `because` says
-    more of it.
+    more of it. `sea` are the waves on the water, at their adjusted parameters, None where it is level.
     """
 
     block: Block
@@ -43,6 +45,8 @@ class Triangulation:
     triangulated: BoolArray
     control: BoolArray
     unit_sigma: float
+    sea: Sea | None = None
+    stated: SystemSpec | None = None  # how the answer of the run is stated; None: in the system of the job
     caution: str = ""
     because: str = ""
 
@@ -66,6 +70,12 @@ class Triangulation:
         """That of the job, None of a local one."""
         return None if self.map_system is None else self.map_system.ellipsoid
 
+    @property
+    def without_errors(self) -> Triangulation:
+        """The same with stations and water without error: sigmas of what is compiled are those of pointing."""
+        pairs = replace(self.pairs, covariance=np.zeros_like(self.pairs.covariance))
+        return replace(self, covariance=np.zeros_like(self.covariance), pairs=pairs, levels=None, water=None)
+
     def photo(self, name: str) -> int:
         """Return the row of a photo. Raises `CompilationError` where the run has none of this name."""
         rows = np.flatnonzero(self.block.photos.ids == name)
@@ -74,23 +84,42 @@ class Triangulation:
         return int(rows[0])
 
 
-def faults_of_run(unconverged: str, *, waves: bool) -> list[str]:
-    """Return why a run cannot be compiled from: it has not converged, for a reason, or its water has waves."""
-    faults = [f"{UNCONVERGED}: {unconverged} (--anyway compiles from it)"] if unconverged else []
-    return faults + ["the water of the run has waves, and compilation is through still water"] * waves
+def fault_of_run(unconverged: str) -> list[str]:
+    """Return why a run cannot be compiled from that has not converged, for a reason."""
+    return [f"{UNCONVERGED}: {unconverged} (--anyway compiles from it)"] if unconverged else []
 
 
-def of_solution(solution: Solution) -> Triangulation:
-    """Return the triangulation of a solution. Raises `CompilationError` where it cannot be compiled from."""
+def waves_of_run(block: Block, adjusted: FloatArray | None, given: Sea | None = None) -> Sea | None:
+    """Return the waves on the water of a block, or those `given` beside it, with `adjusted` (k, 4) parameters.
+
+    Raises `CompilationError` where they are not known.
+    """
+    try:
+        sea = sea_of(block, given)
+    except AdjustmentError as error:
+        raise CompilationError(error.problems) from error
+    if adjusted is None:
+        return sea
+    if sea is None:
+        message = "its waves were given beside its deck, and must be so again (`of_solution` takes them)"
+        raise CompilationError([Problem(message=message)])
+    return replace(sea, surface=sea.trains.with_values(adjusted).surface)
+
+
+def of_solution(solution: Solution, sea: Sea | None = None) -> Triangulation:
+    """Return the triangulation of a solution, with the waves that were given beside its block, if any.
+
+    Raises `CompilationError` where it cannot be compiled from.
+    """
     block, water = solution.block, solution.water
-    waves = bool(len(block.waves.ids)) or (water is not None and water.waves is not None)
-    faults = faults_of_run("" if solution.converged else solution.reason, waves=waves)
+    faults = fault_of_run("" if solution.converged else solution.reason)
     if solution.pairs is None:
         faults.append("the solution has no covariances of its stations")
     if faults or solution.pairs is None:
         raise CompilationError([Problem(message=fault) for fault in faults])
     stations = solution.stations
     adjusted = block.photos if water is None else replace(block.photos, tide=water.tide)
+    waves = None if water is None or water.waves is None else water.waves.value
     return Triangulation(
         block=Block(
             titles=(),
@@ -112,6 +141,8 @@ def of_solution(solution: Solution) -> Triangulation:
         triangulated=block.plates.triangulated,
         control=np.isin(np.arange(len(block.points.ids)), known_points(block)),
         unit_sigma=solution.unit_sigma,
+        sea=waves_of_run(block, waves, sea),
+        stated=block.answer_in,
     )
 
 
@@ -120,8 +151,11 @@ def of_block(block: Block) -> Triangulation:
 
     Raises `CompilationError` with every photo that has no position or attitude.
     """
-    photos = block.photos
-    faults = faults_of_run("", waves=bool(len(block.waves.ids)))
+    photos, sea, faults = block.photos, None, []
+    try:
+        sea = waves_of_run(replace(block, waves=known_waves(block.waves)), None)
+    except CompilationError as error:
+        faults += [problem.message for problem in error.problems]
     for values, what in ((photos.position, "position"), (photos.attitude, "attitude")):
         rows = np.flatnonzero(~np.isfinite(values).all(axis=1))
         faults += [f"photo {name} has no {what}" for name in photos.ids[rows].tolist()]
@@ -151,6 +185,8 @@ def of_block(block: Block) -> Triangulation:
         triangulated=block.plates.triangulated,
         control=np.ones(count, dtype=bool),
         unit_sigma=1.0,
+        sea=sea,
+        stated=block.answer_in,
         caution=PUNCHED,
     )
 

@@ -23,6 +23,7 @@ from musatpy.adjustment.water_surface import is_considered
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.errors_of_pairs import joint_covariances, y_parallax
+from musatpy.compilation.parts import in_parts
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.geometry.collinearity import in_front
 from musatpy.geometry.intersection import widest_angle
@@ -31,6 +32,7 @@ from musatpy.model import Block, PlateMeasurements, Points
 
 _TURNS = 8  # times that rays may change between wet and dry
 PARALLEL_RAYS, BEHIND = "its rays are parallel", "its rays meet behind a camera"
+NOT_FOLLOWED = "its rays cannot be followed through the water"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,6 +83,13 @@ class TruePoints:
         reasons = {int(rows[row]): why for row, why in self.reasons.items()}
         return replace(self, **columns, reasons=reasons | without)  # type: ignore[arg-type]
 
+    def put(self, rows: IntArray, others: TruePoints) -> None:
+        """Take others as `rows`."""
+        for name, values in vars(others).items():
+            if name != "reasons":
+                getattr(self, name)[rows] = values
+        self.reasons.update({int(rows[row]): why for row, why in others.reasons.items()})
+
     def without(self, reasons: dict[int, str]) -> TruePoints:
         """Return the points with some taken out, for reasons by their rows."""
         kept = np.setdiff1d(np.arange(len(self.position)), list(reasons))
@@ -92,6 +101,20 @@ class TruePoints:
 
 def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
     """Return the points of readings on two photos (rows) of a run."""
+    if run.sea is None:
+        return _at_once(run, photos, readings)
+    count, none = len(readings.ids), np.zeros(0, dtype=np.int64)
+    out = _at_once(run, photos, readings.part(none)).among(none, count, {})
+    for rows, points in in_parts(lambda rows: _at_once(run, photos, readings.part(rows)), np.arange(count)):
+        if points is None:
+            out.reasons[int(rows[0])] = NOT_FOLLOWED
+        else:
+            out.put(rows, points)
+    return out
+
+
+def _at_once(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
+    """Return the points of readings. Raises `AdjustmentError` where one cannot be followed through waves."""
     block, measured, state = network_of(run, photos, readings)
     submerged = readings.submerged
     every = np.ones(2 * len(submerged), dtype=bool)
@@ -124,13 +147,13 @@ def network_of_plates(
     """Return the block of points that a run holds no station by, its network, and its first state."""
     options = replace(run.block.options, submerged_factor=1.0)
     block, frame = replace(run.block, points=points, plates=plates, options=options), run.frame
-    network = build_network(block, frame, participation(block))
+    network = build_network(block, frame, participation(block), run.sea)
     if np.isfinite(run.given).all():  # the axes of the covariances
         axes = frame.axes(frame.working(run.given))
         M = attitude_matrix(network.attitude) @ network.axes
         network = replace(network, axes=axes, attitude=attitude_from_matrix(M @ np.swapaxes(axes, 1, 2)))
     state = initial_state(network)
-    if is_considered(block, network.water):
+    if is_considered(block, network.water) or (run.sea is not None and run.sea.considered):
         wide = extended(block, network, state)
         network, state = wide.network, wide.state
     return block, network, state

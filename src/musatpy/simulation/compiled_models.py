@@ -242,7 +242,7 @@ class _Scene:
         if not count:
             return empty(ProfileSpecs)
         lines = [(model, line + 1) for model in range(models) for line in range(count)]
-        return ProfileSpecs(
+        return ProfileSpecs.between_points(
             ids=np.array([f"P{line}" for _, line in lines]),
             model=np.array([model for model, _ in lines]),
             start=np.array([f"A{line}" for _, line in lines]),

@@ -1,0 +1,312 @@
+"""Runs whose water has waves, known or found: points, stages and old compilations go through them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from compilation.scenes import at_depth, grid, pair
+from compilation.test_true_points import PHOTO, compare, kept_out
+from musatpy import model, read_deck
+from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.as11_runs import run_of
+from musatpy.cli.main import main as musat
+from musatpy.compilation.compiled import compiled
+from musatpy.compilation.correcting import REASONS, Correction
+from musatpy.compilation.correction_fields import smooth
+from musatpy.compilation.loop import Loop
+from musatpy.compilation.parts import in_parts
+from musatpy.compilation.run_records import of_record
+from musatpy.compilation.stereomodels import Stereomodel, set_up
+from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.true_points import NOT_FOLLOWED, Readings, true_points
+from musatpy.errors import AdjustmentError, CompilationError, Problem
+from musatpy.formats.compilation_deck import compilation_bytes
+from musatpy.geometry.systems import LocalRectangular
+from musatpy.model.compilation import Compilation
+from musatpy.model.tables import empty
+from musatpy.refraction import bending
+from musatpy.refraction.gridded import Gridded
+from musatpy.refraction.harmonic import sinusoidal
+from musatpy.reports.record import dumps, record
+from musatpy.simulation import simulate
+from musatpy.simulation.simulation_spec import spec_from_table
+from stage_readings import FIXTURES, models, pointed, read_again
+
+_CREST = np.array([[np.nan, np.nan, np.nan, 3.0]])
+
+
+def swell(times: tuple[float, float] = (0.0, 9.0), sigma: FloatArray | None = None) -> Sea:
+    """Return a wave over the pair of `scenes`, which runs 80 m from one exposure to the other."""
+    surface = sinusoidal(amplitude=0.6, length=90.0, azimuth=0.7, speed=9.0, crest=8.0)
+    return Sea(surface=surface, time=np.array(times), origin=np.zeros(3), sigma=sigma)
+
+
+def wavy(sea: Sea) -> Triangulation:
+    return replace(pair(1500.0, 900.0, (0.4, -0.3)), sea=sea)
+
+
+def on_both(run: Triangulation, xy: FloatArray, submerged: bool = True) -> Readings:
+    return Readings(
+        ids=np.arange(len(xy)).astype(np.str_),
+        submerged=np.full(len(xy), submerged),
+        xy=xy,
+        sigma=np.full(xy.shape, 0.005),
+    )
+
+
+def in_model(stereo: Stereomodel, ground: FloatArray) -> FloatArray:
+    return stereo.model(stereo.run.frame.working(ground))
+
+
+PLACES = grid((100.0, 800.0), 700.0, 6)
+
+
+@pytest.mark.parametrize(
+    ("deck", "program", "least", "options"),
+    [
+        ("waves/strip.crd", model.Program.IIIA, 4, {}),
+        ("waves/unknown.crd", model.Program.IIIA, 8, dict(PHOTO)),
+        ("waves/unknown.crd", model.Program.IIA, 8, {}),  # considered: their sigmas go into all others
+    ],
+)
+def test_points_that_a_run_with_waves_keeps_out_are_the_same_when_they_are_compiled(
+    deck: str, program: model.Program, least: int, options: dict[str, object], tmp_path: Path
+) -> None:
+    """To 1e-6 m and 1e-6 of the sigmas, from the solution and from its record."""
+    block, points = kept_out(deck, program, False, options)
+    solution = adjust(block)
+    assert solution.converged and len(points) >= least
+    run = of_solution(solution)
+    compare(run, solution, points[:2])
+    path = tmp_path / "run.json"
+    path.write_text(dumps(record(solution)))
+    compare(of_record(path), solution, points)
+
+
+def test_errors_of_a_wave_are_in_the_sigmas() -> None:
+    """That of a crest by what compiled points move by when it is moved by a centimetre."""
+    run, step = wavy(swell(sigma=_CREST)), 0.01
+    precision = model.WaterPrecision(
+        names=("wave 1 crest",), covariance=np.array([[400.0]]), stations=np.zeros((2, 6, 1)),
+        levels=np.empty((0, 1)),
+    )  # fmt: skip
+    stereo = set_up(run, "1", "2")
+    xy = Loop(stereo=stereo).stages(in_model(stereo, at_depth(PLACES, 9.0))).xy
+    readings = on_both(run, xy)
+    assert run.sea is not None
+    values = run.sea.trains.values
+    values = np.stack([values, values])
+    values[:, 0, CREST] += [step, -step]
+    moved = [replace(run, sea=replace(run.sea, surface=run.sea.trains.with_values(v).surface)) for v in values]
+    plus, minus = (true_points(other, (0, 1), readings).position for other in moved)
+    by_crest = (plus - minus) / (2.0 * step)
+    exact, found = (true_points(other, (0, 1), readings) for other in (run, replace(run, water=precision)))
+    added = 400.0 * by_crest[:, :, None] * by_crest[:, None, :]
+    np.testing.assert_allclose(found.covariance, exact.covariance + added, rtol=1e-5, atol=1e-9)
+    assert np.sqrt(added[:, 2, 2]).max() > 0.1
+    np.testing.assert_allclose(found.depth_sigma, np.sqrt(found.covariance[:, 2, 2]), rtol=1e-9)
+    assert (found.y_parallax_sigma > exact.y_parallax_sigma).all()
+
+
+def test_images_traced_through_waves_come_back_as_the_truth() -> None:
+    """A strip of four exposures, 9 s apart; plates to .001 um, points to .1 mm on the cards."""
+    waves = [
+        {"id": "SW", "length": 90.0, "depth": 20.0, "height": 1.2, "azimuth": 52.0, "crest": 8.0},
+        {"id": "CH", "length": 40.0, "height": 0.3, "azimuth": 115.0, "crest": -4.0},
+    ]
+    spec = spec_from_table(
+        {
+            "seed": 5,
+            "job": {"system": "LOCL"},
+            "flight": {"photos": 4, "height": 3000.0, "interval": 9.0, "attitude_scatter": 1.0},
+            "water": {"level": 0.2, "tides": [0.4, -0.3, 0.1, 0.1]},
+            "terrain": {"level": 30.0},
+            "points": {"per_site": 3},
+            "shoal": [{"share": 0.5, "depth": [2.0, 20.0]}],
+            "control": [{"kind": "full", "number": 8, "sigma": 0.05}],
+            "measurement": {"noise": 0.0},
+            "compilation": {"pointing": 0.0, "depth": [2.0, 20.0], "points": 40, "profiles": 0},
+            "options": {"program": "IIIA"},
+            "wave": waves,
+        }
+    )
+    simulation = simulate(spec)
+    assert simulation.compiled is not None
+    run, deck = of_solution(adjust(simulation.block)), simulation.compiled.deck
+    result = compiled(run, deck)
+    true = simulation.compiled.position[result.rows]
+    assert not any(result.reasons) and np.abs(result.gathered("position") - true).max() < 1e-4
+    level = compiled(replace(run, sea=None), deck).gathered("position") - true
+    assert np.abs(level[:, 2]).max() > 0.5
+
+
+@pytest.fixture(scope="module")
+def sea() -> Stereomodel:
+    return set_up(wavy(swell()), "1", "2")
+
+
+def test_stages_of_marks_look_at_them_through_the_waves_of_their_exposures(sea: Stereomodel) -> None:
+    """The ray of each stage, followed down through the wave of its time, meets the mark."""
+    run, ground = sea.run, at_depth(PLACES, 11.0)
+    xy = Loop(stereo=sea).stages(in_model(sea, ground)).xy
+    rays = sea.rays(xy) @ sea.axes
+    assert run.sea is not None
+    for photo in range(2):
+        camera = run.block.photos.position[photo] - [0.0, 0.0, run.block.photos.tide[photo]]
+        below = ground - [0.0, 0.0, run.block.photos.tide[photo]]
+        bent = bending.refracted_ray(
+            run.sea.surface, np.broadcast_to(camera, ground.shape), rays[:, photo], 1.34, run.sea.time[photo]
+        )
+        reach = (below[:, 2] - bent.origin[:, 2]) / bent.direction[:, 2]
+        np.testing.assert_allclose(bent.origin + reach[:, None] * bent.direction, below, rtol=0.0, atol=1e-9)
+
+
+def test_stages_and_marks_are_inverse_through_waves(sea: Stereomodel) -> None:
+    marks = np.concatenate([at_depth(PLACES, depth) for depth in (-2.0, 0.5, 3.0, 20.0)])
+    loop, marks = Loop(stereo=sea), in_model(sea, marks)
+    stages = loop.stages(marks)
+    np.testing.assert_allclose(loop.mark(stages.xy), marks, rtol=0.0, atol=1e-9)
+    h = 0.01
+    for axis, step in enumerate(h * np.eye(3)):
+        by = (loop.stages(marks + step).xy - loop.stages(marks - step).xy) / (2.0 * h)
+        np.testing.assert_allclose(stages.by_mark[..., axis], by, rtol=0.0, atol=1e-7)
+
+
+def test_a_mark_goes_through_a_wave_without_a_jump(sea: Stereomodel) -> None:
+    run = sea.run
+    assert run.sea is not None
+    height = run.sea.surface.relief(PLACES, run.sea.time[0]).height + run.block.photos.tide[0]
+    below, above = (np.column_stack([PLACES, height + rise]) for rise in (-1e-11, 1e-11))
+    loop = Loop(stereo=sea)
+    jump = loop.stages(in_model(sea, below)).xy[:, 0] - loop.stages(in_model(sea, above)).xy[:, 0]
+    assert np.abs(jump).max() < 1e-9
+
+
+def test_apparent_points_become_the_true_ones_through_waves(sea: Stereomodel) -> None:
+    true = at_depth(PLACES, 8.0)
+    apparent = sea.working(sea.apparent(Loop(stereo=sea).stages(in_model(sea, true)).xy))
+    correction = Correction(stereo=sea, system=LocalRectangular(), pointing=0.005)
+    done = correction(sea.run.frame.system(apparent))
+    np.testing.assert_allclose(done.xyz, true, rtol=0.0, atol=1e-6)
+    assert smooth(correction, (-30.0, -1.0)) is None
+
+
+def test_under_waves_short_beside_the_depth_points_are_lost_with_a_reason(sea: Stereomodel) -> None:
+    """An apparent place that no point is seen at, and one 20 m down between thousands of waves."""
+    ripples = sinusoidal(amplitude=0.12, length=2.0, azimuth=0.3)
+    stereo = set_up(wavy(replace(swell(), surface=ripples)), "1", "2")
+    correction = Correction(stereo=stereo, system=LocalRectangular(), pointing=0.005)
+    done = correction(np.array([[300.0, 200.0, -15.0], [300.0, 200.0, 4.0]]))
+    assert [REASONS[row] for row in done.reason] == [NOT_FOLLOWED, ""]
+
+
+def test_readings_off_the_known_water_are_the_only_ones_lost() -> None:
+    """A surface measured on a grid that ends in the middle of the model."""
+    x, y = np.arange(-200.0, 405.0, 5.0), np.arange(-900.0, 905.0, 5.0)
+    z = 0.4 * np.cos(2.0 * np.pi * x / 90.0)[:, None] * np.ones(len(y))
+    measured = Gridded(x=x, y=y, height=z)
+    run = wavy(replace(swell(), surface=measured))
+    whole, places = set_up(wavy(swell()), "1", "2"), PLACES[::4]
+    xy = Loop(stereo=whole).stages(in_model(whole, at_depth(places, 5.0))).xy
+    points = true_points(run, (0, 1), on_both(run, xy))
+    lost = places[:, 0] > 405.0
+    assert points.reasons == dict.fromkeys(np.flatnonzero(lost).tolist(), NOT_FOLLOWED)
+    assert np.isfinite(points.position[~lost]).all() and np.isnan(points.position[lost]).all()
+    assert points.wet.dtype == bool and points.wet[~lost].all() and not points.wet[lost].any()
+
+
+def test_work_is_divided_until_only_what_fails_is_lost() -> None:
+    asked: list[int] = []
+
+    def work(rows: IntArray) -> IntArray:
+        asked.append(len(rows))
+        if 5 in rows:
+            raise AdjustmentError([Problem(message="five")])
+        return rows * 10
+
+    parts = list(in_parts(work, np.arange(8)))
+    assert [(rows.tolist(), None if out is None else out.tolist()) for rows, out in parts] == [
+        ([0, 1, 2, 3], [0, 10, 20, 30]),
+        ([4], [40]),
+        ([5], None),
+        ([6, 7], [60, 70]),
+    ]
+    assert asked == [8, 4, 4, 2, 1, 1, 2] and not list(in_parts(work, np.arange(0)))
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the record, the punched results and a compilation deck of the strip through waves."""
+    folder = tmp_path_factory.mktemp("runs")
+    deck = FIXTURES / "waves" / "strip.crd"
+    words = ["run", "-q", str(deck), "-o", str(folder), "--punch", "result"]
+    assert CliRunner().invoke(musat, words).exit_code == 0
+    block = read_deck(deck)
+    readings = pointed(read_again(block, 0, "837", "838"), 3, 0.0)
+    for name, mode in (("image", "IMAGE"), ("printed", "PRINTED")):
+        of_models = models(("A", "837", "838"))
+        of_models = replace(of_models, mode=np.array([mode]))
+        contents = Compilation(titles=("WAVES",), models=of_models, stages=readings)
+        (folder / f"{name}.crd").write_bytes(compilation_bytes(contents))
+    return folder
+
+
+def test_the_commands_go_through_the_waves_of_the_run(runs: Path, tmp_path: Path) -> None:
+    for command in ("compile", "setup", "compare-points"):
+        words = ["as11", command, str(runs / "strip.json"), str(runs / "image.crd"), "-o", str(tmp_path)]
+        result = CliRunner().invoke(musat, words)
+        assert result.exit_code == 0, result.output
+    for listing in ("image.lst", "image.setup.lst"):
+        text = (tmp_path / listing).read_text()
+        assert "Through the waves of the run (SW, CHOP), as they stood at each exposure." in text
+    path = tmp_path / "path.csv"
+    path.write_text("t,X,Y,Z\n0,0,0,-5\n0.1,10,0,-5\n")
+    result = CliRunner().invoke(musat, ["as11", "drive", str(runs / "strip.json"), "837", "838", str(path)])
+    assert result.exit_code == 0 and "6 cycles at 50 Hz" in result.output
+
+
+def test_a_punched_deck_has_its_waves(runs: Path) -> None:
+    (punched,) = runs.glob("*.pun")
+    sea, of_record_ = run_of(punched).sea, run_of(runs / "strip.json").sea
+    assert sea is not None and of_record_ is not None
+    places = np.random.default_rng(0).uniform(-900.0, 900.0, (50, 2))
+    for time in (0.0, 37.5):
+        heights = [of.surface.relief(places, time).height for of in (sea, of_record_)]
+        np.testing.assert_allclose(heights[0], heights[1], rtol=0.0, atol=1e-3)
+
+
+def test_the_formulas_of_1983_are_of_still_water(runs: Path) -> None:
+    words = ["as11", "compile", str(runs / "strip.json"), str(runs / "printed.crd"), "-o", str(runs)]
+    result = CliRunner().invoke(musat, words)
+    assert result.exit_code == 1 and "model A: the run has waves, and PRINTED is of still water" in result.output
+
+
+def test_waves_beside_a_deck_are_given_again() -> None:
+    """To a compilation from the solution; its record does not know where their crests count from."""
+    block = read_deck(FIXTURES / "waves" / "unknown.crd")
+    given = sea_of(block, None)
+    solution = adjust(replace(block, waves=empty(model.Waves), wave_origin=None), sea=given)
+    with pytest.raises(CompilationError, match="given beside its deck"):
+        of_solution(solution)
+    sea = of_solution(solution, given).sea
+    assert sea is not None and solution.water is not None and solution.water.waves is not None
+    np.testing.assert_allclose(sea.trains.values, solution.water.waves.value, rtol=1e-12)
+
+
+def test_waves_without_the_time_of_an_exposure_are_refused(runs: Path, tmp_path: Path) -> None:
+    (punched,) = runs.glob("*.pun")
+    lines = [
+        line[:51] + " " * 21 if line.startswith("TID 838") else line for line in punched.read_text().split("\n")
+    ]
+    deck = tmp_path / "timeless.pun"
+    deck.write_text("\n".join(lines))
+    words = ["as11", "compile", str(deck), str(runs / "image.crd"), "-o", str(tmp_path)]
+    result = CliRunner().invoke(musat, words)
+    assert result.exit_code == 1 and "time" in result.output and "838" in result.output
