@@ -105,7 +105,13 @@ def row(photos: int, folder: Path) -> str:
     write_deck(make_block(photos), deck)
     run, alone = best(deck, False), best(deck, True)
     size, listing, record = (deck.with_suffix(ending).stat().st_size for ending in (".crd", ".lst", ".json"))
-    cells = [f"{photos:,}", f"{size / 1e6:.1f}", f"{listing / 1e6:.1f}", f"{record / 1e6:.1f}", f"{record / size:.1f}"]
+    cells = [
+        f"{photos:,}",
+        f"{size / 1e6:.1f}",
+        f"{listing / 1e6:.1f}",
+        f"{record / 1e6:.1f}",
+        f"{record / size:.1f}",
+    ]
     cells += [f"{run[phase][0]:.2f}" for phase in PHASES if phase in run]
     cells += [f"{run['all'][0] / alone['all'][0]:.2f}", f"{run['covariances'][1]:.2f}", f"{run['all'][1]:.2f}"]
     return f"| {' | '.join(cells)} |"
@@ -113,7 +119,14 @@ def row(photos: int, folder: Path) -> str:
 
 def main(sizes: list[int]) -> None:
     """Print the table."""
-    heads = ["photos", "deck, MB", "listing, MB", "record, MB", "record / deck", *(f"{phase}, s" for phase in PHASES)]
+    heads = [
+        "photos",
+        "deck, MB",
+        "listing, MB",
+        "record, MB",
+        "record / deck",
+        *(f"{phase}, s" for phase in PHASES),
+    ]
     heads += ["of reading and adjusting", "peak before printing, GB", "peak, GB"]
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     with tempfile.TemporaryDirectory() as folder:
