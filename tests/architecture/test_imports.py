@@ -81,9 +81,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "as11_runs": {"model", "formats", "compilation", "interchange", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
     "listings": {"reports", "geometry"},
+    "examples": set(),
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {
         "campaign",
+        "examples",
         "model",
         "formats",
         "runs",

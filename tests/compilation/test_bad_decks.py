@@ -15,6 +15,7 @@ from click.testing import CliRunner, Result
 import stage_readings
 from musatpy.cli.main import main as musat
 from musatpy.formats.compilation_deck import compilation_bytes
+from record_rows import read_rows, with_columns
 
 FIXTURES, DECK = stage_readings.FIXTURES, stage_readings.DECK
 
@@ -160,10 +161,10 @@ def test_a_slip_may_be_compiled_anyway_and_is_a_warning_then(run: Path, tmp_path
 
 
 def test_photos_without_a_common_point_are_told_at_their_card(run: Path, tmp_path: Path) -> None:
-    record = json.loads(run.read_text())
+    record = read_rows(run)
     record["station_pairs"] = [pair for pair in record["station_pairs"] if pair["photos"] != ["21", "22"]]
     apart = tmp_path / "apart.json"
-    apart.write_text(json.dumps(record))
+    apart.write_text(json.dumps(with_columns(record)))
     result = compiled(apart, changed(tmp_path))
     message = "changed.crd:4 cols 23-30 MDL.right: model 2122: photos 21 and 22 share no point of the run"
     assert result.exit_code == 1 and message in result.output
@@ -171,11 +172,11 @@ def test_photos_without_a_common_point_are_told_at_their_card(run: Path, tmp_pat
 
 def test_a_base_along_the_vertical_is_told_at_its_card(run: Path, tmp_path: Path) -> None:
     """Photo 22 put 400 m above photo 21."""
-    record = json.loads(run.read_text())
+    record = read_rows(run)
     left, right = (row for row in record["stations"] if row["photo"] in ("21", "22"))
     right["position"] = [*left["position"][:2], left["position"][2] + 400.0]
     above = tmp_path / "above.json"
-    above.write_text(json.dumps(record))
+    above.write_text(json.dumps(with_columns(record)))
     result = compiled(above, changed(tmp_path))
     message = "MDL.right: model 2122: photos 21 and 22 have no base across the vertical: "
     assert result.exit_code == 1 and message in result.output

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import sqlite3
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import Compilation
 from musatpy.reports.compilation import schema
 from musatpy.units import DEGREE
+from record_rows import read_rows, with_columns
 
 FIXTURES = stage_readings.FIXTURES
 
@@ -81,8 +81,8 @@ def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path
     listing = (tmp_path / "st_thomas_as11.lst").read_text()
     assert listing == stage_readings.DECK.with_suffix(".lst").read_text()
     assert max(map(len, listing.splitlines())) <= 132
-    record, of_record = json.loads((tmp_path / "st_thomas_as11.json").read_text()), schema()
-    assert not list(violations(record, of_record, of_record))
+    record, of_record = read_rows(tmp_path / "st_thomas_as11.json"), schema()
+    assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert list(record) == list(of_record["properties"])
     both = [str(tmp_path / f"st_thomas_as11.{kind}") for kind in ("lst", "json")]
     result = CliRunner().invoke(musat, ["diff", *both])
@@ -101,7 +101,7 @@ def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, t
     np.testing.assert_allclose(rows[:, 7], -0.15 - rows[:, 2], rtol=0.0, atol=1e-4)
     assert set(rows[rows[:, 3] == 1.0, 2]) == {10.0, 20.0}
     assert (np.abs(rows[:, 5] - 18.33) < 0.01).all() and (np.abs(rows[:, 6] + 64.93) < 0.015).all()
-    record = json.loads((tmp_path / "st_thomas_as11.json").read_text())
+    record = read_rows(tmp_path / "st_thomas_as11.json")
     assert sum(row["lines"] for row in record["contours"]) == int(rows[:, 0].max())
     assert (tmp_path / "st_thomas_as11.contours.png").read_bytes().startswith(b"\x89PNG")
 
@@ -118,7 +118,7 @@ def test_files_for_gis_are_read_by_other_programs(run: Path, tmp_path: Path) -> 
     with sqlite3.connect(package) as database:
         depths = dict(database.execute("select point || model, depth from points where submerged = 1"))
         levels = {level for (level,) in database.execute("select depth from contours")}
-    record = json.loads((tmp_path / "a/st_thomas_as11.json").read_text())
+    record = read_rows(tmp_path / "a/st_thomas_as11.json")
     told = {row["point"] + row["model"]: row["datum_depth"] for row in record["points"] if row["submerged"]}
     assert depths == pytest.approx(told, abs=1e-9)
     assert levels == {row["depth"] for row in record["contours"]}
@@ -132,7 +132,7 @@ def test_files_in_the_system_of_the_job_are_read_by_other_programs(run: Path, tm
     """NAD 27 is on the ellipsoid of the job: its longitudes and latitudes are those of the record."""
     options = ("--gis", "--las", "--crs", "EPSG:4267")
     assert compiled(run, stage_readings.DECK, tmp_path, *options).exit_code == 0
-    rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
+    rows = read_rows(tmp_path / "st_thomas_as11.json")["points"]
     known = [row for row in rows if row["position"]]
     lat_lon = np.degrees([row["position"][:2] for row in known])
     crs, packed, xy = features(tmp_path / "st_thomas_as11.gpkg", "points")
@@ -189,8 +189,8 @@ def test_a_grid_may_be_predicted_by_collocation(run: Path, tmp_path: Path) -> No
     """The record has what points that were left out say of it, and the listing a page."""
     deck = changed(tmp_path, ("GRD BAY      ", "GRD BAY     C"))
     assert compiled(run, deck, tmp_path).exit_code == 0
-    record, of_record = json.loads((tmp_path / "changed.json").read_text()), schema()
-    assert not list(violations(record, of_record, of_record))
+    record, of_record = read_rows(tmp_path / "changed.json"), schema()
+    assert not list(violations(with_columns(record, of_record), of_record, of_record))
     (grid,) = record["grids"]
     assert grid["collocated"] and grid["empty"] == 0 and 0.0 < grid["mean_sigma"] < 0.2
     assert 0.6 < grid["left_out_test"] < 1.4
@@ -210,7 +210,7 @@ def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:
 def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: Path) -> None:
     """Readings in any order; posts follow the true line to the pointing, the spike left out of bottom and posts."""
     assert compiled(run, stage_readings.DECK, tmp_path).exit_code == 0
-    record = json.loads((tmp_path / "st_thomas_as11.json").read_text())
+    record = read_rows(tmp_path / "st_thomas_as11.json")
     row, *others = record["profiles"]
     assert [(other["profile"], other["spikes"]) for other in others] == [("EW", 0), ("SLOPE", 0)]
     assert (row["profile"], row["readings"], row["spikes"]) == ("NS", 31, 1) and row["needed"] < 31
@@ -249,7 +249,7 @@ def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
 def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:
     """Of 148 points, which depend on each other by the stations."""
     compiled(run, stage_readings.DECK, tmp_path)
-    rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
+    rows = read_rows(tmp_path / "st_thomas_as11.json")["points"]
     truth, scaled = stage_readings.bottom(), []
     profiles = [(names, line) for _, _, names, line in stage_readings.PROFILES]
     ends = {name: line[at] for names, line in profiles for name, at in zip(names, (0, -1), strict=True)}
@@ -275,7 +275,7 @@ def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_pa
         assert len(card) == len(blank)
         result = compiled(run, changed(tmp_path, (blank, card)), tmp_path)
         assert result.exit_code == 0
-        rows = json.loads((tmp_path / "changed.json").read_text())["points"]
+        rows = read_rows(tmp_path / "changed.json")["points"]
         positions[name] = np.array([row["position"] for row in rows if row["submerged"]])
     metres = [6.35e6, 6.0e6, 1.0]
     near, far = (np.abs((positions[name] - positions["IMAGE"]) * metres).max() for name in ("PRINTED", "1983"))
@@ -333,7 +333,7 @@ def test_points_of_the_shoreline_are_held_against_the_tide(run: Path, tmp_path: 
     deck.write_text("\n".join([*cards, "END", ""]))
     result = compiled(run, deck, tmp_path)
     assert result.exit_code == 0, result.output
-    (row,) = json.loads((tmp_path / "shore.json").read_text())["shoreline"]
+    (row,) = read_rows(tmp_path / "shore.json")["shoreline"]
     # Stations of the run are some .2 m from the truth in height; in air 5.2 m of depth look like 3.8.
     assert row["points"] == 4 and row["largest"] == pytest.approx(-3.8, abs=0.6)
     assert row["mean"] == pytest.approx(-0.95, abs=0.6)

@@ -17,7 +17,8 @@ from musatpy.arrays import FloatArray
 from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import OFF_PLATE
 from musatpy.compilation.correcting import REASONS, Correction
-from musatpy.compilation.correction_layers import corrected_grid, corrected_lines
+from musatpy.compilation.correction_layers import corrected_lines
+from musatpy.compilation.correction_rasters import corrected_grid
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up

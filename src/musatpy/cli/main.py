@@ -18,6 +18,7 @@ from musatpy.cli.messages import complain, complain_of_error
 from musatpy.errors import MusatError, printable
 
 COMMANDS = {
+    "example": "musatpy.cli.example",
     "run": "musatpy.cli.run",
     "orient": "musatpy.cli.orient",
     "as11": "musatpy.cli.as11",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
     from musatpy.model.compilation import ContourSpec
 
-_VERSION = "1.4"
+_VERSION = "2.0"
 _ABOUT = (
     "Points compiled in stereomodels of a run, in metres and radians; positions are in the system of the job, "
     "sigmas along east, north, up (X, Y, Z in LOCL jobs). A number that does not exist is null"
@@ -66,13 +66,18 @@ MODELS: Each[Compiled, CompiledModel] = Each(
         Field("height", "number", "of the stations over the origin", lambda m: m.stereo.height, "m"),
         Field("scale", "number", "scale number of the photographs at the origin", lambda m: m.stereo.scale),
         Field("tides", "2 number?", "of the photos", lambda m: m.stereo.tides, "m"),
-        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m"),
-        Field("axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes),
+        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m", exact=True),
+        Field(
+            "axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes, exact=True,
+        ),
         Field(
             "origin_position", "3 number", "of the model axes, in the system of the job",
-            lambda m: m.stereo.run.frame.system(m.stereo.origin[None])[0], "rad, rad, m (GEOG) or m",
+            lambda m: m.stereo.run.frame.system(m.stereo.origin[None])[0], "rad, rad, m (GEOG) or m", exact=True,
         ),
-        Field("working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m"),
+        Field(
+            "working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m",
+            exact=True,
+        ),
         Field("points", "integer", "readings", lambda m: len(m.rows)),
         Field("compiled", "integer", "of these with a position", lambda m: len(m.rows) - len(m.points.reasons)),
         Field(

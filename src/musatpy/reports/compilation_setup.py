@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.compiled import Compiled
     from musatpy.compilation.setups import ModelSetUp
 
-_VERSION = "1.1"
+_VERSION = "2.0"
 _ABOUT = (
     "Stereomodels of a run, set up: metres, millimetres of the plate, radians. Model axes: X along the base, Z up "
     "at the origin. A number that does not exist is null"
@@ -47,8 +47,11 @@ RUN_POINTS: Rows[SetUps, SetUps] = Rows(
         Field("model", "string", "model id", lambda s: _model_ids(s)),
         Field("point", "string", "point id", lambda s: _point_ids(s)),
         Field("submerged", "boolean", "flagged so", lambda s: _submerged(s)),
-        Field("position", "3 number", "in the model", lambda s: _in_model(s), "m"),
-        Field("predicted", "2x2 number", "stages, left and right, x and y", lambda s: _of(s, "predicted"), "mm"),
+        Field("position", "3 number", "in the model", lambda s: _in_model(s), "m", exact=True),
+        Field(
+            "predicted", "2x2 number", "stages, left and right, x and y", lambda s: _of(s, "predicted"), "mm",
+            exact=True,
+        ),
         Field("difference", "2x2 number?", "read less predicted", lambda s: _difference(s), "mm"),
         Field(
             "y_parallax", "number?", "of refracted rays, by readings where there are any",
@@ -63,7 +66,7 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
     same,
     (
         Field("model", "string", "model id", lambda s: _expected_ids(s)),
-        Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m"),
+        Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m", exact=True),
         Field("depth", "number", "below the water; 0: dry, at its height", lambda s: _expected(s, "depth"), "m"),
         Field("sigma", "3 number?", "east, north, up", lambda s: _expected(s, "sigma"), "m"),
         Field(

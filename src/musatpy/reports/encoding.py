@@ -23,6 +23,22 @@ def plain(values: NDArray[Any]) -> list[Json]:
     return list(values.tolist())
 
 
+def rounded(values: Any, digits: int | None) -> list[Json]:
+    """Return a column as nested lists, its numbers at so many significant digits; None: as they are."""
+    if digits is None or (isinstance(values, np.ndarray) and values.dtype.kind != "f"):
+        return plain(values) if isinstance(values, np.ndarray) else list(values)
+    if isinstance(values, np.ndarray):
+        texts = (f"%.{digits}g " * values.size) % tuple(values.ravel().tolist())
+        return plain(np.array(texts.split(), dtype=float).reshape(values.shape))
+    return [_rounded(value, digits) for value in values]
+
+
+def _rounded(value: Json, digits: int) -> Json:
+    if isinstance(value, list):
+        return [_rounded(entry, digits) for entry in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
+
+
 def number(value: float) -> float | None:
     """Return a number, None where it does not exist."""
     return float(value) if math.isfinite(value) else None

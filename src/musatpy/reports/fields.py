@@ -11,22 +11,24 @@ names.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.reports.encoding import Json, number, plain
+from musatpy.reports.encoding import Json, number, plain, rounded
 
 Schema = dict[str, Any]
 Source = TypeVar("Source")
 Item = TypeVar("Item")
 Part = TypeVar("Part")
 
+DIGITS = 12  # of numbers in tables that are neither coordinates nor angles nor covariances
 _NULL = " or null"
 _STEP = re.compile(r"\[(\d+)\]")
+_EXACT_UNIT = re.compile(r"rad|m2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,13 @@ class Field(Node[Source]):
     values: Callable[[Source], Any] | None = None
     unit: str = ""
     choices: Iterable[Any] = ()
+    exact: bool = False  # of numbers in tables: at full precision whatever the unit, as coordinates are
+
+    @property
+    def digits(self) -> int | None:
+        """Significant digits of its numbers in a table; None: all of them, as of angles and of covariances."""
+        is_number = self.kind.removesuffix(_NULL).rpartition(" ")[2].removesuffix("?") == "number"
+        return None if self.exact or not is_number or _EXACT_UNIT.search(self.unit) else DIGITS
 
     def of(self, source: Source) -> Any:
         """Return its value, or of a table its values."""
@@ -101,27 +110,29 @@ class Group(Node[Source], Generic[Source, Item]):
 
 @dataclass(frozen=True, eq=False)
 class Rows(Node[Source], Generic[Source, Item]):
-    """A table of columns; without rows as its source is None."""
+    """A table of columns, each a list with one entry per row; without rows as its source is None."""
 
     text: str
     of: Callable[[Source], Item | None]
     fields: Sequence[Field[Item]]
 
     def schema(self) -> Schema:
-        return {
-            "type": "array",
-            "description": self.text,
-            "items": {"type": "object", **properties_of(self.fields)},
-        }
+        fields = properties_of(self.fields)
+        for field in self.fields:
+            said = fields["properties"][field.name]
+            about = {key: said.pop(key) for key in ("unit", "description") if key in said}
+            digits = {} if field.digits is None else {"digits": field.digits}
+            fields["properties"][field.name] = {"type": "array", "items": said, **about, **digits}
+        return {"type": "object", "description": self.text, "columns": True, **fields}
 
     def json(self, source: Source) -> Json:
+        return {field.name: rounded(values, field.digits) for field, values in self.columns(source)}
+
+    def columns(self, source: Source) -> Iterator[tuple[Field[Item], Any]]:
+        """Yield the fields with their values, one per row, as arrays or lists."""
         item = self.of(source)
-        if item is None:
-            return []
-        values = [field.of(item) for field in self.fields]
-        columns = [plain(value) if isinstance(value, np.ndarray) else value for value in values]
-        names = [field.name for field in self.fields]
-        return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+        for field in self.fields:
+            yield field, [] if item is None else field.of(item)
 
     def column(self, path: str, source: Source) -> Any:
         """Return the values of a field, or of one component of it (`xy[1]`), one per row."""

@@ -1,12 +1,12 @@
-"""The JSON record of a job: the numbers of the listing at full precision, in metres, radians and plate millimetres.
+"""The JSON record of a job: the numbers of the listing with more digits, in metres, radians and plate millimetres.
 
 Its fields are those of the tables named here, in their order, and of the pages that have tables of their own.
-Numbers that do not exist (NaN) are null; rows of tables stand one on a line.
+Numbers that do not exist (NaN) are null; columns of tables stand one on a line.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from typing import Any
 
 import musatpy
@@ -25,11 +25,12 @@ from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, sa
 from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
-SCHEMA_VERSION = "1.11"
+SCHEMA_VERSION = "2.0"
 _ABOUT = (
-    "The numbers of one job at full precision. Positions are in the system of the job: latitude, longitude, "
-    "ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up (X, Y, Z in "
-    "LOCL jobs). Attitudes are X-tilt, Y-tilt, heading. A number that does not exist is null."
+    "The numbers of one job. A table has a list for each of its fields, with one entry per row; its numbers have "
+    "as many significant digits as the field says, else all. Positions are in the system of the job: latitude, "
+    "longitude, ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up "
+    "(X, Y, Z in LOCL jobs). Attitudes are X-tilt, Y-tilt, heading. A number that does not exist is null."
 )
 _TABLES: tuple[Node[Statistics], ...] = (
     Field(
@@ -119,9 +120,12 @@ def record(solution: Solution) -> dict[str, Json]:
     return record_of(Statistics(solution))
 
 
-def record_of(statistics: Statistics) -> dict[str, Json]:
-    """Return `record` of a solution whose statistics exist already."""
-    return {table.name: table.json(statistics) for table in tables()}
+def record_of(statistics: Statistics, names: Container[str] | None = None) -> dict[str, Json]:
+    """Return `record` of a solution whose statistics exist already; only what is named, where `names` are given.
+
+    It has the shape of `musatpy.json_files.read_record`.
+    """
+    return {table.name: table.json(statistics) for table in tables() if names is None or table.name in names}
 
 
 def schema() -> Schema:
@@ -154,10 +158,10 @@ def _spread(schema: Any, margin: str) -> str:
 
 
 def dumps(record: dict[str, Json]) -> str:
-    """Return a record as JSON text, one row of a table on a line."""
+    """Return a record as JSON text, one column of a table on a line."""
     return laid_out(record, "\n") + "\n"
 
 
 def texts_of(statistics: Statistics) -> Iterator[str]:
-    """Yield the text of `record_of`, as `dumps` has it, piece by piece."""
+    """Yield the text of `record_of` piece by piece."""
     yield from record_texts(tables(), statistics)
