@@ -77,8 +77,8 @@ MUTATIONS = [
     ("compilation/datums.py", "height[known] += ", "height[known] -= ", LEVELS),
     ("compilation/joined_surfaces.py", "datum.over(at_zero) - depth", "datum.over(at_zero) + depth", LEVELS),
     ("compilation/joined_surfaces.py", "depth >= -spec.drying", "depth >= spec.drying", LEVELS),
-    ("surfaces/grid_contours.py", "/ spacing) / spacing", "/ spacing) / -spacing", POSTS),
-    ("surfaces/grid_contours.py", "origin + spacing * np", "origin + np", POSTS),
+    ("surfaces/grid_contours.py", "xy[::-1]", "xy", POSTS),
+    ("surfaces/grid_contours.py", "corner[1] + spacing", "corner[1] - spacing", POSTS),
     # the modes
     ("compilation/printed.py", "/ index  # (5.7)", "* index  # (5.7)", PRINTED),
     ("compilation/printed.py", "r = -(tangent", "r = (tangent", PRINTED),

@@ -13,7 +13,7 @@ from musatpy.reports import compilation_bottom, compilation_points, compilation_
 from musatpy.reports.columns import vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Schema, properties_of, same
-from musatpy.reports.origin import Origin
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.reduction import reduction_sections
 from musatpy.reports.reduction_record import REDUCTION
@@ -306,7 +306,8 @@ SHORE_TABLE: Report[Any] = Report(
         Column("Largest\nm", "F8.3", shows="largest"),
     ),
 )
-STATED = (MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
+WARNINGS = Mapped(title="Warnings Of Run And Readings", layout="texts", table="warnings")
+STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
 
 
 def sections_of(
@@ -340,7 +341,7 @@ def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequ
         MODEL_TABLE.section(compiled, _of_waves(compiled)),
         *([MOVED_TABLE.section(compiled)] if any(model.moved for model in compiled.models) else []),
         *([RECOVERED_TABLE.section((compiled, against))] if read else []),
-        *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
+        *([Section(title=WARNINGS.title, lines=wrapped(warnings, lead="- "))] if warnings else []),
     ]
 
 
