@@ -59,13 +59,12 @@ class Loop:
         stereo, water = self.stereo, self.stereo.run.block.water
         if self.drive is Drive.TRUE and (water is None or not np.isfinite(stereo.tides).all()):
             raise CompilationError([Problem(message="true marks need water with a tide at both photos: drive AIR")])
-        tilt = np.zeros(2) if water is None else np.array([water.tilt_east or 0.0, water.tilt_north or 0.0])
         for name, value in (
             ("camera", stereo.working(stereo.stations)),
             ("turn", stereo.rotation @ stereo.axes),
             ("focal_length", stereo.camera("focal_length")),
             ("principal_point", stereo.camera("principal_point")),
-            ("slope", tilt @ stereo.run.frame.axes(np.zeros(3))[:2]),
+            ("slope", stereo.water_slope),
             ("sea", None if stereo.run.sea is None else WorkingSea.of(stereo.run.sea, stereo.run.frame).known),
         ):
             object.__setattr__(self, name, value)
