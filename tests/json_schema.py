@@ -18,7 +18,7 @@ BEGIN, END = "<!-- record: begin -->", "<!-- record: end -->"
 
 _TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None)}
 _KEYWORDS = {"$schema", "$defs", "$ref", "title", "description", "unit", "type", "const", "enum", "properties"}
-_KEYWORDS |= {"required", "additionalProperties", "items", "minItems", "maxItems"}
+_KEYWORDS |= {"required", "additionalProperties", "items", "minItems", "maxItems", "columns", "digits"}
 
 
 def load_schema(path=SCHEMA):
@@ -56,6 +56,8 @@ def _object_violations(value, schema, root, path):
     for name in schema.get("required", []):
         if name not in value:
             yield f"{path}: without {name}"
+    if schema.get("columns") and len(set(map(len, value.values()))) > 1:
+        yield f"{path}: columns of different lengths"
     for name, entry in value.items():
         if name in properties:
             yield from violations(entry, properties[name], root, f"{path}.{name}")
@@ -78,6 +80,7 @@ def manual_list(schema):
     rows = []
     for path, entry in _fields(schema, schema, ""):
         kind = _kind(entry, schema) + (f", {entry['unit']}" if "unit" in entry else "")
+        kind += f", {entry['digits']} digits" if "digits" in entry else ""
         meaning = f": {entry['description']}" if "description" in entry else ""
         rows.append(f"- `{path}` ({kind}){meaning}")
     return "\n".join(rows)
@@ -88,7 +91,9 @@ def _fields(schema, root, path):
         here = f"{path}.{name}" if path else name
         yield here, entry
         inner = root["$defs"][entry["$ref"].rpartition("/")[2]] if "$ref" in entry else entry
-        if "properties" in inner:
+        if inner.get("columns"):
+            yield from ((f"{here}[].{column}", _of_rows(of)) for column, of in inner["properties"].items())
+        elif "properties" in inner:
             yield from _fields(inner, root, here)
         elif "properties" in inner.get("items", {}) and "$ref" not in entry:
             yield from _fields(inner["items"], root, f"{here}[]")
@@ -97,7 +102,14 @@ def _fields(schema, root, path):
         yield from _fields(entry.get("items", entry), root, inside)
 
 
+def _of_rows(column):
+    """Return what a schema says of one entry of a column."""
+    return {**column["items"], **{key: column[key] for key in ("unit", "description", "digits") if key in column}}
+
+
 def _kind(entry, root):
+    if entry.get("columns"):
+        return "columns"
     if "$ref" in entry:
         return entry["$ref"].rpartition("/")[2]
     if "const" in entry:

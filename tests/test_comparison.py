@@ -4,22 +4,35 @@ from __future__ import annotations
 
 import copy
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from musatpy.cli.main import main
-from musatpy.comparison import compare
+from musatpy.comparison import Comparison, compare
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.reports.comparison import comparison_record, comparison_text
 from musatpy.reports.record import dumps, record
+from record_rows import with_columns, with_rows
 from sample_solutions import sample_solution
 
 SYSTEMS = list(CoordinateSystem)
+
+
+def solution_record(system: CoordinateSystem = CoordinateSystem.GEOGRAPHIC) -> dict[str, Any]:
+    """The record of the sample solution, its tables by rows."""
+    rows: dict[str, Any] = with_rows(record(sample_solution(system)))
+    return rows
+
+
+def compared(first: dict[str, Any], second: dict[str, Any], labels: tuple[str, str] = ("A", "B")) -> Comparison:
+    """The comparison of two records by rows."""
+    return compare(with_columns(first), with_columns(second), labels)
 
 
 def moved(one: dict, kind: str, name: str, row: int, enu: tuple[float, float, float]) -> str:
@@ -40,12 +53,12 @@ def moved(one: dict, kind: str, name: str, row: int, enu: tuple[float, float, fl
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_known_differences_come_out_first(system: CoordinateSystem) -> None:
-    first = record(sample_solution(system))
+    first = solution_record(system)
     second = copy.deepcopy(first)
     photo = moved(second, "stations", "photo", 4, (1.0, -2.0, 0.5))
     second["stations"][6]["attitude"][2] += 1e-3
     point = moved(second, "points", "point", 30, (0.0, 0.2, -3.0))
-    found = compare(first, second)
+    found = compared(first, second)
     assert found.points.ids[0] == point
     # geodetic conversions are good to a nanometre or so; axes turn by distance over the earth's radius
     np.testing.assert_allclose(found.points.difference[0], [0.0, 0.2, -3.0], atol=1e-5)
@@ -61,20 +74,20 @@ def test_known_differences_come_out_first(system: CoordinateSystem) -> None:
 
 
 def test_the_same_solution_twice_differs_in_nothing() -> None:
-    one = record(sample_solution())
-    found = compare(one, one)
+    one = solution_record()
+    found = compared(one, one)
     assert found.largest == 0.0
     assert found.only_one == ()
     assert not [fact for fact in found.facts if fact[0].startswith("option")]
 
 
 def test_order_does_not_matter_and_what_is_in_one_only_is_listed() -> None:
-    first, second = record(sample_solution()), record(sample_solution())
+    first, second = solution_record(), solution_record()
     second["points"] = second["points"][::-1]
     gone = second["points"].pop(3)["point"]
     lost = second["points"][5]
     lost["position"], lost["reason"] = [None, None, None], "its rays are parallel"
-    found = compare(first, second, ("one", "two"))
+    found = compared(first, second, ("one", "two"))
     assert found.largest == 0.0
     assert f"point {gone}: in two it is not there" in found.only_one
     assert f"point {lost['point']}: in two it is not determined: its rays are parallel" in found.only_one
@@ -100,10 +113,10 @@ SIGMAS = {"SW": [0.05, 1.0, 0.01, 2.0], "CHOP": [0.1, None, None, 0.4]}
 
 
 def test_waves_are_compared_in_sigmas_of_the_second() -> None:
-    given = record(sample_solution())
+    given = solution_record()
     first = with_waves_found(given, {}, SW=[0.1, 2.0, 0.0, 1.0])
     second = with_waves_found(given, SIGMAS, SW=[0.2, -1.0, 0.03, 5.0], CHOP=[0.5, 0.25, 0.0, -0.4])
-    found = compare(first, second)
+    found = compared(first, second)
     assert found.waves.ids.tolist() == ["CHOP", "SW"]
     expected = [[0.5, 0.25, 0.0, -0.4], [0.1, -3.0, 0.03, 4.0]]
     np.testing.assert_allclose(found.waves.difference, expected, rtol=0, atol=1e-12)  # rounding of sums to 100 m
@@ -121,63 +134,63 @@ def test_waves_are_compared_in_sigmas_of_the_second() -> None:
 
 
 def test_waves_that_were_known_are_compared_without_sigmas() -> None:
-    first = record(sample_solution())
+    first = solution_record()
     second = copy.deepcopy(first)
     second["waves"][0]["height"] += 0.25
-    found = compare(first, second)
+    found = compared(first, second)
     row = found.waves.ids.tolist().index("SW")
     np.testing.assert_allclose(found.waves.difference[row], [0.25, 0.0, 0.0, 0.0], rtol=0, atol=1e-12)  # rounding
     assert np.isnan(found.waves.sigma).all() and found.largest == 0.0
     # one where they were adjusted beside one where they were known
     later = with_waves_found(first, SIGMAS, SW=[0.1, 0.0, 0.0, 0.0])
-    assert compare(first, later).largest == pytest.approx(2.0)
+    assert compared(first, later).largest == pytest.approx(2.0)
 
 
 def test_a_crest_or_a_direction_that_comes_round_is_the_same_wave() -> None:
-    given = record(sample_solution())
+    given = solution_record()
     length = given["waves"][0]["length"]
     first = with_waves_found(given, {})
     second = with_waves_found(given, SIGMAS, SW=[0.0, 0.0, 2.0 * np.pi + 0.01, 3.0 * length - 1.5])
-    found = compare(first, second)
+    found = compared(first, second)
     row = found.waves.ids.tolist().index("SW")
     np.testing.assert_allclose(found.waves.difference[row], [0.0, 0.0, 0.01, -1.5], rtol=0, atol=1e-9)  # of 300 m
 
 
 def test_crests_from_two_origins_are_not_compared() -> None:
-    first = with_waves_found(record(sample_solution()), SIGMAS)
+    first = with_waves_found(solution_record(), SIGMAS)
     second = copy.deepcopy(first)
     second["wave_origin"][2] += 1.0
-    found = compare(first, second)
+    found = compared(first, second)
     assert np.isnan(found.waves.difference[:, 3]).all() and (found.waves.difference[:, :3] == 0.0).all()
     assert ("origin of the waves (crests not compared)", "one", "another") in found.facts
     assert "origin of the waves (crests not compared)" in comparison_text(found)
 
 
 def test_a_wave_of_one_solution_only_is_listed() -> None:
-    first, second = record(sample_solution()), record(sample_solution())
+    first, second = solution_record(), solution_record()
     second["waves"] = second["waves"][:1]
-    found = compare(first, second, ("one", "two"))
+    found = compared(first, second, ("one", "two"))
     assert found.waves.ids.tolist() == ["SW"] and "wave CHOP: in two it is not there" in found.only_one
     del second["waves"], second["wave_origin"], second["adjusted_water"]  # as records of before there were waves
-    found = compare(first, second)
+    found = compared(first, second)
     assert "Waves:" not in comparison_text(found) and comparison_record(found)["waves"] == []
 
 
 def test_other_jobs_are_not_compared() -> None:
-    first, second = record(sample_solution()), record(sample_solution(CoordinateSystem.LOCAL))
+    first, second = solution_record(), solution_record(CoordinateSystem.LOCAL)
     with pytest.raises(MusatError, match="A is a GEOG job, B a LOCL job"):
-        compare(first, second)
+        compared(first, second)
     other = copy.deepcopy(first)
     for row in other["stations"]:
         row["photo"] += "X"
     with pytest.raises(MusatError, match="no photo in common"):
-        compare(first, other)
+        compared(first, other)
 
 
 def test_text_and_json_say_the_same() -> None:
-    first, second = record(sample_solution()), record(sample_solution())
+    first, second = solution_record(), solution_record()
     point = moved(second, "points", "point", 30, (0.0, 0.0, 2.0))
-    found = compare(first, second, ("one", "two"))
+    found = compared(first, second, ("one", "two"))
     text, whole = comparison_text(found, 3), comparison_record(found)
     assert f"Largest difference: {found.largest:.3f} sigmas of two" in text
     assert whole["points"][0]["point"] == point
@@ -188,10 +201,10 @@ def test_text_and_json_say_the_same() -> None:
 
 def test_the_command(tmp_path) -> None:
     first, second = tmp_path / "a.json", tmp_path / "b.json"
-    one = record(sample_solution())
-    first.write_text(dumps(one))
+    one = solution_record()
+    first.write_text(dumps(with_columns(one)))
     moved(one, "points", "point", 30, (0.0, 0.0, 2.0))
-    second.write_text(dumps(one))
+    second.write_text(dumps(with_columns(one)))
     run = CliRunner().invoke
     done = run(main, ["compare", str(first), str(second)])
     assert done.exit_code == 0, done.output
@@ -206,7 +219,7 @@ def test_the_command(tmp_path) -> None:
 )
 def test_bad_files_end_in_a_message(tmp_path, text, message) -> None:
     good, bad = tmp_path / "good.json", tmp_path / "bad.json"
-    good.write_text(dumps(record(sample_solution())))
+    good.write_text(dumps(with_columns(solution_record())))
     if text is not None:
         bad.write_text(text)
     done = CliRunner().invoke(main, ["compare", str(good), str(bad)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gzip
 import json
 from functools import cache
 from pathlib import Path
@@ -11,13 +12,22 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from json_schema import load_schema, violations
+from musatpy import adjust, read_deck
 from musatpy.cli.main import main
 from musatpy.comparison import NEEDS, OPTIONAL
 from musatpy.errors import RecordError
-from musatpy.json_files import read_json, read_record
+from musatpy.json_files import Needs, read_json, read_record
+from musatpy.model import RecordContent
+from musatpy.reports.record import dumps, record
 from musatpy.runs import run_deck
+from record_rows import read_rows, with_rows
 
 ROOT = Path(__file__).parents[1]
+OF_ROWS = Path(__file__).parent / "records" / "st_thomas_1.10.json.gz"
+VERSIONS = (
+    "[[rule]]\nname = 'versions'\nsection = '(top)'\ncolumn = '^(schema_version|content|settings)$'\nskip = true\n"
+)
 
 
 @cache
@@ -36,34 +46,111 @@ def run() -> dict[str, Any]:
     return found
 
 
-def problems(tmp_path: Path, run: Any) -> list[str]:
+def problems(tmp_path: Path, run: Any, needs: Needs = NEEDS) -> list[str]:
     path = tmp_path / "RUN.json"
     path.write_text(run if isinstance(run, str) else json.dumps(run))
     with pytest.raises(RecordError) as caught:
-        read_record(path, NEEDS, OPTIONAL)
+        read_record(path, needs, OPTIONAL)
     return [str(problem).removeprefix(f"{path}").lstrip(" :") for problem in caught.value.problems]
 
 
 def test_a_record_of_ours_is_read_whole(tmp_path: Path, run: dict[str, Any]) -> None:
     path = tmp_path / "RUN.json"
     path.write_text(json.dumps(run))
-    whole = {name: () for name in run if name != "schema_version"}
+    whole = dict.fromkeys(run, ())
     assert read_record(path, whole) == run
+
+
+def test_what_is_not_asked_for_is_left_out(tmp_path: Path, run: dict[str, Any]) -> None:
+    path = tmp_path / "RUN.json"
+    path.write_text(json.dumps(run))
+    assert read_record(path, {"options": ("system",), "points": ("point",)}) == {
+        "options": run["options"],
+        "points": run["points"],
+    }
+
+
+def test_a_record_of_rows_is_read_as_columns(tmp_path: Path) -> None:
+    """One that musatpy wrote before tables were columns says the same as one of today, to its digits."""
+    path = tmp_path / "RUN.json"
+    path.write_bytes(gzip.decompress(OF_ROWS.read_bytes()))
+    old = json.loads(path.read_text())
+    assert old["schema_version"] == "1.10"
+    found = read_record(path, {**NEEDS, "plate_statistics": ()}, OPTIONAL)
+    assert list(found["stations"]) == list(old["stations"][0])
+    assert found["stations"]["position"] == [row["position"] for row in old["stations"]]
+    assert found["plate_statistics"]["frames"]["rms"] == [row["rms"] for row in old["plate_statistics"]["frames"]]
+    assert found["iterations"] == old["iterations"] and found["adjusted_water"]["waves"] is None
+    now = tmp_path / "NOW.json"
+    now.write_text(_text())
+    limit = "1e-8"  # sigmas: records of one deck, and digits that the new one has not
+    assert CliRunner().invoke(main, ["compare", str(path), str(now), "--limit", limit]).exit_code == 0
+    rules = tmp_path / "rules.toml"
+    rules.write_text("[[rule]]\nname = 'digits'\nrelative = 1e-8\nabsolute = 1e-12\n\n" + VERSIONS)
+    result = CliRunner().invoke(main, ["diff", str(path), str(now), "--rules", str(rules)])
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("deck", ["st_thomas_raw/st_thomas_raw.crd", "st_thomas_utm/st_thomas_utm.crd"])
+def test_tables_within_tables_are_turned_too(tmp_path: Path, deck: str) -> None:
+    solution = adjust(read_deck(ROOT / "fixtures" / deck))
+    columns, rows = tmp_path / "columns.json", tmp_path / "rows.json"
+    columns.write_text(dumps(record(solution)))
+    old = read_rows(columns) | {"schema_version": "1.10"}
+    assert isinstance(old["stations"], list)
+    rows.write_text(json.dumps(old))
+    needs = {name: () for name in old if name != "schema_version"}
+    assert read_record(rows, needs) == read_record(columns, needs)
+
+
+@pytest.mark.parametrize(
+    ("version", "rest"), [("3.0", "is a record of schema 3.0"), ("0.9", "is a record of schema 0.9")]
+)
+def test_other_schemas_are_refused(tmp_path: Path, run: dict[str, Any], version: str, rest: str) -> None:
+    run["schema_version"] = version
+    assert problems(tmp_path, run) == [f"schema_version: {rest}, and this program reads 1.x and 2.0"]
+
+
+def test_a_table_that_was_left_out_is_told(tmp_path: Path) -> None:
+    run_deck(ROOT / "fixtures/st_thomas/st_thomas.crd", tmp_path, record=RecordContent.TABLES)
+    path = tmp_path / "st_thomas.json"
+    run = json.loads(path.read_text())
+    assert run["content"] == "tables" and "plates" not in run and "observations" not in run
+    assert problems(tmp_path, run, {"plates": ("xy",), "points": ("point",)}) == [
+        "plates: is missing: the record was written with --record tables"
+    ]
+    assert read_record(path, NEEDS, OPTIONAL).keys() == {*NEEDS, *OPTIONAL} - {"plates"}
+    assert CliRunner().invoke(main, ["compare", str(path), str(path)]).exit_code == 0
+    schema = load_schema()
+    assert not list(violations(run, schema, schema))
+
+
+def test_faults_of_a_record_of_rows_are_told_by_rows(tmp_path: Path, run: dict[str, Any]) -> None:
+    old = with_rows(run) | {"schema_version": "1.6"}
+    del old["stations"][1]["attitude"], old["control"]
+    old["points"][3]["position"] = [1.0]
+    assert problems(tmp_path, old) == [
+        "stations[1].attitude: is missing",
+        "points[3].position: expected 3 numbers, found 1",
+        "control: is missing",
+    ]
+    old["stations"] = [{}] * 1000
+    assert len(problems(tmp_path, old)) == 20
 
 
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        (("stations", 2, "position"), [1.0, 2.0], "stations[2].position: expected 3 numbers, found 2"),
-        (("stations", 2, "position", 1), "x", 'stations[2].position[1]: expected a number, found "x"'),
-        (("stations", 2, "position", 1), None, "stations[2].position[1]: expected a number, found null"),
-        (("stations", 2, "position", 1), True, "stations[2].position[1]: expected a number, found true"),
-        (("points", 0, "position", 1), 10**400, "points[0].position[1]: expected a number or null, found 1000"),
-        (("points", 3, "bathymetric"), 1, "points[3].bathymetric: expected true or false, found 1"),
-        (("stations",), {}, "stations: expected a list, found a table"),
-        (("stations", 0), 7, "stations[0]: expected a table, found 7"),
+        (("stations", "position", 2), [1.0, 2.0], "stations.position[2]: expected 3 numbers, found 2"),
+        (("stations", "position", 2, 1), "x", 'stations.position[2][1]: expected a number, found "x"'),
+        (("stations", "position", 2, 1), None, "stations.position[2][1]: expected a number, found null"),
+        (("stations", "position", 2, 1), True, "stations.position[2][1]: expected a number, found true"),
+        (("points", "position", 0, 1), 10**400, "points.position[0][1]: expected a number or null, found 1000"),
+        (("points", "bathymetric", 3), 1, "points.bathymetric[3]: expected true or false, found 1"),
+        (("stations",), [], "stations: expected a table, found a list"),
+        (("stations", "photo"), 7, "stations.photo: expected a list, found 7"),
+        (("stations", "photo"), ["a", "b"], "stations: has columns of 2 and of 3 entries"),
         (("options", "system"), "XYZ", 'options.system: expected "GEOG" or "GEOC" or "LOCL", found "XYZ"'),
-        (("schema_version",), "2.0", "schema_version: is a record of schema 2.0, and this program reads 1."),
         (("schema_version",), 1.6, "is not the record of a run"),
     ],
 )
@@ -81,9 +168,9 @@ def test_what_is_not_as_the_schema_says(
 
 
 def test_every_missing_field_is_named(tmp_path: Path, run: dict[str, Any]) -> None:
-    del run["stations"][1]["attitude"], run["plates"]
-    assert problems(tmp_path, run) == ["stations[1].attitude: is missing", "plates: is missing"]
-    run["stations"] = [{}] * 1000
+    del run["stations"]["attitude"], run["control"]
+    assert problems(tmp_path, run) == ["stations.attitude: is missing", "control: is missing"]
+    run["stations"]["photo"] = [None] * 1000
     assert len(problems(tmp_path, run)) == 20
 
 
@@ -112,7 +199,7 @@ def test_bytes_that_are_no_text(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", ["1e999", "-1e400", "1" * 400, "Infinity"])
 def test_numbers_beyond_reach(tmp_path: Path, run: dict[str, Any], number: str) -> None:
-    run["stations"][0]["position"][0] = "HERE"
+    run["stations"]["position"][0][0] = "HERE"
     text = json.dumps(run).replace('"HERE"', number)
     assert len(problems(tmp_path, text)) == 1
     (path := tmp_path / "surface.json").write_text(f"[{number}]")
@@ -123,8 +210,8 @@ def test_numbers_beyond_reach(tmp_path: Path, run: dict[str, Any], number: str) 
 @pytest.mark.parametrize("command", ["compare {0} {0}", "audit {1} --against {0}", "depth table --cameras {0}"])
 def test_commands_name_the_place(tmp_path: Path, run: dict[str, Any], command: str) -> None:
     path, listing = tmp_path / "RUN.json", ROOT / "fixtures/st_thomas/st_thomas.lst"
-    run["stations"][1]["position"] = [0.0]
+    run["stations"]["position"][1] = [0.0]
     path.write_text(json.dumps(run))
     result = CliRunner().invoke(main, command.format(path, listing).split())
     assert result.exit_code == (2 if "audit" in command else 1)
-    assert f"{path} stations[1].position: expected 3 numbers, found 1" in result.stderr
+    assert f"{path} stations.position[1]: expected 3 numbers, found 1" in result.stderr

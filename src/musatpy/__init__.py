@@ -6,23 +6,42 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from musatpy.formats.builder import BlockBuilder
     from musatpy.formats.musat import read_deck, write_deck
     from musatpy.model import Block, Solution
+    from musatpy.notebook.frames import to_pandas, to_xarray
+    from musatpy.notebook.html import to_html
     from musatpy.pipeline import adjust
     from musatpy.reports.listing import listing
     from musatpy.statistics.verdict import verdict
 
 __version__ = "0.1.0"
 
-__all__ = ["Block", "Solution", "adjust", "listing", "read_deck", "verdict", "write_deck"]
+__all__ = [
+    "Block",
+    "BlockBuilder",
+    "Solution",
+    "adjust",
+    "listing",
+    "read_deck",
+    "to_html",
+    "to_pandas",
+    "to_xarray",
+    "verdict",
+    "write_deck",
+]
 
 # Imported when first asked for, so that `musat --help` and `musat check` do not load the adjustment.
 _MODULES = {
     "Block": "musatpy.model",
+    "BlockBuilder": "musatpy.formats.builder",
     "Solution": "musatpy.model",
     "adjust": "musatpy.pipeline",
     "listing": "musatpy.reports.listing",
     "read_deck": "musatpy.formats.musat",
+    "to_html": "musatpy.notebook.html",
+    "to_pandas": "musatpy.notebook.frames",
+    "to_xarray": "musatpy.notebook.frames",
     "verdict": "musatpy.statistics.verdict",
     "write_deck": "musatpy.formats.musat",
 }

@@ -2,37 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.as11_runs import run_of
 from musatpy.compilation.correcting import REASONS, Correction
+from musatpy.compilation.correction_clouds import correct_cloud
 from musatpy.compilation.correction_fields import smooth
 from musatpy.compilation.correction_layers import (
     Corrector,
+    Survey,
     Tally,
-    corrected_grid,
     corrected_lines,
     corrected_points,
+    total,
 )
-from musatpy.compilation.stereomodels import set_up
+from musatpy.compilation.correction_rasters import BANDS, apparent_posts, corrected_rows, true_posts
+from musatpy.compilation.misplaced_points import require_model
+from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CompilationError, Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.systems import LocalRectangular, System
-from musatpy.interchange.any_file import Layers, read_layers, write_layers
-from musatpy.interchange.layers import LOCAL, Grid, Lines, Points
+from musatpy.interchange import geotiff
+from musatpy.interchange.any_file import (
+    CLOUDS,
+    POINT_FILES,
+    RASTERS,
+    Layers,
+    read_layers,
+    read_points,
+    write_layers,
+    write_points,
+)
+from musatpy.interchange.layers import LOCAL, Grid, Points
+from musatpy.interchange.packages import refuse
 from musatpy.units import MICROMETRE
 
 if TYPE_CHECKING:
     import pyproj
 
+_DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water
 _MANY = 50_000  # points, from which on polynomials stand for the correction
-_FEW = 20_000  # points by which a file is known to be of the model
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,6 +79,11 @@ class CorrectedFile:
         for name, done in self.layers.items():
             if done.known and not done.wet:
                 yield f"{name}: nothing is under water: heights are positive up"
+            if done.deepest > _DEEPEST:
+                yield (
+                    f"{name}: down to {done.deepest:.0f} m, where no photo shows the bottom: are there values of "
+                    "empty posts or points among the heights, or heights in another unit?"
+                )
             for why, count in zip(REASONS, done.lost.tolist(), strict=True):
                 if count:
                     yield f"{name}: {count} without a position: {why or 'no apparent height'}"
@@ -82,37 +104,157 @@ def correct_file(
 ) -> CorrectedFile:
     """Correct the apparent points, lines or grid of a file in the model of two photos, and write the true ones.
 
-    `pointing` (um): sigma of image coordinates, by default of the plates of the run. Raises `CompilationError`,
-    `InterchangeError` or `SystemsError` for what cannot be used, and `OSError`; then nothing is written.
+    Files of points and rasters may be of any size: they are read twice, and never whole. `pointing` (um): sigma of
+    image coordinates, by default of the plates of the run. Raises `CompilationError`, `InterchangeError` or
+    `SystemsError` for what cannot be used, and `OSError`; then nothing is written.
     """
-    import pyproj
-
     triangulation = run_of(run, anyway)
-    stereo = set_up(triangulation, *photos)
-    local = triangulation.map_system is None
-    if local and (crs or geoid):
+    if triangulation.map_system is None and (crs or geoid):
         raise CompilationError(
             [Problem(message="--crs, --geoid: the run is a local job, in no system of a register")]
         )
-    stand_in = LOCAL if local else crs
-    layers = read_layers(source, pyproj.CRS.from_user_input(stand_in) if stand_in else None, layer)
-    system = _system_of(source, layers, triangulation, crs, geoid)
     sigma = triangulation.block.options.plate_sigma * triangulation.unit_sigma
-    correction = Correction(
-        stereo=stereo, system=system, pointing=sigma if pointing is None else pointing * MICROMETRE
+    work = _Work(
+        stereo=set_up(triangulation, *photos),
+        pointing=sigma if pointing is None else pointing * MICROMETRE,
+        source=source,
+        target=target,
+        crs=crs,
+        geoid=geoid,
+        layer=layer,
+        band=band,
     )
-    true: Layers = {}
-    done: dict[str, Tally] = {}
-    for name, part in layers.items():
-        corrector = _corrector(correction, part, band)
-        true[name], done[name] = _corrected(corrector, replace(part, crs=part.crs or _crs_of(system)), band)
-    write_layers(target, true)
-    return CorrectedFile(layers=done, system=system, caution=triangulation.caution)
+    with _about(source):
+        if source.suffix.lower() in RASTERS:
+            done = work.raster()
+        elif {source.suffix.lower(), target.suffix.lower()} <= {*POINT_FILES}:
+            done = work.points()
+        else:
+            done = work.layers()
+    return replace(done, caution=triangulation.caution)
 
 
-def _system_of(source: Path, layers: Layers, run: Triangulation, crs: str, geoid: str) -> System:
+@contextmanager
+def _about(source: Path) -> Iterator[None]:
+    """Let problems with points and their systems name the file that they are in."""
+    try:
+        yield
+    except (CompilationError, SystemsError) as error:
+        raise type(error)(
+            [replace(problem, file=problem.file or str(source)) for problem in error.problems]
+        ) from error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Work:
+    """A file that is corrected in a stereomodel, into which one; what options say of it."""
+
+    stereo: Stereomodel
+    pointing: float  # mm
+    source: Path
+    target: Path
+    crs: str
+    geoid: str
+    layer: str
+    band: str
+
+    @property
+    def stand_in(self) -> pyproj.CRS | None:
+        """The system of files that say none."""
+        import pyproj
+
+        stand_in = LOCAL if self.stereo.run.map_system is None else self.crs
+        return pyproj.CRS.from_user_input(stand_in) if stand_in else None
+
+    def correction(self, stated: pyproj.CRS | None) -> Correction:
+        """Return the correction of points in the system that a file states, or that stands in."""
+        system = _system_of(self.source, stated, self.stereo.run, self.crs, self.geoid)
+        return Correction(stereo=self.stereo, system=system, pointing=self.pointing)
+
+    def points(self) -> CorrectedFile:
+        """Correct a file of points chunk by chunk."""
+        crs = next(read_points(self.source, self.stand_in)).crs
+        correction = self.correction(crs)
+        places = (part.xyz for part in read_points(self.source, self.stand_in, alone=True))
+        corrector = _corrector(correction, Survey.of(places))
+        tallies: list[Tally] = []
+        if {self.source.suffix.lower(), self.target.suffix.lower()} <= {*CLOUDS}:
+            correct_cloud(self.source, self.target, corrector, tallies)
+        else:
+            write_points(self.target, self._true_points(corrector, crs or _crs_of(correction.system), tallies))
+        return CorrectedFile(layers={"points": total(tallies)}, system=correction.system)
+
+    def _true_points(self, corrector: Corrector, crs: pyproj.CRS | None, tallies: list[Tally]) -> Iterator[Points]:
+        for apparent in read_points(self.source, self.stand_in):
+            true, tally = corrected_points(corrector, replace(apparent, crs=crs))
+            tallies.append(tally)
+            yield true
+
+    def raster(self) -> CorrectedFile:
+        """Correct a raster row by row: into one, or into the posts that have a position as points."""
+        if self.target.suffix.lower() not in (*RASTERS, *POINT_FILES):
+            raise refuse(
+                self.target, "", "a raster becomes a raster or points", ", ".join((*RASTERS, *POINT_FILES))
+            )
+        with geotiff.opened(self.source, self.stand_in) as raster:
+            posts, band = raster.posts, _band(raster.names, self.band)
+            correction = self.correction(posts.crs)
+            posts = replace(posts, crs=posts.crs or _crs_of(correction.system))
+
+            def heights(first: int, last: int) -> FloatArray:
+                return raster.rows(band, first, last)
+
+            corrector = _corrector(correction, Survey.of(apparent_posts(posts, heights)))
+            tallies: list[Tally] = []
+            if self.target.suffix.lower() in RASTERS:
+                with geotiff.written(self.target, posts, dict.fromkeys(BANDS, "m")) as writer:
+                    for rows in corrected_rows(corrector, posts, heights):
+                        tallies.append(rows.tally)
+                        writer.put(rows.first, rows.values)
+            else:
+                write_points(self.target, true_posts(corrector, posts, heights, tallies))
+        return CorrectedFile(layers={"grid": total(tallies)}, system=correction.system)
+
+    def layers(self) -> CorrectedFile:
+        """Correct a file of points or lines as a whole."""
+        layers = read_layers(self.source, self.stand_in, self.layer)
+        stated = next((part.crs for part in layers.values() if part.crs is not None), None)
+        correction = self.correction(stated)
+        true: Layers = {}
+        done: dict[str, Tally] = {}
+        for name, part in layers.items():
+            assert not isinstance(part, Grid)  # rasters go another way
+            apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
+            corrector = _corrector(correction, Survey.of([apparent]))
+            placed = replace(part, crs=part.crs or _crs_of(correction.system))
+            true[name], done[name] = (
+                corrected_points(corrector, placed)
+                if isinstance(placed, Points)
+                else corrected_lines(corrector, placed)
+            )
+        write_layers(self.target, true)
+        return CorrectedFile(layers=done, system=correction.system)
+
+
+def _corrector(correction: Correction, survey: Survey) -> Corrector:
+    """Return what corrects points: the correction itself or, where there are many points, polynomials of it.
+
+    Raises `CompilationError` where none of the points is in the model.
+    """
+    require_model(correction, survey.few)
+    return (smooth(correction, survey.heights) if survey.count >= _MANY else None) or correction
+
+
+def _band(names: Sequence[str], wanted: str) -> str:
+    """Return the band of heights: the one that is wanted, or the only one. Raises `CompilationError`."""
+    if wanted in names or (not wanted and len(names) == 1):
+        return wanted or names[0]
+    message = f"which band has the heights? --band is one of {', '.join(names)}"
+    raise CompilationError([Problem(message=message)])
+
+
+def _system_of(source: Path, stated: pyproj.CRS | None, run: Triangulation, crs: str, geoid: str) -> System:
     """Return the system of the points of a file: as it is said, as the file says, else that of the job."""
-    stated = next((part.crs for part in layers.values() if part.crs is not None), None)
     if run.map_system is None:
         if stated is not None:
             message = f"the run is a local job, and the file is in {stated.name}"
@@ -135,41 +277,3 @@ def _crs_of(system: System) -> pyproj.CRS | None:
     if not isinstance(system, LongitudeLatitude):
         return None
     return pyproj.CRS.from_user_input(f"+proj=longlat {system.ellipsoid.definition} +type=crs")
-
-
-def _corrector(correction: Correction, part: Points | Lines | Grid, band: str) -> Corrector:
-    """Return what corrects a layer: the correction itself or, where there are many points, polynomials of it.
-
-    Raises `CompilationError` where none of the points is in the model.
-    """
-    if isinstance(part, Grid):
-        height = part.bands[_band(part, band)]
-        step = max(1, int(np.sqrt(height.size / _FEW)))
-        row, column = (step * places for places in np.nonzero(np.isfinite(height[::step, ::step])))
-        plane = [part.west + part.spacing * column, part.south + part.spacing * row]
-        few, count = np.column_stack([*plane, height[row, column]]), height.size
-        heights = (float(np.nanmin(height)), float(np.nanmax(height))) if len(few) else (0.0, 0.0)
-    else:
-        apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
-        few, count = apparent[:: max(1, len(apparent) // _FEW)], len(apparent)
-        heights = (float(apparent[:, 2].min()), float(apparent[:, 2].max()))
-    correction.require_model(few)
-    return (smooth(correction, heights) if count >= _MANY else None) or correction
-
-
-def _corrected(
-    correction: Corrector, part: Points | Lines | Grid, band: str
-) -> tuple[Points | Lines | Grid, Tally]:
-    if isinstance(part, Points):
-        return corrected_points(correction, part)
-    if isinstance(part, Lines):
-        return corrected_lines(correction, part)
-    return corrected_grid(correction, part, _band(part, band))
-
-
-def _band(grid: Grid, wanted: str) -> str:
-    """Return the band of heights: the one that is wanted, or the only one. Raises `CompilationError`."""
-    if wanted in grid.bands or (not wanted and len(grid.bands) == 1):
-        return wanted or next(iter(grid.bands))
-    message = f"which band has the heights? --band is one of {', '.join(grid.bands)}"
-    raise CompilationError([Problem(message=message)])

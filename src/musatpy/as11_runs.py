@@ -3,29 +3,41 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from musatpy.compilation.against_run import against_run
-from musatpy.compilation.bottom import Bottom, bottom_of
+from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.profiles import CompiledProfile, profiles_of
+from musatpy.compilation.file_places import places_of
+from musatpy.compilation.joined_surfaces import Of
+from musatpy.compilation.loop import Loop
+from musatpy.compilation.profiles import CompiledProfile, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
+from musatpy.compilation.stage_chains import RawLoop, chain_of
+from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
-from musatpy.errors import CompilationError, DeckError, InterchangeError, Problem, ProblemsError
+from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import write_files
+from musatpy.formats.compilation_cards import place_of_model, place_of_reading
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.formats.musat import check_deck
+from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points
-from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_setup, run_comparison
-from musatpy.reports.compilation_bottom import contours_csv, grid_csv, profiles_csv
+from musatpy.reports.compilation_bottom import contours_csv, grid_csv
+from musatpy.reports.compilation_profiles import profiles_csv
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
+
+_OF = {Of.DEPTH: "contours", Of.HEIGHT: "heights"}  # names of files
+_NAMED = 10  # readings without a position that are told at their cards
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,36 +67,37 @@ def compile_deck(
 ) -> CompileResult:
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
-    With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv`, with grids of posts `NAME.GRID.csv`,
-    and with `plots` the picture of contours, `NAME.contours.png` and `.pdf`; with `gis` `NAME.gpkg`, `NAME.dxf`
-    and `NAME.GRID.tif`, with `las` `NAME.las`, all of them in the system `crs` where it is given; with `csv` the
-    tables of the listing, in `NAME_tables`; `anyway` also on a run that has not converged. Where run or deck
-    cannot be used nothing is written, and every reason is in `problems`. Raises `OSError` where files cannot be
-    read or written.
+    With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv` and `NAME.heights.csv`, with grids of
+    posts `NAME.GRID.csv`; with `plots` the pictures of the record and of contours, `NAME.contours.png`; with `gis`
+    `NAME.gpkg`, `NAME.dxf` and `NAME.GRID.tif`, with `las` `NAME.las`, all of them in the system `crs` where it is
+    given; with `csv` the tables of the listing, in `NAME_tables`; `anyway` also on a run that has not converged.
+    Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises `OSError` where
+    files cannot be read or written.
     """
-    result, bottom, problems = _with_bottom(run, deck, anyway)
+    result, bottoms, problems = _with_bottoms(run, deck, anyway)
     if result is None:
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     kind = result.deck.stages.kind
     against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
     profiles = profiles_of(result)
+    scans = scans_of(result, profiles)
     warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
-    sections = compilation.sections_of(result, against, profiles, bottom, warnings)
+    sections = compilation.sections_of(result, against, profiles, scans, bottoms, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
-    values = dumps(compilation.record_of(result, against, profiles, bottom, warnings))
-    files = {listing: text.encode(), record: values.encode()}
+    values = compilation.record_of(result, against, profiles, scans, bottoms, warnings)
+    files = {listing: text.encode(), record: dumps(values).encode()}
     if csv:
         folder = listing.with_name(f"{deck.stem}_tables")
         files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
-    files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(result, profiles, bottom)}
-    if plots and bottom is not None:
-        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottom)}
-    layers = _layers(result, bottom, crs) if gis or las else {}
+    files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(result, profiles, bottoms)}
+    if plots:
+        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottoms, values)}
+    layers = _layers(result, bottoms, crs) if gis or las else {}
     write_files(files)
-    written = [*files, *(_for_gis(result, bottom, layers, listing) if gis else ())]
+    written = [*files, *(_for_gis(result, bottoms, layers, listing) if gis else ())]
     written += _point_cloud(layers, listing) if las else ()
-    of_globe, refused = _as_geojson(layers, listing) if gis and crs else ([], [])
+    of_globe, refused = write_each(layers, listing.with_suffix("")) if gis and crs else ([], [])
     return CompileResult(
         status=ExitStatus.DONE,
         problems=tuple(problems),
@@ -94,35 +107,32 @@ def compile_deck(
     )
 
 
-def _with_bottom(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, Bottom | None, list[Problem]]:
-    """Return what came of a deck with readings and its bottom, None where it cannot be used, and every problem."""
+def _with_bottoms(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, tuple[Bottom, ...], list[Problem]]:
+    """Return what came of a deck with readings, None where it cannot be used, what is drawn, and every problem."""
     result, problems = _compiled(run, deck, anyway)
     if result is None:
-        return None, None, problems
+        return None, (), problems
     if not len(result.rows):
         message = "the deck has no readings (no STG or MPT card)"
-        return None, None, [*problems, Problem(file=str(deck), message=message)]
+        return None, (), [*problems, Problem(file=str(deck), message=message)]
     try:
-        return result, bottom_of(result), problems
+        return result, bottoms_of(result), problems
     except ProblemsError as error:
-        slips = [Problem(file=str(deck), message=slip, severity="warning") for slip in result.slips()]
-        return None, None, [*problems, *slips, *_of_file(deck, error)]
+        return None, (), [*problems, *_of_file(deck, error)]
 
 
 def _extracts(
-    result: Compiled, profiles: list[CompiledProfile], bottom: Bottom | None
+    result: Compiled, profiles: list[CompiledProfile], bottoms: Sequence[Bottom]
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the names and contents of the files that a deck asks for: profiles, contours, grids of posts."""
-    angular = result.run.block.options.system is CoordinateSystem.GEOGRAPHIC
-    datum = result.datum.height
+    places = places_of(result)
     if profiles:
-        yield "profiles.csv", profiles_csv(profiles, angular).encode()
-    if bottom is None:
-        return
-    if result.deck.contours is not None:
-        yield "contours.csv", contours_csv(bottom, angular, datum).encode()
-    for grid in bottom.grids:
-        yield f"{grid.name}.csv", grid_csv(grid, angular, datum).encode()
+        yield "profiles.csv", profiles_csv(profiles, places, result.datum).encode()
+    for bottom in bottoms:
+        if bottom.sheets:
+            yield f"{_OF[bottom.of]}.csv", contours_csv(bottom, places, result.datum).encode()
+        for grid in bottom.grids:
+            yield f"{grid.name}.csv", grid_csv(grid, places, result.datum).encode()
 
 
 def set_up_deck(
@@ -205,10 +215,28 @@ def run_of(path: Path, anyway: bool = False) -> Triangulation:
         raise CompilationError(_of_file(path, error)) from error
 
 
+def raw_loop(loop: Loop, deck: Path) -> RawLoop:
+    """Return a loop whose stages are read raw, by the interior orientation of a compilation deck.
+
+    Raises `DeckError` and `CompilationError` where the deck has none of both photos, and `OSError`.
+    """
+    stereo = loop.stereo
+    contents, _ = read_compilation(deck, stereo.run.block)
+    if contents.raw is None:
+        message = "its stages are refined: an interior orientation needs a RED RAW card"
+        raise CompilationError([Problem(file=str(deck), message=message)])
+    left, right = (str(stereo.run.block.photos.ids[row]) for row in stereo.photos)
+    try:
+        return RawLoop(loop=loop, chain=chain_of(contents.raw, left, right))
+    except ProblemsError as error:
+        raise CompilationError(_of_file(deck, error)) from error
+
+
 def compiled_deck(run: Path, deck: Path, anyway: bool = False) -> tuple[Compiled, list[Problem]]:
     """Return what came of a deck on a run, and warnings.
 
-    Raises `ProblemsError` with every problem of both where they cannot be used, and `OSError`.
+    Raises `ProblemsError` with every problem of both where they cannot be used, and `OSError`. `anyway` takes a run
+    that has not converged, and readings most of which make no points.
     """
     problems: list[Problem] = []
     triangulation = contents = None
@@ -217,16 +245,41 @@ def compiled_deck(run: Path, deck: Path, anyway: bool = False) -> tuple[Compiled
     except ProblemsError as error:
         problems += error.problems
     try:
-        contents, of_cards = read_compilation(deck, triangulation.block if triangulation else None)
+        known = (triangulation.block, partial(faults_of_pair, triangulation)) if triangulation else ()
+        contents, of_cards = read_compilation(deck, *known)
         problems += of_cards
     except ProblemsError as error:
         problems += error.problems
     if triangulation is None or contents is None:
         raise ProblemsError(problems)
     try:
-        return compiled(triangulation, contents), problems
+        result = compiled(triangulation, contents)
     except ProblemsError as error:
         raise ProblemsError([*problems, *_of_file(deck, error)]) from error
+    slips = list(_slips(deck, result))
+    if slips and not anyway:
+        raise ProblemsError([*problems, *slips])
+    return result, [*problems, *_lost(deck, result)]
+
+
+def _slips(deck: Path, result: Compiled) -> Iterator[Problem]:
+    """Yield at their cards the models most of whose readings make no points."""
+    assert result.deck.lines is not None  # it was read
+    for row, message in result.slips():
+        place = place_of_model(str(deck), int(result.deck.lines.models[row]))
+        yield Problem(**place, message=f"{message} (--anyway compiles it)")
+
+
+def _lost(deck: Path, result: Compiled) -> Iterator[Problem]:
+    """Yield at their cards the readings that give no position, the first of many."""
+    assert result.deck.lines is not None
+    on_stages, lost = ~result.deck.stages.as_points, list(result.lost())
+    for row, message in lost[:_NAMED]:
+        place = place_of_reading(str(deck), int(result.deck.lines.stages[row]), on_stages=bool(on_stages[row]))
+        yield Problem(**place, message=message, severity="warning")
+    if len(lost) > _NAMED:
+        message = f"and {len(lost) - _NAMED} readings more without a position: the listing has them"
+        yield Problem(file=str(deck), message=message, severity="warning")
 
 
 def _compiled(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, list[Problem]]:
@@ -237,14 +290,14 @@ def _compiled(run: Path, deck: Path, anyway: bool) -> tuple[Compiled | None, lis
         return None, list(error.problems)
 
 
-def _layers(result: Compiled, bottom: Bottom | None, crs: str) -> dict[str, Points | Lines]:
+def _layers(result: Compiled, bottoms: Sequence[Bottom], crs: str) -> dict[str, Points | Lines]:
     from musatpy.compilation.gis_layers import layers_of  # few users need these packages
 
-    return layers_of(result, bottom, crs)
+    return layers_of(result, bottoms, crs)
 
 
 def _for_gis(
-    result: Compiled, bottom: Bottom | None, layers: dict[str, Points | Lines], listing: Path
+    result: Compiled, bottoms: Sequence[Bottom], layers: dict[str, Points | Lines], listing: Path
 ) -> Iterator[Path]:
     """Write layers and grids for GIS and CAD, and yield where they are."""
     from musatpy.compilation.gis_layers import raster_of
@@ -254,25 +307,10 @@ def _for_gis(
         path = listing.with_suffix(suffix)
         write(path, layers)
         yield path
-    for grid in () if bottom is None else bottom.grids:
+    for grid in (grid for bottom in bottoms for grid in bottom.grids):
         path = listing.with_suffix(f".{grid.name}.tif")
         geotiff.write(path, raster_of(grid, result.datum))
         yield path
-
-
-def _as_geojson(layers: dict[str, Points | Lines], listing: Path) -> tuple[list[Path], list[str]]:
-    """Write layers as GeoJSON, which is of WGS 84; return where they are, and why one cannot be."""
-    from musatpy.interchange import geojson
-
-    written, refused = [], []
-    for name, layer in layers.items():
-        path = listing.with_suffix(f".{name}.geojson")
-        try:
-            geojson.write(path, layer)
-            written.append(path)
-        except InterchangeError as error:
-            refused.append(f"no {path.name}: {error.problems[0].message}")
-    return written, refused
 
 
 def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[Path]:
@@ -286,12 +324,17 @@ def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[P
     yield path
 
 
-def _pictures(result: Compiled, bottom: Bottom) -> Iterator[tuple[str, bytes]]:
-    """Yield the names and contents of the contours as a PNG and as a page of PDF."""
+def _pictures(result: Compiled, bottoms: Sequence[Bottom], record: dict[str, Any]) -> Iterator[tuple[str, bytes]]:
+    """Yield the names and contents of the pictures of a record, and of the contours as a PNG and a page of PDF."""
     from musatpy.compilation.pictures import contour_pictures  # few users draw
+    from musatpy.plots.gallery import COMPILED, rendered
 
-    for kind, data in contour_pictures(result, bottom).items():
-        yield f"contours.{kind}", data
+    for picture in COMPILED:
+        if found := rendered(picture, record):
+            yield f"{picture.name}.{found[0]}", found[1]
+    for bottom in bottoms:
+        for kind, data in contour_pictures(result, bottom).items():
+            yield f"{_OF[bottom.of]}.{kind}", data
 
 
 def _of_file(path: Path, error: ProblemsError) -> list[Problem]:

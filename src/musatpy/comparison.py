@@ -6,7 +6,7 @@ the second solution is the one to be held to, and its sigmas are the measure (do
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,13 +26,17 @@ NEEDS = {
     "solution": ("converged", "degrees_of_freedom", "sigma0", "sum_of_squares"),
     "iterations": ("pass",),
     "stations": ("photo", "position", "position_sigma", "attitude", "attitude_sigma"),
-    "points": ("point", "bathymetric", "position", "sigma"),
+    "points": ("point", "bathymetric", "position", "sigma", "reason"),
     "bathymetric_points": ("point", "depth", "depth_sigma"),
     "control": ("kind", "difference"),
-    "plates": ("residual", "refraction"),
     "plate_statistics": ("total_rms",),
 }
-OPTIONAL = {"waves": ("wave", *PARAMETERS), "wave_origin": (), "adjusted_water": ("waves",)}  # of later versions
+OPTIONAL = {  # what records of earlier versions have not, or those without tables of images
+    "waves": ("wave", *PARAMETERS),
+    "wave_origin": (),
+    "adjusted_water": ("waves",),
+    "plates": ("residual", "refraction"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,12 +98,12 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     systems = [record["options"]["system"] for record in (first, second)]
     if systems[0] != systems[1]:
         raise MusatError(f"nothing to compare: {labels[0]} is a {systems[0]} job, {labels[1]} a {systems[1]} job")
-    photos = [{row["photo"]: row for row in record["stations"]} for record in (first, second)]
-    points = [{row["point"]: row for row in record["points"]} for record in (first, second)]
-    if not photos[0].keys() & photos[1].keys():
+    photos = [_Named("photo", record["stations"]) for record in (first, second)]
+    points = [_Named("point", record["points"]) for record in (first, second)]
+    if not photos[0].rows.keys() & photos[1].rows.keys():
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
-    waves = [_waves_of(record) for record in (first, second)]
-    axes, one_origin = _Axes(first), first.get("wave_origin") == second.get("wave_origin")
+    waves = [_Named("wave", _waves_of(record)) for record in (first, second)]
+    axes, one_origin = Axes(first), first.get("wave_origin") == second.get("wave_origin")
     return Comparison(
         labels=labels,
         facts=_facts(first, second),
@@ -108,14 +112,40 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
         waves=_waves(waves[0], waves[1], one_origin),
         depths=_depths(first, second),
         only_one=(
-            *_only_one("photo", photos[0], photos[1], labels),
-            *_only_one("point", points[0], points[1], labels),
-            *_only_one("wave", waves[0], waves[1], labels),
+            *_only_one("photo", photos, labels),
+            *_only_one("point", points, labels),
+            *_only_one("wave", waves, labels),
         ),
     )
 
 
-class _Axes:
+class _Named:
+    """A table of a record whose rows have names."""
+
+    def __init__(self, key: str, table: Mapping[str, Any]) -> None:
+        self.table = table
+        self.rows = {name: row for row, name in enumerate(table[key])}
+
+    def common(self, other: _Named) -> list[str]:
+        """Return the names that another table has too, in the order of this one."""
+        return [name for name in self.rows if name in other.rows]
+
+    def array(self, ids: Sequence[str], field: str, *shape: int) -> FloatArray:
+        """Return the values of named rows (n, *shape), NaN for null."""
+        values = np.array(self.table[field], dtype=float).reshape(-1, *shape)
+        return values[[self.rows[name] for name in ids]]
+
+    def why_not(self, name: str) -> str | None:
+        """Return why a row has no position; None where it has one."""
+        if name not in self.rows:
+            return "is not there"
+        row = self.rows[name]
+        if "position" not in self.table or self.table["position"][row][0] is not None:
+            return None
+        return f"is not determined: {self.table['reason'][row] or 'no position'}"
+
+
+class Axes:
     """Differences of positions along east, north and up (X, Y, Z in local jobs)."""
 
     def __init__(self, record: Record) -> None:
@@ -126,7 +156,7 @@ class _Axes:
         try:
             self.ellipsoid = Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
         except (TypeError, ValueError) as error:  # none, or one that PROJ does not know
-            raise MusatError(f"nothing to compare: a {self.system} job without an ellipsoid: {error}") from error
+            raise MusatError(f"a {self.system} job without an ellipsoid: {error}") from error
 
     def difference(self, first: FloatArray, second: FloatArray) -> FloatArray:
         """Return second minus first (r, 3) in metres; rows with a NaN come back all NaN."""
@@ -143,55 +173,50 @@ class _Axes:
         return out
 
 
-def _stations(first: Mapping[str, Any], second: Mapping[str, Any], axes: _Axes) -> Differences:
-    ids = [name for name in second if name in first]
-    metres = axes.difference(_array(first, ids, "position", 3), _array(second, ids, "position", 3))
-    turn = _array(second, ids, "attitude", 3) - _array(first, ids, "attitude", 3)
+def _stations(first: _Named, second: _Named, axes: Axes) -> Differences:
+    ids = second.common(first)
+    metres = axes.difference(first.array(ids, "position", 3), second.array(ids, "position", 3))
+    turn = second.array(ids, "attitude", 3) - first.array(ids, "attitude", 3)
     turn -= 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
-    sigma = np.hstack([_array(second, ids, "position_sigma", 3), _array(second, ids, "attitude_sigma", 3)])
+    sigma = np.hstack([second.array(ids, f"{name}_sigma", 3) for name in ("position", "attitude")])
     return _sorted(ids, np.hstack([metres, turn]), sigma, np.zeros(len(ids), dtype=bool))
 
 
-def _points(first: Mapping[str, Any], second: Mapping[str, Any], axes: _Axes) -> Differences:
-    ids = [name for name in second if name in first]
-    metres = axes.difference(_array(first, ids, "position", 3), _array(second, ids, "position", 3))
-    submerged = np.array([second[name]["bathymetric"] for name in ids], dtype=bool)
-    return _sorted(ids, metres, _array(second, ids, "sigma", 3), submerged)
+def _points(first: _Named, second: _Named, axes: Axes) -> Differences:
+    ids = second.common(first)
+    metres = axes.difference(first.array(ids, "position", 3), second.array(ids, "position", 3))
+    return _sorted(ids, metres, second.array(ids, "sigma", 3), second.array(ids, "bathymetric").astype(bool))
 
 
-def _waves_of(record: Record) -> dict[str, Any]:
-    """Return the waves of a record by id: `value` and `sigma` of the parameters of each, adjusted or as given."""
+def _waves_of(record: Record) -> Record:
+    """Return the waves of a record, adjusted or as given: `value` and `sigma` of the parameters of each."""
     adjusted = (record.get("adjusted_water") or {}).get("waves")
-    rows = record.get("waves", ()) if adjusted is None else adjusted["waves"]
-    sigma = {(row["wave"], row["parameter"]): row["sigma"] for row in adjusted["parameters"]} if adjusted else {}
+    table = record.get("waves", {"wave": []}) if adjusted is None else adjusted["waves"]
+    sigmas: dict[tuple[str, str], float | None] = {}
+    if adjusted:
+        columns = [adjusted["parameters"][name] for name in ("wave", "parameter", "sigma")]
+        sigmas = {(wave, parameter): sigma for wave, parameter, sigma in zip(*columns, strict=True)}
     return {
-        row["wave"]: {
-            "value": [row[name] for name in PARAMETERS],
-            "sigma": [sigma.get((row["wave"], name)) for name in PARAMETERS],
-        }
-        for row in rows
+        "wave": table["wave"],
+        "value": [[table[name][row] for name in PARAMETERS] for row in range(len(table["wave"]))],
+        "sigma": [[sigmas.get((wave, name)) for name in PARAMETERS] for wave in table["wave"]],
     }
 
 
-def _waves(first: Mapping[str, Any], second: Mapping[str, Any], one_origin: bool) -> Differences:
+def _waves(first: _Named, second: _Named, one_origin: bool) -> Differences:
     """Return the differences of waves: azimuths within half a turn, crests within half a length of the second.
 
     A crest a length away is one of the same wave. Where crests count from two origins, they are not compared.
     """
-    ids = [name for name in second if name in first]
-    value = _array(second, ids, "value", len(PARAMETERS))
-    difference = value - _array(first, ids, "value", len(PARAMETERS))
+    ids = second.common(first)
+    value = second.array(ids, "value", len(PARAMETERS))
+    difference = value - first.array(ids, "value", len(PARAMETERS))
     length, azimuth, crest = (PARAMETERS.index(name) for name in ("length", "azimuth", "crest"))
     for column, period in ((azimuth, 2.0 * np.pi), (crest, value[:, length])):
         difference[:, column] -= period * np.rint(difference[:, column] / period)
     if not one_origin:
         difference[:, crest] = np.nan
-    return _sorted(ids, difference, _array(second, ids, "sigma", len(PARAMETERS)), np.zeros(len(ids), dtype=bool))
-
-
-def _array(rows: Mapping[str, Any], ids: list[str], key: str, width: int) -> FloatArray:
-    values = [[np.nan if value is None else value for value in rows[name][key]] for name in ids]
-    return np.array(values, dtype=float).reshape(len(ids), width)
+    return _sorted(ids, difference, second.array(ids, "sigma", len(PARAMETERS)), np.zeros(len(ids), dtype=bool))
 
 
 def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray, submerged: BoolArray) -> Differences:
@@ -203,15 +228,14 @@ def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray, submerged
 
 
 def _depths(first: Record, second: Record) -> Depths:
-    depths = {row["point"]: row for row in first["bathymetric_points"]}
-    rows = [row for row in second["bathymetric_points"] if row["point"] in depths]
-    pairs = [[_number(depths[row["point"]]["depth"]), _number(row["depth"])] for row in rows]
-    depth = np.array(pairs, dtype=float).reshape(len(rows), 2)
+    tables = [_Named("point", record["bathymetric_points"]) for record in (first, second)]
+    ids = tables[1].common(tables[0])
+    depth = np.stack([table.array(ids, "depth") for table in tables], axis=1)
     order = _worst_first(np.abs(depth[:, 1] - depth[:, 0]))
     return Depths(
-        ids=np.array([row["point"] for row in rows], dtype=str)[order],
+        ids=np.array(ids, dtype=str)[order],
         depth=depth[order],
-        sigma=np.array([_number(row["depth_sigma"]) for row in rows], dtype=float)[order],
+        sigma=tables[1].array(ids, "depth_sigma")[order],
     )
 
 
@@ -221,19 +245,13 @@ def _worst_first(difference: FloatArray) -> IntArray:
     return np.lexsort((np.arange(len(known)), -np.round(known, 9)))
 
 
-def _number(value: float | None) -> float:
-    return np.nan if value is None else value
-
-
-def _only_one(what: str, first: Mapping[str, Any], second: Mapping[str, Any], labels: tuple[str, str]) -> list[str]:
+def _only_one(what: str, tables: Sequence[_Named], labels: tuple[str, str]) -> list[str]:
     """Return the rows that one of the solutions lacks, or could not determine, with the reason where it has one."""
     lacking = []
-    for name in sorted(first.keys() | second.keys()):
-        rows = first.get(name), second.get(name)
-        determined = [row is not None and row.get("position", [0.0])[0] is not None for row in rows]
-        if determined[0] != determined[1]:
-            row, label = rows[determined.index(False)], labels[determined.index(False)]
-            reason = "is not there" if row is None else f"is not determined: {row.get('reason') or 'no position'}"
+    for name in sorted(tables[0].rows.keys() | tables[1].rows.keys()):
+        reasons = [table.why_not(name) for table in tables]
+        if reasons.count(None) == 1:
+            label, reason = next(pair for pair in zip(labels, reasons, strict=True) if pair[1] is not None)
             lacking.append(f"{what} {name}: in {label} it {reason}")
     return lacking
 
@@ -267,14 +285,19 @@ def _facts_of(record: Record) -> dict[str, str]:
     x, y = plates["total_rms"][0]
     if x is not None:
         facts["RMS of triangulated plate residuals x, y, um"] = f"{1e3 * x:.2f}  {1e3 * y:.2f}"
-    submerged = [row["residual"] for row in record["plates"] if row["refraction"] != [0.0, 0.0]]
-    kept = np.array([row for row in submerged if None not in row], dtype=float).reshape(-1, 2)
+    images = record.get("plates", {"residual": [], "refraction": []})
+    residual, refraction = (
+        np.array(images[name], dtype=float).reshape(-1, 2) for name in ("residual", "refraction")
+    )
+    kept = residual[(refraction != 0.0).any(axis=1) & np.isfinite(residual).all(axis=1)]
     if len(kept):
         rms = 1e3 * np.sqrt(np.mean(np.square(kept), axis=0))
         facts["RMS of refracted plate residuals x, y, um"] = f"{rms[0]:.2f}  {rms[1]:.2f}"
+    control = record["control"]
+    is_check = np.array(control["kind"], dtype=str) == "check"
+    checks = np.array(control["difference"], dtype=float).reshape(-1, 3)[is_check]
     for axis, name in enumerate(("east", "north", "up")):
-        checks = [row["difference"][axis] for row in record["control"] if row["kind"] == "check"]
-        given = np.array([value for value in checks if value is not None], dtype=float)
+        given = checks[np.isfinite(checks[:, axis]), axis]
         if len(given):
             facts[f"RMS of {len(given)} check points, {name}, m"] = f"{np.sqrt(np.mean(given**2)):.3f}"
     return facts

@@ -12,6 +12,7 @@ from typing import Literal
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
 _SHOWN = 120  # columns of a card: a file without line ends is not printed whole
 _OF_A_KIND = 100  # problems that are printed, and how many more there are
+_LIKE = 0.6  # of the letters of both: names that are taken for each other
 _NAMES = re.compile(r"\b(photo|point|group|wave|camera|crest of) \S+|'[^']*'|(?<!\S)[^\s\d]*\d\S*")
 
 
@@ -171,6 +172,22 @@ class InterchangeError(ProblemsError):
 def without_names(text: str) -> str:
     """Return what a message has in common with others of its kind: all but names, quoted text and numbers."""
     return _NAMES.sub("", text)
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return what may be meant by a name that there is not, the first of equally likely ones; empty for nothing."""
+    from difflib import SequenceMatcher  # names are rarely wrong
+
+    likeness = {other: SequenceMatcher(None, name, other).ratio() for other in known}
+    best = max(likeness, key=lambda other: likeness[other], default="")
+    return best if likeness.get(best, 0.0) >= _LIKE else ""
+
+
+def nearest_or_all(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message about a name that there is not: what may be meant, or else all that there are."""
+    names = list(known)
+    likely = nearest(name, names)
+    return f"; did you mean {likely}?" if likely else f"; there are {', '.join(names)}"
 
 
 def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:

@@ -140,10 +140,14 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
             file = temporary.open("wb")
         except OSError as error:  # of the name that was asked for
             raise OSError(error.errno, error.strerror, str(path)) from error
-        with file:
-            yield file
-            with _about(path):
+        try:
+            with file:
+                yield file
                 file.flush()
+        except OSError as error:
+            if error.filename is None:  # of a full disk, which names no file
+                raise OSError(error.errno, error.strerror, str(path)) from error
+            raise
 
 
 @contextmanager

@@ -19,9 +19,12 @@ Schema = Mapping[str, Any]
 Needs = Mapping[str, Sequence[str]]  # field of a record -> the fields of its table, or of it, that are needed
 
 _SCHEMA = Path(__file__).with_name("reports") / "record.schema.json"
+_SOME = "tables"  # content of a record without tables of images
+_LEFT_OUT = ": the record was written with --record tables"
 _LISTED = 20  # problems of one file
 _PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
 _DIGITS = 15  # of a whole number at most that is exact in double precision
+_BY_ROWS = "1"  # schema of records whose tables are lists of rows
 _LARGEST = 1e150  # number of a record: its square is one too
 
 
@@ -53,26 +56,61 @@ def _whole(text: str) -> int:
     return int(_finite(text)) if len(text) > _DIGITS else int(text)
 
 
-def read_record(path: Path, needs: Needs, optional: Needs | None = None) -> dict[str, Any]:
-    """Return the record of a run, where all that is needed of it is as its schema says.
+def read_record(
+    path: Path, needs: Needs, optional: Needs | None = None, *, schema: Schema | None = None, what: str = "run"
+) -> dict[str, Any]:
+    """Return what is needed of the record of a run, where it is as its schema says: tables as columns.
 
-    What is `optional` may be missing, as in records of earlier versions. Raises `RecordError` with the places where
-    it is not, `OSError`.
+    A table has a list for each of its fields, with one entry per row; in records of schema 1, which have a list of
+    rows, it is turned into these. What is `optional` may be missing, as in records of earlier versions. Raises
+    `RecordError` with the places where it is not as it should be, `OSError`.
+    `schema`: that of the record of something else than a run, whose first field is its version, and `what` that is.
     """
     record = _loaded(path)
-    schema = _schema()
-    ours = str(schema["properties"]["schema_version"]["const"])
-    version = record.get("schema_version") if isinstance(record, dict) else None
+    schema = _schema() if schema is None else schema
+    key = next(iter(schema["properties"]))
+    ours = str(schema["properties"][key]["const"])
+    version = record.get(key) if isinstance(record, dict) else None
     if not isinstance(version, str):
-        raise RecordError([Problem(file=str(path), message="is not the record of a run")])
-    if version.split(".")[0] != ours.split(".")[0]:
-        message = f"is a record of schema {version}, and this program reads {ours}"
-        raise RecordError([Problem(file=str(path), field="schema_version", message=message)])
+        raise RecordError([Problem(file=str(path), message=f"is not the record of a {what}")])
+    by_rows = version.split(".")[0] == _BY_ROWS
+    if not by_rows and version.split(".")[0] != ours.split(".")[0]:
+        message = f"is a record of schema {version}, and this program reads {_BY_ROWS}.x and {ours}"
+        raise RecordError([Problem(file=str(path), field=key, message=message)])
     wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
-    if not _fits([record], wanted):
-        faults = list(islice(_faults(record, wanted, ""), _LISTED))
+    said = _with_rows(wanted) if by_rows else wanted
+    if not _fits([record], said):
+        left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
+        faults = [
+            (where, f"{message}{_LEFT_OUT if where in left_out else ''}")
+            for where, message in islice(_faults(record, said, ""), _LISTED)
+        ]
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
-    return dict(record)
+    found = {name: record.pop(name) for name in wanted["properties"] if name in record}
+    return dict(_in_columns(found, wanted)) if by_rows else found
+
+
+def _with_rows(schema: Schema) -> Schema:
+    """Return a schema whose tables of columns are lists of rows, as schema 1 has them."""
+    schema = _resolved(schema)
+    if schema.get("columns"):
+        fields = {name: column["items"] for name, column in schema["properties"].items()}
+        return {"type": "array", "items": {"type": "object", "required": schema["required"], "properties": fields}}
+    if "properties" in schema:
+        return {**schema, "properties": {name: _with_rows(of) for name, of in schema["properties"].items()}}
+    return {**schema, "items": _with_rows(schema["items"])} if "items" in schema else schema
+
+
+def _in_columns(value: Any, schema: Schema) -> Any:
+    """Return a value of schema 1, its tables of rows turned into columns of what all their rows have."""
+    schema = _resolved(schema)
+    if schema.get("columns"):
+        names = value[0] if value else schema["properties"]
+        return {name: [row[name] for row in value] for name in names if all(name in row for row in value)}
+    if isinstance(value, list) and "items" in schema:
+        return [_in_columns(entry, schema["items"]) for entry in value]
+    inner = schema.get("properties", {}) if isinstance(value, dict) else {}
+    return {key: _in_columns(value[key], inner.get(key, {})) for key in value} if inner else value
 
 
 @cache
@@ -142,10 +180,18 @@ def _columns_fit(tables: Sequence[dict[str, Any]], schema: Schema) -> bool:
         column = [table[name] for table in tables if name in table]
         if (name in required and len(column) < len(tables)) or not _fits(column, inner):
             return False
+    if schema.get("columns") and any(len(_lengths(table, schema)) > 1 for table in tables):
+        return False
     others = schema.get("additionalProperties")
     if isinstance(others, dict):
         return _fits([value for table in tables for value in table.values()], others)
     return True
+
+
+def _lengths(table: Mapping[str, Any], schema: Schema) -> set[int]:
+    """Return how many entries the columns of a table have: one number where it is whole."""
+    columns = (table.get(name) for name in schema["properties"])
+    return {len(column) for column in columns if isinstance(column, list)}
 
 
 def _faults(value: Any, schema: Schema, path: str) -> Iterator[tuple[str, str]]:
@@ -175,6 +221,8 @@ def _faults(value: Any, schema: Schema, path: str) -> Iterator[tuple[str, str]]:
         if isinstance(others, dict):
             for name, item in value.items():
                 yield from _faults(item, others, f"{path}.{name}")
+        if schema.get("columns") and len(lengths := sorted(_lengths(value, schema))) > 1:
+            yield path, f"has columns of {lengths[0]} and of {lengths[-1]} entries"
 
 
 def _expected(schema: Schema) -> str:

@@ -5,7 +5,6 @@ Every tolerance is half a unit of the last printed digit.
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from adjustment import case_decks
 from musatpy.adjustment import adjust
 from musatpy.formats.musat import read_deck, write_deck
 from musatpy.model import Block, PointStatus
+from record_rows import read_rows
 from reference import dense_bundle
 
 STRASBOURG = {"S1": "S1_fixed", "S2": "S2_weighted", "S4": "S4_smart"}
@@ -68,7 +68,7 @@ def from_command_line(block: Block, folder: Path) -> Answer:
     out = folder / "out"
     done = subprocess.run([*MUSAT, "run", str(deck), "-o", str(out)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    record: dict[str, Any] = json.loads((out / "case.json").read_text())
+    record: dict[str, Any] = read_rows(out / "case.json")
     solution, stations = record["solution"], record["stations"]
     assert (out / "case.lst").stat().st_size > 0
     return Answer(

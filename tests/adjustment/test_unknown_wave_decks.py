@@ -26,6 +26,7 @@ from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate
 from musatpy.simulation.simulation_spec import load_spec
 from musatpy.units import DEGREE
+from record_rows import with_rows
 from wave_strip import FOLDER
 
 DECK = FOLDER / "unknown.crd"
@@ -164,9 +165,9 @@ def test_listing_and_record_say_the_same() -> None:
         assert f"Water: {title}" in text
     assert "wave SW azimuth" in text
     kept = record(solved())
-    rows = {row["parameter"]: row for row in kept["adjusted_water"]["waves"]["parameters"]}
+    rows = {row["parameter"]: row for row in with_rows(kept)["adjusted_water"]["waves"]["parameters"]}
     assert rows["height"]["given"] == pytest.approx(0.75) and rows["height"]["verdict"] == "determined"
-    assert kept["waves"][0]["height_sigma"] == 0.4
+    assert kept["waves"]["height_sigma"][0] == 0.4
     assert compare_texts(text, dumps(kept), parse_rules(""), ("a.lst", "a.json")).same
 
 

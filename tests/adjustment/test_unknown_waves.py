@@ -26,6 +26,7 @@ from musatpy.refraction.trains import Trains
 from musatpy.refraction.trochoid import Trochoid
 from musatpy.reports.record import dumps, record
 from musatpy.units import ARC_SECOND, MICROMETRE
+from record_rows import with_rows
 from reference.rays import rotation
 from studies.strip import Photographed, Strip, photographed
 from studies.unknown_waves import Guess, run, summary
@@ -281,7 +282,7 @@ def test_record_and_listing_tell_the_waves() -> None:
     kept = record(found)
     schema = json_schema.load_schema()
     assert not list(json_schema.violations(kept, schema, schema))
-    told = kept["adjusted_water"]["waves"]
+    told = with_rows(kept["adjusted_water"]["waves"])
     assert [row["sigma"] is None for row in told["parameters"]] == [False, True, False, False]
     assert [row["adjusted"] for row in told["parameters"]] == list(found.water.waves.value[0])
     pairs = {(row["first"], row["second"]) for row in told["correlations"]}

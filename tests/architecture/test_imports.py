@@ -42,11 +42,13 @@ MAY_IMPORT: dict[str, set[str]] = {
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
+    "inquiry": {"model", "comparison"},
     "orienting": {"model", "geometry", "orientation", "reduction", "jobs"},
     "surfaces": set(),
     "soundings": {"statistics", "pointfiles", "geometry", "interchange"},
     "compilation": {
         "model",
+        "systems",
         "geometry",
         "refraction",
         "reduction",
@@ -61,6 +63,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "model",
         "statistics",
         "comparison",
+        "inquiry",
         "jobs",
         "sea",
         "orientation",
@@ -69,19 +72,33 @@ MAY_IMPORT: dict[str, set[str]] = {
         "surfaces",
         "soundings",
     },
+    "notebook": {"model", "statistics", "reports"},
     "simulation": {"model", "geometry", "sea", "formats"},  # of the sea, linear theory and what cannot be
     "reduction": {"model", "geometry", "statistics"},
     "jobs": {"model", "geometry"},
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
-    "runs": {"model", "formats", "pipeline", "statistics", "comparison", "reports", "jobs"},
+    "runs": {"model", "formats", "pipeline", "statistics", "comparison", "inquiry", "reports", "jobs"},
     "as11_corrections": {"as11_runs", "compilation", "geometry", "interchange"},
-    "as11_runs": {"model", "formats", "compilation", "interchange", "reports", "runs"},
+    "as11_runs": {"model", "formats", "compilation", "interchange", "plots", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
+    "plots": {  # of depth, the system of a record; of reports, the schemas of records
+        "geometry",
+        "depth",
+        "statistics",
+        "soundings",
+        "interchange",
+        "pointfiles",
+        "reports",
+    },
+    "gis": {"geometry", "depth", "interchange", "plots"},  # of plots, tables and footprints
+    "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis"},
     "listings": {"reports", "geometry"},
+    "examples": set(),
     "campaign": {"model", "formats", "jobs", "runs", "listings"},
     "cli": {
         "campaign",
+        "examples",
         "model",
         "formats",
         "runs",
@@ -97,6 +114,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "depth",
         "sea",
         "pointfiles",
+        "plots",
+        "shown_runs",
     },
     "__main__": {"cli"},
 }
@@ -109,7 +128,7 @@ ONLY = {
 FRONT_DOOR = "__init__"
 
 # What `musat run` must not load: it would cost more than the adjustment of a strip.
-HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "matplotlib", "dask")
+HEAVY = ("scipy.sparse", "scipy.optimize", "scipy.stats", "pandas", "xarray", "matplotlib", "dask")
 SHORT_FILE = 500
 SHORT_FUNCTION = 60
 LONG_FUNCTIONS: dict[str, str] = {}  # "module.function" -> why it is long

@@ -35,6 +35,15 @@ DECK = ROOT / "fixtures/st_thomas/st_thomas.crd"
 WAVES = ROOT / "fixtures/waves/strip.crd"
 POSTS, BATCH, FEW, CYCLES, TURNS = 10_000_000, 100_000, 5000, 3000, 7
 _MUSAT = [sys.executable, "-m", "musatpy"]
+# The command, and the most memory that its process had: `ru_maxrss` of a child has that of its parent before it.
+_MEASURED = """
+import atexit, sys
+from pathlib import Path
+from musatpy.cli.main import main
+status = Path("/proc/self/status")
+atexit.register(lambda: print(next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))))
+main()
+"""
 
 
 def seconds(work: Callable[[], object], times: int = 3) -> float:
@@ -50,6 +59,17 @@ def seconds(work: Callable[[], object], times: int = 3) -> float:
 def places(number: int) -> FloatArray:
     """Return points (n, 3) of the model of photos 21 and 22, down to 25 m."""
     return np.random.default_rng(1).uniform([-700.0, -1400.0, -25.0], [700.0, 1400.0, -1.0], (number, 3))
+
+
+def measured(*arguments: str) -> tuple[list[str], str]:
+    """Return the lines that a command prints, and time and memory of its process in words."""
+    start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, "-c", _MEASURED, *arguments]
+    *lines, peak = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    wall = time.perf_counter() - start
+    return lines, f"{wall:.1f} s, {cpu:.1f} s CPU, at most {int(peak.split()[1]) / 1024:.0f} MB"
 
 
 def loop_cycle(stereo: Stereomodel) -> None:
@@ -127,15 +147,8 @@ def raster(stereo: Stereomodel, record: Path, folder: Path, posts: int) -> None:
     )  # fmt: skip
     source, target = folder / "apparent.tif", folder / "true.tif"
     geotiff.write(source, grid)
-    start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [*_MUSAT, "as11", "correct", str(record), "21", "22", str(source), "-o", str(target)]
-    print(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[0])
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    print(
-        f"as11 correct, {rows * columns:,} posts: {time.perf_counter() - start:.1f} s, {cpu:.1f} s CPU, "
-        f"at most {after.ru_maxrss / 1024:.0f} MB (asked: 90 s on two cores, 500 MB)"
-    )
+    said, spent = measured("as11", "correct", str(record), "21", "22", str(source), "-o", str(target))
+    print(f"{said[0]}\nas11 correct, {rows * columns:,} posts: {spent} (asked: 90 s on two cores, 500 MB)")
 
 
 def soundings() -> None:

@@ -16,6 +16,7 @@ from musatpy.formats.musat import read_deck
 from musatpy.formats.parts import deck_parts
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import ControlKind
+from record_rows import read_rows
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 CAYMAN = FIXTURES / "cayman" / "cayman_modified.crd"
@@ -205,7 +206,7 @@ def test_run_punches_a_restart(tmp_path: Path) -> None:
     assert sorted(os.listdir(tmp_path)) == ["job.crd", "job.json", "job.lst", "job.pun"]
     again = musat("run", tmp_path / "job.pun", "-o", tmp_path / "again")
     assert again.exit_code == 0
-    first, second = (json.loads((tmp_path / name).read_text()) for name in ("job.json", "again/job.json"))
+    first, second = (read_rows(tmp_path / name) for name in ("job.json", "again/job.json"))
     assert second["solution"]["sigma0"] == pytest.approx(first["solution"]["sigma0"], rel=1e-8)
     assert {line[:3] for line in cards(tmp_path / "job.pun")} == {line[:3] for line in cards(deck)}
 
@@ -231,7 +232,7 @@ def test_run_punches_files_of_another_family(tmp_path: Path) -> None:
     assert result.exit_code == 0
     assert result.stdout.endswith(f", punched decks {tmp_path}/st_thomas.con, {tmp_path}/st_thomas.ori\n")
     assert "punched files: patb holds no tides: 3 left out" in result.stderr
-    record = json.loads((tmp_path / "st_thomas.json").read_text())
+    record = read_rows(tmp_path / "st_thomas.json")
     parts, _ = agencies()["patb"].read(tmp_path / "st_thomas.ori", deck_parts(ST_THOMAS))
     frame = frame_of(read_deck(ST_THOMAS))
     found = frame.working(parts["stations"]["photos.position"])

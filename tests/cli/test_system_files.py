@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from cli.commands import musat
 from musatpy.formats.musat import read_deck, write_deck
 from musatpy.model import Control, SystemSpec
 from musatpy.model.tables import taken
+from record_rows import read_rows
 
 DECK = Path(__file__).parents[2] / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd"
 UTM = "+proj=utm +zone=20 +ellps=clrk66"
@@ -89,7 +89,7 @@ def test_a_job_from_files_gives_the_answer_of_the_deck(tmp_path):
     well("convert", DECK, tmp_path / "direct" / "job.crd")
     for name in ("direct", "back"):
         well("run", tmp_path / name / "job.crd")
-    one, other = (json.loads((tmp_path / name / "job.json").read_text()) for name in ("direct", "back"))
+    one, other = (read_rows(tmp_path / name / "job.json") for name in ("direct", "back"))
     for before, after in zip(one["stations"], other["stations"], strict=True):
         gap = np.subtract(before["position"], after["position"])
         assert np.abs(gap * [6.4e6, 6.4e6, 1.0]).max() < METRES

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from cli.commands import musat
+from record_rows import read_rows
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECK = FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd"
@@ -100,7 +100,7 @@ def test_a_geoid_by_its_name_in_a_folder_of_proj(deck, tmp_path, monkeypatch):
     result = musat("run", changed(deck, "EPSG:3992", "EPSG:3992", "SYT OUT GEOID level.gtx"))
     assert result.exit_code == 0, result.stderr
     assert "heights above level.gtx" in (tmp_path / "job.lst").read_text()
-    stated = json.loads((tmp_path / "job.json").read_text())
+    stated = read_rows(tmp_path / "job.json")
     for row, answer in zip(stated["stations"], stated["stated"]["stations"], strict=True):
         assert answer["position"][2] - row["position"][2] == pytest.approx(42.0, abs=1e-9)
         assert answer["undulation"] == pytest.approx(-42.0, abs=1e-9)
@@ -115,7 +115,7 @@ def test_converted_decks_are_in_the_words_of_the_adjustment(deck, tmp_path):
 
 
 def record(path: Path) -> dict:
-    return json.loads(path.with_suffix(".json").read_text())
+    return read_rows(path.with_suffix(".json"))
 
 
 def test_a_restart_is_in_the_words_of_the_deck_and_converges_at_once(deck):

@@ -9,6 +9,7 @@ from compilation.scenes import flat_images, pair
 from musatpy.arrays import FloatArray
 from musatpy.compilation.bottom import Bottom, bottom_of
 from musatpy.compilation.compiled import compiled
+from musatpy.compilation.datums import Datum
 from musatpy.compilation.grids import grids_of
 from musatpy.compilation.joined_surfaces import BottomPoints, Surface
 from musatpy.errors import CompilationError
@@ -60,7 +61,7 @@ def bottom(*extents: tuple[float, float], deeper: tuple[float, ...] = (), grids:
 
 def test_models_that_overlap_make_one_surface_with_contours_across_the_join() -> None:
     result = bottom(_WEST, _EAST)
-    (surface,), (lines,) = result.surfaces, result.lines
+    (surface,), (lines,) = result.surfaces, [sheet.contours for sheet in result.sheets]
     assert surface.models == ("M0", "M1") and surface.tin is not None
     # 1400 x 1000 m; the seam leaves out what lies beyond it, and no corner.
     assert surface.tin.area == pytest.approx(1.4e6, rel=1e-9) and surface.left_out > 10
@@ -111,7 +112,7 @@ def test_posts_stand_at_multiples_of_their_spacing_and_are_empty_beside_the_surf
     result = bottom(_WEST, _EAST, grids=grid_specs(25.0, (1630.0, 410.0), (1490.0, -30.0)))
     (grid,) = result.grids
     assert (grid.west, grid.south, grid.depth.shape) == (1500.0, -25.0, (18, 6))
-    place = grid.coordinates(datum=0.0)
+    place = grid.coordinates(Datum())
     # A plane is exact, to the rounding of compiled points; beyond X = 1600 m there is no surface.
     east = place[:, 0] > 1600.0
     np.testing.assert_allclose(grid.depth.ravel()[~east], depths(place[~east, :2]), rtol=0, atol=1e-6)
@@ -154,7 +155,7 @@ def test_posts_by_collocation_are_nearer_to_the_truth_and_know_how_near() -> Non
             grids_of(grid_specs(40.0, *corners, collocated=collocated), surfaces, 1.0)[0]
             for collocated in (False, True)
         )
-        truth = rolling(by_tin.coordinates(0.0)[:, :2]).reshape(by_tin.depth.shape)
+        truth = rolling(by_tin.coordinates(Datum())[:, :2]).reshape(by_tin.depth.shape)
         error.append([np.square(grid.depth - truth).mean() for grid in (by_tin, by_collocation)])
         tests.append(np.square((by_collocation.depth - truth) / by_collocation.sigma).mean())
         assert by_tin.validation is None and by_collocation.validation is not None

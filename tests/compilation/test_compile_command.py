@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import re
 import sqlite3
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import ezdxf
@@ -25,6 +23,7 @@ from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import Compilation
 from musatpy.reports.compilation import schema
 from musatpy.units import DEGREE
+from record_rows import read_rows, with_columns
 
 FIXTURES = stage_readings.FIXTURES
 
@@ -82,9 +81,12 @@ def test_the_listing_is_the_golden_one_and_the_record_obeys_its_schema(run: Path
     listing = (tmp_path / "st_thomas_as11.lst").read_text()
     assert listing == stage_readings.DECK.with_suffix(".lst").read_text()
     assert max(map(len, listing.splitlines())) <= 132
-    record, of_record = json.loads((tmp_path / "st_thomas_as11.json").read_text()), schema()
-    assert not list(violations(record, of_record, of_record))
+    record, of_record = read_rows(tmp_path / "st_thomas_as11.json"), schema()
+    assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert list(record) == list(of_record["properties"])
+    both = [str(tmp_path / f"st_thomas_as11.{kind}") for kind in ("lst", "json")]
+    result = CliRunner().invoke(musat, ["diff", *both])
+    assert result.exit_code == 0 and "rows compared" in result.output
     table = tmp_path / "st_thomas_as11_tables/point_compilation_true_coordinates.csv"
     assert len(table.read_text().splitlines()) == 258
 
@@ -99,7 +101,7 @@ def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, t
     np.testing.assert_allclose(rows[:, 7], -0.15 - rows[:, 2], rtol=0.0, atol=1e-4)
     assert set(rows[rows[:, 3] == 1.0, 2]) == {10.0, 20.0}
     assert (np.abs(rows[:, 5] - 18.33) < 0.01).all() and (np.abs(rows[:, 6] + 64.93) < 0.015).all()
-    record = json.loads((tmp_path / "st_thomas_as11.json").read_text())
+    record = read_rows(tmp_path / "st_thomas_as11.json")
     assert sum(row["lines"] for row in record["contours"]) == int(rows[:, 0].max())
     assert (tmp_path / "st_thomas_as11.contours.png").read_bytes().startswith(b"\x89PNG")
 
@@ -116,7 +118,7 @@ def test_files_for_gis_are_read_by_other_programs(run: Path, tmp_path: Path) -> 
     with sqlite3.connect(package) as database:
         depths = dict(database.execute("select point || model, depth from points where submerged = 1"))
         levels = {level for (level,) in database.execute("select depth from contours")}
-    record = json.loads((tmp_path / "a/st_thomas_as11.json").read_text())
+    record = read_rows(tmp_path / "a/st_thomas_as11.json")
     told = {row["point"] + row["model"]: row["datum_depth"] for row in record["points"] if row["submerged"]}
     assert depths == pytest.approx(told, abs=1e-9)
     assert levels == {row["depth"] for row in record["contours"]}
@@ -130,7 +132,7 @@ def test_files_in_the_system_of_the_job_are_read_by_other_programs(run: Path, tm
     """NAD 27 is on the ellipsoid of the job: its longitudes and latitudes are those of the record."""
     options = ("--gis", "--las", "--crs", "EPSG:4267")
     assert compiled(run, stage_readings.DECK, tmp_path, *options).exit_code == 0
-    rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
+    rows = read_rows(tmp_path / "st_thomas_as11.json")["points"]
     known = [row for row in rows if row["position"]]
     lat_lon = np.degrees([row["position"][:2] for row in known])
     crs, packed, xy = features(tmp_path / "st_thomas_as11.gpkg", "points")
@@ -187,8 +189,8 @@ def test_a_grid_may_be_predicted_by_collocation(run: Path, tmp_path: Path) -> No
     """The record has what points that were left out say of it, and the listing a page."""
     deck = changed(tmp_path, ("GRD BAY      ", "GRD BAY     C"))
     assert compiled(run, deck, tmp_path).exit_code == 0
-    record, of_record = json.loads((tmp_path / "changed.json").read_text()), schema()
-    assert not list(violations(record, of_record, of_record))
+    record, of_record = read_rows(tmp_path / "changed.json"), schema()
+    assert not list(violations(with_columns(record, of_record), of_record, of_record))
     (grid,) = record["grids"]
     assert grid["collocated"] and grid["empty"] == 0 and 0.0 < grid["mean_sigma"] < 0.2
     assert 0.6 < grid["left_out_test"] < 1.4
@@ -208,7 +210,7 @@ def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:
 def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: Path) -> None:
     """Readings in any order; posts follow the true line to the pointing, the spike left out of bottom and posts."""
     assert compiled(run, stage_readings.DECK, tmp_path).exit_code == 0
-    record = json.loads((tmp_path / "st_thomas_as11.json").read_text())
+    record = read_rows(tmp_path / "st_thomas_as11.json")
     row, *others = record["profiles"]
     assert [(other["profile"], other["spikes"]) for other in others] == [("EW", 0), ("SLOPE", 0)]
     assert (row["profile"], row["readings"], row["spikes"]) == ("NS", 31, 1) and row["needed"] < 31
@@ -216,7 +218,7 @@ def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: P
     head, *lines = (tmp_path / "st_thomas_as11.profiles.csv").read_text().splitlines()
     assert head.endswith("latitude,longitude,height")
     cells = [line.split(",") for line in lines]
-    posts = np.array([[float(cell[3]), float(cell[5])] for cell in cells if cell[:3] == ["post", "2122", "NS"]])
+    posts = np.array([[float(cell[4]), float(cell[6])] for cell in cells if cell[:3] == ["post", "2122", "NS"]])
     south = 0.05 + 0.85 * posts[:, 0] / row["length"]
     assert np.abs(posts[:, 1] - (2.0 - 0.15 + 23.0 * south**1.5)).max() < 1.5
     assert np.allclose(np.diff(posts[:, 0]), 50.0) and len(posts) == 16
@@ -227,31 +229,27 @@ def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: P
     assert surface["points"] + surface["left_out"] == new - 1
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("PRF NS       2122     N ", "PRF NS       2122     X ", "its end X has no position in the model"),
-        ("PRF NS       2122     N ", "PRF XX       2122     N ", "it has 0 readings with a position"),
-    ],
-)
-def test_a_profile_that_is_none_says_why(run: Path, tmp_path: Path, old: str, new: str, message: str) -> None:
-    assert compiled(run, changed(tmp_path, (old, new)), tmp_path).exit_code == 0
-    assert message in (tmp_path / "changed.lst").read_text()
+def test_a_profile_whose_end_has_no_position_says_why(run: Path, tmp_path: Path) -> None:
+    row = next(line for line in stage_readings.DECK.read_text().splitlines() if line[4:22] == "2122     N        ")
+    deck = changed(tmp_path, (row, f"{row[:24]} 194.000000{row[35:]}"))
+    assert compiled(run, deck, tmp_path).exit_code == 0
+    assert "its end N has no position in the model" in (tmp_path / "changed.lst").read_text()
 
 
 def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
     lines = stage_readings.DECK.read_text().splitlines()
     kept = [line for line in lines if not (line.startswith("STG 2223") and line[22:24] in ("GB", "PB"))]
+    kept = [line for line in kept if not line.startswith("PRF SLOPE")]
     deck = tmp_path / "changed.crd"
     deck.write_text("\n".join(kept) + "\n")
     assert compiled(run, deck, tmp_path).exit_code == 0
-    assert "no submerged point of it has a position" in (tmp_path / "changed.lst").read_text()
+    assert "no point of it has a position" in (tmp_path / "changed.lst").read_text()
 
 
 def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:
     """Of 148 points, which depend on each other by the stations."""
     compiled(run, stage_readings.DECK, tmp_path)
-    rows = json.loads((tmp_path / "st_thomas_as11.json").read_text())["points"]
+    rows = read_rows(tmp_path / "st_thomas_as11.json")["points"]
     truth, scaled = stage_readings.bottom(), []
     profiles = [(names, line) for _, _, names, line in stage_readings.PROFILES]
     ends = {name: line[at] for names, line in profiles for name, at in zip(names, (0, -1), strict=True)}
@@ -277,31 +275,12 @@ def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_pa
         assert len(card) == len(blank)
         result = compiled(run, changed(tmp_path, (blank, card)), tmp_path)
         assert result.exit_code == 0
-        rows = json.loads((tmp_path / "changed.json").read_text())["points"]
+        rows = read_rows(tmp_path / "changed.json")["points"]
         positions[name] = np.array([row["position"] for row in rows if row["submerged"]])
     metres = [6.35e6, 6.0e6, 1.0]
     near, far = (np.abs((positions[name] - positions["IMAGE"]) * metres).max() for name in ("PRINTED", "1983"))
     assert 1e-5 < near < 0.02
     assert 0.05 < far < 0.5
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("MDL 2122     21       22      ", "MDL 2122     21       29      ", "model 2122: the run has no photo 29"),
-        ("MDL 2223     22       23      ", "MDL 2223     22       22      ", "one photo on both stages"),
-        ("MDL 2223     22 ", "MDL 2122     22 ", "changed.crd:5 cols 5-12 MDL.model: model 2122 is defined twice"),
-        ("STG 2122     202 ", "STG 2122     102 ", "point 102 is read twice in model 2122"),
-        ("STG 2122     202 ", "STG 2129     202 ", "there is no MDL card of model 2129"),
-        ("   5.00         00000004", "   -5.0         00000004", "changed.crd:4 cols 58-63 MDL.pointing"),
-        ("R    3.994012", "Q    3.994012", "'Q' is not A1 (one of G, P, S, R)"),
-        ("3.994012", "3.9940l2", "changed.crd:10 cols 25-35 STG.x_left"),
-    ],
-)
-def test_a_bad_deck_is_refused_with_its_cards(run: Path, tmp_path: Path, old: str, new: str, message: str) -> None:
-    result = compiled(run, changed(tmp_path, (old, new)), tmp_path)
-    assert result.exit_code == 1 and message in " ".join(result.output.split())
-    assert not (tmp_path / "changed.lst").exists()
 
 
 def test_readings_that_give_no_point_are_listed_with_their_reasons(run: Path, tmp_path: Path) -> None:
@@ -316,7 +295,10 @@ def test_readings_that_give_no_point_are_listed_with_their_reasons(run: Path, tm
 def test_a_blunder_of_the_operator_shows_in_its_y_parallax(run: Path, tmp_path: Path) -> None:
     result = compiled(run, changed(tmp_path, ("  85.021980", "  85.221980")), tmp_path)
     assert "point 102 of model 2122 has a y-parallax of -1" in result.output
-    assert "Warnings" in (tmp_path / "changed.lst").read_text()
+    both = [str(tmp_path / f"changed.{kind}") for kind in ("lst", "json")]
+    assert "Warnings Of Run And Readings" in Path(both[0]).read_text()
+    compared = CliRunner().invoke(musat, ["diff", *both])
+    assert compared.exit_code == 0 and "not compared: Warnings" not in compared.output
 
 
 def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path) -> None:
@@ -326,13 +308,6 @@ def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path)
     result = compiled(other, deck, tmp_path)
     assert result.exit_code == 1
     assert "is not the record of a run" in result.output and "STG.class" in result.output
-
-
-def test_a_deck_without_readings_is_refused(run: Path, tmp_path: Path) -> None:
-    deck = tmp_path / "empty.crd"
-    deck.write_text("MDL 2122     21       22\nEND\n")
-    result = compiled(run, deck, tmp_path)
-    assert result.exit_code == 1 and "the deck has no readings (no STG or MPT card)" in result.output
 
 
 def test_plates_that_have_moved_are_not_recovered(run: Path, tmp_path: Path) -> None:
@@ -361,47 +336,10 @@ def test_points_of_the_shoreline_are_held_against_the_tide(run: Path, tmp_path: 
     deck.write_text("\n".join([*cards, "END", ""]))
     result = compiled(run, deck, tmp_path)
     assert result.exit_code == 0, result.output
-    (row,) = json.loads((tmp_path / "shore.json").read_text())["shoreline"]
+    (row,) = read_rows(tmp_path / "shore.json")["shoreline"]
     # Stations of the run are some .2 m from the truth in height; in air 5.2 m of depth look like 3.8.
     assert row["points"] == 4 and row["largest"] == pytest.approx(-3.8, abs=0.6)
     assert row["mean"] == pytest.approx(-0.95, abs=0.6)
     assert re.search(r"point S3 of model 2122 is on the shoreline and -[34]\.\d\d m off the water", result.output)
     assert "point S0 of" not in result.output
     assert "Shoreline: Heights Over The Tide" in (tmp_path / "shore.lst").read_text()
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda xy: xy[::-1], "left and right were exchanged"),
-        (lambda xy: 1e3 * xy, "they were in micrometres"),
-        (lambda xy: xy / 25.4, "they were in inches"),
-        (lambda xy: xy[:, ::-1], "x and y were exchanged"),
-    ],
-)
-def test_slips_of_a_whole_model_are_named(
-    run: Path, tmp_path: Path, change: Callable[[np.ndarray], np.ndarray], said: str
-) -> None:
-    deck = stage_readings.compilation()
-    xy = np.stack([change(reading) for reading in deck.stages.xy])
-    path = tmp_path / "slip.crd"
-    path.write_bytes(compilation_bytes(replace(deck, stages=replace(deck.stages, xy=np.round(xy, 4)))))
-    result = compiled(run, path, tmp_path)
-    assert f"model 2122: most of its readings make no points, and would if {said}" in result.output
-
-
-def test_land_below_the_water_and_photos_apart_are_told(run: Path, tmp_path: Path) -> None:
-    cards = stage_readings.DECK.read_text()
-    row = next(line for line in cards.splitlines() if line.startswith("STG 2122     S        G"))
-    deck = tmp_path / "dry.crd"
-    deck.write_text(cards.replace(row, f"{row[:23]} {row[24:]}"))
-    result = compiled(run, deck, tmp_path)
-    # 20 m of depth, 15 of them apparent.
-    assert re.search(
-        r"point S of model 2122 is not flagged as submerged and lies 1[3-6]\.\d\d m below", result.output
-    )
-    record = json.loads(run.read_text())
-    record["station_pairs"] = [pair for pair in record["station_pairs"] if pair["photos"] != ["21", "22"]]
-    (tmp_path / "apart.json").write_text(json.dumps(record))
-    result = compiled(tmp_path / "apart.json", stage_readings.DECK, tmp_path)
-    assert result.exit_code == 1 and "model 2122: photos 21 and 22 share no point of the run" in result.output

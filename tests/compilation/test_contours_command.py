@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ import stage_readings
 from json_schema import violations
 from musatpy.cli.main import main as musat
 from musatpy.reports.contour_comparison import schema
+from record_rows import read_rows, with_columns
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_the_contours_of_the_fixture_are_what_its_generator_writes() -> None:
 def test_contours_of_the_true_bottom(run: Path, tmp_path: Path) -> None:
     """To the scatter of the points, .3 m, and their sigmas, where no sliver of a triangle is steep."""
     assert compared(run, stage_readings.CONTOURS, tmp_path).exit_code == 0
-    record = json.loads((tmp_path / "contours.contours.json").read_text())
+    record = read_rows(tmp_path / "contours.contours.json")
     assert {row["depth"] for row in record["distances"]} == {4.0, 10.0, 20.0}
     for row in record["distances"]:
         assert abs(row["mean_depth"]) < 0.2 and row["most_depth"] < 1.0 and row["mean"] < 25.0
@@ -60,8 +60,8 @@ def test_contours_lie_on_themselves(run: Path, tmp_path: Path, name: str, option
     file = run.with_name(name)
     assert compared(run, file, tmp_path, *options).exit_code == 0
     stem = tmp_path / f"{file.stem}.contours"
-    record, of_record = json.loads(Path(f"{stem}.json").read_text()), schema()
-    assert not list(violations(record, of_record, of_record))
+    record, of_record = read_rows(Path(f"{stem}.json")), schema()
+    assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert len(record["areas"]) == 12 and not any(row["reason"] for row in record["areas"])
     for row in record["distances"]:
         assert row["most"] < 2e-3 and abs(row["mean_depth"]) < 1e-3
@@ -78,7 +78,7 @@ def test_a_shift_of_the_depths_shows_in_the_depths(run: Path, tmp_path: Path) ->
     file.write_text("\n".join([head, *kept]) + "\n")
     result = compared(run, file, tmp_path)
     assert result.exit_code == 0 and "contours of 1 depth," in result.output
-    record = json.loads((tmp_path / "s.contours.json").read_text())
+    record = read_rows(tmp_path / "s.contours.json")
     for row in (row for row in record["distances"] if row["surface"] == 1):
         assert row["mean_depth"] == pytest.approx(-0.2, abs=0.02)  # of triangles with other slopes
     reasons = {row["reason"] for row in record["areas"]}

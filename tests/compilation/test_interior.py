@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.errors import DeckError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.reports.compilation import schema
+from record_rows import read_rows, with_columns
 from stage_readings import FIXTURES
 
 RAW = FIXTURES / "st_thomas_raw" / "st_thomas_raw.crd"
@@ -92,10 +92,10 @@ def test_the_command_lists_what_the_reduction_did(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     listing = path.with_suffix(".lst").read_text()
     assert "Plate Reduction" in listing and listing.index("Plate Reduction") < listing.index("Model Set-Up")
-    record = json.loads(path.with_suffix(".json").read_text())
+    record = read_rows(path.with_suffix(".json"))
     assert [row["photo"] for row in record["reduction"]["plates"]] == ["21", "22"]
     assert all(row["reason"] is None for row in record["points"])
-    assert not list(violations(record, schema(), schema()))
+    assert not list(violations(with_columns(record, schema()), schema(), schema()))
 
 
 def test_readings_on_a_refused_plate_have_no_point(run: Triangulation) -> None:

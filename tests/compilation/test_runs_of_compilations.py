@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.reports import run_comparison
+from record_rows import read_rows, with_columns
 
 DECK = stage_readings.FIXTURES / "st_thomas/st_thomas.crd"
 
@@ -43,7 +43,7 @@ def pages(listing: Path) -> list[str]:
 
 
 def points(folder: Path) -> dict[str, np.ndarray]:
-    rows = json.loads((folder / "st_thomas_as11.json").read_text())["points"]
+    rows = read_rows(folder / "st_thomas_as11.json")["points"]
     return {name: np.array([row[name] or [np.nan] * 3 for row in rows]) for name in ("position", "sigma")}
 
 
@@ -121,8 +121,8 @@ def test_points_are_compared_with_those_of_the_run(runs: Path, tmp_path: Path) -
     """The lengths are those of the differences; the record obeys its schema; the audit finds nothing."""
     result = invoked("as11", "compare-points", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 0
-    record, schema = json.loads((tmp_path / "st_thomas_as11.points.json").read_text()), run_comparison.schema()
-    assert not list(violations(record, schema, schema))
+    record, schema = read_rows(tmp_path / "st_thomas_as11.points.json"), run_comparison.schema()
+    assert not list(violations(with_columns(record, schema), schema, schema))
     lengths = np.linalg.norm([row["difference"] for row in record["against_run"]], axis=1)
     told = f"vectors {lengths.min():.4f} to {lengths.max():.4f} m, mean {lengths.mean():.4f} m"
     assert f"26 points of the run, {told}" in result.output

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from musatpy.formats.compilation_deck import read_compilation
 from musatpy.interchange import las
 from musatpy.interchange.layers import Points
 from musatpy.reports.soundings import schema
+from record_rows import read_rows, with_columns
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +56,8 @@ def test_soundings_of_the_bottom(run: Path, tmp_path: Path) -> None:
     """No refraction is left (b), the datum is right (a); the scatter is that of bottom and points, .4 m."""
     result = compared(run, tmp_path, stage_readings.soundings(), "--plan-sigma", "1")
     assert result.exit_code == 0 and "of 200 soundings, median" in result.output
-    record, of_record = json.loads((tmp_path / "s.soundings.json").read_text()), schema()
-    assert not list(violations(record, of_record, of_record))
+    record, of_record = read_rows(tmp_path / "s.soundings.json"), schema()
+    assert not list(violations(with_columns(record, of_record), of_record, of_record))
     line = record["regression"]
     assert abs(line["b"]) < 3.0 * line["b_sigma"] and line["b_sigma"] < 0.01 and abs(line["a"]) < 0.25
     good = record["samples"][1]
@@ -93,8 +93,8 @@ def test_the_picture_is_the_same_from_run_to_run(run: Path, tmp_path: Path) -> N
 def test_planes_about_soundings_agree_with_triangles(run: Path, tmp_path: Path) -> None:
     """To the scatter of the points; soundings without points within the radius say so, and the record says how."""
     assert compared(run, tmp_path, stage_readings.soundings(), "--radius", "200").exit_code == 0
-    record, of_record = json.loads((tmp_path / "s.soundings.json").read_text()), schema()
-    assert not list(violations(record, of_record, of_record))
+    record, of_record = read_rows(tmp_path / "s.soundings.json"), schema()
+    assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert record["matching"]["radius"] == 200.0 and "within 200 m" in (tmp_path / "s.soundings.lst").read_text()
     assert abs(record["samples"][1]["median"]) < 0.3 and record["samples"][1]["rms"] < 0.6
     assert abs(record["regression"]["b"]) < 0.02
@@ -106,7 +106,7 @@ def test_old_soundings_are_left_out(run: Path, tmp_path: Path) -> None:
     dates = ["1975-06-01", "1980-01-01", ""] * len(lines)
     text = "\n".join([f"{head},date", *(f"{line},{date}" for line, date in zip(lines, dates, strict=False))])
     assert compared(run, tmp_path, text, "--not-before", "1980-01-01").exit_code == 0
-    record = json.loads((tmp_path / "s.soundings.json").read_text())
+    record = read_rows(tmp_path / "s.soundings.json")
     reasons = [row["reason"] for row in record["left_out"]]
     assert reasons.count("older than 1980-01-01") == 67 and reasons.count("its date is not known") == 66
     assert {int(row["sounding"][1:]) % 3 for row in record["differences"]} == {1}
@@ -125,7 +125,7 @@ def test_a_las_file_on_a_map_says_what_the_csv_file_says(run: Path, tmp_path: Pa
     command = ["as11", "compare-soundings", str(run), str(stage_readings.DECK), str(cloud), "--sigma", "0.1"]
     assert CliRunner().invoke(musat, command).exit_code == 0
     compared(run, tmp_path, stage_readings.soundings())
-    of_las, of_csv = (json.loads((tmp_path / f"{name}.soundings.json").read_text()) for name in ("cloud", "s"))
+    of_las, of_csv = (read_rows(tmp_path / f"{name}.soundings.json") for name in ("cloud", "s"))
     pairs = list(zip(of_las["differences"], of_csv["differences"], strict=True))
     for of_point, of_line in pairs:
         assert of_point["difference"] == pytest.approx(of_line["difference"], abs=1e-3)  # 0.1 mm on steep slopes
@@ -135,9 +135,9 @@ def test_a_las_file_on_a_map_says_what_the_csv_file_says(run: Path, tmp_path: Pa
 
 def test_a_datum_shows_in_a_and_an_option_takes_it_away(run: Path, tmp_path: Path) -> None:
     compared(run, tmp_path, scaled(1.0, -0.5))
-    shifted = json.loads((tmp_path / "s.soundings.json").read_text())["regression"]["a"]
+    shifted = read_rows(tmp_path / "s.soundings.json")["regression"]["a"]
     compared(run, tmp_path, scaled(1.0, -0.5), "--datum", "0.5")
-    right = json.loads((tmp_path / "s.soundings.json").read_text())["regression"]["a"]
+    right = read_rows(tmp_path / "s.soundings.json")["regression"]["a"]
     assert shifted - right == pytest.approx(0.5, abs=0.01)  # and b times the shift
 
 

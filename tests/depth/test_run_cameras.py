@@ -20,6 +20,7 @@ from musatpy.errors import DepthError
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports.record import dumps, record
+from record_rows import with_columns, with_rows
 from sample_solutions import sample_solution
 
 INDEX = 1.3398
@@ -27,7 +28,7 @@ INDEX = 1.3398
 
 def lagoon_run() -> dict[str, Any]:
     """The record of a run in local coordinates, with the stations of the lagoon in place of its own."""
-    run = json.loads(dumps(record(sample_solution(CoordinateSystem.LOCAL, Refraction.WATPT))))
+    run = with_rows(json.loads(dumps(record(sample_solution(CoordinateSystem.LOCAL, Refraction.WATPT)))))
     with (LAGOON / "cameras.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     run["solution"]["converged"] = True
@@ -50,7 +51,7 @@ def lagoon_run() -> dict[str, Any]:
 
 def written(tmp_path: Path, run: Any) -> Path:
     path = tmp_path / "run.json"
-    path.write_text(json.dumps(run))
+    path.write_text(json.dumps(with_columns(run)))
     return path
 
 

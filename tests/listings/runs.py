@@ -10,6 +10,7 @@ from typing import NamedTuple
 from musatpy import adjust, listing, read_deck
 from musatpy.model import Solution
 from musatpy.reports import record
+from record_rows import with_columns, with_rows
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 ST_THOMAS, RAW, SEA = "st_thomas/st_thomas.crd", "st_thomas_raw/st_thomas_raw.crd", "waves/unknown.crd"
@@ -42,14 +43,14 @@ def entry_of(content, path):
 
 def moved(text, path, step):
     """Return a record with a number of it changed."""
-    content = json.loads(text)
+    content = with_rows(json.loads(text))
     *above, last = path
     entry = entry_of(content, above)
     entry[last] = (entry[last] or 0.0) + step
-    return json.dumps(content)
+    return json.dumps(with_columns(content))
 
 
 def edited(text, change):
-    content = json.loads(text)
+    content = with_rows(json.loads(text))
     change(content)
-    return json.dumps(content)
+    return json.dumps(with_columns(content))

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
 import zipfile
+from email.parser import Parser
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
+EXAMPLES = "musatpy/examples/examples.toml"
 
 READ_SAMPLES = """
 import musatpy
@@ -23,21 +26,39 @@ print(musatpy.__file__, card_formats_folder(), sum(len(table) for table in deck.
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """The wheel, built offline with the tools of this environment."""
-    folder = tmp_path_factory.mktemp("dist")
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(ROOT)]
-    subprocess.run(command, check=True, capture_output=True, text=True)
-    (path,) = folder.glob("*.whl")
-    return path
-
-
-@pytest.fixture(scope="module")
 def unpacked(wheel, tmp_path_factory):
     folder = tmp_path_factory.mktemp("unpacked")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder)
     return folder
+
+
+def examples_of(folder):
+    return tomllib.loads((folder / "examples.toml").read_text(encoding="utf-8"))["example"]
+
+
+def test_the_wheel_is_small(wheel):
+    """Of the examples 3 MB at most, and far less than that in all."""
+    with zipfile.ZipFile(wheel) as archive:
+        sizes = [one.compress_size for one in archive.infolist() if one.filename.startswith("musatpy/examples/")]
+    assert sum(sizes) < 3_000_000
+    assert wheel.stat().st_size < 5_000_000
+
+
+def test_the_metadata_say_what_it_is(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        metadata = Parser().parsestr(archive.read(name).decode())
+        assert [one for one in archive.namelist() if one.endswith("licenses/LICENSE")]
+    assert (metadata["Name"], metadata["License-Expression"], metadata["License-File"]) == (
+        "musatpy",
+        "MIT",
+        "LICENSE",
+    )
+    classifiers = metadata.get_all("Classifier")
+    assert "Environment :: Console" in classifiers and "Programming Language :: Python :: 3.11" in classifiers
+    assert metadata["Requires-Python"] == ">=3.11"
+    assert {"notebook", "plots", "gis", "las", "fast"} <= set(metadata.get_all("Provides-Extra"))
 
 
 def run(unpacked: Path, code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -52,6 +73,9 @@ def test_every_file_is_in_the_wheel(wheel):
     modules = {path.relative_to(ROOT / "src").as_posix() for path in ROOT.glob("src/musatpy/**/*.py")}
     assert len(formats) >= 18
     assert formats | modules <= names
+    examples = {f"musatpy/examples/{file}" for one in examples_of(ROOT / "fixtures") for file in one["files"]}
+    assert len(examples) > 15
+    assert {name for name in names if name.startswith("musatpy/examples/")} == {*examples, EXAMPLES}
     assert not [name for name in names if name.startswith(("tests/", "fixtures/", "docs/"))]
 
 

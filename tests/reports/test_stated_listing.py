@@ -16,6 +16,7 @@ from musatpy.reports.pages import PAGE_WIDTH
 from musatpy.reports.record import dumps, record
 from musatpy.systems import stated, stated_solution, statement_of
 from musatpy.units import ARC_SECOND, DEGREE, GON, AngleUnit
+from record_rows import with_columns, with_rows
 from reports.test_listing import pages_of, section
 from sample_solutions import sample_solution
 
@@ -66,7 +67,7 @@ def test_pages_fit_the_paper(name):
 @pytest.mark.parametrize("name", list(SPECS))
 def test_the_record_is_the_stated_solution(name):
     solution = solution_in(name)
-    found, answer = json.loads(dumps(record(solution)))["stated"], answer_of(solution)
+    found, answer = with_rows(json.loads(dumps(record(solution))))["stated"], answer_of(solution)
     for table, column, expected in (
         ("stations", "position", answer.position),
         ("stations", "angles", answer.angles),
@@ -172,7 +173,7 @@ def test_points_beyond_the_system_are_named():
     text, name = listing(solution), solution.block.points.ids[3]
     found = section(text, "Points Without Coordinates In The System")
     assert found == [f"{spec.definition}, ellipsoidal heights does not reach these points: {name}."]
-    row = json.loads(dumps(record(solution)))["stated"]["points"][3]
+    row = with_rows(json.loads(dumps(record(solution))))["stated"]["points"][3]
     assert row == {"point": str(name), "position": [None] * 3, "covariance": [[None] * 3] * 3}
     assert answer_of(solution).far_points.sum() == 1
 
@@ -212,8 +213,8 @@ def test_a_local_job_keeps_the_names_of_its_axes():
 @pytest.mark.parametrize("name", list(SPECS))
 def test_the_record_obeys_its_schema(name):
     schema = load_schema()
-    found = json.loads(dumps(record(solution_in(name, given_in=SPECS["feet"]))))
-    assert not list(violations(found, schema, schema))
+    found = with_rows(json.loads(dumps(record(solution_in(name, given_in=SPECS["feet"])))))
+    assert not list(violations(with_columns(found, schema), schema, schema))
 
 
 def test_without_cards_nothing_changes():

@@ -16,6 +16,7 @@ from musatpy.cli.main import main
 from musatpy.geometry.intersection import nearest_point
 from musatpy.refraction import fermat
 from musatpy.sea.stereo.surface_file import load_surface
+from record_rows import with_columns
 from sea_fixtures import SEA, SHIFT
 
 INDEX = 1.34
@@ -89,7 +90,7 @@ def test_a_pair_on_the_ellipsoid(tmp_path: Path, system: str) -> None:
     ]
     run["adjusted_water"] = None  # a run without refraction
     record = tmp_path / "run.json"
-    record.write_text(json.dumps(run))
+    record.write_text(json.dumps(with_columns(run)))
     names, truth = table("truth.csv")
     bottom = written(tmp_path / "bottom.csv", system, names, bent(surface, fitted))
     command = ["sea", "correct", bottom, "--surface", surface, "--cameras", record, "--index", INDEX]
@@ -107,7 +108,7 @@ def test_surface_and_points_stand_on_one_earth(tmp_path: Path) -> None:
     run = run_on_the_ellipsoid()
     run["stations"] = run["stations"][:2]
     record = tmp_path / "run.json"
-    record.write_text(json.dumps(run))
+    record.write_text(json.dumps(with_columns(run)))
     points = tmp_path / "points.csv"
     points.write_text("id,x,y,z\n1,-64.93,18.34,-5\n")
     command = ["sea", "correct", points, "--surface", tmp_path / "water.surface.json", "--cameras", record]

@@ -1,6 +1,5 @@
 """Decks that state one two-media job in every system: `musat run` finds the same rays and the same points."""
 
-import json
 import re
 import shutil
 from dataclasses import replace
@@ -18,6 +17,7 @@ from musatpy.geometry.systems import Geocentric, Geographic
 from musatpy.model import Block, SystemSpec
 from musatpy.systems import Statement, stated
 from musatpy.units import AngleUnit
+from record_rows import read_rows
 from reference.earth import earth_of
 from reference.networks import Plan
 from reference.networks import simulate as network
@@ -102,7 +102,7 @@ def run(folder, data: bytes, *options) -> dict:
     result = CliRunner().invoke(main, ["run", str(folder / "job.crd"), *options])
     assert result.exit_code == 0, result.stderr
     assert all(": note: sigma0" in line for line in result.stderr.splitlines())  # decks without errors
-    return json.loads((folder / "job.json").read_text())
+    return read_rows(folder / "job.json")
 
 
 @pytest.fixture(scope="module")

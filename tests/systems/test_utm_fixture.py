@@ -12,6 +12,7 @@ from musatpy.formats.musat import deck_bytes
 from musatpy.model import SystemSpec
 from musatpy.reports.record import dumps, record
 from musatpy.units import AngleUnit
+from record_rows import with_rows
 
 FIXTURES = Path(__file__).resolve().parents[2] / "fixtures"
 ROUNDED = 1e-4  # m, of the coordinates on cards
@@ -39,7 +40,9 @@ def test_the_deck_is_made_again():
 
 def test_the_answer_is_that_of_the_first_deck():
     first = adjust(read_deck(FIXTURES / "st_thomas" / "st_thomas.crd"))
-    found = json.loads(dumps(record(adjust(read_deck(FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd")))))
+    found = with_rows(
+        json.loads(dumps(record(adjust(read_deck(FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd")))))
+    )
     to_plane = pyproj.Transformer.from_crs("EPSG:4139", "EPSG:3992", always_xy=True)  # Puerto Rico's own datum
     for rows, places in (
         (found["stated"]["stations"], first.stations.position),

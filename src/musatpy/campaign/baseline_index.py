@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from musatpy.campaign.batch_jobs import Job, JobOptions, Outcome, sha256_of
-from musatpy.campaign.manifest import Plan, decks_in
+from musatpy.campaign.manifest import Plan, decks_in, is_texts
 from musatpy.errors import MusatError, of_each_kind, printable
 from musatpy.files import name_fault, real_path
 from musatpy.listings import Rules, load_rules
@@ -71,6 +71,7 @@ class Baseline:
     entries: dict[str, Entry]  # by the place of the deck below the root
     records: bool = True  # False: listings only
     formats: str | None = None  # folder of card formats, seen from `folder`
+    settings: tuple[str, ...] = ()  # fields of cards that are set for its runs
 
     def deck(self, name: str) -> Path:
         """Return where a deck is, as short as can be: `..` behind a link to a folder leads elsewhere."""
@@ -94,7 +95,8 @@ class Baseline:
 
     def plan(self, names: Iterable[str], work: Path) -> Plan:
         """Return the jobs that make the results of decks anew, in a work folder."""
-        options = JobOptions(formats=self.folder / self.formats if self.formats is not None else None)
+        formats = self.folder / self.formats if self.formats is not None else None
+        options = JobOptions(formats=formats, settings=self.settings)
         jobs = tuple(Job(deck=self.deck(name), out=(work / name).parent, options=options) for name in names)
         return Plan(jobs=jobs, folder=work, name=".batch")
 
@@ -121,6 +123,7 @@ class Baseline:
             "decks_in": self.root,
             "records": self.records,
             "formats": self.formats,
+            **({"settings": list(self.settings)} if self.settings else {}),
             "decks": {name: self.entries[name].as_data() for name in sorted(self.entries)},
         }
         return (json.dumps(data, indent=1) + "\n").encode()
@@ -147,6 +150,7 @@ def load_baseline(folder: Path) -> Baseline:
         entries={name: Entry(**entry) for name, entry in data["decks"].items()},
         records=data["records"],
         formats=data["formats"],
+        settings=tuple(data.get("settings", ())),
     )
 
 
@@ -155,6 +159,7 @@ _KEYS: dict[str, tuple[type, ...]] = {
     "decks_in": (str,),
     "records": (bool,),
     "formats": (str, type(None)),
+    "settings": (list,),  # may be missing
     "decks": (dict,),
 }
 _ENTRY_KEYS: dict[str, tuple[type, ...]] = {
@@ -169,9 +174,11 @@ _REMEDY = "restore it (git checkout), or save the baseline anew"
 
 def _wrong_in(data: Any) -> str | None:
     """Return the first thing in the content of an index that is not as it should be."""
-    wrong = _wrong_keys(data, _KEYS)
+    wrong = _wrong_keys({"settings": []} | data if isinstance(data, dict) else data, _KEYS)
     if wrong is not None:
         return wrong
+    if not is_texts(data.get("settings", [])):
+        return "settings"
     for name, entry in data["decks"].items():
         if fault := place_fault(name):
             return f"decks: '{name}' is not the place of a deck: it {fault}"

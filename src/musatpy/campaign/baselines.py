@@ -64,6 +64,7 @@ def save(
     exact: bool = False,
     rules: Path | None = None,
     record_rules: Path | None = None,
+    settings: tuple[str, ...] = (),
     unusable: bool = False,
     processes: int | None = None,
     watch: Watch | None = None,
@@ -71,16 +72,17 @@ def save(
     """Make a baseline of decks in a folder, or add decks to the one that is there.
 
     A new one gets rules to start from, or `rules` for its listings and `record_rules` for its records, or none
-    with `exact`. With `unusable`
-    what the program says of decks that cannot be used is kept. Raises `BaselineError` for decks that are in it or
+    with `exact`. `settings` are set for all runs of a new one, later ones too. With `unusable` what the program
+    says of decks that cannot be used is kept. Raises `BaselineError` for decks that are in it or
     cannot be, `RulesError`, `LockedError`, `OSError`.
     """
     given = _rules_of(rules, record_rules)
     for place in given.values():
         load_rules(place)
-    _to_save(folder, decks, formats, records, exact, given)  # refused before anything is made
+    fresh = _fresh(folder, decks, formats, records, settings)
+    _to_save(fresh, decks, exact, given)  # refused before anything is made
     with _work_of(folder, None, to_write=True) as (work, locks):
-        baseline, chosen, files = _to_save(folder, decks, formats, records, exact, given)
+        baseline, chosen, files = _to_save(fresh, decks, exact, given)
         batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
         return _take_over(baseline, chosen, batch, work, also=files, unusable=unusable)
 
@@ -91,19 +93,18 @@ def _rules_of(listings: Path | None, records: Path | None) -> dict[str, Path]:
 
 
 def _to_save(
-    folder: Path,
-    decks: Sequence[Path],
-    formats: Path | None,
-    records: bool,
-    exact: bool,
-    rules: Mapping[str, Path],
+    new: Baseline, decks: Sequence[Path], exact: bool, rules: Mapping[str, Path]
 ) -> tuple[Baseline, list[str], dict[Path, bytes]]:
-    """Return the baseline that decks are added to, their names in it, and the files of rules that are missing."""
+    """Return the baseline that decks are added to, their names in it, and the files of rules that are missing.
+
+    That is `new`, or the one that is in its folder already.
+    """
+    folder, records = new.folder, new.records
     fresh = not (folder / INDEX).exists()
-    baseline = _fresh(folder, decks, formats, records) if fresh else load_baseline(folder)
-    if not fresh and (formats is not None or not records or exact or rules):
+    baseline = new if fresh else load_baseline(folder)
+    if not fresh and (new.formats is not None or not records or new.settings or exact or rules):
         raise BaselineError(
-            f"{folder} is a baseline already, whose rules and formats are said: only decks are added"
+            f"{folder} is a baseline already, whose rules, formats and settings are said: only decks are added"
         )
     if RECORD in rules and not records:
         raise BaselineError(f"{folder}: rules for records go with records, and listings only are to be kept")
@@ -133,7 +134,9 @@ def _starter(ending: str) -> str:
     return Path(__file__).with_name(RULES[ending]).read_text(encoding="utf-8")
 
 
-def _fresh(folder: Path, decks: Sequence[Path], formats: Path | None, records: bool) -> Baseline:
+def _fresh(
+    folder: Path, decks: Sequence[Path], formats: Path | None, records: bool, settings: tuple[str, ...]
+) -> Baseline:
     """Return a baseline without decks: these are to be in its own folder, or below the one that has them all."""
     if all(below(deck, folder) for deck in decks):
         root = folder
@@ -141,7 +144,7 @@ def _fresh(folder: Path, decks: Sequence[Path], formats: Path | None, records: b
         root = Path(os.path.commonpath([real_path(deck).parent for deck in decks]))
     seen = None if formats is None else os.path.relpath(real_path(formats), real_path(folder))
     place = os.path.relpath(real_path(root), real_path(folder))
-    return Baseline(folder=folder, root=place, entries={}, records=records, formats=seen)
+    return Baseline(folder=folder, root=place, entries={}, records=records, formats=seen, settings=settings)
 
 
 def _check_places(baseline: Baseline, names: Sequence[str]) -> None:
@@ -304,13 +307,15 @@ def check(
     *,
     rules: Path | None = None,
     record_rules: Path | None = None,
+    settings: tuple[str, ...] = (),
     work: Path | None = None,
     processes: int | None = None,
     watch: Watch | None = None,
 ) -> Check:
     """Run the decks of a baseline anew (all, or those named) and hold their results against it.
 
-    `rules` are for the listings and `record_rules` for the records, in place of those of the baseline. New results
+    `rules` are for the listings and `record_rules` for the records, in place of those of the baseline; `settings`
+    are set besides its own: what they change is different then, and is nothing that could be accepted. New results
     go to `work`; without, below the baseline, where they stay until they are accepted if any deck is different.
     Where no deck is named, those are looked for that the baseline does not have. Raises `BaselineError`,
     `RulesError`, `LockedError`, `OSError`.
@@ -324,7 +329,7 @@ def check(
         raise BaselineError(f"{folder}: the baseline keeps listings only; there are no records for these rules")
     ruled = baseline.rules() | {ending: load_rules(place) for ending, place in given.items()}
     with _work_of(folder, work) as (place, locks):
-        plan = baseline.plan(chosen, place)
+        plan = replace(baseline, settings=(*baseline.settings, *settings)).plan(chosen, place)
         batch = run_batch(plan, processes=processes, again=True, watch=watch, locks=locks)
         comparer = _Comparer(ruled)
         decks = tuple(

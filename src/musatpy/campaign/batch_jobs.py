@@ -14,7 +14,7 @@ from typing import Any
 import musatpy
 from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
-from musatpy.model import Grade
+from musatpy.model import Grade, RecordContent
 from musatpy.runs import ExitStatus, output_paths
 from musatpy.specs import key, require
 
@@ -65,8 +65,10 @@ class JobOptions:
     """How a job is run: what `musat run` can be told. Everything else is said by the deck."""
 
     formats: Path | None = key(None, "folder of card formats", convert=path_of)
+    settings: tuple[str, ...] = key((), "fields of cards, as `--set` has them", name="set")
     carriage_control: bool = key(False)
     brief: bool = key(False)
+    record: str | None = key(None, "`full`, `tables` or `none`")
     punch_edits: bool = key(False)
     punch: str | None = key(None, "`restart` or `result`")
     punch_family: str | None = key(None)
@@ -82,7 +84,9 @@ class JobOptions:
     def as_data(self) -> dict[str, Any]:
         """Return the options that are set, as JSON can hold them."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        values = {key: value for key, value in values.items() if value not in (None, False) or key in _THREE_WAY}
+        values = {
+            key: value for key, value in values.items() if value not in (None, False, ()) or key in _THREE_WAY
+        }
         return {
             key: str(value) if key == "formats" else value for key, value in values.items() if value is not None
         }
@@ -106,6 +110,7 @@ def _formats_now(folder: Path) -> dict[str, str]:
 
 @cache
 def _arguments(options: JobOptions) -> dict[str, Any]:
+    from musatpy.formats.cards.settings import settings_of
     from musatpy.formats.families import DeckFamily, families
     from musatpy.formats.musat import card_family
 
@@ -116,17 +121,27 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         known = families(options.formats)
         if options.punch_family not in known:
             raise MusatError(f"punch_family: no family '{options.punch_family}'; there are {', '.join(known)}")
-        family = known[options.punch_family]
-        other = None if isinstance(family, DeckFamily) else family
-        own = options.formats is not None and other is not None and family.name == real_path(options.formats).name
+        punched = known[options.punch_family]
+        other = None if isinstance(punched, DeckFamily) else punched
+        own = options.formats is not None and other is not None and punched.name == real_path(options.formats).name
+    family = card_family(None if own else options.formats)
     return {
-        "family": card_family(None if own else options.formats),
+        "family": family,
+        "settings": settings_of(options.settings, family),
         "carriage_control": options.carriage_control,
         "brief": options.brief,
+        "record": _content(options),
         "punch_edits": options.punch_edits,
         "punch": punch,
         "punch_family": other,
     }
+
+
+def _content(options: JobOptions) -> RecordContent:
+    """Return what of a job is recorded."""
+    if options.record not in (None, *RecordContent):
+        raise MusatError(f"record is one of {', '.join(RecordContent)}, not '{options.record}'")
+    return RecordContent(options.record or RecordContent.FULL)
 
 
 def _punch(options: JobOptions) -> Any:

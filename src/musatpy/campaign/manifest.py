@@ -122,6 +122,11 @@ def check_jobs(jobs: Sequence[Job], also: Iterable[Path] = ()) -> None:
             written[place] = f"those of {job.deck}"
 
 
+def is_texts(value: Any) -> bool:
+    """Tell whether a value is a list of texts."""
+    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)
+
+
 def _decks(value: Any) -> tuple[str, ...]:
     decks = [value] if isinstance(value, str) else value
     fits = isinstance(decks, list) and bool(decks) and all(isinstance(name, str) and name for name in decks)
@@ -145,8 +150,12 @@ class _JobKeys(JobOptions):
         for name, value in table.items():
             if isinstance(value, str) and "\0" in value and name != "deck":
                 yield name, _NO_NAME
+        known = keys(JobOptions)
+        given = {known[name].name: value for name, value in table.items() if name in known}
+        settings = given.pop("settings", [])
         try:
-            JobOptions(**{name: value for name, value in table.items() if name in keys(JobOptions)}).arguments()
+            options = JobOptions(**given, settings=tuple(settings) if is_texts(settings) else ())
+            options.arguments()
         except MusatError as error:
             yield "", str(error)
 

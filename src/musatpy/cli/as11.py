@@ -8,6 +8,7 @@ from musatpy.cli.lazy import LazyGroup
 
 COMMANDS = {
     "compile": "musatpy.cli.as11_compile",
+    "contours": "musatpy.cli.as11_grid_contours",
     "correct": "musatpy.cli.as11_correct",
     "compare-points": "musatpy.cli.as11_points",
     "compare-contours": "musatpy.cli.as11_contours",

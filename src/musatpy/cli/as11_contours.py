@@ -51,7 +51,7 @@ def command(
     result, _ = compiled_deck(run, deck, anyway)
     other = read_contours(contours, result.run.ellipsoid, crs=crs, layer=layer, depths=depths)
     bottom = bottom_of(result)
-    levels = {line.level for drawn in bottom.lines for line in drawn.lines} if bottom else set()
+    levels = {line.level for sheet in bottom.sheets for line in sheet.contours.lines} if bottom else set()
     surfaces = bottom.surfaces if bottom else surfaces_of(result)[0]
     compared = contoured(surfaces, other, datum, sorted(levels))
     partners = {row.depth for row in compared.distances}

@@ -9,7 +9,7 @@ import click
 
 from musatpy.cli.batch import ended_by_signals, tell_of_trouble
 from musatpy.cli.messages import complain, complain_of_error, count_of, name_of, styled, tell, tell_escaped
-from musatpy.cli.options import NamedPath, formats_option, processes_option
+from musatpy.cli.options import NamedPath, formats_option, processes_option, set_option
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def command() -> None:
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
 @click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the records.")
 @click.option("--exact", is_flag=True, help="No rules to start from: every digit counts.")
+@set_option
 @_unusable
 @processes_option
 @_quiet
@@ -80,6 +81,7 @@ def save_command(
 @_names
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Other rules for the listings.")
 @click.option("--record-rules", metavar="FILE", type=NamedPath(), help="Other rules for the records.")
+@set_option
 @_work
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with every difference.")
 @click.option("--junit", metavar="FILE", type=NamedPath(), help="Write JUnit XML too: a test a deck.")

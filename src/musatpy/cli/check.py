@@ -10,7 +10,7 @@ import click
 
 from musatpy.cli.decks import sizes_of
 from musatpy.cli.messages import count_of, name_of, tell
-from musatpy.cli.options import decks_argument, formats_option
+from musatpy.cli.options import decks_argument, formats_option, set_option, settings_for
 from musatpy.errors import of_each_kind
 
 if TYPE_CHECKING:
@@ -21,8 +21,11 @@ if TYPE_CHECKING:
 @click.command(name="check", short_help="Print every problem of decks.")
 @decks_argument
 @formats_option
+@set_option
 @click.pass_context
-def command(ctx: click.Context, decks: tuple[Path, ...], formats_dir: Path | None) -> None:
+def command(
+    ctx: click.Context, decks: tuple[Path, ...], formats_dir: Path | None, settings: tuple[str, ...]
+) -> None:
     """Print every problem of each DECK, with ruler and carets, and how many there are.
 
     Exit status: 0 no errors (there may be warnings), 1 errors.
@@ -30,9 +33,10 @@ def command(ctx: click.Context, decks: tuple[Path, ...], formats_dir: Path | Non
     from musatpy.formats.musat import card_family, check_deck
 
     family = card_family(formats_dir)
+    instead = settings_for(settings, family)
     usable = True
     for deck in decks:
-        block, problems = check_deck(deck, family)
+        block, problems = check_deck(deck, family, settings=instead)
         for problem in of_each_kind(problems):
             tell(problem.render())
         tell(f"{name_of(deck)}: {_verdict(block, problems)}")

@@ -26,3 +26,17 @@ class LazyGroup(click.Group):
             return None
         command: click.Command = import_module(self.modules[cmd_name]).command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that the arguments begin with; of a name that there is not, the nearest is named."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            from musatpy.errors import nearest
+
+            likely = nearest(args[0], self.modules)
+            if not likely:
+                raise
+            raise click.UsageError(f"{error.message} Did you mean '{likely}'?", ctx) from error

@@ -18,13 +18,17 @@ from musatpy.cli.messages import complain, complain_of_error
 from musatpy.errors import MusatError, printable
 
 COMMANDS = {
+    "example": "musatpy.cli.example",
     "run": "musatpy.cli.run",
     "orient": "musatpy.cli.orient",
     "as11": "musatpy.cli.as11",
     "batch": "musatpy.cli.batch",
     "baseline": "musatpy.cli.baseline",
+    "plot": "musatpy.cli.plot",
     "check": "musatpy.cli.check",
+    "card": "musatpy.cli.card",
     "simulate": "musatpy.cli.simulate",
+    "explain": "musatpy.cli.explain",
     "compare": "musatpy.cli.compare",
     "audit": "musatpy.cli.audit",
     "diff": "musatpy.cli.diff",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,8 @@ from musatpy.cli.messages import name_of
 from musatpy.errors import printable
 
 if TYPE_CHECKING:
+    from musatpy.formats.cards.settings import Setting
+    from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
 
 
@@ -59,6 +61,18 @@ def family_named(families: Mapping[str, FormatFamily], name: str, option: str) -
     if name not in families:
         raise click.UsageError(f"{option}: no family '{printable(name)}'; there are {', '.join(families)}")
     return families[name]
+
+
+def settings_for(texts: Sequence[str], family: Family) -> tuple[Setting, ...]:
+    """Return what --set says of the cards of a family; raises `click.UsageError`."""
+    if not texts:
+        return ()
+    from musatpy.formats.cards.settings import SettingError, settings_of
+
+    try:
+        return settings_of(texts, family)
+    except SettingError as error:
+        raise click.UsageError(f"--set: {printable(str(error))}") from error
 
 
 def refuse_overwriting(results: Iterable[Path], read: Iterable[Path]) -> None:
@@ -126,6 +140,14 @@ formats_option = click.option(
     type=NamedPath(exists=True, file_okay=False),
     help="A family of your own: read the decks by the card formats (TOML) of this folder.",
 )
+set_option = click.option(
+    "--set",
+    "settings",
+    metavar="CARD.FIELD=VALUE",
+    multiple=True,
+    help="A field of a card that decks have once, in place of what it says there, as OP2.water_level=ONE; "
+    "'musat card' lists cards and fields.",
+)
 deck_option = click.option(
     "-o",
     "--out",
@@ -141,6 +163,11 @@ titles_option = click.option(
     multiple=True,
     metavar="TEXT",
     help="A line of the job title, in place of those of the decks.",
+)
+record_option = click.option(
+    "--record",
+    type=click.Choice(["full", "tables", "none"]),
+    help="NAME.json: full where not given, tables without those of images, or none.",
 )
 processes_option = click.option(
     "-j",

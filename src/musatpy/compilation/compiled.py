@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.compilation.datums import Datum, datum_of
 from musatpy.compilation.interior import refined_stages
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.model_points import lost_without_parallax, stages_of
@@ -18,9 +20,13 @@ from musatpy.compilation.slips_of_stages import slip_of
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
+from musatpy.compilation.views_of_points import MISSED, in_models, incidences, remarks
 from musatpy.errors import CompilationError, Problem
-from musatpy.model.compilation import AGAIN, RECOVERABLE, SHORE, Compilation, Mode, SoundingDatum, StageReadings
+from musatpy.model.compilation import AGAIN, RECOVERABLE, SHORE, Compilation, Mode, StageReadings
 from musatpy.model.reduced import Reduced
+
+if TYPE_CHECKING:
+    from musatpy.compilation.answers import StatedPoints
 
 OFF_PLATE = "its image lies off the plate"
 REFUSED = "the interior orientation of a photo was refused"
@@ -29,7 +35,6 @@ NO_TIDE = "it is submerged, and the tide of a photo is not given"
 _ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
 _NAMED = 10  # points of a kind of warning that are named, the worst
 _OFF = 0.001  # m by which points without y-parallax may be off before it is told
-_MISSED = 3.29  # sigmas of a y-parallax, of 99.9 %
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,6 +94,35 @@ class Compiled:
         """(k,) why points have no position."""
         return [model.points.reasons.get(row) for model in self.models for row in range(len(model.rows))]
 
+    @cached_property
+    def apparent(self) -> FloatArray:
+        """(k, 3) where the straight rays of points meet, in the system of the job: of dry ones their position."""
+        apparent, position = self.gathered("apparent"), self.gathered("position")
+        dry = np.asarray(~self.gathered("wet").any(axis=1))
+        return np.where(np.isnan(apparent) & dry[:, None], position, apparent)
+
+    @cached_property
+    def in_models(self) -> tuple[FloatArray, FloatArray]:
+        """(k, 3) m, true and apparent points in their models."""
+        return in_models(self, self.gathered("position")), in_models(self, self.apparent)
+
+    @cached_property
+    def incidences(self) -> FloatArray:
+        """(k, 2) rad, in air, of the rays that go through the water; NaN of dry ones."""
+        return incidences(self)
+
+    @cached_property
+    def remarks(self) -> list[str | None]:
+        """(k,) why points have no depth, and what else is to be said of them."""
+        return remarks(self)
+
+    @cached_property
+    def answer(self) -> StatedPoints | None:
+        """The points as the run states its answer, None where that is in the system of the job."""
+        from musatpy.compilation.answers import stated_points  # few runs do
+
+        return stated_points(self)
+
     @property
     def sigma(self) -> FloatArray:
         """(k, 3) m, east, north, up."""
@@ -104,26 +138,29 @@ class Compiled:
         """(k,) flagged so."""
         return np.concatenate([model.readings.submerged for model in self.models])
 
-    @property
-    def datum(self) -> SoundingDatum:
+    @cached_property
+    def datum(self) -> Datum:
         """The sounding datum of the deck, or the height 0."""
-        return self.deck.datum or SoundingDatum()
+        return datum_of(self.deck.datum, self.run)
+
+    @cached_property
+    def height(self) -> FloatArray:
+        """(k,) m, heights of the points, those of the job."""
+        frame, position = self.run.frame, self.gathered("position")
+        known, height = np.isfinite(position).all(axis=1), np.full(len(position), np.nan)
+        height[known] = frame.height(frame.working(position[known]))
+        return height
 
     @cached_property
     def datum_depth(self) -> tuple[FloatArray, FloatArray]:
         """(k,) depths below the sounding datum, m, and their sigmas."""
-        frame, position = self.run.frame, self.gathered("position")
-        known, depth = np.isfinite(position).all(axis=1), np.full(len(position), np.nan)
-        depth[known] = self.datum.height - frame.height(frame.working(position[known]))
+        depth = self.datum.over(self.gathered("position")) - self.height
         return depth, np.hypot(self.sigma[:, 2], self.datum.sigma)
 
     @cached_property
     def over_water(self) -> FloatArray:
         """(k,) m, heights of points over the mean tide of both photos."""
-        frame, position = self.run.frame, self.gathered("position")
-        known, height = np.isfinite(position).all(axis=1), np.full(len(position), np.nan)
-        height[known] = frame.height(frame.working(position[known]))
-        return height - np.repeat(
+        return self.height - np.repeat(
             [model.stereo.tides.mean() for model in self.models], [len(m.rows) for m in self.models]
         )
 
@@ -136,7 +173,7 @@ class Compiled:
         """Yield what is odd about the run and the readings."""
         if self.run.caution:
             yield f"{self.run.caution}: {self.run.because}" if self.run.because else self.run.caution
-        yield from self.slips()
+        yield from (text for _, text in self.slips())
         for model in self.models:
             if model.moved:
                 yield f"model {model.name} departs from the run: its right stage is corrected by points read again"
@@ -146,8 +183,11 @@ class Compiled:
         parallax, test = 1e3 * self.gathered("y_parallax"), np.abs(self.parallax_test)
         over = self.over_water / self.sigma[:, 2]
         land = ~self.submerged & ~self.on_shore
+        beyond = np.isfinite(self.height) & np.isnan(self.datum_depth[0])
+        if beyond.any():
+            yield f"{np.count_nonzero(beyond)} points lie outside the grid of the datum {self.datum.name}"
         yield from self._worst(
-            np.where(test > _MISSED, test, np.nan),
+            np.where(test > MISSED, test, np.nan),
             lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
         )
         yield from self._worst(
@@ -159,15 +199,21 @@ class Compiled:
             lambda row: f"is not flagged as submerged and lies {-self.over_water[row]:.2f} m below the water",
         )
         yield from self._worst(
-            np.where(self.on_shore & (np.abs(over) > _MISSED), np.abs(over), np.nan),
+            np.where(self.on_shore & (np.abs(over) > MISSED), np.abs(over), np.nan),
             lambda row: f"is on the shoreline and {self.over_water[row]:+.2f} m off the water",
         )
 
-    def slips(self) -> Iterator[str]:
-        """Yield the models most of whose readings make no points, and what would."""
-        for model in self.models:
+    def slips(self) -> Iterator[tuple[int, str]]:
+        """Yield the models (rows) most of whose readings make no points, and what would."""
+        for row, model in enumerate(self.models):
             if slip := slip_of(model.stereo, model.readings.xy):
-                yield f"model {model.name}: most of its readings make no points, and would if {slip}"
+                yield row, f"model {model.name}: most of its readings make no points, and would if {slip}"
+
+    def lost(self) -> Iterator[tuple[int, str]]:
+        """Yield the readings of the deck (rows) that give no position, and why."""
+        for row, model, reason in zip(self.rows.tolist(), self.model_ids.tolist(), self.reasons, strict=True):
+            if reason is not None:
+                yield row, f"point {self.deck.stages.ids[row]} of model {model} has no position: {reason}"
 
     def _worst(self, size: FloatArray, words: Callable[[int], str]) -> Iterator[str]:
         """Yield what is odd about the worst points, in their order; `size` (k,) is NaN where nothing is odd."""
@@ -182,10 +228,11 @@ class Compiled:
 def compiled(run: Triangulation, deck: Compilation) -> Compiled:
     """Return the points of a compilation deck.
 
-    Raises `CompilationError` with every model that cannot be set up, and `DeckError` where raw stages cannot be
-    refined.
+    Raises `CompilationError` with every model that cannot be set up and for a datum that is none, and `DeckError`
+    where raw stages cannot be refined.
     """
     deck, reduced = refined_stages(deck)
+    datum_of(deck.datum, run)
     problems: list[Problem] = []
     models = []
     for row, name in enumerate(deck.models.ids.tolist()):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.compiled import OFF_PLATE
 from musatpy.compilation.correcting import REASONS, Corrected, Correction
 from musatpy.compilation.stereomodels import off_plate
@@ -23,17 +23,25 @@ _CLOSE = 1e-4  # m, of positions and depths
 _ALIKE = 1e-3  # of sigmas, relative
 _SHARP = 1e-4  # mm, of images
 _BESIDE = 0.02  # of the extent of the ground, added to each side
-_BLOCK = 1024  # points at a time: their polynomials stay in the cache
+_BLOCK = 512  # points at a time: their polynomials stay in the cache
+_FADED = 1e-2  # of what a field is held to: terms below are left out
 _MOVED, _SIGMA, _DEPTHS, _IMAGES = slice(0, 5), slice(5, 8), slice(8, 10), slice(10, 14)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Field:
-    """Polynomials of 14 quantities in a box: shifts x, y, z, east, north; sigmas; depth, its sigma; four images."""
+    """Polynomials of 14 quantities in a box: shifts x, y, z, east, north; sigmas; depth, its sigma; four images.
+
+    A term is the product of Chebyshev polynomials of the `plan` (p, 2) and of the `height` (t,), by their degrees;
+    t terms have the coefficients (t, 14), and each its row of the plan, `place` (t,).
+    """
 
     low: FloatArray  # (3,)
     high: FloatArray
-    coefficients: FloatArray  # (i, j, k, q)
+    plan: IntArray
+    place: IntArray
+    height: IntArray
+    coefficients: FloatArray
 
     @classmethod
     def of(cls, correction: Correction, low: FloatArray, high: FloatArray) -> _Field | None:
@@ -47,33 +55,37 @@ class _Field:
         for axis, (node, degree) in enumerate(zip(nodes, _DEGREES, strict=True)):
             solve = np.linalg.inv(chebyshev.chebvander(node, degree))
             C = np.moveaxis(np.tensordot(solve, C, axes=(1, axis)), 0, axis)
-        field = cls(low=low, high=high, coefficients=C)
+        limits = _limits(correction, low, high, values)
+        degrees = np.argwhere((np.abs(C) > _FADED * limits.min(axis=0)).any(axis=3))
+        plan, place = np.unique(degrees[:, :2], axis=0, return_inverse=True)
+        field = cls(
+            low=low,
+            high=high,
+            plan=plan,
+            place=place.reshape(-1),
+            height=degrees[:, 2],
+            coefficients=C[tuple(degrees.T)],
+        )
         return field if field._reproduces(correction) else None
 
     def _reproduces(self, correction: Correction) -> bool:
         unit = np.random.default_rng(1).uniform(-1.0, 1.0, (_CHECKED, 3))
         places = _placed(unit, self.low, self.high)
-        true, values = _quantities(correction, places), self.at(places)
-        off = np.abs(values - true)
-        frame, corners = correction.stereo.run.frame, np.stack([self.low, self.high])
-        across = np.linalg.norm(np.diff(frame.from_level(correction.system.level(corners)), axis=0))
-        units = (self.high - self.low)[:2] / across  # of the system, at most, in a metre
-        limit = _CLOSE * np.array([*units, 1.0, 1.0, 1.0])
-        same = (off[:, _MOVED] <= limit).all() and (off[:, _SIGMA] <= _ALIKE * true[:, _SIGMA]).all()
-        wet = np.isfinite(true[:, _DEPTHS]).all()
-        deep = not wet or ((off[:, 8] <= _CLOSE).all() and (off[:, 9] <= _ALIKE * true[:, 9]).all())
-        return bool(same and deep and (off[:, _IMAGES] <= _SHARP).all())
+        true = _quantities(correction, places)
+        kept = np.abs(self.at(places) - true) <= _limits(correction, self.low, self.high, true)
+        if np.isnan(true[:, _DEPTHS]).all():  # dry
+            kept[:, _DEPTHS] = True
+        return bool(kept.all())
 
     def at(self, places: FloatArray) -> FloatArray:
         """Return the quantities (k, 14) at places (k, 3)."""
         unit = (2.0 * places - (self.low + self.high)) / (self.high - self.low)
-        flat = self.coefficients.reshape(-1, self.coefficients.shape[-1])
-        out = np.empty((len(places), flat.shape[1]))
+        out = np.empty((len(places), self.coefficients.shape[1]))
         for first in range(0, len(places), _BLOCK):
             part = unit[first : first + _BLOCK]
-            x, y, z = (chebyshev.chebvander(part[:, axis], degree) for axis, degree in enumerate(_DEGREES))
-            yz = (y[:, :, None] * z[:, None]).reshape(len(part), -1)
-            out[first : first + _BLOCK] = (x[:, :, None] * yz[:, None]).reshape(len(part), -1) @ flat
+            x, y, z = (chebyshev.chebvander(part[:, axis], degree).T for axis, degree in enumerate(_DEGREES))
+            terms = (x[self.plan[:, 0]] * y[self.plan[:, 1]])[self.place] * z[self.height]
+            out[first : first + _BLOCK] = terms.T @ self.coefficients
         return out
 
 
@@ -98,19 +110,24 @@ class SmoothCorrection:
                 side = height < self.tides[0] if below else height > self.tides[1]
                 within = side & (height >= field.low[2]) & (height <= field.high[2])
                 rows, near, height = near[within], near[~within], height[~within]
+                if len(rows) == len(apparent):
+                    return self._by_field(field, apparent)
                 done.put(rows, self._by_field(field, apparent[rows]))
         done.put(near, self.correction(apparent[near]))
         return done
 
     def _by_field(self, field: _Field, apparent: FloatArray) -> Corrected:
-        values, done = field.at(apparent), Corrected.nothing(len(apparent))
-        images = values[:, _IMAGES].reshape(-1, 2, 2)
-        off = np.flatnonzero(off_plate(self.correction.stereo, images).any(axis=1))
-        done.xyz[:] = apparent + values[:, :3]
-        done.moved[:], done.sigma[:] = values[:, 3:5], values[:, _SIGMA]
-        done.depth[:], done.depth_sigma[:] = values[:, 8], values[:, 9]
-        done.put(off, Corrected.nothing(len(off), REASONS.index(OFF_PLATE)))
-        return done
+        values = field.at(apparent)
+        off = off_plate(self.correction.stereo, values[:, _IMAGES].reshape(-1, 2, 2)).any(axis=1)
+        values[off] = np.nan
+        return Corrected(
+            xyz=apparent + values[:, :3],
+            sigma=values[:, _SIGMA],
+            depth=values[:, 8],
+            depth_sigma=values[:, 9],
+            moved=values[:, 3:5],
+            reason=np.where(off, REASONS.index(OFF_PLATE), 0).astype(np.int8),
+        )
 
 
 def smooth(correction: Correction, heights: tuple[float, float]) -> SmoothCorrection | None:
@@ -158,6 +175,18 @@ def _ground(correction: Correction, heights: tuple[float, float]) -> tuple[Float
         lows.append(plane.min(axis=0) - beside)
         highs.append(plane.max(axis=0) + beside)
     return np.maximum(*lows), np.minimum(*highs)
+
+
+def _limits(correction: Correction, low: FloatArray, high: FloatArray, values: FloatArray) -> FloatArray:
+    """Return by how much quantities (k, 14) may be missed: those of places between two corners."""
+    frame = correction.stereo.run.frame
+    working = frame.from_level(correction.system.level(np.stack([low, high])))
+    units = (high - low)[:2] / np.linalg.norm(working[1] - working[0])  # of the system, at most, in a metre
+    limits = np.full(values.shape, _CLOSE)
+    limits[:, :2] *= units
+    limits[:, _SIGMA], limits[:, 9] = _ALIKE * values[:, _SIGMA], _ALIKE * values[:, 9]
+    limits[:, _IMAGES] = _SHARP
+    return limits
 
 
 def _placed(unit: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:

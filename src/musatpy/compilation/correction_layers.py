@@ -1,20 +1,18 @@
-"""Layers of an old compilation corrected: points, lines, and grids of apparent heights.
-
-A grid is read off at its own posts again, as true points lie beside the apparent ones.
-"""
+"""Layers of an old compilation corrected: points and lines, and what came of them in numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.compilation.correcting import CHUNK, REASONS, Corrected
-from musatpy.interchange.layers import Column, Grid, Lines, Points
+from musatpy.compilation.correcting import REASONS, Corrected
+from musatpy.interchange.layers import Column, Lines, Points
 
-_TURNS = 3  # times that the posts of a grid are looked for; what is left is the cube of a slope of the correction
+_FEW = 20_000  # points by which a file is known to be of the model
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,6 +61,33 @@ class Tally:
         return float(np.sqrt(self.squares / self.wet)) if self.wet else np.nan
 
 
+def total(tallies: Sequence[Tally]) -> Tally:
+    """Return the tally of the parts, one or more, of a layer."""
+    return sum(tallies[1:], start=tallies[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Survey:
+    """Apparent points before they are corrected: how many, their lowest and highest, and few (k, 3) of them all."""
+
+    count: int
+    heights: tuple[float, float]
+    few: FloatArray
+
+    @classmethod
+    def of(cls, chunks: Iterable[FloatArray]) -> Survey:
+        """Return the survey of points that come in chunks (k, 3)."""
+        count, low, high = 0, np.inf, -np.inf
+        step, few = 1, np.empty((0, 3))
+        for xyz in chunks:
+            few = np.concatenate([few, xyz[-count % step :: step]])
+            while len(few) > 2 * _FEW:
+                step, few = 2 * step, few[::2]
+            count += len(xyz)
+            low, high = min(low, xyz[:, 2].min(initial=np.inf)), max(high, xyz[:, 2].max(initial=-np.inf))
+        return cls(count=count, heights=(float(low), float(high)), few=few)
+
+
 class Corrector(Protocol):
     """What corrects apparent points (k, 3)."""
 
@@ -75,7 +100,7 @@ def corrected_points(correction: Corrector, points: Points) -> tuple[Points, Tal
     done = correction(points.xyz)
     known = done.known
     columns = {name: replace(column, values=column.values[known]) for name, column in points.columns.items()}
-    return replace(points, xyz=done.xyz[known], columns=columns | _columns(done, known)), Tally.of(done)
+    return replace(points, xyz=done.xyz[known], columns=columns | measures(done, known)), Tally.of(done)
 
 
 def corrected_lines(correction: Corrector, lines: Lines) -> tuple[Lines, Tally]:
@@ -98,57 +123,8 @@ def corrected_lines(correction: Corrector, lines: Lines) -> tuple[Lines, Tally]:
     return replace(lines, vertices=pieces, closed=np.array(closed, dtype=bool), columns=columns), Tally.of(done)
 
 
-def corrected_grid(correction: Corrector, grid: Grid, band: str) -> tuple[Grid, Tally]:
-    """Return the true surface of a band of apparent heights at the posts of the same grid, and what came of these.
-
-    The apparent place of each post is the one whose true point stands on the post.
-    """
-    rows, columns = grid.shape
-    values = {name: np.empty((rows, columns)) for name in ("height", "depth", "sigma")}
-    parts = []
-    step = max(1, CHUNK // columns)
-    for first in range(0, rows, step):
-        part = np.arange(first, min(first + step, rows))
-        done = _posts(correction, grid, band, part)
-        for name, column in (("height", done.xyz[:, 2]), ("depth", done.depth), ("sigma", done.sigma[:, 2])):
-            values[name][part] = column.reshape(len(part), columns)
-        parts.append(Tally.of(done))
-    return replace(grid, bands=values, units=dict.fromkeys(values, "m")), sum(parts[1:], start=parts[0])
-
-
-def _posts(correction: Corrector, grid: Grid, band: str, rows: IntArray) -> Corrected:
-    """Return what came of the posts of some rows."""
-    x, y = np.meshgrid(grid.west + grid.spacing * np.arange(grid.shape[1]), grid.south + grid.spacing * rows)
-    posts = np.column_stack([x.ravel(), y.ravel()])
-    place = posts.copy()
-    for turn in range(_TURNS):
-        height = _bilinear(grid, grid.bands[band], place)
-        given = np.flatnonzero(np.isfinite(height))
-        done = Corrected.nothing(len(posts))
-        done.put(given, correction(np.column_stack([place, height])[given]))
-        if turn + 1 < _TURNS:
-            place -= np.nan_to_num(done.xyz[:, :2] - posts)
-    return done
-
-
-def _bilinear(grid: Grid, values: FloatArray, place: FloatArray) -> FloatArray:
-    """Return values (k,) of a grid between its posts, NaN outside and beside an empty one."""
-    rows, columns = values.shape
-    at = (place - [grid.west, grid.south]) / grid.spacing
-    at = np.where(np.abs(at - np.rint(at)) < 1e-9, np.rint(at), at)
-    low = np.clip(np.floor(at).astype(np.int64), 0, [max(columns - 2, 0), max(rows - 2, 0)])
-    high = np.minimum(low + 1, [columns - 1, rows - 1])
-    u, v = (at - low).T
-    out = np.zeros(len(place))
-    for row, weight_v in ((low[:, 1], 1.0 - v), (high[:, 1], v)):
-        for column, weight_u in ((low[:, 0], 1.0 - u), (high[:, 0], u)):
-            weight = weight_u * weight_v
-            out += np.where(weight == 0.0, 0.0, weight * values[row, column])
-    outside = (at < 0.0).any(axis=1) | (at > [columns - 1, rows - 1]).any(axis=1)
-    return np.where(outside, np.nan, out)
-
-
-def _columns(done: Corrected, known: BoolArray) -> dict[str, Column]:
+def measures(done: Corrected, known: BoolArray) -> dict[str, Column]:
+    """Return depths and sigmas of those that are known (k,) as columns."""
     values = {
         "depth": done.depth, "sigma_depth": done.depth_sigma, "sigma_east": done.sigma[:, 0],
         "sigma_north": done.sigma[:, 1], "sigma_up": done.sigma[:, 2],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,19 +11,21 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
+from musatpy.compilation.datums import Datum
 from musatpy.compilation.grids import PostGrid
-from musatpy.compilation.joined_surfaces import Surface
+from musatpy.compilation.joined_surfaces import Of
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import system_of
 from musatpy.geometry.plan import Plan
 from musatpy.geometry.systems import Geocentric
 from musatpy.interchange.layers import Column, Grid, Lines, Points
-from musatpy.model.compilation import SoundingDatum
-from musatpy.surfaces.contours import Contour
 from musatpy.units import MICROMETRE
 
 if TYPE_CHECKING:
     import pyproj
+
+
+_LAYERS = {Of.DEPTH: "contours", Of.HEIGHT: "heights"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,8 +66,8 @@ def _placement(compiled: Compiled, crs: str) -> _Placement:
     )
 
 
-def layers_of(compiled: Compiled, bottom: Bottom | None, crs: str = "") -> dict[str, Points | Lines]:
-    """Return the layers `points` and `contours`, in a system or on a map about the points of the job.
+def layers_of(compiled: Compiled, bottoms: Sequence[Bottom], crs: str = "") -> dict[str, Points | Lines]:
+    """Return the layers `points`, `contours` and `heights`, in a system or on a map about the points of the job.
 
     Heights are those of the job. Raises `SystemsError` and `CompilationError` for a system that it is not in.
     """
@@ -75,23 +77,33 @@ def layers_of(compiled: Compiled, bottom: Bottom | None, crs: str = "") -> dict[
     known = np.isfinite(position).all(axis=1)
     xyz = at.places(position[known])
     layers: dict[str, Points | Lines] = {"points": Points(xyz=xyz, columns=_columns(compiled, known), **place)}
-    lines = [] if bottom is None else list(_numbered_lines(bottom))
-    if lines:
-        datum, paths = compiled.datum.height, []
-        for _, surface, line in lines:
-            path = at.places(surface.coordinates(line.xy, np.full(len(line.xy), datum - line.level)))
-            path[:, 2] = datum - line.level  # without the rounding of the way there
-            paths.append(np.concatenate([path[:-1], path[:1]]) if line.closed else path)
-        columns = {
-            "surface": Column.of([number for number, _, _ in lines]),
-            "depth": Column.of([line.level for _, _, line in lines], "m"),
-            "index_line": Column.of([int(line.index) for _, _, line in lines]),
-        }
-        layers["contours"] = Lines.of_paths(paths, columns=columns, **place)
+    for bottom in bottoms:
+        if any(sheet.contours.lines for sheet in bottom.sheets):
+            layers[_LAYERS[bottom.of]] = _contours(bottom, compiled.datum, at, place)
     return layers
 
 
-def raster_of(grid: PostGrid, datum: SoundingDatum) -> Grid:
+def _contours(bottom: Bottom, datum: Datum, at: _Placement, place: dict[str, Any]) -> Lines:
+    """Return contours as lines; those at one height have no rounding of the way there."""
+    lines = [(sheet, line) for sheet in bottom.sheets for line in sheet.contours.lines]
+    paths = []
+    for sheet, line in lines:
+        vertices = bottom.vertices(sheet, line, datum)
+        path = at.places(vertices)
+        if bottom.of is Of.HEIGHT:
+            path[:, 2] = line.level
+        elif datum.geoid is None:
+            path[:, 2] = datum.height - line.level
+        paths.append(np.concatenate([path[:-1], path[:1]]) if line.closed else path)
+    columns = {
+        "surface": Column.of([sheet.name for sheet, _ in lines]),
+        str(bottom.of): Column.of([line.level for _, line in lines], "m"),
+        "index_line": Column.of([int(line.index) for _, line in lines]),
+    }
+    return Lines.of_paths(paths, columns=columns, **place)
+
+
+def raster_of(grid: PostGrid, datum: Datum) -> Grid:
     """Return the depths of a grid of posts and their sigmas; on the map of the points, or in a local system."""
     crs = None
     if grid.surface.plan is not None:
@@ -105,14 +117,8 @@ def raster_of(grid: PostGrid, datum: SoundingDatum) -> Grid:
         bands={"depth": grid.depth, "sigma": grid.sigma},
         units={"depth": "m", "sigma": "m"},
         crs=crs,
-        heights=f"depths below {datum.name or 'the height 0 of the job'}",
+        heights=f"depths below {datum.title}",
     )
-
-
-def _numbered_lines(bottom: Bottom) -> Iterator[tuple[int, Surface, Contour]]:
-    for number, (surface, drawn) in enumerate(zip(bottom.surfaces, bottom.lines, strict=True), 1):
-        for line in drawn.lines:
-            yield number, surface, line
 
 
 def _columns(compiled: Compiled, known: Any) -> dict[str, Column]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.compilation.datums import Datum
 from musatpy.compilation.joined_surfaces import Surface
 from musatpy.errors import CollocationError, CompilationError, Problem
 from musatpy.model.compilation import GridSpecs
@@ -42,14 +43,13 @@ class PostGrid:
         """Number of posts without a depth."""
         return int(np.count_nonzero(np.isnan(self.depth)))
 
-    def coordinates(self, datum: float) -> FloatArray:
-        """Return coordinates (p, 3) of the job of all posts, row by row, depths below a datum of that height."""
+    def coordinates(self, datum: Datum) -> FloatArray:
+        """Return coordinates (p, 3) of the job of all posts, row by row, depths below a datum."""
         rows, columns = self.depth.shape
         x, y = np.meshgrid(
             self.west + self.spacing * np.arange(columns), self.south + self.spacing * np.arange(rows)
         )
-        height = datum - np.nan_to_num(self.depth.ravel())
-        return self.surface.coordinates(np.column_stack([x.ravel(), y.ravel()]), height)
+        return self.surface.below(np.column_stack([x.ravel(), y.ravel()]), np.nan_to_num(self.depth.ravel()), datum)
 
 
 def grids_of(specs: GridSpecs, surfaces: Sequence[Surface], corner_unit: float) -> tuple[PostGrid, ...]:

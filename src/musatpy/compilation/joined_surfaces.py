@@ -1,20 +1,23 @@
-"""The surfaces of a compilation: triangles over the points of the bottom, joined over models that overlap.
+"""The surfaces of a compilation: triangles over points, joined over models that overlap.
 
-Points of the shoreline belong to the bottom and bound it: triangles between these alone are land. Points of the run
-that are read again check the model, and make no bottom; nor do spikes of profiles. Where models overlap they are
-joined in the middle: of the points there each keeps those that are nearer to its own middle. What both say there is
-the edge match.
+The bottom has depths below the sounding datum at the submerged points. Points of the shoreline belong to it and
+bound it: triangles between these alone are land. The foreshore, dry points up to a height above the datum, belongs
+to it where the deck says so. Heights are those of all points, land and bottom. Points of the run read again check
+the model, and are in no surface; nor are spikes of profiles. Where models overlap they are joined in the middle: of
+the points there each keeps those that are nearer to its own middle. What both say there is the edge match.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import combinations
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.compiled import Compiled, CompiledModel
+from musatpy.compilation.datums import Datum
 from musatpy.compilation.profiles import profiles_of
 from musatpy.errors import SurfaceError
 from musatpy.geometry.plan import Plan
@@ -22,9 +25,16 @@ from musatpy.model.compilation import AGAIN, SHORE
 from musatpy.surfaces.tin import Tin
 
 
+class Of(StrEnum):
+    """What a surface has at its points."""
+
+    DEPTH = "depth"  # below the sounding datum
+    HEIGHT = "height"  # of the job
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EdgeMatch:
-    """What two models that overlap say of the same places: depths of the first less those of the second.
+    """What two models that overlap say of the same places: values of the first less those of the second.
 
     names (k,) of the points there, of either model, each against the surface of the other, with sigmas (k,) m of
     points and surface.
@@ -81,6 +91,11 @@ class Surface:
         places = np.column_stack([xy, height])
         return places if self.plan is None else self.plan.coordinates(places)
 
+    def below(self, xy: FloatArray, depth: FloatArray, datum: Datum) -> FloatArray:
+        """Return coordinates (k, 3) of the job of places (k, 2) at depths (k,) below a datum."""
+        at_zero = self.coordinates(xy, np.zeros(len(xy)))
+        return self.coordinates(xy, datum.over(at_zero) - depth)
+
     def places(self, coordinates: FloatArray) -> FloatArray:
         """Return the places (k, 2) of the first two coordinates (k, 2) of the job."""
         if self.plan is None:
@@ -105,10 +120,11 @@ class _Points:
     reason: str
 
 
-def surfaces_of(compiled: Compiled) -> tuple[tuple[Surface, ...], tuple[EdgeMatch, ...]]:
-    """Return the surfaces of depths below the sounding datum, and how the models that overlap match."""
-    longest = compiled.deck.contours.longest_edge if compiled.deck.contours else np.inf
-    plan, parts = _parts(compiled, longest)
+def surfaces_of(compiled: Compiled, of: Of = Of.DEPTH) -> tuple[tuple[Surface, ...], tuple[EdgeMatch, ...]]:
+    """Return the surfaces of depths below the sounding datum, or of heights, and how models that overlap match."""
+    spec = compiled.deck.contours if of is Of.DEPTH else compiled.deck.heights
+    longest = spec.longest_edge if spec else np.inf
+    plan, parts = _parts(compiled, longest, of)
     edges = []
     beyond: list[BoolArray] = [np.zeros(len(part.xyz), dtype=bool) for part in parts]
     group = np.arange(len(parts))
@@ -126,24 +142,20 @@ def surfaces_of(compiled: Compiled) -> tuple[tuple[Surface, ...], tuple[EdgeMatc
     return tuple(surfaces), tuple(edges)
 
 
-def _parts(compiled: Compiled, longest_edge: float) -> tuple[Plan | None, list[_Points]]:
-    """Return the map of the job, and the points of each model that make its bottom."""
-    (depth, sigma), first = compiled.datum_depth, 0
+def _parts(compiled: Compiled, longest_edge: float, of: Of) -> tuple[Plan | None, list[_Points]]:
+    """Return the map of the job, and the points of each model that make its surface."""
+    value, sigma, used = _values(compiled, of)
     position, system = compiled.gathered("position"), compiled.run.map_system
-    spike = np.zeros(len(depth), dtype=bool)
-    for line in profiles_of(compiled):
-        spike[line.rows] |= line.profile.spike if line.profile else False
-    kind = compiled.deck.stages.kind[compiled.rows]
-    used = (compiled.submerged | (kind == SHORE)) & (kind != AGAIN) & ~spike & np.isfinite(depth)
+    on_shore = (compiled.deck.stages.kind[compiled.rows] == SHORE) & (of is Of.DEPTH)
     plan = None if system is None or not used.any() else Plan.about(system, position[used])
-    parts = []
+    parts, first = [], 0
     for model in compiled.models:
         rows = first + np.flatnonzero(used[first : first + len(model.rows)])
         place = position[rows] if plan is None else plan.places(position[rows])
-        xyz = np.column_stack([place[:, :2], depth[rows]])
-        shore = kind[rows] == SHORE
+        xyz = np.column_stack([place[:, :2], value[rows]])
+        shore = on_shore[rows]
         level = model.points.water_level[rows - first]
-        water = compiled.datum.height - np.where(np.isnan(level), model.stereo.tides.mean(), level)
+        level = np.where(np.isnan(level), model.stereo.tides.mean(), level)
         tin, reason = _network(xyz, sigma[rows], shore, longest_edge)
         parts.append(
             _Points(
@@ -152,7 +164,7 @@ def _parts(compiled: Compiled, longest_edge: float) -> tuple[Plan | None, list[_
                 xyz=xyz,
                 sigma=sigma[rows],
                 shore=shore,
-                water=water,
+                water=compiled.datum.over(position[rows]) - level,
                 tin=tin,
                 reason=reason,
             )
@@ -161,10 +173,25 @@ def _parts(compiled: Compiled, longest_edge: float) -> tuple[Plan | None, list[_
     return plan, parts
 
 
+def _values(compiled: Compiled, of: Of) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the values (k,) of a surface at all points, their sigmas, and which points make it."""
+    kind = compiled.deck.stages.kind[compiled.rows]
+    read: BoolArray = kind != AGAIN
+    for line in profiles_of(compiled):
+        read[line.rows] &= ~line.profile.spike if line.profile else True
+    if of is Of.HEIGHT:
+        return compiled.height, compiled.sigma[:, 2], read & np.isfinite(compiled.height)
+    (depth, sigma), spec = compiled.datum_depth, compiled.deck.contours
+    wet = compiled.submerged | (kind == SHORE)
+    if spec is not None and np.isfinite(spec.drying):
+        wet = wet | (depth >= -spec.drying)
+    return depth, sigma, read & wet & np.isfinite(depth)
+
+
 def _network(xyz: FloatArray, sigma: FloatArray, shore: BoolArray, longest_edge: float) -> tuple[Tin | None, str]:
     """Return the triangles of points, or why there are none."""
     if not len(xyz):
-        return None, "no submerged point of it has a position"
+        return None, "no point of it has a position"
     try:
         return Tin.of(xyz, sigma, longest_edge, shore), ""
     except SurfaceError as error:

@@ -183,9 +183,7 @@ class Loop:
 
 def _pair(stereo: Stereomodel) -> Pair:
     """Return the pair of a model, in its axes."""
-    water, frame = stereo.run.block.water, stereo.run.frame
-    tilt = np.zeros(2) if water is None else np.array([water.tilt_east or 0.0, water.tilt_north or 0.0])
-    slope = tilt @ frame.axes(np.zeros(3))[:2]  # working
+    slope = stereo.water_slope
     left, right = (
         Side(
             station=stereo.stations[number],
@@ -196,5 +194,5 @@ def _pair(stereo: Stereomodel) -> Pair:
         )
         for number in range(2)
     )
-    level = Water(index=stereo.index, slope=stereo.axes @ slope, curvature=curvature(frame))
+    level = Water(index=stereo.index, slope=stereo.axes @ slope, curvature=curvature(stereo.run.frame))
     return Pair(sides=(left, right), water=level)

@@ -9,46 +9,66 @@ import numpy as np
 from musatpy.canvas import new_figure, pdf, png
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
-from musatpy.compilation.joined_surfaces import Surface
-from musatpy.surfaces.contours import Contours
+from musatpy.compilation.joined_surfaces import Of, Surface
+from musatpy.surfaces.contours import Contour
 
 _PANEL = 6.0  # inches
 
 
 def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
     """Return the surfaces side by side, north up, as `png` and `pdf`. Raises `MusatError` without matplotlib."""
-    shown = [pair for pair in zip(bottom.surfaces, bottom.lines, strict=True) if pair[0].tin is not None]
+    shown = [(surface, _lines_of(bottom, surface)) for surface in bottom.surfaces if surface.tin is not None]
     figure = new_figure(_PANEL * max(len(shown), 1), _PANEL)
     title = compiled.deck.titles[0] if compiled.deck.titles else "Bottom"
-    figure.suptitle(f"{title}: depths below {compiled.datum.name or 'the height 0'}, m", wrap=True)
+    of_depth = bottom.of is Of.DEPTH
+    what = f"depths below {compiled.datum.title}" if of_depth else "heights"
+    figure.suptitle(f"{title}: {what}, m", wrap=True)
     depths = np.concatenate([surface.tin.z for surface, _ in shown if surface.tin] or [np.array([0.0, 1.0])])
     shade = None
     for number, (surface, lines) in enumerate(shown, 1):
         axes = figure.add_subplot(1, len(shown), number, aspect="equal")
-        shade = _draw(axes, surface, lines, (float(depths.min()), float(depths.max())))
+        limits = (float(depths.min()), float(depths.max()))
+        shade = _draw(axes, surface, lines, limits, "Blues" if of_depth else "terrain")
         _draw_models(axes, compiled, surface)
     if shade is not None:
-        figure.colorbar(shade, ax=axes, label="depth, m")
+        figure.colorbar(shade, ax=axes, label=f"{bottom.of}, m")
     return {"png": png(figure), "pdf": pdf(figure)}
 
 
-def _draw(axes: Any, surface: Surface, lines: Contours, limits: tuple[float, float]) -> Any:
+def _lines_of(bottom: Bottom, surface: Surface) -> list[Contour]:
+    """Return the contours of a surface, or of the posts that are on its map."""
+    return [line for sheet in bottom.sheets if sheet.surface is surface for line in sheet.contours.lines]
+
+
+def _draw(axes: Any, surface: Surface, lines: list[Contour], limits: tuple[float, float], colours: str) -> Any:
     """Draw a surface with its points and contours, and return what its colours mean."""
     tin = surface.tin
     assert tin is not None
     shade = axes.tripcolor(
-        *tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", cmap="Blues", vmin=limits[0],
+        *tin.xy.T, tin.z, triangles=tin.triangles[tin.kept], shading="gouraud", cmap=colours, vmin=limits[0],
         vmax=limits[1],
     )  # fmt: skip
-    for line in lines.lines:
-        axes.plot(*line.xy.T, color="0.15", linewidth=1.6 if line.index else 0.7)
+    for line in lines:
+        axes.plot(*line.xy.T, color="0.15", linewidth=1.2 if line.index else 0.5)
         if line.index:
-            middle = line.xy[len(line.xy) // 2]
-            axes.annotate(f"{line.level:g}", middle, fontsize=8, ha="center", va="center", backgroundcolor="white")
-    axes.plot(*tin.xy.T, ".", color="tab:orange", markersize=3)
+            _label(axes, line)
+    axes.plot(*tin.xy.T, ".", color="tab:orange", markersize=2)
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")
     return shade
+
+
+def _label(axes: Any, line: Contour) -> None:
+    """Write the level of a contour along its middle."""
+    from matplotlib.patheffects import withStroke
+
+    middle = len(line.xy) // 2
+    way = line.xy[min(middle + 1, len(line.xy) - 1)] - line.xy[middle - 1]
+    turn = np.degrees(np.arctan2(way[1], way[0]))
+    axes.annotate(
+        f"{line.level:g}", line.xy[middle], fontsize=7, ha="center", va="center", zorder=4,
+        rotation=(turn + 90.0) % 180.0 - 90.0, path_effects=[withStroke(linewidth=2.0, foreground="white")],
+    )  # fmt: skip
 
 
 def _draw_models(axes: Any, compiled: Compiled, surface: Surface) -> None:
@@ -58,9 +78,11 @@ def _draw_models(axes: Any, compiled: Compiled, surface: Surface) -> None:
             continue
         stereo, photos = model.stereo, model.stereo.run.block.photos
         base = surface.places(photos.position[list(stereo.photos)][:, :2])
-        axes.plot(*base.T, "^-", color="0.3", markersize=7, linewidth=0.8)
+        axes.plot(*base.T, "^-", color="tab:red", markersize=7, linewidth=0.8, zorder=5)
         for row, place in zip(stereo.photos, base, strict=True):
-            axes.annotate(str(photos.ids[row]), place, textcoords="offset points", xytext=(4, 5), fontsize=8)
+            axes.annotate(
+                str(photos.ids[row]), place, textcoords="offset points", xytext=(4, 5), fontsize=8, zorder=5
+            )
         half = 0.5 * stereo.camera("format_size").min(axis=0) / stereo.camera("focal_length").mean() * stereo.height
         stations = stereo.stations[:, 0]
         west, east = stations.max() - half[0], stations.min() + half[0]

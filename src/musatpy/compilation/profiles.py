@@ -1,74 +1,249 @@
-"""The profiles of a compilation: readings along lines between points of a model."""
+"""The profiles of a compilation: readings along lines of a model, one by one or scanned side by side."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.compilation.compiled import Compiled
+from musatpy.compilation.compiled import Compiled, CompiledModel
+from musatpy.compilation.datums import Datum
 from musatpy.geometry.plan import Plan
+from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
+from musatpy.surfaces.lags import Lag, lag_of
 from musatpy.surfaces.profiles import Profile, profile
+from musatpy.units import DEGREE
+
+_MOST_LINES = 10_000  # of a scan
+BESIDE = "beside the lines of the scan"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompiledProfile:
     """A profile of a model, its values depths below the sounding datum; None with the `reason` why there is none.
 
-    rows (k,) are its readings among all points of the compilation, position (k, 3) and sigma (k,) of the depth
-    theirs.
+    `line` is its number in a scan, 1 of a single one. rows (k,) are its readings among all points of the
+    compilation, position (k, 3) and sigma (k,) of the depth theirs; their times (k,) s, NaN where not known, and
+    stages (k, 2, 2) mm. ends (2, 2) are those of its line on the map, `plan` that of the job, None of a local one.
     """
 
     name: str
     model: str
     step: float
+    line: int
     rows: IntArray
     profile: Profile | None
     position: FloatArray
     sigma: FloatArray
+    time: FloatArray
+    stages: FloatArray
+    ends: FloatArray
+    plan: Plan | None
     reason: str = ""
+
+    def posts(self, datum: Datum) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return stations (s,) at even steps, depths there, their sigmas, and coordinates (s, 3) of the job."""
+        assert self.profile is not None
+        stations, depths = self.profile.at_steps(self.step)
+        sigma = np.sqrt(self.profile.variance_at(stations, self.sigma))
+        along = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
+        places = np.column_stack([self.ends[0] + stations[:, None] * along, np.zeros(len(stations))])
+        place = places if self.plan is None else self.plan.coordinates(places)
+        height = datum.over(place) - depths
+        places[:, 2] = height
+        return stations, depths, sigma, places if self.plan is None else self.plan.coordinates(places)
+
+    @cached_property
+    def pace(self) -> tuple[float, float, float]:
+        """Time from the first to the last reading (s), mean and largest speed of a stage (mm/s); NaN without."""
+        order = np.argsort(self.time, kind="stable")
+        order = order[np.isfinite(self.time[order])]
+        time, stages = self.time[order], self.stages[order]
+        taken = np.diff(time)
+        if not (taken > 0.0).any():
+            return np.nan, np.nan, np.nan
+        way = np.linalg.norm(np.diff(stages, axis=0), axis=2).max(axis=1)
+        speed = way[taken > 0.0] / taken[taken > 0.0]
+        return float(time[-1] - time[0]), float(way.sum() / (time[-1] - time[0])), float(speed.max())
+
+    @property
+    def turns(self) -> int:
+        """How often the mark went back along the line, by the times of its readings."""
+        if self.profile is None:
+            return 0
+        order = np.argsort(self.time, kind="stable")
+        order = order[np.isfinite(self.time[order])]
+        ahead = np.sign(np.diff(self.profile.station[order]))
+        return sum(first * second < 0.0 for first, second in pairwise(ahead[ahead != 0.0].tolist()))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProfileScan:
+    """A scan of a model along X or Y: its lines, and the lag of the mark where they were read to and fro."""
+
+    name: str
+    model: str
+    scan: str
+    spacing: float
+    zigzag: bool
+    lines: tuple[CompiledProfile, ...]
+    lag: Lag | None
+
+    @property
+    def lag_time(self) -> float:
+        """The lag over the speed along the lines, s; NaN where times are not known."""
+        timed = [line for line in self.lines if line.profile is not None and np.isfinite(line.pace[0])]
+        way = sum(float(np.ptp(line.profile.station)) for line in timed if line.profile is not None)
+        time = sum(line.pace[0] for line in timed)
+        return self.lag.length * time / way if self.lag and way > 0.0 else np.nan
 
 
 def profiles_of(compiled: Compiled) -> list[CompiledProfile]:
-    """Return the profiles of a deck."""
-    specs, models = compiled.deck.profiles, compiled.deck.models.ids
-    return [_profile_of(compiled, row, str(models[specs.model[row]])) for row in range(len(specs.ids))]
+    """Return the profiles of a deck, those of scans line by line."""
+    return [line for row in range(len(compiled.deck.profiles.ids)) for line in _lines_of(compiled, row)]
 
 
-def _profile_of(compiled: Compiled, row: int, model: str) -> CompiledProfile:
-    specs, stages = compiled.deck.profiles, compiled.deck.stages
-    ids, kind = stages.ids[compiled.rows], stages.kind[compiled.rows]
-    here = compiled.model_ids == model
-    position, (depth, sigma) = compiled.gathered("position"), compiled.datum_depth
-    known = np.isfinite(position).all(axis=1)
-    rows = np.flatnonzero(here & known & (kind == IN_PROFILE) & (ids == specs.ids[row]))
-    ends = [
-        np.flatnonzero(here & known & (ids == end) & (kind != IN_PROFILE))
-        for end in (specs.start[row], specs.end[row])
-    ]
-
-    def done(result: Profile | None, reason: str = "") -> CompiledProfile:
-        order = rows if result is None else rows[result.rows]
-        return CompiledProfile(
-            name=str(specs.ids[row]), model=model, step=float(specs.step[row]), rows=order, profile=result,
-            position=position[order], sigma=sigma[order], reason=reason,
-        )  # fmt: skip
-
-    for end, name in zip(ends, (specs.start[row], specs.end[row]), strict=True):
-        if not len(end):
-            return done(None, f"its end {name} has no position in the model")
-    if len(rows) < 2:
-        return done(None, f"it has {len(rows)} readings with a position, and needs two")
-    system, used = compiled.run.map_system, np.concatenate([*ends, rows])
-    xy = (position[used] if system is None else Plan.about(system, position[used]).places(position[used]))[:, :2]
-    if not np.linalg.norm(xy[1] - xy[0]) > 0.0:
-        return done(None, "its ends are in one place")
-    spike = float(specs.spike[row])
-    return done(
-        profile(
-            xy[2:], depth[rows], xy[0], xy[1], spike=spike if np.isfinite(spike) else np.inf,
-            tolerance=float(specs.tolerance[row]),
+def scans_of(compiled: Compiled, profiles: list[CompiledProfile]) -> list[ProfileScan]:
+    """Return the scans of a deck with their lines."""
+    specs, found = compiled.deck.profiles, []
+    for row in np.flatnonzero(specs.scan != "L").tolist():
+        name, model = str(specs.ids[row]), str(compiled.deck.models.ids[specs.model[row]])
+        lines = tuple(line for line in profiles if (line.name, line.model) == (name, model) and line.line)
+        zigzag, good = bool(specs.zigzag[row]), [line for line in lines if line.profile is not None]
+        whole = len(good) == len(lines) and zigzag
+        direction = np.array([1 if line.line % 2 else -1 for line in good])
+        along = [line.profile for line in good if line.profile is not None]
+        found.append(
+            ProfileScan(
+                name=name,
+                model=model,
+                scan=str(specs.scan[row]),
+                spacing=float(specs.spacing[row]),
+                zigzag=zigzag,
+                lines=lines,
+                lag=lag_of(along, direction, float(specs.step[row])) if whole else None,
+            )
         )
+    return found
+
+
+def _lines_of(compiled: Compiled, row: int) -> Iterator[CompiledProfile]:
+    """Yield the lines of a profile, and what readings of a scan lie beside these."""
+    specs, stages = compiled.deck.profiles, compiled.deck.stages
+    number = int(specs.model[row])
+    ids, kind = stages.ids[compiled.rows], stages.kind[compiled.rows]
+    here = compiled.model_ids == compiled.deck.models.ids[number]
+    known = here & np.isfinite(compiled.gathered("position")).all(axis=1)
+    rows = np.flatnonzero(known & (kind == IN_PROFILE) & (ids == specs.ids[row]))
+    model = compiled.models[number]
+    ends = _ends(compiled, row, model, np.flatnonzero(known & (kind != IN_PROFILE)))
+    missing = next(
+        (name for name, end in zip((specs.start[row], specs.end[row]), ends, strict=True) if end is None), ""
+    )
+    if missing:
+        yield _without(compiled, row, rows, f"its end {missing} has no position in the model")
+        return
+    place = np.array(ends)
+    if specs.scan[row] == "L":
+        yield _along(compiled, row, 1, rows, place)
+        return
+    lines = _scan_lines(
+        model, str(specs.scan[row]), float(specs.spacing[row]), place, _in_model(compiled, model, rows)
+    )
+    if lines is None:
+        yield _without(compiled, row, rows, "the scan has no extent along its lines, or too many of them")
+        return
+    of, on_lines = lines
+    for line, end in enumerate(on_lines, 1):
+        yield _along(compiled, row, line, rows[of == line], end)
+    if (of == 0).any():
+        count = int(np.count_nonzero(of == 0))
+        yield _without(compiled, row, rows[of == 0], f"{count} {'reading' if count == 1 else 'readings'} {BESIDE}")
+
+
+def _ends(compiled: Compiled, row: int, model: CompiledModel, points: IntArray) -> list[FloatArray | None]:
+    """Return the positions (3,) of the ends of a profile in the system of the job, None of points without one."""
+    specs, frame = compiled.deck.profiles, compiled.run.frame
+    if specs.system[row] == "":
+        ids, position = compiled.deck.stages.ids[compiled.rows[points]], compiled.gathered("position")[points]
+        of_names = [np.flatnonzero(ids == name) for name in (specs.start[row], specs.end[row])]
+        return [position[rows[0]] if len(rows) else None for rows in of_names]
+    place = np.column_stack([specs.places[row], np.zeros(2)])
+    if specs.system[row] == "M":
+        return list(frame.system(model.stereo.working(place)))
+    angular = compiled.run.block.options.system is CoordinateSystem.GEOGRAPHIC
+    return list(place * [DEGREE, DEGREE, 1.0] if angular else place)
+
+
+def _in_model(compiled: Compiled, model: CompiledModel, rows: IntArray) -> FloatArray:
+    """Return X and Y (k, 2) in the model of points."""
+    return model.stereo.model(compiled.run.frame.working(compiled.gathered("position")[rows]))[:, :2]
+
+
+def _scan_lines(
+    model: CompiledModel, scan: str, spacing: float, ends: FloatArray, xy: FloatArray
+) -> tuple[IntArray, list[FloatArray]] | None:
+    """Return the lines of readings xy (k, 2) in the model, 0 of those beside all, and the ends of each line.
+
+    Ends (2, 3) are those of the diagonal of the scan in the system of the job. None where there are no lines.
+    """
+    frame, across = model.stereo.run.frame, 1 if scan == "X" else 0
+    corner = model.stereo.model(frame.working(ends))[:, :2]
+    width, sign = abs(corner[1, across] - corner[0, across]), np.sign(corner[1, across] - corner[0, across]) or 1.0
+    count = int(width / spacing + 1e-6) + 1
+    if corner[0, 1 - across] == corner[1, 1 - across] or count > _MOST_LINES:
+        return None
+    off = sign * (xy[:, across] - corner[0, across]) / spacing
+    line = np.rint(off).astype(np.int64)
+    of = np.where((line >= 0) & (line < count), line + 1, 0)
+    places = []
+    for number in range(count):
+        place = np.column_stack([corner, np.zeros(2)])
+        place[:, across] = corner[0, across] + sign * number * spacing
+        places.append(frame.system(model.stereo.working(place)))
+    return of, places
+
+
+def _without(compiled: Compiled, row: int, rows: IntArray, reason: str, line: int = 0) -> CompiledProfile:
+    """Return a profile that is none."""
+    specs, stages = compiled.deck.profiles, compiled.deck.stages
+    read = np.concatenate([model.readings.xy for model in compiled.models])
+    return CompiledProfile(
+        name=str(specs.ids[row]),
+        model=str(compiled.deck.models.ids[specs.model[row]]),
+        step=float(specs.step[row]),
+        line=line,
+        rows=rows,
+        profile=None,
+        position=compiled.gathered("position")[rows],
+        sigma=compiled.datum_depth[1][rows],
+        time=stages.time[compiled.rows[rows]],
+        stages=read[rows],
+        ends=np.full((2, 2), np.nan),
+        plan=None,
+        reason=reason,
+    )
+
+
+def _along(compiled: Compiled, row: int, line: int, rows: IntArray, ends: FloatArray) -> CompiledProfile:
+    """Return the profile of readings along a line between ends (2, 3) in the system of the job."""
+    specs, depth = compiled.deck.profiles, compiled.datum_depth[0]
+    if len(rows) < 2:
+        count = "1 reading" if len(rows) == 1 else f"{len(rows)} readings"
+        return _without(compiled, row, rows, f"{count} with a position", line)
+    system, position = compiled.run.map_system, np.concatenate([ends, compiled.gathered("position")[rows]])
+    plan = None if system is None else Plan.about(system, position)
+    xy = (position if plan is None else plan.places(position))[:, :2]
+    if not np.linalg.norm(xy[1] - xy[0]) > 0.0:
+        return _without(compiled, row, rows, "its ends are in one place", line)
+    spike = float(specs.spike[row])
+    done = profile(
+        xy[2:], depth[rows], xy[0], xy[1], spike=spike if np.isfinite(spike) else np.inf,
+        tolerance=float(specs.tolerance[row]),
     )  # fmt: skip
+    return replace(_without(compiled, row, rows[done.rows], "", line), profile=done, ends=xy[:2], plan=plan)

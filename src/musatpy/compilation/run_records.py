@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.triangulation import UNCONVERGED, Triangulation, adjusted_water, fault_of_run, waves_of_run
 from musatpy.errors import CompilationError, Problem, RecordError
 from musatpy.json_files import read_record
@@ -25,6 +26,7 @@ from musatpy.model import (
     Program,
     Refraction,
     StationPairs,
+    SystemSpec,
     Treatment,
     Water,
     WaterLevel,
@@ -35,6 +37,7 @@ from musatpy.model import (
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.tables import empty
 from musatpy.model.waves import SIGMAS
+from musatpy.units import AngleUnit
 
 _NEEDS = {
     "solution": ("converged", "reason", "unit_sigma"),
@@ -60,6 +63,7 @@ _NEEDS = {
     "distances": ("points",),
     "height_differences": ("points",),
     "water_precision": ("quantity", "covariance", "stations"),
+    "stated": ("answer",),
 }  # fmt: skip
 
 _OF_LATER = {"level_pairs": ("photos", "of_first", "of_second", "level")}  # fields of records from 1.10 on
@@ -79,53 +83,69 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
     if faults := fault_of_run("" if anyway else unconverged):
         raise CompilationError([Problem(file=str(path), message=fault) for fault in faults])
     stations, points = record["stations"], record["points"]
-    count, block = (
-        len(stations),
-        _block(record, None if water is None else (water["index"], np.array(water["tilt"]))),
-    )
+    block = _block(record, None if water is None else (water["index"], np.array(water["tilt"])))
     try:
         sea = waves_of_run(replace(block, **_waves(record)), _adjusted_waves(water))
     except CompilationError as error:
         raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
     return Triangulation(
         block=block,
-        given=_array([row["given_position"] for row in stations], 3),
-        covariance=_array([row["covariance"] for row in stations], 6, 6),
+        given=_array(stations["given_position"], 3),
+        covariance=_array(stations["covariance"], 6, 6),
         pairs=_pairs(record),
         levels=_level_pairs(record),
-        water=_water_precision(record["water_precision"], count),
-        position=_array([row["position"] or [None] * 3 for row in points], 3),
-        point_covariance=_array([row["covariance"] or [[None] * 3] * 3 for row in points], 3, 3),
-        triangulated=np.array([row["triangulated"] for row in record["plates"]], dtype=bool),
-        control=np.isin([row["point"] for row in points], _known_of(record)),
+        water=_water_precision(record["water_precision"], len(stations["photo"])),
+        position=_array([place or [None] * 3 for place in points["position"]], 3),
+        point_covariance=_array([entry or [[None] * 3] * 3 for entry in points["covariance"]], 3, 3),
+        triangulated=np.array(record["plates"]["triangulated"], dtype=bool),
+        control=np.isin(points["point"], _known_of(record)),
         unit_sigma=float(solution["unit_sigma"] or 1.0),
         sea=sea,
+        stated=_stated(record["stated"]),
         caution=UNCONVERGED if unconverged else "",
         because=unconverged,
     )
 
 
+def _stated(stated: Any) -> SystemSpec | None:
+    """Return how the answer is stated."""
+    if stated is None:
+        return None
+    words = stated["answer"]
+    origin, false = (words[name] and tuple(words[name]) for name in ("origin", "false_origin"))
+    return SystemSpec(
+        kind=words["kind"],
+        definition=words["definition"] or "",
+        geoid=words["geoid"] or "",
+        origin=origin,
+        false=false,
+        axes=words["axes"],
+        angles=words["angles"],
+        sigmas=words["sigmas"],
+        unit=AngleUnit(words["unit"]),
+    )
+
+
 def _known_of(record: Any) -> list[str]:
-    """Return the ids of these points."""
-    held = [row["point"] for row in record["control"] if row["kind"] != "check"]
-    held += [point for row in record["equal_elevations"] for point in row["points"]]
-    return held + [
-        point for name in ("distances", "height_differences") for row in record[name] for point in row["points"]
-    ]
+    """Return the ids of the points that something is known of."""
+    control = record["control"]
+    held = [point for point, kind in zip(control["point"], control["kind"], strict=True) if kind != "check"]
+    ends = (record[name]["points"] for name in ("equal_elevations", "distances", "height_differences"))
+    return held + list(chain.from_iterable(chain.from_iterable(ends)))
 
 
-def _array(rows: list[Any], *shape: int) -> FloatArray:
-    """Return rows of numbers as an array (n, *shape), NaN for null."""
-    return np.array(rows, dtype=float).reshape(len(rows), *shape)
+def _array(column: list[Any], *shape: int) -> FloatArray:
+    """Return a column of numbers as an array (n, *shape), NaN for null."""
+    return np.array(column, dtype=float).reshape(len(column), *shape)
 
 
 def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
     stations, cameras, options = record["stations"], record["cameras"], record["options"]
-    ids = np.array([row["camera"] for row in cameras], dtype=np.str_)
-    number = {str(name): row for row, name in enumerate(ids)}
+    ids = np.array(cameras["camera"], dtype=np.str_)
+    number = _numbers(cameras["camera"])
     given, ellipsoid = record["water"], record["ellipsoid"]
-    tides = [None] * len(stations) if water is None else record["adjusted_water"]["tide"]
-    nothing = np.full((len(stations), 3), np.nan)
+    tides = [None] * len(stations["photo"]) if water is None else record["adjusted_water"]["tide"]
+    nothing = np.full((len(stations["photo"]), 3), np.nan)
     deck = None if given is None else Water(**{key: given[key] for key in ("index", "sigma", "tilt_sigma")})
     return Block(
         titles=(),
@@ -143,26 +163,26 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
         water=adjusted_water(deck, water),
         cameras=Cameras(
             ids=ids,
-            focal_length=_array([row["focal_length"] for row in cameras]),
-            principal_point=_array([row["principal_point"] for row in cameras], 2),
-            format_size=_array([row["format_size"] for row in cameras], 2),
+            focal_length=_array(cameras["focal_length"]),
+            principal_point=_array(cameras["principal_point"], 2),
+            format_size=_array(cameras["format_size"], 2),
         ),
         photos=Photos(
-            ids=np.array([row["photo"] for row in stations], dtype=np.str_),
-            camera=np.array([number[row["camera"]] for row in stations]),
-            position=_array([row["position"] for row in stations], 3),
+            ids=np.array(stations["photo"], dtype=np.str_),
+            camera=np.array([number[name] for name in stations["camera"]]),
+            position=_array(stations["position"], 3),
             position_sigma=nothing,
-            attitude=_array([row["attitude"] for row in stations], 3),
+            attitude=_array(stations["attitude"], 3),
             attitude_sigma=nothing,
             tide=_array(tides),
-            tide_sigma=_array([row["tide_sigma"] for row in stations]),
-            tide_group=np.array([row["tide_group"] for row in stations], dtype=np.str_),
-            tide_day=np.array([row["tide_day"] for row in stations], dtype=np.str_),
-            time=_array([row["time"] for row in stations]),
+            tide_sigma=_array(stations["tide_sigma"]),
+            tide_group=np.array(stations["tide_group"], dtype=np.str_),
+            tide_day=np.array(stations["tide_day"], dtype=np.str_),
+            time=_array(stations["time"]),
         ),
         points=Points(
-            ids=np.array([row["point"] for row in record["points"]], dtype=np.str_),
-            bathymetric=np.array([row["bathymetric"] for row in record["points"]], dtype=bool),
+            ids=np.array(record["points"]["point"], dtype=np.str_),
+            bathymetric=np.array(record["points"]["bathymetric"], dtype=bool),
         ),
         plates=_plates(record),
     )
@@ -170,8 +190,8 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
 
 def _waves(record: Any) -> dict[str, Any]:
     """Return the waves of a block and their origin, as its deck gave them."""
-    rows, origin = record["waves"], record["wave_origin"]
-    if not rows or origin is None:
+    table, origin = record["waves"], record["wave_origin"]
+    if not table["wave"] or origin is None:
         return {}
     from musatpy.sea.deck_waves import SHAPES  # most runs have none
 
@@ -179,12 +199,9 @@ def _waves(record: Any) -> dict[str, Any]:
     given = {name: f"given_{name}" for name in ("period", "length", "speed")}
     same = ("depth", "height", "azimuth", "crest", *SIGMAS)
     waves = Waves(
-        ids=np.array([row["wave"] for row in rows], dtype=np.str_),
-        shape=np.array([code[row["shape"]] for row in rows], dtype=np.str_),
-        **{
-            name: _array([row[field] for row in rows])
-            for name, field in (given | dict(zip(same, same, strict=True))).items()
-        },
+        ids=np.array(table["wave"], dtype=np.str_),
+        shape=np.array([code[shape] for shape in table["shape"]], dtype=np.str_),
+        **{name: _array(table[field]) for name, field in (given | dict(zip(same, same, strict=True))).items()},
     )
     return {"waves": waves, "wave_origin": WaveOrigin(position=tuple(origin))}
 
@@ -193,53 +210,61 @@ def _adjusted_waves(water: Any) -> FloatArray | None:
     """Return the parameters (k, 4) of waves that the run has adjusted, None where there are none."""
     if water is None or water["waves"] is None:
         return None
-    return _array([[row[name] for name in PARAMETERS] for row in water["waves"]["waves"]], 4)
+    return np.stack([_array(water["waves"]["waves"][name]) for name in PARAMETERS], axis=1)
 
 
 def _plates(record: Any) -> PlateMeasurements:
-    rows = record["plates"]
-    if not rows:
+    plates = record["plates"]
+    if not plates["photo"]:
         return empty(PlateMeasurements)
-    photo = {row["photo"]: number for number, row in enumerate(record["stations"])}
-    point = {row["point"]: number for number, row in enumerate(record["points"])}
+    photo, point = _numbers(record["stations"]["photo"]), _numbers(record["points"]["point"])
     return PlateMeasurements(
-        photo=np.array([photo[row["photo"]] for row in rows]),
-        point=np.array([point[row["point"]] for row in rows]),
-        xy=_array([row["xy"] for row in rows], 2),
-        sigma=_array([row["sigma"] for row in rows], 2),
-        triangulated=np.zeros(len(rows), dtype=bool),
+        photo=np.array([photo[name] for name in plates["photo"]]),
+        point=np.array([point[name] for name in plates["point"]]),
+        xy=_array(plates["xy"], 2),
+        sigma=_array(plates["sigma"], 2),
+        triangulated=np.zeros(len(plates["photo"]), dtype=bool),
     )
 
 
+def _numbers(ids: list[str]) -> dict[str, int]:
+    """Return the rows of ids."""
+    return {name: row for row, name in enumerate(ids)}
+
+
+def _ends(record: Any, name: str) -> IntArray:
+    """Return the rows (p, 2) of the stations of the pairs of photos of a table."""
+    number = _numbers(record["stations"]["photo"])
+    ends = [number[photo] for photo in chain.from_iterable(record[name]["photos"])]
+    return np.array(ends, dtype=np.int64).reshape(-1, 2)
+
+
 def _pairs(record: Any) -> StationPairs:
-    rows = record["station_pairs"]
-    number = {row["photo"]: place for place, row in enumerate(record["stations"])}
-    photo = [[number[name] for name in row["photos"]] for row in rows]
     return StationPairs(
-        photo=np.array(photo, dtype=np.int64).reshape(-1, 2),
-        covariance=_array([row["covariance"] for row in rows], 6, 6),
+        photo=_ends(record, "station_pairs"),
+        covariance=_array(record["station_pairs"]["covariance"], 6, 6),
     )
 
 
 def _level_pairs(record: Any) -> LevelPairs | None:
-    rows = record.get("level_pairs")
-    if not rows:
+    pairs = record.get("level_pairs")
+    if pairs is None or not pairs["photos"]:
         return None
-    number = {row["photo"]: place for place, row in enumerate(record["stations"])}
     return LevelPairs(
-        photo=np.array([[number[name] for name in row["photos"]] for row in rows], dtype=np.int64),
-        of_first=_array([row["of_first"] for row in rows], 6),
-        of_second=_array([row["of_second"] for row in rows], 6),
-        level=_array([row["level"] for row in rows]),
+        photo=_ends(record, "level_pairs"),
+        of_first=_array(pairs["of_first"], 6),
+        of_second=_array(pairs["of_second"], 6),
+        level=_array(pairs["level"]),
     )
 
 
-def _water_precision(rows: Any, stations: int) -> WaterPrecision | None:
-    if not rows:
+def _water_precision(table: Any, stations: int) -> WaterPrecision | None:
+    names = table["quantity"]
+    if not names:
         return None
     return WaterPrecision(
-        names=tuple(row["quantity"] for row in rows),
-        covariance=_array([row["covariance"] for row in rows], len(rows)),
-        stations=np.moveaxis(_array([row["stations"] for row in rows], stations, 6), 0, -1),
-        levels=_array([row.get("levels", []) for row in rows], -1).T,
+        names=tuple(names),
+        covariance=_array(table["covariance"], len(names)),
+        stations=np.moveaxis(_array(table["stations"], stations, 6), 0, -1),
+        levels=_array(table.get("levels", [[]] * len(names)), -1).T,
     )

@@ -22,9 +22,9 @@ def slip_of(stereo: Stereomodel, xy: FloatArray) -> str:
         return ""
     ways: Mapping[str, FloatArray] = {
         "left and right were exchanged": xy[:, ::-1],
-        "they were in micrometres": 1e-3 * xy,
-        "they were in inches": 25.4 * xy,
-        "they were in centimetres": 10.0 * xy,
+        "they were in micrometres (factor 0.001)": 1e-3 * xy,
+        "they were in inches (factor 25.4)": 25.4 * xy,
+        "they were in centimetres (factor 10)": 10.0 * xy,
         "x and y were exchanged": xy[..., ::-1],
         "the plates were turned by half a turn": -xy,
     }

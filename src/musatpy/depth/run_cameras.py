@@ -120,34 +120,36 @@ def _water_faults(record: Any) -> list[str]:
         return ["the run knows no water"]
     if any(water["tilt"]) and record["options"]["initial"] != Initial.GIVEN:
         faults.append("the water of the run is tilted, about a place that is known where stations are given")
-    if record["waves"]:
+    if record["waves"]["wave"]:
         faults.append("the water of the run has waves, here it is still: give its stations as a CSV file")
-    dry = [str(row["photo"]) for row, tide in zip(record["stations"], water["tide"], strict=True) if tide is None]
+    photos = record["stations"]["photo"]
+    dry = [photo for photo, tide in zip(photos, water["tide"], strict=True) if tide is None]
     if dry:
         faults.append(f"no tide of photo {', '.join(dry)}")
     return faults
 
 
 def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water: bool) -> Cameras:
-    photos, water = record["stations"], record["adjusted_water"] if with_water else None
-    kinds = {row["camera"]: [row["focal_length"], *row["format_size"]] for row in record["cameras"]}
-    formats = np.array([kinds[photo["camera"]] for photo in photos], dtype=float)
+    stations, water = record["stations"], record["adjusted_water"] if with_water else None
+    columns = [record["cameras"][name] for name in ("camera", "focal_length", "format_size")]
+    kinds = {camera: [focal_length, *size] for camera, focal_length, size in zip(*columns, strict=True)}
+    formats = np.array([kinds[camera] for camera in stations["camera"]], dtype=float)
     known = np.isfinite(formats).all()
     if not known and camera is not None:
         formats = np.where(np.isfinite(formats), formats, camera)
-    rotation = attitude_matrix(np.array([photo["attitude"] for photo in photos], dtype=float))
+    rotation = attitude_matrix(np.array(stations["attitude"], dtype=float))
     system = job_system(record)
-    level = level_positions(record, np.array([photo["position"] for photo in photos], dtype=float))
+    level = level_positions(record, np.array(stations["position"], dtype=float))
     axes = None if system.ellipsoid is None else system.ellipsoid.frame(level)
-    stations = Stations(
+    seen_from = Stations(
         position=level if system.ellipsoid is None else system.ellipsoid.geocentric(level),
-        level=np.full(len(photos), -np.inf) if water is None else np.array(water["tide"], dtype=float),
+        level=np.full(len(formats), -np.inf) if water is None else np.array(water["tide"], dtype=float),
         axis=-rotation[:, 2] if axes is None else -np.einsum("ki,kij->kj", rotation[:, 2], axes),
         height=level[:, 2],
     )
     return Cameras(
-        names=tuple(str(photo["photo"]) for photo in photos),
-        stations=stations,
+        names=tuple(stations["photo"]),
+        stations=seen_from,
         rotation=rotation,
         camera=formats if known or camera is not None else None,
         index=None if water is None else water["index"],
@@ -159,7 +161,7 @@ def _cameras(record: Any, camera: tuple[float, float, float] | None, with_water:
 
 def _tilt(record: Any, system: System) -> Tilt:
     """Return the tilt of the water: slopes east and north in the middle of the stations as given."""
-    given = level_positions(record, np.array([row["given_position"] for row in record["stations"]], dtype=float))
+    given = level_positions(record, np.array(record["stations"]["given_position"], dtype=float))
     if system.ellipsoid is None:
         pivot = middle_of(given)
         axes = np.eye(3)

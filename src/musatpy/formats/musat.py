@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -14,7 +14,8 @@ from musatpy import model
 from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.files import write_files
 from musatpy.formats import assembly, mapping
-from musatpy.formats.cards.deck import read_cards, write_cards
+from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
+from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.checks import check_entered, cross_check
 from musatpy.formats.draft import Draft, draft_of, roles_of
@@ -91,22 +92,32 @@ class CheckedDeck:
 
 
 def check_deck(
-    source: Path | str | bytes, family: Family | None = None, *, for_run: bool = True
+    source: Path | str | bytes,
+    family: Family | None = None,
+    *,
+    for_run: bool = True,
+    settings: Sequence[Setting] = (),
 ) -> tuple[model.Block | None, tuple[Problem, ...]]:
     """Return the block of a deck, None where it has errors, and its problems: see `checked_deck`."""
-    checked = checked_deck(source, family, for_run=for_run)
+    checked = checked_deck(source, family, for_run=for_run, settings=settings)
     return checked.block, checked.problems
 
 
-def checked_deck(source: Path | str | bytes, family: Family | None = None, *, for_run: bool = True) -> CheckedDeck:
+def checked_deck(
+    source: Path | str | bytes,
+    family: Family | None = None,
+    *,
+    for_run: bool = True,
+    settings: Sequence[Setting] = (),
+) -> CheckedDeck:
     """Return a deck with every problem of its cards and between them.
 
     `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other. A deck that
-    is not to be run as it is may lack measurements and a datum.
+    is not to be run as it is may lack measurements and a datum. `settings` stand in place of what its cards say.
     """
     family = family or card_family()
     try:
-        deck = read_cards(source, family)
+        deck = _read(source, family, settings)
     except OSError as error:
         problem = Problem(file=str(source), message=error.strerror or str(error))
         return CheckedDeck(block=None, problems=(problem,))
@@ -123,8 +134,17 @@ def checked_deck(source: Path | str | bytes, family: Family | None = None, *, fo
         problems += of_system if has_errors(of_system) else [*of_system, *check_entered(entered, for_run=for_run)]
     if block is not None and draft.stated_in is not None and not has_errors(problems):
         problems += answer_problems(entered, block)
+    if block is not None and settings:
+        block = replace(block, settings=tuple(map(str, settings)))
     problems.sort(key=lambda problem: (problem.line or 0, problem.columns or (0, 0)))  # those of all of it first
     return CheckedDeck(block=None if has_errors(problems) else block, problems=tuple(problems), draft=draft)
+
+
+def _read(source: Path | str | bytes, family: Family, settings: Sequence[Setting]) -> CardDeck:
+    if not settings:
+        return read_cards(source, family)
+    data = source if isinstance(source, bytes) else Path(source).read_bytes()
+    return read_cards(deck_with(data, settings), family, None if isinstance(source, bytes) else str(source))
 
 
 def has_errors(problems: Iterable[Problem]) -> bool:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import pyproj
 
 from musatpy.errors import InterchangeError
 from musatpy.interchange import dxf, geojson, geopackage, geotiff, las, xyz
-from musatpy.interchange.layers import Grid, Lines, Points
+from musatpy.interchange.layers import Grid, Lines, Points, with_numbers
 from musatpy.interchange.packages import refuse
 
 Layers = dict[str, Points | Lines | Grid]
 
 TEXTS, CLOUDS, RASTERS = (".csv", ".xyz", ".txt"), (".las", ".laz"), (".tif", ".tiff")
 GEOPACKAGES, GEOJSONS, DRAWINGS = (".gpkg",), (".geojson", ".json"), (".dxf",)
+POINT_FILES = (*TEXTS, *CLOUDS)
 SUFFIXES = (*TEXTS, *CLOUDS, *RASTERS, *GEOPACKAGES, *GEOJSONS, *DRAWINGS)
 
 
@@ -42,6 +43,28 @@ def read_layers(path: Path, crs: pyproj.CRS | None = None, layer: str = "") -> L
         parts: Layers = {"points": points} if len(points.xyz) else {}
         return parts | ({"lines": lines} if lines.vertices else {})
     raise _no_format(path)
+
+
+def read_points(path: Path, crs: pyproj.CRS | None = None, *, alone: bool = False) -> Iterator[Points]:
+    """Yield the points of a file of points alone (`POINT_FILES`) in chunks, with the columns that it has.
+
+    Further columns of text files are texts; `alone` may leave them out. Raises `InterchangeError`, of a text file
+    after its last chunk; `OSError`.
+    """
+    if path.suffix.lower() in CLOUDS:
+        return las.read_chunks(path, crs)
+    return xyz.read_chunks(path, crs=crs, alone=alone)
+
+
+def write_points(path: Path, chunks: Iterable[Points]) -> None:
+    """Write points that come in chunks, one or more, of the same columns, to a file of points alone.
+
+    Columns of texts become numbers where the file holds nothing else. Raises `InterchangeError`; `OSError`.
+    """
+    if path.suffix.lower() in CLOUDS:
+        las.write_chunks(path, map(with_numbers, chunks))
+    else:
+        xyz.write_chunks(path, chunks if path.suffix.lower() == ".csv" else map(with_numbers, chunks))
 
 
 def write_layers(path: Path, layers: Mapping[str, Points | Lines | Grid]) -> None:

@@ -1,20 +1,25 @@
 """LAS and LAZ files (ASPRS, LAS 1.4 R15): points, their columns as extra bytes with the unit as description.
 
-Needs the package laspy, the extra `las`.
+Needs the package laspy, the extra `las`. Files of any size come and go in chunks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 
 import pyproj
 
 from musatpy.errors import DepthError, InterchangeError
-from musatpy.interchange.layers import Column, Points, placed
+from musatpy.interchange.layers import Column, Points, joined, placed
 from musatpy.interchange.packages import refuse, require_content
-from musatpy.pointfiles.las_files import crs_definition, read_columns, record_of, write_columns
+from musatpy.pointfiles.las_files import Table, crs_definition, record_of
+from musatpy.pointfiles.las_files import read_chunks as read_tables
+from musatpy.pointfiles.las_files import write_chunks as write_tables
+
+CHUNK = 65536  # points at a time
 
 _RECORD = "musatpy"  # user of the record with the words for heights
 _SCALE, _DEGREE_SCALE = 1e-4, 1e-9  # 0.1 mm
@@ -25,14 +30,25 @@ def write(path: Path, points: Points) -> None:
 
     Raises `InterchangeError` without laspy, for columns of texts and for what a file cannot hold; `OSError`.
     """
+    write_chunks(path, [points])
+
+
+def write_chunks(path: Path, chunks: Iterable[Points]) -> None:
+    """Write points that come in chunks, one or more, of the same columns, as `write` does."""
+    rest = iter(chunks)
+    first = next(rest)
+    plan = _DEGREE_SCALE if first.crs is not None and first.crs.is_geographic else _SCALE
+    records = {_RECORD: first.heights.encode()} if first.heights else {}
+    tables = (_table(path, points) for points in chain([first], rest))
+    with _exchanged():
+        write_tables(path, tables, (plan, plan, _SCALE), first.crs, records)
+
+
+def _table(path: Path, points: Points) -> Table:
     texts = [name for name, column in points.columns.items() if column.is_text]
     if texts:
         raise refuse(path, f"columns {', '.join(texts)}", "texts", "numbers: extra bytes hold nothing else")
-    plan = _DEGREE_SCALE if points.crs is not None and points.crs.is_geographic else _SCALE
-    columns = {name: (column.values, column.unit) for name, column in points.columns.items()}
-    records = {_RECORD: points.heights.encode()} if points.heights else {}
-    with _exchanged():
-        write_columns(path, points.xyz, columns, (plan, plan, _SCALE), points.crs, records)
+    return points.xyz, {name: (column.values, column.unit) for name, column in points.columns.items()}
 
 
 def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> Points:
@@ -40,19 +56,23 @@ def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> Points
 
     Raises `InterchangeError` without laspy, and for a file that is none or has no points; `OSError`.
     """
+    return joined(list(read_chunks(path, crs, heights)))
+
+
+def read_chunks(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> Iterator[Points]:
+    """Yield the points of a file in chunks, as `read` returns them."""
     require_content(path)
     with _exchanged():
         definition = crs_definition(path)
-        xyz, columns = read_columns(path)
         words = record_of(path, _RECORD).decode(errors="replace")
-    if not len(xyz):
+        system = placed(pyproj.CRS.from_wkt(definition) if definition else crs)
+        count = 0
+        for xyz, columns in read_tables(path, CHUNK):
+            count += len(xyz)
+            known = {name: Column.of(values, unit) for name, (values, unit) in columns.items()}
+            yield Points(xyz=xyz, columns=known, crs=system, heights=words or heights)
+    if not count:
         raise refuse(path, "", "there are no points", "points")
-    return Points(
-        xyz=xyz,
-        columns={name: Column.of(values, unit) for name, (values, unit) in columns.items()},
-        crs=placed(pyproj.CRS.from_wkt(definition) if definition else crs),
-        heights=words or heights,
-    )
 
 
 @contextmanager

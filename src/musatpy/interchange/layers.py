@@ -7,12 +7,13 @@ the axes of the system.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.pointfiles.csv_tables import number
 
 if TYPE_CHECKING:
     import pyproj
@@ -80,6 +81,31 @@ class Points(Layer):
         _require_length(self.columns, len(self.xyz))
 
 
+def joined(chunks: Sequence[Points]) -> Points:
+    """Return the points of chunks, one or more, with the same columns as one layer."""
+    columns = {
+        name: Column.of(np.concatenate([chunk.columns[name].values for chunk in chunks]), column.unit)
+        for name, column in chunks[0].columns.items()
+    }
+    return replace(chunks[0], xyz=np.concatenate([chunk.xyz for chunk in chunks]), columns=columns)
+
+
+def with_numbers(points: Points) -> Points:
+    """Return points whose columns of texts are numbers where all of the texts are, or are missing."""
+    return replace(points, columns={name: _as_numbers(column) for name, column in points.columns.items()})
+
+
+def _as_numbers(column: Column) -> Column:
+    if not column.is_text:
+        return column
+    texts = [text.strip() for text in column.values.tolist()]
+    values = np.array([number(text) for text in texts])
+    given = np.array([text.lower() not in ("", "nan") for text in texts], dtype=bool)
+    if np.isfinite(values[given]).all():
+        return Column.of(values, column.unit)
+    return Column.of(texts, column.unit)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lines(Layer):
     """n lines; one that is closed does not repeat its first vertex."""
@@ -113,8 +139,31 @@ class Lines(Layer):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Posts(Layer):
+    """The nodes of a square grid of a shape (rows, columns): rows go north from `south`, columns east from `west`.
+
+    Raises `ValueError` where the spacing is none.
+    """
+
+    west: float
+    south: float
+    spacing: float  # m or, of longitudes and latitudes, degrees
+    shape: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        if not self.spacing > 0.0:
+            raise ValueError(f"the spacing of a grid is {self.spacing}")
+
+    def places(self, first: int, last: int) -> FloatArray:
+        """Return x and y (k, 2) of the nodes of rows from `first` to before `last`, row by row."""
+        columns = self.west + self.spacing * np.arange(self.shape[1])
+        x, y = np.meshgrid(columns, self.south + self.spacing * np.arange(first, last))
+        return np.column_stack([x.ravel(), y.ravel()])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Grid(Layer):
-    """Nodes of a square grid: rows go north from `south`, columns east from `west`; NaN where a node is empty.
+    """Values at the nodes of a square grid: rows go north from `south`, columns east from `west`; NaN where empty.
 
     Raises `ValueError` where bands are of different shapes, or the spacing is none.
     """
@@ -137,6 +186,12 @@ class Grid(Layer):
         """Rows and columns."""
         rows, columns = next(iter(self.bands.values())).shape
         return rows, columns
+
+    @property
+    def posts(self) -> Posts:
+        """Where its nodes stand."""
+        place = {"west": self.west, "south": self.south, "spacing": self.spacing}
+        return Posts(**place, shape=self.shape, crs=self.crs, heights=self.heights)
 
 
 def _require_finite(xyz: FloatArray) -> None:

@@ -16,8 +16,10 @@ TOP = "(top)"
 # Fields that may name what a row is about: as many of them, in this order, as tell all rows of a table apart.
 _ID_FIELDS = (
     "id", "ids", "name", "pass", "number", "photo", "point", "camera", "mark", "group", "photos", "points",
-    "unknown", "first", "second", "kind", "of", "component",
+    "unknown", "first", "second", "kind", "of", "component", "wave", "parameter", "quantity", "marks", "cross",
+    "model", "root", "sounding",
 )  # fmt: skip
+_ID_NAMES = frozenset(_ID_FIELDS)
 _PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 _CONTAINERS = frozenset({list, dict})
 
@@ -87,13 +89,14 @@ def read_json(text: str, name: str) -> Any:
 
 def _tables(value: Any, path: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield rows with the path of their table: objects of a list, and of objects what is no table itself."""
-    if _is_table(value):
-        yield path, value
+    rows = rows_in(value)
+    if rows is not None:
+        yield path, rows
         return
     if not isinstance(value, dict):
         yield path, [{"value": value}]
         return
-    nested = {key: entry for key, entry in value.items() if _is_table(entry) or isinstance(entry, dict)}
+    nested = {key: entry for key, entry in value.items() if isinstance(entry, dict) or _is_list_of_objects(entry)}
     fields = {key: entry for key, entry in value.items() if key not in nested}
     if fields or not value:
         yield path, [fields]
@@ -101,8 +104,26 @@ def _tables(value: Any, path: str) -> Iterator[tuple[str, list[dict[str, Any]]]]
         yield from _tables(entry, f"{path}.{key}" if path else key)
 
 
-def _is_table(value: Any) -> bool:
+def rows_in(value: Any) -> list[dict[str, Any]] | None:
+    """Return the rows of a table, which is a list of objects, or an object of columns; None of what is neither."""
+    if _is_list_of_objects(value):
+        return list(value)
+    if not is_of_columns(value):
+        return None
+    return [dict(zip(value, row, strict=True)) for row in zip(*value.values(), strict=True)]
+
+
+def _is_list_of_objects(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
+
+
+def is_of_columns(value: Any) -> bool:
+    """Tell whether an object is a table by its columns: lists of one length, with one that names the rows."""
+    if not isinstance(value, dict) or not all(isinstance(column, list) for column in value.values()):
+        return False
+    entries = [column[0] for column in value.values() if column]
+    is_even = len(set(map(len, value.values()))) == 1
+    return is_even and not _ID_NAMES.isdisjoint(value) and not any(isinstance(entry, dict) for entry in entries)
 
 
 def texts_of(value: Any) -> list[str]:

@@ -9,7 +9,7 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from functools import cache
 from typing import Any, NamedTuple
 
-from musatpy.listings.json_tables import at, number_of
+from musatpy.listings.json_tables import at, number_of, rows_in
 from musatpy.listings.judge import EXACTLY
 from musatpy.listings.sections import columns_of, numbered
 from musatpy.listings.tokens import Token
@@ -83,18 +83,17 @@ def entries_of(mapped: Mapped, content: Mapping[str, Any]) -> list[Entry]:
 def rows_of(mapped: Mapped, content: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the rows of the table of a section; a vector is the one row of a table."""
     table = at(content, mapped.table)
-    if isinstance(table, dict):
-        return [table]
-    rows = [row for row in table if isinstance(row, dict)] if isinstance(table, list) else []
-    return rows or ([{"value": table}] if table else [])
+    rows = rows_in(table)
+    if rows is not None:
+        return rows
+    return [table] if isinstance(table, dict) else [{"value": table}] if table else []
 
 
 def _nested(row: Mapping[str, Any], name: str) -> Iterator[Mapping[str, Any]]:
     """Yield the rows of the table in a field of a row, each with the fields of that; without a name the row."""
-    entries = row.get(name) if name else [{}]
-    for entry in entries if isinstance(entries, list) else []:
-        if isinstance(entry, dict):
-            yield {**row, **entry}
+    entries = rows_in(row.get(name)) if name else [{}]
+    for entry in entries or []:
+        yield {**row, **entry}
 
 
 def _expanded(row: Mapping[str, Any], lists: Sequence[str]) -> Iterator[Mapping[str, Any]]:
@@ -125,7 +124,7 @@ def value_of(source: Origin, fields: Mapping[str, Any]) -> Any:
     if source.is_field and number is not None:
         return number
     if source.count:
-        entries = recorded if isinstance(recorded, list) else []
+        entries = rows_in(recorded) or (recorded if isinstance(recorded, list) else [])
         return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
     if source.sum:
         counts = recorded.values() if isinstance(recorded, dict) else ()

@@ -103,8 +103,10 @@ class _Tables(Comparison):
         return [json.dumps(row) for row in self.a.rows], [json.dumps(row) for row in self.b.rows]
 
     def only_here(self, side: str) -> None:
-        """Take a table that the other record has not: one finding, unless it is empty there or rules allow it."""
+        """Take a table that the other record has not: one finding, unless it is empty or rules allow it."""
         rows = (self.a if side == "A" else self.b).rows
+        if not rows:
+            return
         fields = [field for row in rows for field in leaves(row)]
         if fields and all(self.is_empty_table(path, _token(value)) for path, value in fields):
             return

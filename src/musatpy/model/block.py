@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, Distances, EqualElevations, HeightDifferences
@@ -31,6 +32,8 @@ from musatpy.model.systems import SystemSpec
 from musatpy.model.tables import Table, empty, renumbered, taken
 from musatpy.model.water import Water
 from musatpy.model.waves import WaveOrigin, Waves
+
+_TITLE = 80  # characters of a title that are shown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +67,7 @@ class Block:
     wave_origin: WaveOrigin | None = None  # None: no card
     given_in: SystemSpec | None = None  # how the deck states all this; None: as it stands here
     stated_in: SystemSpec | None = None  # how the answer is stated; None: as the deck is
+    settings: tuple[str, ...] = ()  # what was set for a run in place of its cards: `OP2.water_level=ONE`
 
     @property
     def answer_in(self) -> SystemSpec | None:
@@ -75,6 +79,16 @@ class Block:
         sizes = {name: table.count for name, table in tables.items()}
         for table in tables.values():
             table.check_links(sizes)
+
+    def __repr__(self) -> str:
+        """Return the first title, the main options, and how many rows each table has that has any."""
+        options, title = self.options, self.titles[0][:_TITLE] if self.titles else ""
+        sizes = [f"{name}={table.count}" for name, table in self.tables().items() if table.count]
+        return f"Block({', '.join([repr(title), options.program, options.system, options.refraction, *sizes])})"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows of it."""
+        return musatpy.to_html(self)
 
     def tables(self) -> dict[str, Table]:
         """Return the tables by their names."""

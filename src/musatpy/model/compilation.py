@@ -78,12 +78,14 @@ class StageReadings(Table):
     parallax: FloatArray = (
         per_row()
     )  # (k,) mm, of the right image less the left, along Y of the model; NaN: not read
+    time: FloatArray = per_row()  # (k,) s, of readings of profiles; NaN: not known
 
     @classmethod
     def on_stages(cls, **columns: Any) -> StageReadings:
         """Return readings on the stages from the other columns."""
         count = len(columns["ids"])
-        return cls(**columns, place=np.full((count, 3), np.nan), parallax=np.full(count, np.nan))
+        unknown = np.full(count, np.nan)
+        return cls(**{"time": unknown, **columns}, place=np.full((count, 3), np.nan), parallax=unknown)
 
     def of_model(self, row: int) -> IntArray:
         """Return the rows of the readings in a model."""
@@ -102,15 +104,37 @@ class StageReadings(Table):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProfileSpecs(Table):
-    """q profiles between points of a model, in the order of the deck; lengths in m."""
+    """q profiles of models, in the order of the deck; lengths in m.
+
+    A line runs from its start to its end. A scan along X or Y of the model covers the rectangle between them by
+    lines, whose direction alternates in a zigzag.
+    """
 
     ids: TextArray = per_row()  # (q,)
     model: IntArray = per_row()  # (q,) link to the models
-    start: TextArray = per_row()  # (q,) ids of readings
+    start: TextArray = per_row()  # (q,) ids of readings; empty: `places` has the ends
     end: TextArray = per_row()
+    places: FloatArray = per_row(2, 2)  # (q, 2, 2) start and end, NaN where points are
+    system: TextArray = per_row()  # (q,) of these: M model, J job (degrees, or m); empty where points are
     step: FloatArray = per_row()  # (q,)
     spike: FloatArray = per_row()  # (q,) NaN: nothing is a spike
     tolerance: FloatArray = per_row()  # (q,) 0: all readings are needed
+    scan: TextArray = per_row()  # (q,) L one line, X, Y lines along this axis of the model
+    zigzag: BoolArray = per_row()  # (q,) every other line of a scan was read from its end
+    spacing: FloatArray = per_row()  # (q,) of the lines of a scan
+
+    @classmethod
+    def between_points(cls, **columns: Any) -> ProfileSpecs:
+        """Return single lines between points from the other columns."""
+        count = len(columns["ids"])
+        return cls(
+            **columns,
+            places=np.full((count, 2, 2), np.nan),
+            system=np.full(count, ""),
+            scan=np.full(count, "L"),
+            zigzag=np.zeros(count, dtype=bool),
+            spacing=columns["step"],
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,21 +150,41 @@ class GridSpecs(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class SoundingDatum:
-    """The height from which charted depths count, in heights of the job (m), and its sigma, 0 where it is exact."""
+    """The height from which charted depths count, in heights of the job (m), and its sigma, 0 where it is exact.
+
+    With a `geoid`, the grid file of PROJ for a surface over the ellipsoid, it is the height above that.
+    """
 
     name: str = ""
     height: float = 0.0
     sigma: float = 0.0
+    geoid: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContourSpec:
-    """Contours of depth at multiples of an interval, every so many drawn thick, over triangles of limited edges."""
+    """Contours at multiples of an interval (m), every so many drawn thick, and at levels that are listed.
 
-    interval: float
+    They are those of triangles with limited edges, or of the posts of a `grid`.
+    """
+
+    interval: float = math.nan  # NaN: those that are listed only
     index: int = 5
     longest_edge: float = math.inf
     shortest: float = 0.0  # pieces shorter than this are left out
+    drying: float = math.nan  # m above the datum, up to which dry points belong to the bottom; NaN: none do
+    grid: str = ""
+    listed: tuple[float, ...] = ()
+    listed_index: tuple[float, ...] = ()  # those that are drawn thick
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CardLines:
+    """The lines of a deck on which its models, readings and profiles stand, row by row."""
+
+    models: IntArray
+    stages: IntArray
+    profiles: IntArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,4 +198,6 @@ class Compilation:
     profiles: ProfileSpecs = field(default_factory=partial(empty, ProfileSpecs))
     grids: GridSpecs = field(default_factory=partial(empty, GridSpecs))
     datum: SoundingDatum | None = None  # None: no card
-    contours: ContourSpec | None = None  # None: none are asked for
+    contours: ContourSpec | None = None  # of depth below the datum; None: none are asked for
+    heights: ContourSpec | None = None  # contours of height
+    lines: CardLines | None = None  # None: of no file

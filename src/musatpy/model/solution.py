@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
@@ -19,6 +20,8 @@ from musatpy.model.tables import Table, per_row
 
 if TYPE_CHECKING:
     from musatpy.model.reduced import Reduced  # of raw plates only
+
+_REASON = 200  # characters of a reason that are shown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -207,6 +210,25 @@ class Solution:
         for kind, values in self.measured.items():
             if len(values) != kind.size(self.block):
                 raise ValueError(f"{len(values)} adjusted {kind.noun}, not {kind.size(self.block)}")
+
+    def __repr__(self) -> str:
+        """Return how the adjustment ended, its main numbers and the block."""
+        end = "converged" if self.converged else f"not converged: {self.reason[:_REASON]}"
+        numbers = f"sigma0={self.sigma0:.4f}, degrees_of_freedom={self.degrees_of_freedom}"
+        steps = f"iterations={len(self.iterations)}, passes={len(self.passes)}"
+        return f"Solution({end}, {numbers}, {steps}, block={self.block!r})"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows of it."""
+        return musatpy.to_html(self)
+
+    def to_pandas(self) -> dict[str, Any]:
+        """Return the tables of its record: see `musatpy.to_pandas`."""
+        return musatpy.to_pandas(self)
+
+    def to_xarray(self) -> Any:
+        """Return its record as one dataset: see `musatpy.to_xarray`."""
+        return musatpy.to_xarray(self)
 
     @property
     def unit_sigma(self) -> float:

@@ -74,6 +74,14 @@ def _types(kind: Any) -> Mapping[str, type]:
 class Table:
     """Columns (n,) or (n, k, ...), checked and frozen. Raises `ValueError` for wrong shapes."""
 
+    def __init_subclass__(cls) -> None:
+        """Let every table say what it has: a dataclass would write a `__repr__` of its own, with all numbers."""
+        cls.__repr__ = Table.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """Return the name of the table with the number of its rows and its columns: `Points(22: ids, ...)`."""
+        return f"{type(self).__name__}({self.count}: {', '.join(columns(type(self)))})"
+
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
         kind: Any = type(self)

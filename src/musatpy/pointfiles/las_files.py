@@ -13,14 +13,15 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import DepthError, Problem
-from musatpy.files import whole_file, write_file
+from musatpy.files import whole_file
 from musatpy.pointfiles.las_headers import Headed, checked_head, name_all
 
 SUFFIXES = (".las", ".laz")
@@ -77,13 +78,14 @@ def rewrite(
     values: Callable[[Any, Done], Iterable[tuple[str, Any]]],
     what: str,
     progress: Callable[[int], None] | None = None,
+    kept: Callable[[Done], BoolArray] | None = None,
 ) -> None:
     """Write a file anew, its points with other coordinates and the dimensions `added`: name -> type, description.
 
-    `work` yields what comes of coordinates (n, 3), chunk by chunk in their order; `values` names coordinates and
-    dimensions of given points and what they get by it. `progress` is told of points. Raises `DepthError` without
-    laspy, for a file that is none, has such a dimension already or cannot hold the coordinates (`what` they are);
-    `OSError`.
+    `work` yields what comes of coordinates (n, 3), chunk by chunk in their order; `kept` tells which (n,) of the
+    points stay, all without it; `values` names coordinates and dimensions of these and what they get by it.
+    `progress` is told of points. Raises `DepthError` without laspy, for a file that is none, has such a dimension
+    already or cannot hold the coordinates (`what` they are); `OSError`.
     """
     with opened(source) as reader, whole_file(target) as file:
         header = _extended_header(reader.header, added, source)
@@ -96,7 +98,8 @@ def rewrite(
                     yield np.column_stack([np.asarray(record[name]) for name in _AXES])
 
             for done in work(coordinates()):
-                given = records.popleft()
+                read = records.popleft()
+                given = read if kept is None else read[kept(done)]
                 record = _copied(header, given)
                 try:
                     for name, value in values(given, done):
@@ -108,67 +111,87 @@ def rewrite(
                 except OverflowError as error:
                     raise _unusable(source, f"{what} do not fit its scale and offset") from error
                 if progress:
-                    progress(len(given))
+                    progress(len(read))
             _write_last_records(reader, writer)
 
 
-def read_columns(source: Path) -> tuple[FloatArray, dict[str, tuple[Any, str]]]:
-    """Return the coordinates (n, 3) of a file and its extra dimensions of one number: name -> values, description.
+Table = tuple[FloatArray, dict[str, tuple[Any, str]]]  # coordinates (n, 3); column -> values (n,) and description
+
+
+def read_chunks(source: Path, size: int) -> Iterator[Table]:
+    """Yield the coordinates of so many points at a time and their extra dimensions of one number.
 
     Raises as `opened`.
     """
     with opened(source) as reader:
         extra = [d for d in reader.header.point_format.extra_dimensions if d.num_elements == 1]
-        records = list(_chunks(reader, CHUNK, source))
-    if not records:
-        return np.empty((0, 3)), {}
-    xyz = [np.column_stack([np.asarray(record[name]) for name in _AXES]) for record in records]
-    columns = {
-        d.name: (np.concatenate([np.asarray(record[d.name]) for record in records]), d.description) for d in extra
-    }
-    return np.concatenate(xyz), columns
+        for record in _chunks(reader, size, source):
+            columns = {d.name: (np.array(record[d.name]), d.description) for d in extra}
+            yield np.column_stack([np.asarray(record[name]) for name in _AXES]), columns
 
 
-def write_columns(
+def write_chunks(
     target: Path,
-    coordinates: FloatArray,
-    columns: Mapping[str, tuple[Any, str]],
+    chunks: Iterable[Table],
     scales: tuple[float, float, float],
     crs: Any = None,
     records: Mapping[str, bytes] | None = None,
 ) -> None:
-    """Write a new file: coordinates (n, 3) to their `scales`, and columns, name -> values and description.
+    """Write a new file of chunks of points with the same columns, coordinates to their `scales`.
 
     `crs`: of pyproj; `records`: further ones before the points, by their users. The same points give the same
     bytes. Raises `DepthError` without laspy, and for what a file cannot hold; `OSError`.
     """
-    laspy = _laspy()
+    rest = iter(chunks)
+    first = next(rest)
+    with _refused(target, "cannot hold the points"):
+        header = _new_header(first, scales, crs, records or {})
+    with whole_file(target) as file, _opened_for_writing(file, header, target) as writer:
+        for coordinates, columns in chain([first], rest):
+            with _refused(target, "cannot hold the points"):
+                record = _new_points(header, coordinates, columns)
+            writer.write_points(record)
+
+
+def _new_header(table: Table, scales: tuple[float, float, float], crs: Any, records: Mapping[str, bytes]) -> Any:
+    """Return the header of a file that begins with some points."""
+    laspy, (coordinates, columns) = _laspy(), table
     header = laspy.LasHeader(**_NEW)
     header.creation_date, header.uuid = _FIRST_DAY, uuid.UUID(int=0)
     header.system_identifier, header.generating_software = "OTHER", "musatpy"
     header.scales = np.array(scales)
     header.offsets = np.floor(coordinates.min(axis=0)) if len(coordinates) else np.zeros(3)
+    kinds = {name: np.asarray(values).dtype.str[1:] for name, (values, _) in columns.items()}
+    header.add_extra_dims(
+        [laspy.ExtraBytesParams(name=name, type=kinds[name], description=columns[name][1]) for name in columns]
+    )
+    if crs is not None:
+        header.add_crs(crs)
+    header.vlrs.extend(laspy.VLR(user, 1, record_data=data) for user, data in records.items())
+    return header
+
+
+def _new_points(header: Any, coordinates: FloatArray, columns: Mapping[str, tuple[Any, str]]) -> Any:
+    """Return points in the form of a header."""
+    points = _laspy().ScaleAwarePointRecord.zeros(len(coordinates), header=header)
+    for name, values in zip(_AXES, coordinates.T, strict=True):
+        setattr(points, name, values)
+    for name, (values, _) in columns.items():
+        points[name] = values
+    for name in ("return_number", "number_of_returns"):
+        points[name] = np.ones(len(coordinates), dtype=np.uint8)
+    return points
+
+
+@contextmanager
+def _refused(path: Path, what: str) -> Iterator[None]:
+    """Turn what laspy raises over names, kinds and coordinates, of no common kind, into a `DepthError`."""
     try:
-        kinds = {name: np.asarray(values).dtype.str[1:] for name, (values, _) in columns.items()}
-        header.add_extra_dims(
-            [laspy.ExtraBytesParams(name=name, type=kinds[name], description=columns[name][1]) for name in columns]
-        )
-        if crs is not None:
-            header.add_crs(crs)
-        header.vlrs.extend(laspy.VLR(user, 1, record_data=data) for user, data in (records or {}).items())
-        points = laspy.ScaleAwarePointRecord.zeros(len(coordinates), header=header)
-        for name, values in zip(_AXES, coordinates.T, strict=True):
-            setattr(points, name, values)
-        for name, (values, _) in columns.items():
-            points[name] = values
-        for name in ("return_number", "number_of_returns"):
-            points[name] = np.ones(len(coordinates), dtype=np.uint8)
-    except Exception as error:  # of names, kinds and coordinates, and of no common kind
-        raise _unusable(target, f"cannot hold the points: {error}") from error
-    out = io.BytesIO()
-    with _opened_for_writing(out, header, target) as writer:
-        writer.write_points(points)
-    write_file(target, out.getvalue())
+        yield
+    except DepthError:
+        raise
+    except Exception as error:
+        raise _unusable(path, f"{what}: {error}") from error
 
 
 def record_of(source: Path, user: str) -> bytes:

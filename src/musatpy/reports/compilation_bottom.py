@@ -1,7 +1,8 @@
-"""Profiles, surfaces and contours of a compilation, as tables and as lines in files."""
+"""Surfaces and contours of a compilation, as tables and as lines in files."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,58 +15,60 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import wrapped
 from musatpy.surfaces.contours import bounds
-from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.compilation.bottom import Bottom
+    from musatpy.compilation.datums import Datum
+    from musatpy.compilation.file_places import FilePlaces
     from musatpy.compilation.grids import PostGrid
     from musatpy.compilation.joined_surfaces import EdgeMatch, Surface
-    from musatpy.compilation.profiles import CompiledProfile
-    from musatpy.surfaces.contours import Contours
 
-Level = tuple[int, float, bool, int, float, float]
+Bottoms = Sequence["Bottom"]
+Level = tuple[str, float, bool, int, float, float]
 
-SURFACES: Each[Bottom, tuple[int, Surface, Contours]] = Each(
+SURFACES: Each[Bottoms, tuple[str, Surface, Bottom]] = Each(
     "surfaces",
-    "one row per surface of models that overlap, where the bottom was asked for",
-    lambda bottom: _numbered(bottom),
+    "one row per surface of models that overlap, where depths or heights were asked for",
+    lambda bottoms: _numbered(bottoms),
     (
-        Field("surface", "integer", "number", lambda s: s[0]),
+        Field("surface", "string", "number, behind an H of heights", lambda s: s[0]),
+        Field("of", "enum", "what it has at its points", lambda s: s[2].of, choices=("depth", "height")),
         Field("models", "* string", "model ids", lambda s: s[1].models),
         Field("points", "integer", "of the surface", lambda s: len(s[1].tin.z) if s[1].tin else 0),
         Field("merged", "integer", "points in the places of others", lambda s: s[1].tin.merged if s[1].tin else 0),
         Field("left_out", "integer", "points beyond the middles of overlaps", lambda s: s[1].left_out),
         Field("area", "number?", "in plan", lambda s: s[1].tin.area if s[1].tin else np.nan, "m2"),
-        Field("least", "number?", "depth below the datum", lambda s: _depth(s[1], np.min), "m"),
-        Field("greatest", "number?", "depth below the datum", lambda s: _depth(s[1], np.max), "m"),
-        Field("dropped", "integer", "pieces of contours that were too short", lambda s: s[2].dropped),
+        Field("least", "number?", "depth below the datum, or height", lambda s: _value(s[1], np.min), "m"),
+        Field("greatest", "number?", "depth below the datum, or height", lambda s: _value(s[1], np.max), "m"),
+        Field("dropped", "integer", "pieces of contours that were too short", lambda s: s[2].dropped(s[1])),
         Field("reason", "string", "why there is no surface; empty where there is", lambda s: s[1].reason),
     ),
 )
-EDGES: Each[Bottom, EdgeMatch] = Each(
+EDGES: Each[Bottoms, tuple[Bottom, EdgeMatch]] = Each(
     "edge_match",
-    "one row per pair of models that overlap: depths of the first less those of the second",
-    lambda bottom: bottom.edges,
+    "one row per pair of models that overlap: values of the first less those of the second",
+    lambda bottoms: _edges(bottoms),
     (
-        Field("models", "2 string", "model ids", lambda e: e.models),
-        Field("points", "integer", "of either model, on the surface of the other", lambda e: len(e.names)),
-        Field("mean", "number", "of the differences", lambda e: e.difference.mean(), "m"),
-        Field("rms", "number", "root mean square", lambda e: e.rms, "m"),
-        Field("expected", "number", "by the sigmas, as if the models had nothing in common", unit="m"),
+        Field("models", "2 string", "model ids", lambda e: e[1].models),
+        Field("of", "enum", "what is compared", lambda e: e[0].of, choices=("depth", "height")),
+        Field("points", "integer", "of either model, on the surface of the other", lambda e: len(e[1].names)),
+        Field("mean", "number", "of the differences", lambda e: e[1].difference.mean(), "m"),
+        Field("rms", "number", "root mean square", lambda e: e[1].rms, "m"),
         Field(
-            "largest",
-            "number",
-            "signed difference of the largest magnitude",
-            lambda e: e.difference[e.largest],
-            "m",
+            "expected", "number", "by the sigmas, as if the models had nothing in common",
+            lambda e: e[1].expected, "m",
         ),
-        Field("point", "string", "of the largest", lambda e: e.names[e.largest]),
+        Field(
+            "largest", "number", "signed difference of the largest magnitude",
+            lambda e: e[1].difference[e[1].largest], "m",
+        ),
+        Field("point", "string", "of the largest", lambda e: e[1].names[e[1].largest]),
     ),
-)
-GRIDS: Each[Bottom, PostGrid] = Each(
+)  # fmt: skip
+GRIDS: Each[Bottoms, PostGrid] = Each(
     "grids",
     "one row per grid of posts",
-    lambda bottom: bottom.grids,
+    lambda bottoms: _grids(bottoms),
     (
         Field("grid", "string", "name", lambda g: g.name),
         Field("spacing", "number", "of the posts", unit="m"),
@@ -85,56 +88,51 @@ GRIDS: Each[Bottom, PostGrid] = Each(
         Field("mean_sigma", "number?", "of the posts", lambda g: _least(g.sigma, np.nanmean), "m"),
     ),
 )  # fmt: skip
-CONTOURS: Each[Bottom, Level] = Each(
+_DRAWN: tuple[Field[Level], ...] = (
+    Field("index", "boolean", "drawn thick", lambda c: c[2]),
+    Field("lines", "integer", "pieces", lambda c: c[3]),
+    Field("length", "number", "in plan", lambda c: c[4], "m"),
+    Field("area", "number", "enclosed by closed lines", lambda c: c[5], "m2"),
+)
+CONTOURS: Each[Bottoms, Level] = Each(
     "contours",
-    "one row per depth of a surface",
-    lambda bottom: _levels(bottom),
+    "one row per depth of a surface or grid",
+    lambda bottoms: _levels(bottoms, "depth"),
     (
-        Field("surface", "integer", "number", lambda c: c[0]),
+        Field("contour", "string", "surface or grid, and depth", lambda c: f"{c[0]}:{c[1]:.3f}"),
+        Field("surface", "string", "number, or name of a grid", lambda c: c[0]),
         Field("depth", "number", "below the datum", lambda c: c[1], "m"),
-        Field("index", "boolean", "drawn thick", lambda c: c[2]),
-        Field("lines", "integer", "pieces", lambda c: c[3]),
-        Field("length", "number", "in plan", lambda c: c[4], "m"),
-        Field("area", "number", "enclosed by closed lines", lambda c: c[5], "m2"),
+        Field("drying", "boolean", "above the datum", lambda c: c[1] < 0.0),
+        *_DRAWN,
     ),
 )
-PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
-    "profiles",
-    "one row per profile",
-    lambda profiles: profiles,
+HEIGHT_CONTOURS: Each[Bottoms, Level] = Each(
+    "height_contours",
+    "one row per height of a surface",
+    lambda bottoms: _levels(bottoms, "height"),
     (
-        Field("model", "string", "model id", lambda p: p.model),
-        Field("profile", "string", "profile id", lambda p: p.name),
-        Field("readings", "integer", "with a position", lambda p: len(p.rows)),
-        Field("spikes", "integer", "readings beside the median of seven", lambda p: _number(p, "spike")),
-        Field("needed", "integer", "readings that thinning keeps", lambda p: _number(p, "kept")),
-        Field("length", "number?", "from the first to the last reading", lambda p: _of_stations(p), "m"),
-        Field("least", "number?", "depth below the datum", lambda p: _of_values(p, np.min), "m"),
-        Field("greatest", "number?", "depth below the datum", lambda p: _of_values(p, np.max), "m"),
-        Field("reason", "string", "why there is none; empty where there is", lambda p: p.reason),
+        Field("contour", "string", "surface and height", lambda c: f"{c[0]}:{c[1]:.3f}"),
+        Field("surface", "string", "number", lambda c: c[0]),
+        Field("height", "number", "of the job", lambda c: c[1], "m"),
+        *_DRAWN,
     ),
 )
-RECORD = (SURFACES, EDGES, CONTOURS, GRIDS)
+RECORD = (SURFACES, EDGES, CONTOURS, HEIGHT_CONTOURS, GRIDS)
 
 
-def _numbered(bottom: Bottom) -> list[tuple[int, Surface, Contours]]:
-    return [(row, *pair) for row, pair in enumerate(zip(bottom.surfaces, bottom.lines, strict=True), 1)]
+def _numbered(bottoms: Bottoms) -> list[tuple[str, Surface, Bottom]]:
+    return [(name, surface, bottom) for bottom in bottoms for name, surface in bottom.named]
 
 
-def _number(part: CompiledProfile, name: str) -> int:
-    return 0 if part.profile is None else int(getattr(part.profile, name).sum())
+def _edges(bottoms: Bottoms) -> list[tuple[Bottom, EdgeMatch]]:
+    return [(bottom, edge) for bottom in bottoms for edge in bottom.edges]
 
 
-def _of_stations(part: CompiledProfile) -> float:
-    return np.nan if part.profile is None else float(np.ptp(part.profile.station))
+def _grids(bottoms: Bottoms) -> list[PostGrid]:
+    return [grid for bottom in bottoms for grid in bottom.grids]
 
 
-def _of_values(part: CompiledProfile, of: Any) -> float:
-    values = np.zeros(0) if part.profile is None else part.profile.value[~part.profile.spike]
-    return float(of(values)) if len(values) else np.nan
-
-
-def _depth(surface: Surface, of: Any) -> float:
+def _value(surface: Surface, of: Any) -> float:
     return np.nan if surface.tin is None else float(of(surface.tin.z))
 
 
@@ -142,32 +140,30 @@ def _least(depth: FloatArray, of: Any) -> float:
     return float(of(depth)) if np.isfinite(depth).any() else np.nan
 
 
-def _collocated(bottom: Bottom) -> IntArray:
-    return np.flatnonzero([grid.validation is not None for grid in bottom.grids])
+def _collocated(bottoms: Bottoms) -> IntArray:
+    return np.flatnonzero([grid.validation is not None for grid in _grids(bottoms)])
 
 
-def _levels(bottom: Bottom) -> list[Level]:
+def _levels(bottoms: Bottoms, of: str) -> list[Level]:
     rows: list[Level] = []
-    for number, _, drawn in _numbered(bottom):
-        thick = {line.level for line in drawn.lines if line.index}
-        rows += [
-            (number, level, level in thick, lines, length, area)
-            for level, lines, length, area in bounds(drawn.lines)
-        ]
+    for sheet in (sheet for bottom in bottoms if bottom.of == of for sheet in bottom.sheets):
+        thick = {line.level for line in sheet.contours.lines if line.index}
+        rows += [(sheet.name, row[0], row[0] in thick, *row[1:]) for row in bounds(sheet.contours.lines)]
     return rows
 
 
 SURFACE_TABLE: Report[Any] = Report(
-    title="Surfaces Of The Bottom",
+    title="Surfaces",
     table=SURFACES,
     columns=(
-        key("Surface", "I7", "surface"),
+        key("Surface", "A7", "surface"),
+        Column("Of", "A6", shows="of"),
         Column("Points", "I6", shows="points"),
         Column("Merged", "I6", shows="merged"),
         Column("Left out", "I8", shows="left_out"),
         Column("Area\nm2", "F14.1", shows="area"),
-        Column("Least depth\nm", "F11.3", shows="least"),
-        Column("Greatest depth\nm", "F14.3", shows="greatest"),
+        Column("Least\nm", "F9.3", shows="least"),
+        Column("Greatest\nm", "F9.3", shows="greatest"),
         Column("Dropped", "I7", shows="dropped"),
         Column("Without a surface, because", "A42", shows="reason"),
     ),
@@ -187,7 +183,7 @@ GRID_TABLE: Report[Any] = Report(
 COLLOCATED_TABLE: Report[Any] = Report(
     title="Grids By Collocation: Points Left Out And Predicted",
     table=GRIDS,
-    rows=lambda bottom: _collocated(bottom),
+    rows=lambda bottoms: _collocated(bottoms),
     columns=(
         key("Grid", "A8", "grid"),
         Column("RMS\nm", "F8.3", shows="left_out_rms"),
@@ -196,10 +192,11 @@ COLLOCATED_TABLE: Report[Any] = Report(
     ),
 )
 EDGE_TABLE: Report[Any] = Report(
-    title="Edge Match: Depths Of The First Model Less Those Of The Second",
+    title="Edge Match: The First Model Less The Second",
     table=EDGES,
     columns=(
         *(key(name, "A8", f"models[{row}]") for row, name in enumerate(("First", "Second"))),
+        key("Of", "A6", "of"),
         Column("Points", "I6", shows="points"),
         Column("Mean\nm", "F8.3", shows="mean"),
         Column("RMS\nm", "F8.3", shows="rms"),
@@ -208,115 +205,63 @@ EDGE_TABLE: Report[Any] = Report(
         Column("at Point", "A8", shows="point"),
     ),
 )
+_DRAWN_COLUMNS: tuple[Column[Any], ...] = (
+    Column("Index", "A5", shows=Origin(field="index", true="index")),
+    Column("Lines", "I5", shows="lines"),
+    Column("Length\nm", "F12.1", shows="length"),
+    Column("Enclosed area\nm2", "F14.1", shows="area"),
+)
 CONTOUR_TABLE: Report[Any] = Report(
     title="Contours",
     table=CONTOURS,
     columns=(
-        key("Surface", "I7", "surface"),
-        key("Depth\nm", "F9.3", "depth"),
-        Column("Index", "A5", shows=Origin(field="index", true="index")),
-        Column("Lines", "I5", shows="lines"),
-        Column("Length\nm", "F12.1", shows="length"),
-        Column("Enclosed area\nm2", "F14.1", shows="area"),
+        key("Contour", "A18", "contour"),
+        Column("Depth\nm", "F9.3", shows="depth"),
+        Column("Drying", "A6", shows=Origin(field="drying", true="drying")),
+        *_DRAWN_COLUMNS,
     ),
 )
-PROFILE_TABLE: Report[Any] = Report(
-    title="Profile Compilation",
-    table=PROFILES,
-    columns=(
-        key("Model", "A8", "model"),
-        key("Profile", "A8", "profile"),
-        Column("Readings", "I8", shows="readings"),
-        Column("Spikes", "I6", shows="spikes"),
-        Column("Needed", "I6", shows="needed"),
-        Column("Length\nm", "F10.2", shows="length"),
-        Column("Least depth\nm", "F11.3", shows="least"),
-        Column("Greatest depth\nm", "F14.3", shows="greatest"),
-        Column("Without, because", "A44", shows="reason"),
-    ),
+HEIGHT_TABLE: Report[Any] = Report(
+    title="Contours Of Height",
+    table=HEIGHT_CONTOURS,
+    columns=(key("Contour", "A18", "contour"), Column("Height\nm", "F9.3", shows="height"), *_DRAWN_COLUMNS),
 )
-STATED = (PROFILE_TABLE, SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, GRID_TABLE, COLLOCATED_TABLE)
+STATED = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 
 
-def sections_of(bottom: Bottom | None, profiles: list[CompiledProfile]) -> list[Section]:
-    """Return the tables, and the spikes of profiles; nothing of what was not asked for."""
-    sections = [PROFILE_TABLE.section(profiles, new_page=True)] if profiles else []
-    spikes = [
-        f"Model {part.model}, profile {part.name}, station {station:.2f} m: depth {value:.3f} m"
-        for part in profiles
-        if part.profile is not None
-        for station, value in zip(
-            part.profile.station[part.profile.spike], part.profile.value[part.profile.spike], strict=True
-        )
-    ]
-    if spikes:
-        sections.append(Section(title="Spikes Of Profiles", lines=spikes))
-    if bottom is None:
-        return sections
-    names = (f"{number}: models {', '.join(surface.models)}" for number, surface, _ in _numbered(bottom))
+def sections_of(bottoms: Bottoms) -> list[Section]:
+    """Return the tables; nothing of what was not asked for."""
+    if not bottoms:
+        return []
+    names = (f"{name}: models {', '.join(surface.models)}" for name, surface, _ in _numbered(bottoms))
     return [
-        *sections,
-        SURFACE_TABLE.section(bottom, new_page=True),
+        SURFACE_TABLE.section(bottoms, new_page=True),
         Section(title="Surfaces And Their Models", lines=wrapped(names)),
-        *([EDGE_TABLE.section(bottom)] if bottom.edges else []),
-        *([CONTOUR_TABLE.section(bottom)] if any(drawn.lines for drawn in bottom.lines) else []),
-        *([GRID_TABLE.section(bottom)] if bottom.grids else []),
-        *([COLLOCATED_TABLE.section(bottom)] if len(_collocated(bottom)) else []),
+        *([EDGE_TABLE.section(bottoms)] if _edges(bottoms) else []),
+        *([CONTOUR_TABLE.section(bottoms)] if _levels(bottoms, "depth") else []),
+        *([HEIGHT_TABLE.section(bottoms)] if _levels(bottoms, "height") else []),
+        *([GRID_TABLE.section(bottoms)] if _grids(bottoms) else []),
+        *([COLLOCATED_TABLE.section(bottoms)] if len(_collocated(bottoms)) else []),
     ]
 
 
-def grid_csv(grid: PostGrid, angular: bool, datum: float) -> str:
-    """Return the posts of a grid that have a depth as comma-separated values, in the system of the job."""
-    unit, decimals = _printed(angular)
-    lines = [f"{'latitude,longitude,height' if angular else 'X,Y,Z'},depth,sigma"]
+def grid_csv(grid: PostGrid, places: FilePlaces, datum: Datum) -> str:
+    """Return the posts of a grid that have a depth as comma-separated values."""
     known = np.isfinite(grid.depth).ravel()
-    places = (grid.coordinates(datum) / unit)[known].tolist()
+    texts = places.texts(grid.coordinates(datum)[known])
     depths, sigmas = grid.depth.ravel()[known].tolist(), grid.sigma.ravel()[known].tolist()
-    for place, depth, sigma in zip(places, depths, sigmas, strict=True):
-        text = ",".join(f"{v:.{d}f}" for v, d in zip(place, decimals, strict=True))
-        lines.append(f"{text},{depth:.3f},{sigma:.3f}")
+    rows = zip(texts, depths, sigmas, strict=True)
+    lines = [f"{places.heading},depth,sigma", *(f"{text},{depth:.3f},{sigma:.3f}" for text, depth, sigma in rows)]
     return "\n".join(lines) + "\n"
 
 
-def contours_csv(bottom: Bottom, angular: bool, datum: float) -> str:
-    """Return the contours as comma-separated values, a vertex a line, in the system of the job (degrees, m)."""
-    lines = [f"line,surface,depth,index,closed,{'latitude,longitude,height' if angular else 'X,Y,Z'}"]
+def contours_csv(bottom: Bottom, places: FilePlaces, datum: Datum) -> str:
+    """Return the contours as comma-separated values, a vertex a line."""
+    lines = [f"line,surface,{'depth' if bottom.of == 'depth' else 'level'},index,closed,{places.heading}"]
     number = 0
-    unit, decimals = _printed(angular)
-    for row, surface, drawn in _numbered(bottom):
-        for line in drawn.lines:
+    for sheet in bottom.sheets:
+        for line in sheet.contours.lines:
             number += 1
-            head = f"{number},{row},{line.level:g},{int(line.index)},{int(line.closed)},"
-            for vertex in surface.coordinates(line.xy, np.full(len(line.xy), datum - line.level)) / unit:
-                lines.append(head + ",".join(f"{v:.{d}f}" for v, d in zip(vertex, decimals, strict=True)))
-    return "\n".join(lines) + "\n"
-
-
-def _printed(angular: bool) -> tuple[FloatArray, tuple[int, int, int]]:
-    """Return the units (3,) of coordinates in files, and their decimals."""
-    return (np.array([DEGREE, DEGREE, 1.0]), (10, 10, 4)) if angular else (np.ones(3), (4, 4, 4))
-
-
-def profiles_csv(profiles: list[CompiledProfile], angular: bool) -> str:
-    """Return the readings of profiles, and the depths at even steps, as comma-separated values (degrees, m).
-
-    What a row is stands first: a reading, a spike, a reading that thinning does not need, or a post.
-    """
-    lines = [f"row,model,profile,station,offset,depth,sigma,{'latitude,longitude,height' if angular else 'X,Y,Z'}"]
-    unit, decimals = _printed(angular)
-    for part in profiles:
-        done = part.profile
-        if done is None:
-            continue
-        names = np.where(done.spike, "spike", np.where(done.kept, "reading", "not needed"))
-        for row, name in enumerate(names.tolist()):
-            place = ",".join(f"{v:.{d}f}" for v, d in zip(part.position[row] / unit, decimals, strict=True))
-            numbers = (done.station[row], done.offset[row], done.value[row], part.sigma[row])
-            texts = ",".join(f"{number:.3f}" for number in numbers)
-            lines.append(f"{name},{part.model},{part.name},{texts},{place}")
-        stations, depths = done.at_steps(part.step)
-        lines += [
-            f"post,{part.model},{part.name},{station:.3f},0.000,{depth:.3f},,,,"
-            for station, depth in zip(stations, depths, strict=True)
-        ]
+            head = f"{number},{sheet.name},{line.level:g},{int(line.index)},{int(line.closed)},"
+            lines += [head + text for text in places.texts(bottom.vertices(sheet, line, datum))]
     return "\n".join(lines) + "\n"

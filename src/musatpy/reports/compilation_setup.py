@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import compilation
-from musatpy.reports.columns import vector
+from musatpy.reports.columns import position_columns, vector
 from musatpy.reports.compilation import INTERIOR, JOB, MODELS, MOVED, RECOVERED
+from musatpy.reports.compilation_points import in_system
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Node, Rows, Schema, properties_of, same
 from musatpy.reports.origin import Origin
@@ -22,7 +23,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.compiled import Compiled
     from musatpy.compilation.setups import ModelSetUp
 
-_VERSION = "1.0"
+_VERSION = "2.0"
 _ABOUT = (
     "Stereomodels of a run, set up: metres, millimetres of the plate, radians. Model axes: X along the base, Z up "
     "at the origin. A number that does not exist is null"
@@ -46,8 +47,11 @@ RUN_POINTS: Rows[SetUps, SetUps] = Rows(
         Field("model", "string", "model id", lambda s: _model_ids(s)),
         Field("point", "string", "point id", lambda s: _point_ids(s)),
         Field("submerged", "boolean", "flagged so", lambda s: _submerged(s)),
-        Field("position", "3 number", "in the model", lambda s: _in_model(s), "m"),
-        Field("predicted", "2x2 number", "stages, left and right, x and y", lambda s: _of(s, "predicted"), "mm"),
+        Field("position", "3 number", "in the model", lambda s: _in_model(s), "m", exact=True),
+        Field(
+            "predicted", "2x2 number", "stages, left and right, x and y", lambda s: _of(s, "predicted"), "mm",
+            exact=True,
+        ),
         Field("difference", "2x2 number?", "read less predicted", lambda s: _difference(s), "mm"),
         Field(
             "y_parallax", "number?", "of refracted rays, by readings where there are any",
@@ -62,13 +66,15 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
     same,
     (
         Field("model", "string", "model id", lambda s: _expected_ids(s)),
-        Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m"),
+        Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m", exact=True),
         Field("depth", "number", "below the water; 0: dry, at its height", lambda s: _expected(s, "depth"), "m"),
         Field("sigma", "3 number?", "east, north, up", lambda s: _expected(s, "sigma"), "m"),
         Field(
             "depth_sigma", "number?", "of the depth",
             lambda s: np.concatenate([m.expected.points.depth_sigma for m in s.models]), "m",
         ),
+        Field("pointing_sigma", "number?", "of the height, by pointing", lambda s: _expected(s, "pointing"), "m"),
+        Field("run_sigma", "number?", "of the height, by the run", lambda s: _expected(s, "of_run"), "m"),
     ),
 )  # fmt: skip
 
@@ -151,6 +157,17 @@ AXES_TABLE: Report[Any] = Report(
         ),
     ),
 )
+GEOMETRY_TABLE: Report[Any] = Report(
+    title="Scales, And Origins In The System Of The Job",
+    table=MODELS,
+    columns=(
+        key("Model", "A8", "model"),
+        Column("Scale\n1 to", "F9.0", shows="scale"),
+        Column("Base\nm", "F9.2", shows="base"),
+        Column("Height\nm", "F9.2", shows="height"),
+        in_system(position_columns("origin_position", 4)),
+    ),
+)
 POINT_TABLE: Report[Any] = Report(
     title="Points Of The Run In The Model",
     table=RUN_POINTS,
@@ -181,9 +198,11 @@ EXPECTED_TABLE: Report[Any] = Report(
         Column("Depth\nm", "F7.2", shows="depth"),
         *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F8.3",) * 3, shows="sigma"),
         Column("Depth\nm", "F8.3", shows="depth_sigma"),
+        Column("Pointing\nm", "F8.3", shows="pointing_sigma"),
+        Column("Run\nm", "F8.3", shows="run_sigma"),
     ),
 )
-STATED = (AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)
+STATED = (GEOMETRY_TABLE, AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)
 
 
 def listing_of(
@@ -197,6 +216,7 @@ def listing_of(
     compiled, against = setups.compiled, setups.against
     sections = [
         *compilation.model_sections(compiled, against, warnings),
+        GEOMETRY_TABLE.section(compiled),
         AXES_TABLE.section(compiled),
         POINT_TABLE.section(setups, new_page=True),
         EXPECTED_TABLE.section(setups, new_page=True),

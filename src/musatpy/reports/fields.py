@@ -11,22 +11,24 @@ names.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.reports.encoding import Json, number, plain
+from musatpy.reports.encoding import Json, number, plain, rounded
 
 Schema = dict[str, Any]
 Source = TypeVar("Source")
 Item = TypeVar("Item")
 Part = TypeVar("Part")
 
+DIGITS = 12  # of numbers in tables that are neither coordinates nor angles nor covariances
 _NULL = " or null"
 _STEP = re.compile(r"\[(\d+)\]")
+_EXACT_UNIT = re.compile(r"rad|m2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,14 @@ class Field(Node[Source]):
     values: Callable[[Source], Any] | None = None
     unit: str = ""
     choices: Iterable[Any] = ()
+    exact: bool = False  # of numbers in tables: at full precision whatever the unit, as coordinates are
+    seldom: bool = False  # stands in the record only where it says something
+
+    @property
+    def digits(self) -> int | None:
+        """Significant digits of its numbers in a table; None: all of them, as of angles and of covariances."""
+        is_number = self.kind.removesuffix(_NULL).rpartition(" ")[2].removesuffix("?") == "number"
+        return None if self.exact or not is_number or _EXACT_UNIT.search(self.unit) else DIGITS
 
     def of(self, source: Source) -> Any:
         """Return its value, or of a table its values."""
@@ -101,27 +111,31 @@ class Group(Node[Source], Generic[Source, Item]):
 
 @dataclass(frozen=True, eq=False)
 class Rows(Node[Source], Generic[Source, Item]):
-    """A table of columns; without rows as its source is None."""
+    """A table of columns, each a list with one entry per row; without rows as its source is None."""
 
     text: str
     of: Callable[[Source], Item | None]
     fields: Sequence[Field[Item]]
+    of_images: bool = False  # rows are images, or one of their coordinates: may be left out of a record
 
     def schema(self) -> Schema:
-        return {
-            "type": "array",
-            "description": self.text,
-            "items": {"type": "object", **properties_of(self.fields)},
-        }
+        fields = properties_of(self.fields)
+        for field in self.fields:
+            said = fields["properties"][field.name]
+            about = {key: said.pop(key) for key in ("unit", "description") if key in said}
+            digits = {} if field.digits is None else {"digits": field.digits}
+            fields["properties"][field.name] = {"type": "array", "items": said, **about, **digits}
+        return {"type": "object", "description": self.text, "columns": True, **fields}
 
     def json(self, source: Source) -> Json:
+        columns = ((field.name, rounded(values, field.digits)) for field, values in self.columns(source))
+        return {name: plain(values) if isinstance(values, np.ndarray) else list(values) for name, values in columns}
+
+    def columns(self, source: Source) -> Iterator[tuple[Field[Item], Any]]:
+        """Yield the fields with their values, one per row, as arrays or lists."""
         item = self.of(source)
-        if item is None:
-            return []
-        values = [field.of(item) for field in self.fields]
-        columns = [plain(value) if isinstance(value, np.ndarray) else value for value in values]
-        names = [field.name for field in self.fields]
-        return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+        for field in self.fields:
+            yield field, [] if item is None else field.of(item)
 
     def column(self, path: str, source: Source) -> Any:
         """Return the values of a field, or of one component of it (`xy[1]`), one per row."""
@@ -191,10 +205,30 @@ def same(source: Part) -> Part:
     return source
 
 
+def without_images(nodes: Iterable[Node[Part]]) -> Iterator[Node[Part]]:
+    """Yield fields and tables, but no table of images, nor the parts of objects that are one."""
+    for node in nodes:
+        if isinstance(node, Group):
+            yield replace(node, fields=tuple(without_images(node.fields)))
+        elif not _is_of_images(node):
+            yield node
+
+
+def _is_of_images(node: Node[Any]) -> bool:
+    return isinstance(node, Rows) and node.of_images
+
+
+def is_seldom(node: Node[Any]) -> bool:
+    """Tell whether a field may not be there."""
+    return isinstance(node, Field) and node.seldom
+
+
 def properties_of(fields: Iterable[Node[Any]]) -> Schema:
     """Return what the schema says of an object with these fields, and of these alone."""
+    fields = list(fields)
     properties = {field.name: field.schema() for field in fields}
-    return {"additionalProperties": False, "required": list(properties), "properties": properties}
+    required = [field.name for field in fields if not (_is_of_images(field) or is_seldom(field))]
+    return {"additionalProperties": False, "required": required, "properties": properties}
 
 
 def _schema(kind: str, choices: Iterable[Any]) -> Schema:

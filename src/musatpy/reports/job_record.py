@@ -117,7 +117,7 @@ CAMERAS = OfBlock(
     (
         Field("camera", "string", "camera id", lambda b: b.cameras.ids),
         Field("focal_length", "number", "calibrated", lambda b: b.cameras.focal_length, "mm"),
-        Field("principal_point", "2 number", "xp, yp", lambda b: b.cameras.principal_point, "mm"),
+        Field("principal_point", "2 number", "xp, yp", lambda b: b.cameras.principal_point, "mm", exact=True),
         Field("format_size", "2 number?", "x, y", lambda b: b.cameras.format_size, "mm"),
     ),
 )
@@ -144,7 +144,7 @@ FIDUCIALS = OfBlock(
     (
         Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.fiducials.camera]),
         Field("mark", "string", "id of the mark", lambda b: b.fiducials.ids),
-        Field("xy", "2 number", "calibrated", lambda b: b.fiducials.xy, "mm"),
+        Field("xy", "2 number", "calibrated", lambda b: b.fiducials.xy, "mm", exact=True),
         Field("sigma", "2 number?", "of xy", lambda b: b.fiducials.sigma, "mm"),
     ),
 )
@@ -155,9 +155,10 @@ FIDUCIAL_MEASUREMENTS = OfBlock(
     (
         Field("photo", "string", "photo id", lambda b: b.photos.ids[b.fiducial_measurements.photo]),
         Field("mark", "string", "id of the mark", lambda b: b.fiducial_measurements.ids),
-        Field("xy", "2 number", "measured", lambda b: b.fiducial_measurements.xy, "mm"),
+        Field("xy", "2 number", "measured", lambda b: b.fiducial_measurements.xy, "mm", exact=True),
         Field("sigma", "2 number?", "of xy", lambda b: b.fiducial_measurements.sigma, "mm"),
     ),
+    of_images=True,
 )
 
 COMPARATOR = Group[Statistics, ComparatorSpec](
@@ -181,7 +182,9 @@ LENSES = OfBlock(
     _read,
     (
         Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.lenses.camera]),
-        Field("centre", "2 number?", "principal point of best symmetry", lambda b: b.lenses.centre, "mm"),
+        Field(
+            "centre", "2 number?", "principal point of best symmetry", lambda b: b.lenses.centre, "mm", exact=True,
+        ),
         Field(
             "k0", "number?", "linear coefficient of the radial distortion, as on the card", lambda b: b.lenses.k0,
         ),
@@ -208,7 +211,7 @@ RESEAU = OfBlock(
         Field("cross", "string", "cross id", lambda b: b.reseau.ids),
         Field("row", "integer", "in the grid, from 1", lambda b: b.reseau.row.astype(int)),
         Field("column", "integer", "in the grid, from 1", lambda b: b.reseau.column.astype(int)),
-        Field("xy", "2 number", "calibrated", lambda b: b.reseau.xy, "mm"),
+        Field("xy", "2 number", "calibrated", lambda b: b.reseau.xy, "mm", exact=True),
     ),
 )
 CROSS_MEASUREMENTS = OfBlock(
@@ -218,6 +221,7 @@ CROSS_MEASUREMENTS = OfBlock(
     (
         Field("photo", "string", "photo id", lambda b: b.photos.ids[b.cross_measurements.photo]),
         Field("cross", "string", "cross id", lambda b: b.cross_measurements.ids),
-        Field("xy", "2 number", "reading", lambda b: b.cross_measurements.xy, "unit"),
+        Field("xy", "2 number", "reading", lambda b: b.cross_measurements.xy, "unit", exact=True),
     ),
+    of_images=True,
 )

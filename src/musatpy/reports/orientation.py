@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.orienting.answer import Answer
     from musatpy.orienting.placement import Placement
 
-_VERSION = "1.0"
+_VERSION = "2.0"
 _ABOUT = (
     "An orientation of photos through a plane of water (Okamoto and Mori 1974), in metres and radians; sigmas are "
     "a posteriori, null for what is held. Axes are those of the job, or of a model"
@@ -96,11 +96,13 @@ STATIONS: Rows[Answer, Answer] = Rows(
     same,
     (
         Field("photo", "string", "photo id", lambda a: a.photos),
-        Field("position", "3 number", "in the system of the job, or the model"),
+        Field("position", "3 number", "in the system of the job, or the model", exact=True),
         Field("position_sigma", "3 number?", "east, north, up, or X, Y, Z", unit="m"),
         Field("attitude", "3 number", "X-tilt, Y-tilt, heading", unit="rad"),
         Field("attitude_sigma", "3 number?", "", unit="rad"),
-        Field("paper", "6 number", "phi, omega, kappa, X0, Y0, Z0 of the paper", lambda a: a.paper_photos),
+        Field(
+            "paper", "6 number", "phi, omega, kappa, X0, Y0, Z0 of the paper", lambda a: a.paper_photos, exact=True
+        ),
         Field("paper_sigma", "6 number?", "", lambda a: a.paper_photo_sigmas),
     ),
 )
@@ -111,7 +113,7 @@ ROOTS: Rows[Answer, Answer] = Rows(
     (
         Field("root", "integer", "number of the solution, from 1", lambda a: a.root_photos[0]),
         Field("photo", "string", "photo id", lambda a: a.photos[a.root_photos[1]]),
-        Field("position", "3 number", "as that of the stations", lambda a: a.root_stations),
+        Field("position", "3 number", "as that of the stations", lambda a: a.root_stations, exact=True),
         Field("slope", "2 number", "of the water", lambda a: a.roots.slope[a.root_photos[0] - 1], unit="rad"),
         Field("level", "number", "of the water", lambda a: a.roots.level[a.root_photos[0] - 1], unit="m"),
     ),
@@ -126,7 +128,7 @@ POINTS: Rows[Answer, Answer] = Rows(
         Field("control", "string", "known components", lambda a: a.control),
         Field("outlier", "boolean", "left out, as it does not fit", lambda a: a.outliers),
         Field("rays", "integer", "that took part", lambda a: a.rays),
-        Field("position", "3 number?", "control as adjusted", lambda a: a.point_position),
+        Field("position", "3 number?", "control as adjusted", lambda a: a.point_position, exact=True),
         Field("sigma", "3 number?", "null of control", lambda a: a.point_sigma, unit="m"),
         Field("depth", "number?", "under the water, negative above it", lambda a: a.depth, unit="m"),
     ),

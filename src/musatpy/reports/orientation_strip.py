@@ -31,7 +31,7 @@ from musatpy.reports.text import labelled, wrapped
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.orienting.strip_answer import StripAnswer
 
-_VERSION = "1.0"
+_VERSION = "2.0"
 _ABOUT = (
     "A strip oriented through a plane of water by triplets that are joined (Okamoto and Mori 1974), in metres and "
     "radians; sigmas are a posteriori, 0 for what is held. Axes are those of the job, or of the first triplet"

@@ -1,101 +1,98 @@
-"""The record as JSON text: tables by columns, rows one on a line, some at a time.
+"""The record as JSON text: tables column after column, one on a line, some rows at a time.
 
-A table is neither turned into dictionaries nor held as text: of a large block that takes gigabytes.
+A table is held neither as lists nor as text: of a large block that takes gigabytes. With orjson (the extra `fast`)
+numbers are the same, their exponents may be written in another way.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
-from itertools import chain, repeat
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from musatpy.reports.encoding import Json, plain
-from musatpy.reports.fields import Node, Rows
+from musatpy.reports.encoding import Json, plain, rounded
+from musatpy.reports.fields import Group, Node, Rows
 
-_ROWS = 5000  # at a time
+_ROWS = 20_000  # at a time
+_MANY = 500  # entries of a column, from which on a package is worth its loading
 
 # One encoder for all: json.dumps would make another for every row.
 encoded = json.JSONEncoder(allow_nan=False).encode
+_compact = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
 
 
 def record_texts(nodes: Sequence[Node[Any]], source: Any) -> Iterator[str]:
     """Yield the text of a record of these fields and tables, piece by piece."""
-    yield "{"
+    yield from _object(nodes, source, "\n")
+    yield "\n"
+
+
+def _object(nodes: Sequence[Node[Any]], source: Any, margin: str) -> Iterator[str]:
+    inner = margin + "  "
     for number, node in enumerate(nodes):
-        yield f"{',' if number else ''}\n  {encoded(node.name)}: "
+        yield f"{',' if number else '{'}{inner}{encoded(node.name)}: "
         if isinstance(node, Rows):
-            yield from _table(node, source)
+            yield from _table(node, source, inner)
+        elif isinstance(node, Group) and any(isinstance(field, Rows | Group) for field in node.fields):
+            item = node.of(source)
+            yield from ["null"] if item is None else _object(node.fields, item, inner)
         else:
-            yield laid_out(node.json(source), "\n  ")
-    yield "\n}\n"
+            yield laid_out(node.json(source), inner)
+    yield margin + "}"
 
 
 def laid_out(value: Json, margin: str) -> str:
     """Spread tables, and what contains them, over lines that begin with `margin`."""
     inner = margin + "  "
-    if _is_table(value):
+    if _is_list_of_objects(value):
         return "[" + ",".join(inner + encoded(row) for row in value) + margin + "]"
-    if isinstance(value, dict) and any(_is_table(entry) or isinstance(entry, dict) for entry in value.values()):
+    if isinstance(value, dict) and value and all(isinstance(entry, list) for entry in value.values()):
+        columns = (f"{inner}{encoded(name)}: {_compact(column)}" for name, column in value.items())
+        return "{" + ",".join(columns) + margin + "}"
+    if isinstance(value, dict) and any(
+        isinstance(entry, dict) or _is_list_of_objects(entry) for entry in value.values()
+    ):
         entries = (f"{inner}{encoded(key)}: {laid_out(entry, inner)}" for key, entry in value.items())
         return "{" + ",".join(entries) + margin + "}"
     return encoded(value)
 
 
-def _is_table(value: Json) -> bool:
+def _is_list_of_objects(value: Json) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
-def _table(node: Rows[Any, Any], source: Any) -> Iterator[str]:
-    """Yield the text of a table, as `laid_out` has it of its rows."""
-    item = node.of(source)
-    columns = [] if item is None else [field.of(item) for field in node.fields]
-    count = len(columns[0]) if columns else 0
-    if not count:
-        yield "[]"
-        return
-    names = [encoded(field.name).replace("%", "%%") for field in node.fields]
-    for start in range(0, count, _ROWS):
-        rows = slice(start, min(start + _ROWS, count))
-        templates, parts = zip(*(_column(values[rows]) for values in columns), strict=True)
-        row = "\n    {" + ", ".join(f"{name}: {text}" for name, text in zip(names, templates, strict=True)) + "}"
-        values = tuple(chain.from_iterable(zip(*chain.from_iterable(parts), strict=True)))
-        yield ("," if start else "[") + ",".join(repeat(row, rows.stop - start)) % values
-    yield "\n  ]"
+def _table(node: Rows[Any, Any], source: Any, margin: str) -> Iterator[str]:
+    """Yield the text of a table."""
+    for number, (field, values) in enumerate(node.columns(source)):
+        yield f"{',' if number else '{'}{margin}  {encoded(field.name)}: ["
+        for start in range(0, len(values), _ROWS):
+            yield ("," if start else "") + _entries(values[start : start + _ROWS], field.digits)
+        yield "]"
+    yield margin + "}"
 
 
-def _column(values: Any) -> tuple[str, list[list[Any]]]:
-    """Return the template of a value of a column, and the lists of what goes into its places, one per row."""
-    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-        entries = plain(values) if isinstance(values, np.ndarray) else values
-        return "%s", [_texts(entries)]
-    flat = values.reshape(len(values), -1)
-    template = _nested("%r", values.shape[1:])
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        template, texts = _nested("%s", values.shape[1:]), plain(flat.T)
-        return template, [["null" if value is None else repr(value) for value in column] for column in texts]
-    return template, flat.T.tolist()
+def _entries(values: Any, digits: int | None) -> str:
+    """Return the entries of a part of a column, with commas between them."""
+    entries = rounded(values, digits)
+    is_array = isinstance(entries, np.ndarray)
+    if (orjson := _orjson() if len(entries) > _MANY else None) is not None:
+        plain_types = not is_array or entries.dtype.kind in "fiub"
+        whole = (np.ascontiguousarray(entries) if is_array else list(entries)) if plain_types else entries.tolist()
+        return str(orjson.dumps(whole, option=orjson.OPT_SERIALIZE_NUMPY), "utf-8")[1:-1]
+    if not is_array or entries.dtype.kind != "f":
+        return _compact(plain(entries) if is_array else list(entries))[1:-1]
+    entry = "%r"
+    for size in reversed(entries.shape[1:]):
+        entry = f"[{','.join([entry] * size)}]"
+    known = np.where(np.isfinite(entries), entries, np.nan).ravel().tolist()
+    return (",".join([entry] * len(entries)) % tuple(known)).replace("nan", "null")
 
 
-def _nested(place: str, shape: tuple[int, ...]) -> str:
-    for size in reversed(shape):
-        place = f"[{', '.join([place] * size)}]"
-    return place
-
-
-def _texts(entries: Sequence[Json]) -> list[str]:
-    """Return values as JSON; ids and kinds, which a column repeats, are encoded once."""
-    kinds = set(map(type, entries))
-    if kinds == {str}:
-        return [_quoted(entry) for entry in entries]
-    if kinds == {list} and set(map(type, chain.from_iterable(entries))) == {str}:
-        return [f"[{', '.join(map(_quoted, entry))}]" for entry in entries]
-    return [encoded(entry) for entry in entries]
-
-
-@lru_cache(maxsize=1 << 16)
-def _quoted(text: str) -> str:
-    return encoded(text)
+@cache
+def _orjson() -> Any:
+    """Return the package that writes numbers six times as fast as Python does, None without the extra `fast`."""
+    return importlib.import_module("orjson") if importlib.util.find_spec("orjson") else None

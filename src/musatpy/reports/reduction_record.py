@@ -43,9 +43,10 @@ READINGS: Rows[Reduced, Reduced] = Rows(
     (
         Field("photo", "string", "photo id", lambda r: r.given.photos.ids[r.given.plates.photo]),
         Field("point", "string", "point id", lambda r: r.given.points.ids[r.given.plates.point]),
-        Field("xy", "2 number", "reading", lambda r: r.given.plates.xy, "unit"),
+        Field("xy", "2 number", "reading", lambda r: r.given.plates.xy, "unit", exact=True),
         Field("sigma", "2 number?", "of the reading, as given", lambda r: r.given.plates.sigma, "unit"),
     ),
+    of_images=True,
 )
 _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
     "marks",

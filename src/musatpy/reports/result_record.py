@@ -278,7 +278,7 @@ WATER_PRECISION = Rows[Statistics, WaterPrecision](
         ),
         Field(
             "levels", "* number?", "a posteriori, with the unknown level of each photo; empty where there are none",
-            lambda w: w.levels.T, "m",
+            lambda w: w.levels.T, "m", exact=True,
         ),
     ),
 )  # fmt: skip
@@ -327,13 +327,13 @@ BATHYMETRIC = Table(
             "no_refraction", "3 number?",
             "X, Y, Z where straight rays of the adjusted stations meet; null where two rays that are not parallel "
             "do not give it",
-            lambda s: s.bathymetric_xyz[:, 0], "m",
+            lambda s: s.bathymetric_xyz[:, 0], "m", exact=True,
         ),
         Field(
             "predicted", "3 number?", "X, Y, Z below it along the local vertical, at n times its depth",
-            lambda s: s.bathymetric_xyz[:, 1], "m",
+            lambda s: s.bathymetric_xyz[:, 1], "m", exact=True,
         ),
-        Field("refraction", "3 number?", "X, Y, Z adjusted", lambda s: s.bathymetric_xyz[:, 2], "m"),
+        Field("refraction", "3 number?", "X, Y, Z adjusted", lambda s: s.bathymetric_xyz[:, 2], "m", exact=True),
         Field(
             "photos", "integer", "photos whose rays give the point",
             lambda s: s.solution.points.rays[s.solution.bathymetric.point],
@@ -461,7 +461,7 @@ PLATES = Table(
     (
         Field("photo", "string", "photo id", lambda s: s.block.photos.ids[s.block.plates.photo]),
         Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.plates.point]),
-        Field("xy", "2 number", "measured", lambda s: s.block.plates.xy, "mm"),
+        Field("xy", "2 number", "measured", lambda s: s.block.plates.xy, "mm", exact=True),
         Field("sigma", "2 number", "a priori", lambda s: s.plate_sigmas, "mm"),
         Field("triangulated", "boolean", "took part in the solution", lambda s: s.solution.plates.triangulated),
         Field("residual", "2 number?", "adjusted minus measured", lambda s: s.solution.plates.residual, "mm"),
@@ -470,6 +470,7 @@ PLATES = Table(
             lambda s: s.solution.plates.correction, "mm",
         ),
     ),
+    of_images=True,
 )  # fmt: skip
 UNEDITED = Field[Statistics](
     "unedited", "string", "why EDIT has edited nothing; empty where it has, or was not asked to",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.against_run import AgainstRun
     from musatpy.compilation.compiled import Compiled
 
-_VERSION = "1.0"
+_VERSION = "2.0"
 
 RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[AgainstRun]]] = Rows(
     "against_run",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from musatpy.compilation.compiled import Compiled
     from musatpy.compilation.sounded import Matching, Sounded
 
-_VERSION = "1.1"
+_VERSION = "2.0"
 _LARGEST = 20  # blunders that are named
 
 

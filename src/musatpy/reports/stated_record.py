@@ -10,7 +10,7 @@ from musatpy.statistics import Statistics, Words
 
 Answer = tuple[Statistics, Any]  # and what the systems make of its solution
 
-_WORDS: tuple[Field[Words], ...] = (
+WORDS: tuple[Field[Words], ...] = (
     Field(
         "kind", "enum", "kind of coordinate system", lambda w: w.spec.kind,
         choices=("GEOG", "GEOC", "LOCL", "TANG", "PROJ"),
@@ -66,17 +66,20 @@ STATIONS: Rows[Statistics, Answer] = Rows(
     lambda s: None if s.answer is None else (s, s.answer),
     (
         Field("photo", "string", "photo id", lambda a: a[0].block.photos.ids),
-        Field("position", "3 number?", "adjusted", lambda a: a[1].position, _COORDINATES),
+        Field("position", "3 number?", "adjusted", lambda a: a[1].position, _COORDINATES, exact=True),
         Field(
             "angles", "3 number?", "adjusted, in the order of the form; null where attitudes are matrices",
             lambda a: a[1].angles, "rad",
         ),
-        Field("matrix", "3x3 number?", "adjusted, from the axes of attitudes to the photo", lambda a: a[1].matrix),
+        Field(
+            "matrix", "3x3 number?", "adjusted, from the axes of attitudes to the photo", lambda a: a[1].matrix,
+            exact=True,
+        ),
         Field(
             "covariance", "6x6 number?",
             "a posteriori, of position and angles (of small rotations about the axes where attitudes are "
             "matrices); null for angles that turn about one line",
-            lambda a: a[1].covariance, "those of position and angles",
+            lambda a: a[1].covariance, "those of position and angles", exact=True,
         ),
         Field(
             "tide", "number?",
@@ -103,10 +106,10 @@ POINTS: Rows[Statistics, Answer] = Rows(
     lambda s: None if s.answer is None else (s, s.answer),
     (
         Field("point", "string", "point id", lambda a: a[0].block.points.ids),
-        Field("position", "3 number?", "adjusted", lambda a: a[1].points, _COORDINATES),
+        Field("position", "3 number?", "adjusted", lambda a: a[1].points, _COORDINATES, exact=True),
         Field(
             "covariance", "3x3 number?", "a posteriori", lambda a: a[1].point_covariance,
-            f"{_COORDINATES}, squared",
+            f"{_COORDINATES}, squared", exact=True,
         ),
     ),
 )  # fmt: skip
@@ -119,10 +122,10 @@ STATED = Group[Statistics, Statistics](
             "input",
             "how the deck is stated; null: in the system of the options",
             lambda s: s.given_words,
-            _WORDS,
+            WORDS,
             optional=True,
         ),
-        Group[Statistics, Words]("answer", "how the answer is stated", lambda s: s.answer_words, _WORDS),
+        Group[Statistics, Words]("answer", "how the answer is stated", lambda s: s.answer_words, WORDS),
         STATIONS,
         POINTS,
     ),

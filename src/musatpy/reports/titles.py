@@ -19,7 +19,7 @@ from musatpy.reports import stated
 from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.text import labelled
+from musatpy.reports.text import labelled, wrapped
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -99,7 +99,7 @@ def sections(statistics: Statistics) -> list[Section]:
     program = [f"musatpy version {musatpy.__version__}: MUSAT-{block.options.program} aerotriangulation", ""]
     return [
         Section(title="AEROTRIANGULATION", lines=[*program, *block.titles]),
-        Section(title="Options", lines=labelled(_options(block))),
+        Section(title="Options", lines=[*labelled(_options(block)), *_settings(block)]),
         *stated.systems(statistics),
         Section(title="Size Of The Job", lines=labelled(_sizes(block))),
     ]
@@ -126,6 +126,12 @@ def _options(block: Block) -> dict[str, str]:
         **_conditions(block),
         **_tilt(block),
     }
+
+
+def _settings(block: Block) -> list[str]:
+    """Return what was set for the run in place of the cards, which the lines above have already."""
+    (lead,) = labelled({"Set for this run": ""})
+    return wrapped([", ".join(block.settings)], lead=lead) if block.settings else []
 
 
 def _off_default(options: Options) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,19 +57,27 @@ def levels_between(low: float, high: float, interval: float) -> FloatArray:
 
 
 def contours(tin: Tin, levels: Sequence[float], index: Sequence[float] = (), shortest: float = 0.0) -> Contours:
-    """Return the contours of a network at levels; pieces shorter than a limit (m) are left out.
+    """Return the contours of a network at levels; open pieces shorter than a limit (m) are left out.
 
     Raises `MusatError` where matplotlib is missing.
     """
-    lines, dropped = [], 0
-    for level, xy in _traced(tin, sorted(levels)):
+    traced = list(_traced(tin, sorted(levels)))
+    return kept(
+        zip([level for level, _ in traced], _turned(tin, [xy for _, xy in traced]), strict=True), index, shortest
+    )
+
+
+def kept(lines: Iterable[tuple[float, FloatArray]], index: Sequence[float], shortest: float) -> Contours:
+    """Return lines, each a level and its vertices (k, 2), without open ones shorter than a limit (m)."""
+    long, dropped = [], 0
+    for level, xy in lines:
         closed = bool(np.abs(xy[0] - xy[-1]).max() <= _SAME) and len(xy) > 3
-        line = Contour(level=level, xy=_turned(tin, xy), closed=closed, index=level in index)
-        if line.length < max(shortest, _SAME):
+        line = Contour(level=level, xy=xy, closed=closed, index=level in index)
+        if line.length < (_SAME if closed else max(shortest, _SAME)):  # a ring is a shoal or a hollow
             dropped += 1
         else:
-            lines.append(line)
-    return Contours(lines=tuple(lines), dropped=dropped)
+            long.append(line)
+    return Contours(lines=tuple(long), dropped=dropped)
 
 
 def _traced(tin: Tin, levels: Sequence[float]) -> Iterator[tuple[float, FloatArray]]:
@@ -89,13 +97,17 @@ def _traced(tin: Tin, levels: Sequence[float]) -> Iterator[tuple[float, FloatArr
                 yield float(level), np.asarray(xy, dtype=float)
 
 
-def _turned(tin: Tin, xy: FloatArray) -> FloatArray:
-    """Return a line in the direction that has the greater values on its right."""
-    middle, along = 0.5 * (xy[:-1] + xy[1:]), np.diff(xy, axis=0)
+def _turned(tin: Tin, lines: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return lines, each (k, 2), in the direction that has the greater values on their right."""
+    if not lines:
+        return []
+    middle = np.concatenate([0.5 * (xy[:-1] + xy[1:]) for xy in lines])
+    along = np.concatenate([np.diff(xy, axis=0) for xy in lines])
     right = np.stack([along[:, 1], -along[:, 0]], axis=1)
     with np.errstate(invalid="ignore"):
-        pull = np.nansum(np.sum(tin.at(middle).gradient * right, axis=1))
-    return np.asarray(xy if pull >= 0.0 else xy[::-1])
+        pull = np.nan_to_num(np.sum(tin.at(middle).gradient * right, axis=1))
+    first = np.cumsum([0, *(len(xy) - 1 for xy in lines[:-1])])
+    return [xy if total >= 0.0 else xy[::-1] for xy, total in zip(lines, np.add.reduceat(pull, first), strict=True)]
 
 
 def bounds(lines: Sequence[Contour]) -> list[tuple[float, int, float, float]]:

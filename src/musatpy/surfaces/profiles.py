@@ -27,12 +27,28 @@ class Profile:
 
     def at_steps(self, step: float) -> tuple[FloatArray, FloatArray]:
         """Return stations (s,) from the first reading on, a step apart, and the values there, spikes left out."""
+        good = self.station[~self.spike]
+        if not len(good):
+            return np.zeros(0), np.zeros(0)
+        posts = np.arange(good[0], good[-1] + 1e-9 * max(step, 1.0), step)
+        return posts, self.at(posts)
+
+    def at(self, stations: FloatArray) -> FloatArray:
+        """Return the values (s,) between readings, spikes left out; beyond the first and the last, theirs."""
         good = ~self.spike
         station, first = np.unique(self.station[good], return_index=True)
-        if not len(station):
-            return np.zeros(0), np.zeros(0)
-        posts = np.arange(station[0], station[-1] + 1e-9 * max(step, 1.0), step)
-        return posts, np.interp(posts, station, self.value[good][first])
+        return np.interp(stations, station, self.value[good][first])
+
+    def variance_at(self, stations: FloatArray, sigma: FloatArray) -> FloatArray:
+        """Return the variances (s,) of values between readings with independent sigmas (k,)."""
+        good = ~self.spike
+        station, first = np.unique(self.station[good], return_index=True)
+        after = np.clip(np.searchsorted(station, stations), 1, max(len(station) - 1, 1))
+        if len(station) < 2:
+            return np.full(len(stations), float(np.square(sigma[good][0])))
+        part = np.clip((stations - station[after - 1]) / (station[after] - station[after - 1]), 0.0, 1.0)
+        variance = np.square(sigma[good][first])
+        return np.square(1.0 - part) * variance[after - 1] + np.square(part) * variance[after]
 
 
 def profile(

@@ -20,6 +20,7 @@ from musatpy.model import CoordinateSystem, SystemSpec
 from musatpy.reports.listing import listing as listing_text
 from musatpy.reports.record import dumps, record
 from musatpy.units import AngleUnit
+from record_rows import read_rows, with_columns
 from sample_solutions import sample_solution
 
 GOLDEN = load_baseline(FIXTURES)
@@ -105,7 +106,7 @@ def test_coordinates_of_another_system_are_left_out_and_the_rest_compared(tmp_pa
 
 def test_a_changed_sigma_attitude_or_residual_is_a_difference(tmp_path):
     path = saved(sample_solution(), tmp_path)
-    changed = json.loads(path.read_text())
+    changed = read_rows(path)
     changed["stations"][3]["position_sigma"][1] += 0.01
     changed["stations"][4]["attitude"][2] += 2e-8  # 0.004 arc seconds, printed to .001
     changed["stations"][5]["attitude_sigma"][0] += 1e-6
@@ -115,7 +116,7 @@ def test_a_changed_sigma_attitude_or_residual_is_a_difference(tmp_path):
     changed["bathymetric_points"][2]["depth_sigma"] += 0.01
     changed["plate_statistics"]["total_rms"][2][1] += 1e-4
     changed["solution"]["sigma0"] += 0.01
-    path.write_text(json.dumps(changed))
+    path.write_text(json.dumps(with_columns(changed)))
     found = side_by_side(listing_of(listing_text(sample_solution()), "job.lst"), path)
     points, plate = changed["points"], changed["plates"][7]
     assert {(one.key.report, one.key.item, one.key.statistic) for one in found.pairs if not one.alike} == {

@@ -71,7 +71,7 @@ def card_sections(family: Family) -> list[str]:
     cards = family.cards.values()
     return [
         f"## The cards of `{family.name}`\n",
-        _table(["card", "", "in a deck"], ([_link(card), card.title, _occurrence(card)] for card in cards)),
+        _table(["card", "", "in a deck"], ([_link(card), card.title, occurrence(card)] for card in cards)),
         *(_card_section(card) for card in cards),
     ]
 
@@ -86,7 +86,8 @@ def _link(card: CardSpec) -> str:
     return f"[{card.mnemonic}](#{anchor})"
 
 
-def _occurrence(card: CardSpec) -> str:
+def occurrence(card: CardSpec) -> str:
+    """Return how many cards of a kind a deck has, in words."""
     if card.repeat == "one":
         return "one" if card.required else "one or none"
     return "one or more" if card.required else "any number"

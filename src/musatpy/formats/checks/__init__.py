@@ -118,6 +118,19 @@ OF_A_RUN = frozenset(
 OF_THE_JOB = frozenset(
     {values.attitudes, water_cards.levels, wave_cards.submerged, headings.headings, scales.scales}
 )
+# What looks at one card, whatever the others say.
+OF_A_CARD = frozenset(
+    {
+        *(values.options, values.sigmas, values.magnitudes, values.sexagesimal, values.attitudes, values.cameras),
+        *(values.geographic_positions, values.distortion, values.bounds, values.two_ends, values.ellipsoid),
+        *(water_cards.conditions, raw.lenses, wave_cards.parameters),
+    }
+)
+
+
+def check_card(draft: Draft) -> tuple[Problem, ...]:
+    """Return the problems of what a card says itself."""
+    return tuple(problem for check in CHECKS if check in OF_A_CARD for problem in check(draft))
 
 
 def cross_check(draft: Draft, *, for_run: bool = True) -> tuple[Problem, ...]:

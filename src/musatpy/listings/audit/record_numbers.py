@@ -87,24 +87,23 @@ def _analysis(name: str, refracted: bool, rows: Sequence[Record]) -> Quantities:
 
 def _plates(table: Record, refracted: bool) -> Quantities:
     report = "plate residuals"
-    for frame in table["frames"]:
-        for group, pair in zip(GROUPS, frame["rms"], strict=True):
+    frames = table["frames"]
+    for photo, pairs in _zipped(frames, "photo", "rms"):
+        for group, pair in zip(GROUPS, pairs, strict=True):
             for axis, value in zip(AXES, pair, strict=True):
                 # A listing prints .000 for none.
-                yield from _number(
-                    report, frame["photo"], f"{group}, {axis}", value or 0.0, "mm", refracted=refracted
-                )
+                yield from _number(report, photo, f"{group}, {axis}", value or 0.0, "mm", refracted=refracted)
     for group, photo in zip(GROUPS, table["largest"], strict=True):
         if photo is not None:
             yield Key(report, refracted, group, "largest at"), Quantity(None, "", photo)
 
 
-def _bathymetric(rows: Sequence[Record], refracted: bool) -> Quantities:
+def _bathymetric(table: Record, refracted: bool) -> Quantities:
     columns = 3 if refracted else 2  # coordinates without refraction, predicted, with it
-    for row in rows:
-        for column, field in zip(COLUMNS[:columns], _POINT_FIELDS[:columns], strict=True):
-            names = [f"{axis}, {column}" for axis in "XYZ"]
-            yield from _numbers("bathymetric points", row["point"], names, row[field], "m")
+    for column, field in zip(COLUMNS[:columns], _POINT_FIELDS[:columns], strict=True):
+        names = [f"{axis}, {column}" for axis in "XYZ"]
+        for point, position in _zipped(table, "point", field):
+            yield from _numbers("bathymetric points", point, names, position, "m")
 
 
 def _ruled(audited: Audited, record: Record) -> Quantities:
@@ -114,7 +113,7 @@ def _ruled(audited: Audited, record: Record) -> Quantities:
     report = next(report for report in reports if report.title.startswith(audited.title))
     columns = list(_columns(report, system, audited))
     output = OutputSystem(NATIVE[system], LOCAL_VERTICAL)
-    submerged = {row["point"] for row in record["points"] if row["bathymetric"]}
+    submerged = {name for name, wet in _zipped(record["points"], "point", "bathymetric") if wet}
     for ids, fields in entries_of(mapped_of(report), record):
         item = " ".join(ids[: len(audited.key)])
         for heading, unit, origin in columns:
@@ -146,17 +145,22 @@ def _stated(stated: Record) -> Quantities:
     names = [SAME.get(name, name) for name in names]
     printed = zip(names, answer["coordinate_units"], strict=True)
     units = ["arcsec" if name in ("Latitude", "Longitude") else unit for name, unit in printed]
-    for report, rows, key in (
+    for report, table, key in (
         ("adjusted stations", stated["stations"], "photo"),
         ("adjusted points", stated["points"], "point"),
     ):
-        for row in rows:
-            for name, unit, value in zip(names, units, row["position"] or (), strict=False):
-                yield from _number(report, row[key], name, value, unit, words=places)
+        for item, position, covariance in _zipped(table, key, "position", "covariance"):
+            for name, unit, value in zip(names, units, position or (), strict=False):
+                yield from _number(report, item, name, value, unit, words=places)
             if answer["sigmas"] == _OF_SYSTEM:
-                yield from _stated_sigmas(report, row[key], names, units, row["covariance"], places, turns)
-    for row in stated["stations"]:
-        yield from _turned(row, turns)
+                yield from _stated_sigmas(report, item, names, units, covariance, places, turns)
+    for photo, angles, matrix in _zipped(stated["stations"], "photo", "angles", "matrix"):
+        yield from _turned(photo, angles, matrix, turns)
+
+
+def _zipped(table: Record, *fields: str) -> Iterator[tuple[Any, ...]]:
+    """Yield the values of some fields of each row of a table."""
+    return zip(*(table[field] for field in fields), strict=True)
 
 
 def _stated_sigmas(
@@ -184,11 +188,13 @@ def _angles(turns: str) -> list[str]:
     return [angle.capitalize() for angle in (first, second, rest.split(" ")[0])] if second else []
 
 
-def _turned(row: Record, turns: str) -> Quantities:
+def _turned(
+    photo: str, angles: Sequence[float | None] | None, matrix: Sequence[Sequence[float]] | None, turns: str
+) -> Quantities:
     names = _angles(turns)
     if names:
         names = [SAME.get(name, name) for name in names] if turns == LOCAL_VERTICAL else names
-        yield from _numbers("adjusted stations", row["photo"], names, row["angles"], "arcsec", turns)
+        yield from _numbers("adjusted stations", photo, names, angles, "arcsec", turns)
         return
-    for number, line in enumerate(row["matrix"] or (), start=1):
-        yield from _numbers("adjusted stations", f"{row['photo']} {number}", MATRIX_AXES, line, "", turns)
+    for number, line in enumerate(matrix or (), start=1):
+        yield from _numbers("adjusted stations", f"{photo} {number}", MATRIX_AXES, line, "", turns)

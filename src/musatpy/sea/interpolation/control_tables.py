@@ -226,29 +226,33 @@ def record_system(record: Mapping[str, Any]) -> System:
 
 def record_points(record: Mapping[str, Any], system: System) -> list[RecordPoint]:
     """Return the points of a record in a system: those with a position under water are to be corrected."""
-    rows, points = record["points"], []
-    known = [row for row in rows if row["position"][0] is not None]
-    level = level_positions(record, np.array([row["position"] for row in known], dtype=float).reshape(-1, 3))
-    places = iter(system.coordinates(level).tolist())
-    for row in rows:
-        if row["position"][0] is None:
-            reason = f"not determined: {row.get('reason') or 'no position'}"
-            points.append(RecordPoint(id=row["point"], position=None, reason=reason))
+    table, points = record["points"], []
+    known = [place for place in table["position"] if place[0] is not None]
+    places = iter(system.coordinates(level_positions(record, np.array(known, dtype=float).reshape(-1, 3))).tolist())
+    columns = (table[name] for name in ("point", "position", "bathymetric", "reason"))
+    for name, position, submerged, why in zip(*columns, strict=True):
+        if position[0] is None:
+            points.append(RecordPoint(id=name, position=None, reason=f"not determined: {why or 'no position'}"))
         else:
-            reason = "" if row["bathymetric"] else "not under water"
             x, y, z = next(places)
-            points.append(RecordPoint(id=row["point"], position=(x, y, z), reason=reason))
+            points.append(RecordPoint(id=name, position=(x, y, z), reason="" if submerged else "not under water"))
     return points
 
 
 def record_control(record: Mapping[str, Any], source: str, system: System) -> ControlTable:
     """Return the check points under water of a record, as control of its mapped points: heights of a system."""
-    wet = {row["point"] for row in record["points"] if row["bathymetric"]}
-    rows = [row for row in record["control"] if row["kind"] == "check" and row["point"] in wet]
-    given = np.array([row["given_position"] for row in rows], dtype=float).reshape(-1, 3)
+    points, control = record["points"], record["control"]
+    wet = {name for name, submerged in zip(points["point"], points["bathymetric"], strict=True) if submerged}
+    rows = [
+        row
+        for row, (name, kind) in enumerate(zip(control["point"], control["kind"], strict=True))
+        if kind == "check" and name in wet
+    ]
+    given, sigma = (
+        np.array(control[name], dtype=float).reshape(-1, 3)[rows] for name in ("given_position", "given_sigma")
+    )
     heights = _heights(level_positions(record, given), system)
-    sigmas = [math.nan if row["given_sigma"][2] is None else row["given_sigma"][2] for row in rows]
-    return _checks([row["point"] for row in rows], heights, sigmas, source)
+    return _checks([control["point"][row] for row in rows], heights, sigma[:, 2].tolist(), source)
 
 
 def deck_system(block: Block) -> System:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.depth.run_cameras import job_system, level_positions, read_record
 from musatpy.errors import Problem, SeaError
 from musatpy.geometry.plan import Plan
@@ -213,11 +213,15 @@ def _read_record(
         raise SeaError([Problem(file=str(path), message=message)])
     record = read_record(path, _NEEDS)
     system = job_system(record)
-    wanted = [row for row in record["points"] if _wanted(row["point"], only)]
-    whole = [row for row in wanted if _is_usable(row)]
-    left = [f"point {row['point']}: no position with a covariance" for row in wanted if not _is_usable(row)]
-    _check_any(path, len(whole), only)
-    position = np.array([row["position"] for row in whole], dtype=float)
+    points = record["points"]
+    wanted = [row for row, name in enumerate(points["point"]) if _wanted(name, only)]
+    positions = np.array(points["position"], dtype=float).reshape(-1, 3)
+    covariances = np.array(points["covariance"], dtype=float).reshape(-1, 3, 3)
+    usable = _are_usable(positions, covariances)
+    rows = [row for row in wanted if usable[row]]
+    left = [f"point {points['point'][row]}: no position with a covariance" for row in wanted if not usable[row]]
+    _check_any(path, len(rows), only)
+    position = positions[rows]
     plan = None
     if system.ellipsoid is not None:
         level = level_positions(record, position)
@@ -225,21 +229,16 @@ def _read_record(
         assert plan is not None
         position = plan.map.coordinates(level)
     try:
-        points = SurfacePoints(
-            ids=tuple(row["point"] for row in whole),
-            position=position,
-            covariance=np.array([row["covariance"] for row in whole], dtype=float),
+        known = SurfacePoints(
+            ids=tuple(points["point"][row] for row in rows), position=position, covariance=covariances[rows]
         )
     except ValueError as error:
         raise SeaError([Problem(file=str(path), message=str(error))]) from error
-    return ReadPoints(points=points, left=tuple(left), plan=plan)
+    return ReadPoints(points=known, left=tuple(left), plan=plan)
 
 
-def _is_usable(row: Any) -> bool:
-    """Tell whether a point has a position, and a covariance that is one: not one that is held fixed."""
-    try:
-        position, covariance = np.array(row["position"], dtype=float), np.array(row["covariance"], dtype=float)
-    except (TypeError, ValueError):
-        return False
-    finite = np.isfinite(position).all() and np.isfinite(covariance).all()
-    return bool(finite and np.linalg.eigvalsh(covariance)[0] > 0.0)
+def _are_usable(position: FloatArray, covariance: FloatArray) -> BoolArray:
+    """Tell which points (n,) have a position, and a covariance that is one: not one that is held fixed."""
+    usable = np.logical_and(np.isfinite(position).all(axis=1), np.isfinite(covariance).all(axis=(1, 2)))
+    usable[usable] = np.linalg.eigvalsh(covariance[usable])[:, 0] > 0.0
+    return usable

@@ -1,0 +1,93 @@
+"""What a notebook shows below a cell whose value is a solution or a block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from musatpy.model import Block, Solution
+from musatpy.reports import bathymetric, ground_points, stations
+from musatpy.reports.editing import edited
+from musatpy.reports.table import Column, Report
+from musatpy.statistics import Statistics
+
+_ROWS = 12  # of a table that are shown
+_REASONS = 5
+_TEXT = 200  # characters of a title or a reason
+_REPORTS = (stations.POSITIONS, bathymetric.DEPTHS, ground_points.GROUND_POINTS)
+
+
+def to_html(shown: Solution | Block) -> str:
+    """Return the verdict, the main numbers and the first rows of stations, depths and points of a solution as HTML.
+
+    Of a block, its options and the sizes of its tables. At most 50 kB, with nothing but tables and paragraphs.
+    """
+    if isinstance(shown, Block):
+        return "\n".join(_of_block(shown))
+    return "\n".join(_of_solution(Statistics(shown)))
+
+
+def _of_block(block: Block) -> Iterable[str]:
+    yield _head(block)
+    yield _table(
+        ("Table", "Rows"), [(name, str(table.count)) for name, table in block.tables().items() if table.count]
+    )
+
+
+def _head(block: Block) -> str:
+    title = block.titles[0] if block.titles else "Job without a title"
+    options = block.options
+    words = ", ".join([f"MUSAT-{options.program}", options.system, options.refraction])
+    return f"<p><strong>{_text(title)}</strong><br>{_text(words)}</p>"
+
+
+def _of_solution(statistics: Statistics) -> Iterable[str]:
+    solution, verdict = statistics.solution, statistics.verdict
+    yield _head(statistics.block)
+    numbers = [
+        f"sigma0 {solution.sigma0:.4f}",
+        f"degrees of freedom: {solution.degrees_of_freedom}",
+        f"iterations: {len(solution.iterations)}",
+    ]
+    yield f"<p><strong>{_text(verdict.grade)}</strong>: {_text(', '.join(numbers))}</p>"
+    reasons = [f"<li>{_text(f'{one.grade.lower()}: {one.text}')}</li>" for one in verdict.reasons[:_REASONS]]
+    if len(verdict.reasons) > _REASONS:
+        reasons.append(f"<li>and {len(verdict.reasons) - _REASONS} more</li>")
+    if reasons:
+        yield f"<ul>{''.join(reasons)}</ul>"
+    for report in _REPORTS:
+        yield from _of_report(report, statistics)
+
+
+def _of_report(report: Report[Statistics], statistics: Statistics) -> Iterable[str]:
+    """Yield the first rows of a table of the listing, as they are printed; nothing where it has none."""
+    columns = report.printed(statistics).columns
+    values = [_listed(column, statistics) for column in columns]
+    count = len(values[0])
+    if not count:
+        return
+    texts = [edited(column.edit, listed[:_ROWS]) for column, listed in zip(columns, values, strict=True)]
+    below = f"{count} rows, of which {_ROWS} are shown" if count > _ROWS else ""
+    yield _table([column.heading for column in columns], zip(*texts, strict=True), report.title, below)
+
+
+def _listed(column: Column[Statistics], statistics: Statistics) -> list[Any]:
+    values = () if column.values is None else column.values(statistics)
+    return values.tolist() if isinstance(values, np.ndarray) else list(values)
+
+
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", below: str = "") -> str:
+    head = "".join(f'<th scope="col">{_text(" ".join(heading.split()))}</th>' for heading in headings)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{_text(' '.join(cell.split()))}</td>" for cell in row) + "</tr>\n" for row in rows
+    )
+    caption = f"<caption>{_text(title)}</caption>" if title else ""
+    end = f"<p>{_text(below)}</p>" if below else ""
+    return f"<table>{caption}\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table>{end}"
+
+
+def _text(text: str) -> str:
+    return escape(text if len(text) <= _TEXT else f"{text[:_TEXT]}...")

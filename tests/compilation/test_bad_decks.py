@@ -1,0 +1,191 @@
+"""Compilation decks that are wrong: every message at its card, all in one pass, and nothing written."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import stage_readings
+from musatpy.cli.main import main as musat
+from musatpy.formats.compilation_deck import compilation_bytes
+from record_rows import read_rows, with_columns
+
+FIXTURES, DECK = stage_readings.FIXTURES, stage_readings.DECK
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the record of the run of St. Thomas."""
+    folder = tmp_path_factory.mktemp("run")
+    result = CliRunner().invoke(musat, ["run", str(FIXTURES / "st_thomas/st_thomas.crd"), "-q", "-o", str(folder)])
+    assert result.exit_code == 0
+    return folder / "st_thomas.json"
+
+
+def compiled(run: Path, deck: Path, *options: str, command: str = "compile") -> Result:
+    return CliRunner().invoke(musat, ["as11", command, str(run), str(deck), "-o", str(deck.parent), *options])
+
+
+def changed(folder: Path, *changes: tuple[str, str]) -> Path:
+    """Return the deck of the fixture with texts replaced, each where it stands first."""
+    text = DECK.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    deck = folder / "changed.crd"
+    deck.write_text(text)
+    return deck
+
+
+CIN = "CIN    2.000  5   600.0    20.0"
+PRF = "PRF NS       2122     N        S           50.00   2.000   0.300"
+GRD = "GRD BAY        100.00"
+PRE = "PRE NS       2122     M  0.000000    0.000000    100.000000  100.000000"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("MDL 2122     21       22 ", "MDL 2122     21       29 ",
+         "changed.crd:4 cols 23-30 MDL.right: model 2122: the run has no photo 29"),
+        ("MDL 2122     21       22 ", "MDL 2122     28       22 ",
+         "changed.crd:4 cols 14-21 MDL.left: model 2122: the run has no photo 28"),
+        ("MDL 2223     22       23      ", "MDL 2223     22       22      ", "one photo on both stages"),
+        ("MDL 2223     22 ", "MDL 2122     22 ", "changed.crd:5 cols 5-12 MDL.model: model 2122 is defined twice"),
+        ("STG 2122     202 ", "STG 2122     102 ", "point 102 is read twice in model 2122"),
+        ("STG 2122     202 ", "STG 2129     202 ", "there is no MDL card of model 2129"),
+        ("   5.00         00000004", "   -5.0         00000004", "changed.crd:4 cols 58-63 MDL.pointing"),
+        ("R    3.994012", "Q    3.994012", "'Q' is not A1 (one of G, P, S, R)"),
+        ("3.994012", "3.9940l2", "changed.crd:10 cols 25-35 STG.x_left"),
+        (PRF, PRF.replace(" N ", " X "), "cols 23-30 PRF.start: point X is not read in model 2122"),
+        (PRF, PRF.replace(" NS ", " XX "), "cols 5-12 PRF.profile: profile XX has 0 readings of class P"),
+        (PRF, PRF.replace("2122", "2129"), "PRF.model: there is no MDL card of this model"),
+        (PRF, PRF.replace(" N ", "   "), "PRF.start: its ends stand on no PRE card"),
+        (PRF, f"{PRF}LZ", "PRF.zig: a single line (scan L) has none"),
+        (PRF, f"{PRF}X   0.0", "PRF.spacing: not greater than zero"),
+        (PRF, f"{PRF}\n{PRE}", "PRF.end: its ends stand on a PRE card too"),
+        (PRF, f"{PRF}\n{PRE.replace('NS', 'XX')}", "PRE.profile: there is no PRF card of this profile"),
+        (GRD, "GRD BAY        100.00  18.32700000             ", "a grid has both corners, or none"),
+        (CIN, f"{CIN}\n{CIN}", "changed.crd:4 col 33 CIN.of: a second card of contours of this kind"),
+        (CIN, "CIN          5   600.0    20.0", "CIN.interval: neither an interval nor a CIL card"),
+        (CIN, f"{CIN} D          BUY", "CIN.grid: there is no GRD card of this grid"),
+        (CIN, f"{CIN} H    2.000", "CIN.drying: contours of height have none"),
+        (CIN, f"{CIN}\nCIL H    1.000", "CIL.of: there is no CIN card of this kind"),
+        (CIN, f"{CIN}\nCIL      1.000           3.000", "CIL.level_1: levels stand one beside the other"),
+        ("END", "PTM 2122     NS          31    1.000    2.000\nEND",
+         "reading 32 of profile NS in model 2122, which has 31"),
+        ("END", "PTM 2122     NS           1    1.000\nPTM 2122     NS           1    2.000\nEND",
+         "a second time of a reading"),
+        ("END", "PTM 2122     NS           0    1.000\nEND", "PTM.first: not greater than zero"),
+        ("END", "WTR 1.333000\nEND", "WTR.index: the run has water of the index 1.340000"),
+        ("END", "WTR 1.340000                               2.000\nEND",
+         "WTR.tilt_sigma: the deck of the run says it"),
+        ("END", "ELL WGS84\nEND", "ELL.name: the run is on another ellipsoid"),
+        ("END", "ELL clerk66\nEND", "ELL.name: "),
+        ("VDT MLLW        -0.1500  0.0500", "VDT MLLW        -0.1500  0.0500 nowhere.gtx",
+         "VDT.geoid: geoid model nowhere.gtx"),
+        ("STG 2122     202      R   10.548236", "STG 2122     202      R            ", "blank, expected F11.6"),
+    ],
+)  # fmt: skip
+def test_a_bad_deck_is_refused_at_its_cards(run: Path, tmp_path: Path, old: str, new: str, message: str) -> None:
+    result = compiled(run, changed(tmp_path, (old, new)))
+    assert result.exit_code == 1 and message in " ".join(result.output.split()), result.output
+    assert "Traceback" not in result.output and not (tmp_path / "changed.lst").exists()
+
+
+@pytest.mark.parametrize("command", ["compile", "setup"])
+def test_what_is_wrong_with_run_and_cards_is_told_in_one_pass(run: Path, tmp_path: Path, command: str) -> None:
+    deck = changed(
+        tmp_path, ("MDL 2122     21 ", "MDL 2122     29 "), ("3.994012", "3.9940l2"), (GRD, "GRD BAY          0.00")
+    )
+    result = compiled(run, deck, command=command)
+    lines = [int(line) for line in re.findall(r"^\S*changed.crd:(\d+) ", result.output, re.M)]
+    assert result.exit_code == 1 and lines == sorted(lines) and len(lines) == 3
+    assert "not compiled, 3 errors" in result.output
+
+
+@pytest.mark.parametrize("contents", ["", "\n\n", "END\n", "\x00\xff" * 40, "MDL 2122     21       22\nEND\n"])
+def test_decks_of_nothing_are_refused(run: Path, tmp_path: Path, contents: str) -> None:
+    deck = tmp_path / "nothing.crd"
+    deck.write_bytes(contents.encode("latin-1"))
+    result = compiled(run, deck)
+    assert result.exit_code == 1 and "not compiled, " in result.output and "Traceback" not in result.output
+    assert list(tmp_path.iterdir()) == [deck]
+
+
+def test_index_and_ellipsoid_of_the_run_may_be_said_again(run: Path, tmp_path: Path) -> None:
+    assert compiled(run, changed(tmp_path, ("END", "WTR 1.340000\nELL clrk66\nEND"))).exit_code == 0
+
+
+def in_model(change: Callable[[np.ndarray], np.ndarray]) -> bytes:
+    """Return the deck with all readings (2, 2) changed."""
+    deck = stage_readings.compilation()
+    xy = np.stack([change(reading) for reading in deck.stages.xy])
+    return compilation_bytes(replace(deck, stages=replace(deck.stages, xy=np.round(xy, 4))))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda xy: xy[::-1], "left and right were exchanged"),
+        (lambda xy: 1e3 * xy, "they were in micrometres (factor 0.001)"),
+        (lambda xy: xy / 25.4, "they were in inches (factor 25.4)"),
+        (lambda xy: xy[:, ::-1], "x and y were exchanged"),
+    ],
+)
+def test_slips_of_a_whole_model_are_named_and_refused(
+    run: Path, tmp_path: Path, change: Callable[[np.ndarray], np.ndarray], said: str
+) -> None:
+    deck = tmp_path / "slip.crd"
+    deck.write_bytes(in_model(change))
+    message = f"slip.crd:4 cols 14-30 MDL: model 2122: most of its readings make no points, and would if {said}"
+    result = compiled(run, deck)
+    assert result.exit_code == 1 and message in result.output and not (tmp_path / "slip.lst").exists()
+
+
+def test_a_slip_may_be_compiled_anyway_and_is_a_warning_then(run: Path, tmp_path: Path) -> None:
+    deck = tmp_path / "slip.crd"
+    kept = [line for line in in_model(lambda xy: xy[::-1]).decode().splitlines() if line[:3] not in ("CIN", "GRD")]
+    deck.write_text("\n".join(kept) + "\n")
+    result = compiled(run, deck, "--anyway")
+    assert result.exit_code == 0 and "left and right were exchanged" in (tmp_path / "slip.lst").read_text()
+    assert "slip.crd:8 cols 25-68 STG: warning: point 102 of model 2122 has no position: " in result.output
+    assert "and 247 readings more without a position" in result.output
+
+
+def test_photos_without_a_common_point_are_told_at_their_card(run: Path, tmp_path: Path) -> None:
+    record = read_rows(run)
+    record["station_pairs"] = [pair for pair in record["station_pairs"] if pair["photos"] != ["21", "22"]]
+    apart = tmp_path / "apart.json"
+    apart.write_text(json.dumps(with_columns(record)))
+    result = compiled(apart, changed(tmp_path))
+    message = "changed.crd:4 cols 23-30 MDL.right: model 2122: photos 21 and 22 share no point of the run"
+    assert result.exit_code == 1 and message in result.output
+
+
+def test_a_base_along_the_vertical_is_told_at_its_card(run: Path, tmp_path: Path) -> None:
+    """Photo 22 put 400 m above photo 21."""
+    record = read_rows(run)
+    left, right = (row for row in record["stations"] if row["photo"] in ("21", "22"))
+    right["position"] = [*left["position"][:2], left["position"][2] + 400.0]
+    above = tmp_path / "above.json"
+    above.write_text(json.dumps(with_columns(record)))
+    result = compiled(above, changed(tmp_path))
+    message = "MDL.right: model 2122: photos 21 and 22 have no base across the vertical: "
+    assert result.exit_code == 1 and message in result.output
+
+
+def test_land_below_the_water_is_told(run: Path, tmp_path: Path) -> None:
+    row = next(line for line in DECK.read_text().splitlines() if line.startswith("STG 2122     S        G"))
+    result = compiled(run, changed(tmp_path, (row, f"{row[:23]} {row[24:]}")))
+    # 20 m of depth, 15 of them apparent.
+    assert re.search(
+        r"point S of model 2122 is not flagged as submerged and lies 1[3-6]\.\d\d m below", result.output
+    )

@@ -1,0 +1,202 @@
+"""Profiles by the coordinates of their ends, scans of lines side by side, and how fast they were read."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from compilation.scenes import flat_images, pair
+from json_schema import violations
+from musatpy.arrays import FloatArray
+from musatpy.cli.main import main as musat
+from musatpy.compilation.compiled import Compiled, compiled
+from musatpy.compilation.profiles import profiles_of, scans_of
+from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
+from musatpy.reports.compilation import schema
+from stage_readings import FIXTURES, compilation
+
+_SLOPE = 0.03
+_RATE = 2.0  # s between readings
+
+
+def depth(xy: FloatArray) -> FloatArray:
+    """Return the depths (k,) of a bottom that falls to the north, with waves along X."""
+    return np.asarray(12.0 + 0.002 * xy[:, 1] + 2.0 * np.sin(xy[:, 0] / 100.0))
+
+
+def deck_of(xy: FloatArray, *cards: str, lag: FloatArray | float = 0.0, times: bool = True) -> Compiled:
+    """Return the compilation of a profile's readings, each of the bottom `lag` (m) before its place along X."""
+    run = pair(3000.0, 1810.0)
+    behind = xy - np.column_stack([np.broadcast_to(lag, len(xy)), np.zeros(len(xy))])
+    images = flat_images(run, np.column_stack([xy, -depth(behind)]))
+    lines = ["MDL 1        1        2                                          5.00", *cards]
+    lines += [
+        "STG 1        A        PB" + "".join(f"{value:11.6f}" for value in stages)
+        for stages in images.reshape(-1, 4)
+    ]
+    if times:
+        clock = _RATE * np.arange(len(xy))
+        lines += [
+            f"PTM 1        A       {first + 1:6d}" + "".join(f"{t:9.3f}" for t in clock[first : first + 5])
+            for first in range(0, len(xy), 5)
+        ]
+    deck, warnings = read_compilation("\n".join([*lines, "END", ""]).encode())
+    data = compilation_bytes(deck)
+    assert not warnings and compilation_bytes(read_compilation(data)[0]) == data
+    return compiled(run, deck)
+
+
+def card(ends: str, *, step: float = 20.0, scan: str = "", name: str = "A") -> tuple[str, ...]:
+    """Return the cards of a profile between places."""
+    return f"PRF {name:<8} 1                          {step:8.2f}{' ' * 16}{scan}", f"PRE {name:<8} 1        {ends}"
+
+
+def ends(system: str, *corners: float) -> str:
+    return system + "".join(f"{corner:12.4f}" for corner in corners)
+
+
+def line(count: int = 41) -> FloatArray:
+    """Return readings along Y = 50 m of the job, from X = 300 to 1500 m."""
+    return np.column_stack([np.linspace(300.0, 1500.0, count), np.full(count, 50.0)])
+
+
+@pytest.mark.parametrize(("system", "shift"), [("J", 0.0), ("M", -905.0)])
+def test_ends_may_be_places_of_the_model_or_of_the_job(system: str, shift: float) -> None:
+    """The origin of the model is the middle of the base, X = 905 m."""
+    result = deck_of(line(), *card(ends(system, 200.0 + shift, 50.0, 1600.0 + shift, 50.0)))
+    (part,) = profiles_of(result)
+    assert part.profile is not None and part.line == 1
+    # Compiled points have the rounding of six decimals of a stage: 0.5 nm at 1 to 20,000, over base and height.
+    np.testing.assert_allclose(part.profile.station, np.linspace(100.0, 1300.0, 41), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(part.profile.offset, 0.0, rtol=0, atol=1e-3)
+    stations, depths, sigma, place = part.posts(result.datum)
+    np.testing.assert_allclose(place[:, 0], 200.0 + stations, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(place[:, 1], 50.0, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(place[:, 2], -depths, rtol=0, atol=1e-9)
+    assert (sigma <= part.sigma.max() + 1e-12).all() and (sigma > 0.7 * part.sigma.min()).all()
+
+
+def to_and_fro(zigzag: bool = True) -> FloatArray:
+    """Return readings along five lines 40 m apart, X 300 to 1500 m, every other one from its end."""
+    rows = []
+    for number in range(5):
+        x = np.linspace(300.0, 1500.0, 61)
+        rows.append(np.column_stack([x[::-1] if zigzag and number % 2 else x, np.full(61, 100.0 - 40.0 * number)]))
+    return np.concatenate(rows)
+
+
+SCAN = card(ends("J", 280.0, 100.0, 1520.0, -60.0), scan="XZ  40.0")
+
+
+def test_readings_of_a_scan_belong_to_the_nearest_line() -> None:
+    xy = np.concatenate([to_and_fro(), [[700.0, 130.0], [700.0, -90.0]]])
+    xy[:, 1] += np.random.default_rng(4).uniform(-15.0, 15.0, len(xy)) * (np.arange(len(xy)) < 305)
+    result = deck_of(xy, *SCAN)
+    *lines, beside = profiles_of(result)
+    assert [part.line for part in lines] == [1, 2, 3, 4, 5] and all(len(part.rows) == 61 for part in lines)
+    for number, part in enumerate(lines):
+        assert part.profile is not None
+        # The ends of a line are those of the scan, the first of them at its start, lines in the order of their Y.
+        np.testing.assert_allclose(
+            part.ends, [[280.0, 100.0 - 40.0 * number], [1520.0, 100.0 - 40.0 * number]], atol=1e-6
+        )
+        assert np.abs(part.profile.offset).max() < 15.1
+    assert beside.line == 0 and beside.reason == "2 readings beside the lines of the scan"
+    (scan,) = scans_of(result, profiles_of(result))
+    assert (scan.scan, scan.spacing, len(scan.lines), scan.zigzag) == ("X", 40.0, 5, True)
+
+
+def test_a_scan_along_y_has_its_lines_across() -> None:
+    xy = to_and_fro(zigzag=False)[:, ::-1] * [1.0, 0.5] + [800.0, -500.0]
+    result = deck_of(xy, *card(ends("J", 900.0, -400.0, 740.0, 300.0), scan="Y   40.0"))
+    lines = profiles_of(result)
+    assert [len(part.rows) for part in lines] == [61] * 5
+    np.testing.assert_allclose(lines[1].ends, [[860.0, -400.0], [860.0, 300.0]], atol=1e-6)
+    (scan,) = scans_of(result, lines)
+    assert scan.lag is None and not scan.zigzag
+
+
+def test_the_lag_of_a_mark_that_is_read_to_and_fro() -> None:
+    """Three metres behind, 20 m in two seconds: 0.3 s. Slopes of waves by a step of 20 m are 0.7 % too small."""
+    direction = np.repeat([1.0, -1.0, 1.0, -1.0, 1.0], 61)
+    result = deck_of(to_and_fro(), *SCAN, lag=3.0 * direction)
+    (scan,) = scans_of(result, profiles_of(result))
+    assert scan.lag is not None and scan.lag.length == pytest.approx(3.0, rel=0.03)
+    # From line to line no time passes between readings but that of one: 61 readings of 2 s.
+    assert scan.lag_time == pytest.approx(0.3, rel=0.03)
+    (still,) = scans_of(result, profiles_of(deck_of(to_and_fro(), *SCAN)))
+    assert still.lag is not None and abs(still.lag.length) < 0.05
+
+
+def test_a_line_without_readings_is_told_and_a_scan_without_all_its_lines_has_no_lag() -> None:
+    xy = to_and_fro()
+    result = deck_of(xy[xy[:, 1] != 20.0], *SCAN)
+    lines = profiles_of(result)
+    assert [part.reason for part in lines] == ["", "", "0 readings with a position", "", ""]
+    assert scans_of(result, lines)[0].lag is None
+
+
+def test_a_scan_of_no_extent_is_none() -> None:
+    (part,) = profiles_of(deck_of(line(), *card(ends("J", 300.0, 50.0, 300.0, 90.0), scan="X   40.0")))
+    assert part.profile is None and part.reason.startswith("the scan has no extent")
+
+
+def test_the_pace_of_a_profile_is_that_of_its_stages() -> None:
+    """30 m in two seconds at 1 to 19,700: 0.76 mm/s; one step of 60 m is twice as fast. Back once, two turns."""
+    xy = line()[[*range(20), *range(21, 30), 25, *range(31, 41)]]
+    (part,) = profiles_of(deck_of(xy, *card(ends("J", 200.0, 50.0, 1600.0, 50.0))))
+    time, mean, fastest = part.pace
+    assert time == pytest.approx(2.0 * (len(xy) - 1)) and part.turns == 2
+    scale = 152.4 / 3012.0
+    assert fastest == pytest.approx(180.0 / 2.0 * scale, rel=0.02)  # from X = 1050 m to 1230 m
+    ways = np.linalg.norm(np.diff(part.stages[np.argsort(part.time)], axis=0), axis=2)
+    assert ways[:, 0].max() != ways[:, 1].max()  # the bottom rises under the mark, and one stage goes farther
+    assert fastest == pytest.approx(ways.max() / 2.0, rel=1e-9)
+    assert 15.0 * scale < mean < 30.0 * scale
+
+
+def test_without_times_there_is_no_pace() -> None:
+    (part,) = profiles_of(deck_of(line(), *card(ends("J", 200.0, 50.0, 1600.0, 50.0)), times=False))
+    assert np.isnan(part.pace).all() and part.turns == 0
+
+
+def test_times_are_those_of_the_readings_in_the_order_of_their_cards() -> None:
+    result = deck_of(line(), *card(ends("J", 200.0, 50.0, 1600.0, 50.0)))
+    np.testing.assert_allclose(result.deck.stages.time, _RATE * np.arange(41), atol=1e-9)
+
+
+def timed(deck_folder: Path) -> Path:
+    """Return the deck of the fixture with times of its readings along NS, and a scan of its bottom."""
+    deck = compilation()
+    stages, specs = deck.stages, deck.profiles
+    rows = np.flatnonzero(stages.ids == "NS")
+    time = stages.time.copy()
+    time[rows] = 100.0 + np.arange(len(rows))
+    path = deck_folder / "timed.crd"
+    path.write_bytes(compilation_bytes(replace(deck, stages=replace(stages, time=time), profiles=specs)))
+    return path
+
+
+def test_the_listing_has_the_pace_and_the_file_the_posts(tmp_path: Path) -> None:
+    """Of a job on the ellipsoid: posts stand on the line between the ends, at the height of their depths."""
+    runner, run = CliRunner(), str(FIXTURES / "st_thomas/st_thomas.crd")
+    assert runner.invoke(musat, ["run", "-q", run, "-o", str(tmp_path)]).exit_code == 0
+    result = runner.invoke(musat, ["as11", "compile", str(tmp_path / "st_thomas.json"), str(timed(tmp_path))])
+    assert result.exit_code == 0, result.output
+    listing = (tmp_path / "timed.lst").read_text()
+    assert "Pace Of Profiles" in listing
+    record = json.loads((tmp_path / "timed.json").read_text())
+    assert not list(violations(record, schema(), schema()))
+    row = record["profiles"][0]
+    assert (row["profile"], row["timed"], row["duration"]) == ("NS", 31, 30.0) and row["turns"] > 10
+    rows = [line.split(",") for line in (tmp_path / "timed.profiles.csv").read_text().splitlines()]
+    posts = [dict(zip(rows[0], cells, strict=True)) for cells in rows if cells[:3] == ["post", "2122", "NS"]]
+    np.testing.assert_allclose([float(post["longitude"]) for post in posts], -64.9352, rtol=0, atol=2e-6)
+    heights = [float(post["height"]) + float(post["depth"]) for post in posts]
+    np.testing.assert_allclose(heights, -0.15, rtol=0, atol=1e-3)  # printed to a millimetre
+    assert len(posts) == 16 and all(0.2 < float(post["sigma"]) < 0.6 for post in posts)

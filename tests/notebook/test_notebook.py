@@ -1,0 +1,288 @@
+"""Solutions as frames, as a dataset, and in a notebook: what the record says, cell by cell."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import musatpy
+from altered import altered
+from musatpy import adjust, read_deck, to_html, to_pandas, to_xarray
+from musatpy.errors import MusatError
+from musatpy.model.tables import Table, empty, stacked
+from musatpy.notebook.columns import tables_of
+from musatpy.reports.record import record, tables
+from musatpy.statistics import Statistics
+from record_rows import with_rows
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+DECKS = ["st_thomas/st_thomas.crd", "st_thomas_raw/st_thomas_raw.crd"]
+
+
+@cache
+def solution_of(deck):
+    return adjust(read_deck(FIXTURES / deck))
+
+
+def places(value):
+    """Yield the places of a nested list, and what stands there."""
+    if not isinstance(value, list):
+        yield "", value
+        return
+    for number, part in enumerate(value):
+        yield from ((f"[{number}]{place}", entry) for place, entry in places(part))
+
+
+def same(shown, recorded):
+    if recorded is None:
+        return shown is None or shown == "" or math.isnan(shown)
+    if isinstance(recorded, list):
+        return all(map(same, shown, recorded)) and len(shown) == len(recorded)
+    if isinstance(recorded, float):
+        return math.isclose(shown, recorded, rel_tol=1e-11)  # of the digits that a record has
+    return bool(shown == recorded)
+
+
+def expected_cells(rows, columns):
+    """Yield row, name of the column in a frame, and the value of the record."""
+    for number, row in enumerate(rows):
+        for name, value in row.items():
+            if name in columns:
+                yield number, name, value
+            elif isinstance(value, dict):
+                yield from ((number, f"{name}[{key}]", entry) for key, entry in value.items())
+            elif value is not None:
+                yield from ((number, f"{name}{place}", entry) for place, entry in places(value))
+
+
+def holds(frame, rows):
+    cells = list(expected_cells(rows, frame.columns))
+    assert len(frame) == len(rows)
+    shown = {name: frame[name].tolist() for name in frame}
+    for row, name, value in cells:
+        assert same(shown[name][row], value), (row, name)
+    return len(cells)
+
+
+def is_table(value):
+    return isinstance(value, list) and all(isinstance(row, dict) for row in value)
+
+
+def plain(entries):
+    """Return the fields of an object that are values, lists or counts by names."""
+    return {
+        name: value
+        for name, value in entries.items()
+        if not (is_table(value) and value)
+        and not (isinstance(value, dict) and any(isinstance(entry, dict | list) for entry in value.values()))
+    }
+
+
+@pytest.mark.parametrize("deck", DECKS)
+def test_frames_hold_every_table_of_the_record(deck):
+    solution = solution_of(deck)
+    frames, said = to_pandas(solution), with_rows(record(solution))
+    cells = 0
+    for name, value in said.items():
+        if is_table(value) and name in frames:
+            rows = [{key: entry for key, entry in row.items() if not is_table(entry) or not entry} for row in value]
+            rows = [{key: entry for key, entry in row.items() if key in frames[name] or entry} for row in rows]
+            cells += holds(frames[name], rows)
+    assert cells > 3000
+    for name in ("options", "solution", "verdict"):
+        assert holds(frames[name], [{key: value for key, value in plain(said[name]).items() if value != []}])
+    assert holds(frames["tests.check_points"], said["tests"]["check_points"])
+    assert holds(frames["plate_statistics.frames"], said["plate_statistics"]["frames"])
+
+
+def test_tables_within_rows_have_the_name_of_their_owner():
+    solution = solution_of(DECKS[1])
+    plates = with_rows(record(solution))["reduction"]["plates"]
+    marks = [{"photo": plate["photo"], **mark} for plate in plates for mark in plate["marks"]]
+    numbers = [
+        {"step": step["step"], **number}
+        for plate in plates
+        for step in plate["steps"]
+        for number in step["parameters"]
+    ]
+    frames = to_pandas(solution)
+    assert len(marks) > 10 and holds(frames["reduction.plates.marks"], marks)
+    assert len(numbers) > 10
+    shown = frames["reduction.plates.steps.parameters"]["value"].tolist()
+    assert all(same(value, row["value"]) for value, row in zip(shown, numbers, strict=True))
+
+
+def test_frames_have_types_and_units():
+    frames = to_pandas(solution_of(DECKS[0]))
+    assert frames["stations"].attrs["units"]["attitude[2]"] == "rad"
+    assert frames["points"]["sigma[0]"].dtype == np.float64
+    assert frames["points"]["bathymetric"].dtype == np.bool_
+    assert frames["points"]["rays"].dtype == np.int64
+    assert len(frames["lenses"]) == 0 and "k0" in frames["lenses"]
+    assert frames["equal_elevations"]["points"].iloc[0] == ["202", "205", "208"]
+
+
+def test_every_name_is_of_one_thing():
+    tables = [table for deck in DECKS for table in tables_of(Statistics(solution_of(deck)))]
+    for of_deck in (tables[: len(tables) // 2], tables[len(tables) // 2 :]):
+        names = [table.name for table in of_deck]
+        assert len(set(names)) == len(names)
+        flat = [f"{table.name}.{column.name}".replace(".", "_") for table in of_deck for column in table.columns]
+        assert len(set(flat)) == len(flat)
+
+
+@pytest.mark.parametrize("deck", DECKS)
+def test_a_dataset_holds_what_the_frames_hold(deck):
+    solution = solution_of(deck)
+    dataset, frames = to_xarray(solution), to_pandas(solution)
+    stations = frames["stations"]
+    axes = np.stack([stations[f"position[{axis}]"] for axis in range(3)], axis=1)
+    assert np.array_equal(dataset.stations_position, axes)
+    covariance = frames["points"][[f"covariance[{i}][{j}]" for i, j in itertools.product(range(3), repeat=2)]]
+    assert np.array_equal(dataset.points_covariance, covariance.to_numpy().reshape(-1, 3, 3), equal_nan=True)
+    assert float(dataset.solution_sigma0) == frames["solution"]["sigma0"].iloc[0]
+    assert dataset.plates_point.values.tolist() == frames["plates"]["point"].tolist()
+    assert float(dataset.stations_tide.sel(stations="22")) == stations.set_index("photo")["tide"]["22"]
+    assert "distances_length" not in dataset
+
+
+def test_a_dataset_has_units_and_meanings():
+    dataset = to_xarray(solution_of(DECKS[0]))
+    assert dataset.stations_attitude.attrs == {"units": "rad", "long_name": "adjusted"}
+    assert dataset.plates_residual.attrs["units"] == "mm"
+    assert dataset.observations_of.values[0] == "21 102"
+    assert np.isnan(dataset.adjusted_water_tilt_sigma).all()
+
+
+def test_lists_of_different_lengths_end_in_nothing():
+    block = read_deck(FIXTURES / DECKS[0])
+    groups = block.equal_elevations
+    point = [*groups.point, 0]
+    more = replace(
+        groups, ids=[*groups.ids, "L"], sigma=[*groups.sigma, 0.1], group=[*groups.group, 1], point=point
+    )
+    solution = altered(
+        solution_of(DECKS[0]),
+        block=replace(block, equal_elevations=more),
+        levels=[1.0, 2.0],
+        level_sigmas=[0.1, 0.1],
+    )
+    differences = to_xarray(solution).equal_elevations_difference.values
+    assert differences.shape == (2, 3)
+    assert np.isnan(differences[1]).tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize(("package", "function"), [("pandas", to_pandas), ("xarray", to_xarray)])
+def test_a_missing_package_is_named_with_its_line(package, function, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MusatError, match=rf"the package {package}: pip install 'musatpy\[notebook\]'"):
+        function(solution_of(DECKS[0]))
+
+
+def test_a_solution_has_its_tables_itself():
+    solution = solution_of(DECKS[0])
+    assert solution.to_pandas().keys() == to_pandas(solution).keys()
+    assert solution.to_xarray().equals(to_xarray(solution))
+    assert solution._repr_html_() == to_html(solution)
+    assert solution.block._repr_html_() == to_html(solution.block)
+
+
+def large(block, photos):
+    """Return a block with the rows of another many times over, and names as long as can be."""
+    times = photos // block.photos.count
+    table = stacked([block.photos] * times)
+    return replace(
+        block,
+        titles=("T" * 500,) * 20,
+        photos=replace(table, ids=[f"{n:08d}" for n in range(table.count)]),
+        plates=stacked([block.plates] * times),
+    )
+
+
+def test_what_python_prints_is_short():
+    solution = solution_of(DECKS[0])
+    block = large(solution.block, 1000)
+    failed = altered(solution, converged=False, reason="no end " * 500, block=block)
+    for shown in (solution, solution.block, block, failed):
+        assert len(repr(shown)) <= 1000
+    assert "sigma0=0.9361" in repr(solution) and "photos=3" in repr(solution) and "not converged" in repr(failed)
+    assert repr(solution.block.points) == "Points(22: ids, bathymetric)"
+
+
+def test_no_table_prints_its_numbers():
+    def kinds(kind):
+        for one in kind.__subclasses__():
+            yield one
+            yield from kinds(one)
+
+    assert len(list(kinds(Table))) > 25
+    assert all(one.__repr__ is Table.__repr__ for one in kinds(Table))
+    assert repr(empty(musatpy.model.Photos)).startswith("Photos(0: ids, camera")
+
+
+class Tags(HTMLParser):
+    """The tags of a page, and its texts."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.names, self.texts = [], set(), []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.names.add(tag)
+        if tag != "br":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+def test_a_notebook_shows_verdict_stations_and_depths():
+    page = Tags(to_html(solution_of(DECKS[0])))
+    assert not page.open
+    assert {"ACCEPTED", "Adjusted Exposure Stations: Positions", "Depths Of Bathymetric Points"} <= set(page.texts)
+    assert "-64 56 36.59240" in page.texts and "5.349" in page.texts
+    assert "22 rows, of which 12 are shown" in page.texts
+
+
+def test_names_of_a_deck_are_no_tags_and_a_page_is_small():
+    solution = solution_of(DECKS[0])
+    ids = solution.block.points.ids.astype("U40")
+    ids[0] = "<img src=x onerror=alert(1)>"
+    hostile = altered(solution, block={"titles": ("<script>&",) * 3000, "points": {"ids": ids}})
+    doubtful = altered(hostile, warnings=tuple("<b>" * 1000 + str(n) for n in range(50)))
+    page = to_html(doubtful)
+    assert Tags(page).names <= {
+        "p",
+        "strong",
+        "br",
+        "ul",
+        "li",
+        "table",
+        "caption",
+        "thead",
+        "tbody",
+        "tr",
+        "th",
+        "td",
+    }
+    assert len(page) < 50_000
+    assert len(to_html(large(solution.block, 1000))) < 50_000
+
+
+def test_all_that_the_record_states_is_a_column():
+    names = {table.name.partition(".")[0] for table in tables_of(Statistics(solution_of(DECKS[0])))} - {"record"}
+    fields = {column.name for column in next(tables_of(Statistics(solution_of(DECKS[0])))).columns}
+    assert {node.name for node in tables()} == names | fields
