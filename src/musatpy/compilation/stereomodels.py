@@ -128,8 +128,20 @@ def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
     if np.linalg.norm(along) < _LEAST_BASE * abs(height):
         message = f"photos {left} and {right} have no base across the vertical: {np.linalg.norm(along):.2f} m"
         raise CompilationError([Problem(message=message)])
-    met = np.sort(run.pairs.photo, axis=1)
-    if len(met) and not (met == sorted(rows)).all(axis=1).any():  # a punched deck does not know
+    met, plates = np.sort(run.pairs.photo, axis=1), run.block.plates
+    if len(met):
+        share = bool((met == sorted(rows)).all(axis=1).any())
+    elif len(plates.photo):  # a punched deck, whose points have no covariances
+        share = bool(np.intersect1d(*(plates.point[plates.photo == row] for row in rows)).size)
+    else:  # it has no points: photos that look down show no farther than their corners
+        cameras = photos.camera[rows]
+        half = 0.5 * np.linalg.norm(run.block.cameras.format_size[cameras], axis=1)
+        reach = float(np.sum(half / run.block.cameras.focal_length[cameras])) * abs(height)
+        if np.linalg.norm(along) > reach:
+            message = f"photos {left} and {right} do not overlap: {np.linalg.norm(along):.0f} m of base"
+            raise CompilationError([Problem(message=f"{message}, and they show {reach:.0f} m")])
+        share = True
+    if not share:
         raise CompilationError([Problem(message=f"photos {left} and {right} share no point of the run")])
     x = along / np.linalg.norm(along)
     return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))
