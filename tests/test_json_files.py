@@ -12,18 +12,22 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from json_schema import load_schema, violations
 from musatpy import adjust, read_deck
 from musatpy.cli.main import main
 from musatpy.comparison import NEEDS, OPTIONAL
 from musatpy.errors import RecordError
-from musatpy.json_files import read_json, read_record
+from musatpy.json_files import Needs, read_json, read_record
+from musatpy.model import RecordContent
 from musatpy.reports.record import dumps, record
 from musatpy.runs import run_deck
 from record_rows import read_rows, with_rows
 
 ROOT = Path(__file__).parents[1]
 OF_ROWS = Path(__file__).parent / "records" / "st_thomas_1.10.json.gz"
-VERSIONS = "[[rule]]\nname = 'versions'\nsection = '(top)'\ncolumn = 'schema_version'\nskip = true\n"
+VERSIONS = (
+    "[[rule]]\nname = 'versions'\nsection = '(top)'\ncolumn = '^(schema_version|content|settings)$'\nskip = true\n"
+)
 
 
 @cache
@@ -42,11 +46,11 @@ def run() -> dict[str, Any]:
     return found
 
 
-def problems(tmp_path: Path, run: Any) -> list[str]:
+def problems(tmp_path: Path, run: Any, needs: Needs = NEEDS) -> list[str]:
     path = tmp_path / "RUN.json"
     path.write_text(run if isinstance(run, str) else json.dumps(run))
     with pytest.raises(RecordError) as caught:
-        read_record(path, NEEDS, OPTIONAL)
+        read_record(path, needs, OPTIONAL)
     return [str(problem).removeprefix(f"{path}").lstrip(" :") for problem in caught.value.problems]
 
 
@@ -107,14 +111,28 @@ def test_other_schemas_are_refused(tmp_path: Path, run: dict[str, Any], version:
     assert problems(tmp_path, run) == [f"schema_version: {rest}, and this program reads 1.x and 2.0"]
 
 
+def test_a_table_that_was_left_out_is_told(tmp_path: Path) -> None:
+    run_deck(ROOT / "fixtures/st_thomas/st_thomas.crd", tmp_path, record=RecordContent.TABLES)
+    path = tmp_path / "st_thomas.json"
+    run = json.loads(path.read_text())
+    assert run["content"] == "tables" and "plates" not in run and "observations" not in run
+    assert problems(tmp_path, run, {"plates": ("xy",), "points": ("point",)}) == [
+        "plates: is missing: the record was written with --record tables"
+    ]
+    assert read_record(path, NEEDS, OPTIONAL).keys() == {*NEEDS, *OPTIONAL} - {"plates"}
+    assert CliRunner().invoke(main, ["compare", str(path), str(path)]).exit_code == 0
+    schema = load_schema()
+    assert not list(violations(run, schema, schema))
+
+
 def test_faults_of_a_record_of_rows_are_told_by_rows(tmp_path: Path, run: dict[str, Any]) -> None:
     old = with_rows(run) | {"schema_version": "1.6"}
-    del old["stations"][1]["attitude"], old["plates"]
+    del old["stations"][1]["attitude"], old["control"]
     old["points"][3]["position"] = [1.0]
     assert problems(tmp_path, old) == [
         "stations[1].attitude: is missing",
         "points[3].position: expected 3 numbers, found 1",
-        "plates: is missing",
+        "control: is missing",
     ]
     old["stations"] = [{}] * 1000
     assert len(problems(tmp_path, old)) == 20
@@ -150,8 +168,8 @@ def test_what_is_not_as_the_schema_says(
 
 
 def test_every_missing_field_is_named(tmp_path: Path, run: dict[str, Any]) -> None:
-    del run["stations"]["attitude"], run["plates"]
-    assert problems(tmp_path, run) == ["stations.attitude: is missing", "plates: is missing"]
+    del run["stations"]["attitude"], run["control"]
+    assert problems(tmp_path, run) == ["stations.attitude: is missing", "control: is missing"]
     run["stations"]["photo"] = [None] * 1000
     assert len(problems(tmp_path, run)) == 20
 

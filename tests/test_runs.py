@@ -13,6 +13,7 @@ import musatpy
 from musatpy.errors import MusatError
 from musatpy.files import write_files
 from musatpy.formats.musat import deck_bytes, read_deck
+from musatpy.model import RecordContent
 from musatpy.runs import ExitStatus, check_outputs, output_paths, run_deck
 
 DECK = Path(__file__).parents[1] / "fixtures" / "st_thomas" / "st_thomas.crd"
@@ -63,6 +64,15 @@ def test_a_run_that_does_not_converge_is_listed(deck):
     assert result.status is ExitStatus.NOT_CONVERGED
     assert f"NOT CONVERGED: {result.solution.reason[:40]}" in result.listing.read_text()
     assert json.loads(result.record.read_text())["solution"]["converged"] is False
+
+
+def test_a_run_may_leave_no_record(deck):
+    """That of an earlier run would not be that of the listing."""
+    assert run_deck(deck).record is not None
+    listing = (deck.parent / "job.lst").read_bytes()
+    result = run_deck(deck, record=RecordContent.NONE)
+    assert result.record is None and result.listing.read_bytes() == listing
+    assert sorted(os.listdir(deck.parent)) == ["job.crd", "job.lst"]
 
 
 def test_an_unusable_deck_leaves_what_was_there(deck):

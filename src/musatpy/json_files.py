@@ -19,6 +19,8 @@ Schema = Mapping[str, Any]
 Needs = Mapping[str, Sequence[str]]  # field of a record -> the fields of its table, or of it, that are needed
 
 _SCHEMA = Path(__file__).with_name("reports") / "record.schema.json"
+_SOME = "tables"  # content of a record without tables of images
+_LEFT_OUT = ": the record was written with --record tables"
 _LISTED = 20  # problems of one file
 _PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
 _DIGITS = 15  # of a whole number at most that is exact in double precision
@@ -54,27 +56,35 @@ def _whole(text: str) -> int:
     return int(_finite(text)) if len(text) > _DIGITS else int(text)
 
 
-def read_record(path: Path, needs: Needs, optional: Needs | None = None) -> dict[str, Any]:
+def read_record(
+    path: Path, needs: Needs, optional: Needs | None = None, *, schema: Schema | None = None, what: str = "run"
+) -> dict[str, Any]:
     """Return what is needed of the record of a run, where it is as its schema says: tables as columns.
 
     A table has a list for each of its fields, with one entry per row; in records of schema 1, which have a list of
     rows, it is turned into these. What is `optional` may be missing, as in records of earlier versions. Raises
     `RecordError` with the places where it is not as it should be, `OSError`.
+    `schema`: that of the record of something else than a run, whose first field is its version, and `what` that is.
     """
     record = _loaded(path)
-    schema = _schema()
-    ours = str(schema["properties"]["schema_version"]["const"])
-    version = record.get("schema_version") if isinstance(record, dict) else None
+    schema = _schema() if schema is None else schema
+    key = next(iter(schema["properties"]))
+    ours = str(schema["properties"][key]["const"])
+    version = record.get(key) if isinstance(record, dict) else None
     if not isinstance(version, str):
-        raise RecordError([Problem(file=str(path), message="is not the record of a run")])
+        raise RecordError([Problem(file=str(path), message=f"is not the record of a {what}")])
     by_rows = version.split(".")[0] == _BY_ROWS
     if not by_rows and version.split(".")[0] != ours.split(".")[0]:
         message = f"is a record of schema {version}, and this program reads {_BY_ROWS}.x and {ours}"
-        raise RecordError([Problem(file=str(path), field="schema_version", message=message)])
+        raise RecordError([Problem(file=str(path), field=key, message=message)])
     wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
     said = _with_rows(wanted) if by_rows else wanted
     if not _fits([record], said):
-        faults = list(islice(_faults(record, said, ""), _LISTED))
+        left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
+        faults = [
+            (where, f"{message}{_LEFT_OUT if where in left_out else ''}")
+            for where, message in islice(_faults(record, said, ""), _LISTED)
+        ]
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
     return dict(_in_columns(found, wanted)) if by_rows else found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
-from musatpy.model import Block, Grade, Solution, Verdict
+from musatpy.model import Block, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
 from musatpy.reports.listing import printed, sections_of
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
+    from musatpy.json_files import Needs
     from musatpy.reports.pages import Section
 
 
@@ -63,7 +64,7 @@ class RunResult:
     solution: Solution | None  # None: unusable
     verdict: Verdict | None  # likewise
     listing: Path | None  # where the listing is
-    record: Path | None  # where the JSON record is
+    record: Path | None  # where the JSON record is, if there was to be one
     edited: Path | None = None  # where the edited deck is, if one was to be punched
     punched: tuple[Path, ...] = ()  # where the deck to go on with is, or the files of another family
 
@@ -84,15 +85,16 @@ def run_deck(
     punch_family: FormatFamily | None = None,
     on_read: Callable[[Block], None] | None = None,
     settings: Sequence[Setting] = (),
+    record: RecordContent = RecordContent.FULL,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
     With `punch_edits` also `NAME.edited.crd`, the deck without the blunders that were found, where its options have
     these looked for; a warning says where they do not. With `punch` also `NAME.pun`, a deck to go on with, or the
     files of `punch_family` that hold as much of it as they can.
-    `csv` writes the tables of the listing too, in the folder `NAME_tables`.
-    `brief` leaves the echo of the input and the residuals out of the listing; `strict` makes the status of a
-    doubtful answer that of a rejected one.
+    `csv` writes the tables of the listing too, in the folder `NAME_tables`. `record` says what the record has: with
+    `NONE` there is none, nor one of an earlier run. `brief` leaves the echo of the input and the residuals out of
+    the listing; `strict` makes the status of a doubtful answer that of a rejected one.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
     `Watcher`; `family` and `settings` are those of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where
@@ -110,37 +112,37 @@ def run_deck(
     if solution is None:
         return _unusable(deck, problems)
     folder = _folder(deck, out_dir)
-    listing, record = folder / f"{deck.stem}.lst", folder / f"{deck.stem}.json"
+    listing, place = (folder / f"{deck.stem}.{ending}" for ending in ("lst", "json"))
+    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
+    punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
     try:
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
             statistics = Statistics(solution)
             sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
-            text = printed(statistics, sections, carriage_control=carriage_control, date=date)
+            text = printed(statistics, sections, carriage_control=carriage_control, date=date).encode()
             tables = _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
-    except ProblemsError as error:
-        return _unusable(deck, (*error.problems, *problems))
-    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
-    punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
-    begin(progress, "record")
-    try:
+        begin(progress, "record")
+        recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
         with numerics("the record of the solution"):  # made while it is written
-            values = map(str.encode, texts_of(statistics))
-            write_files({listing: text.encode(), record: values, **tables, **edited, **punched})
+            write_files({listing: text, **recorded, **tables, **edited, **punched}, () if recorded else (place,))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
-    warnings = (Problem(file=str(deck), message=note, severity="warning") for note in (*notes, *more))
     return RunResult(
         deck=deck,
         status=ExitStatus.of(statistics.verdict.grade, strict=strict),
-        problems=(*problems, *warnings),
+        problems=(*problems, *_warnings(deck, *notes, *more)),
         solution=solution,
         verdict=statistics.verdict,
         listing=listing,
-        record=record,
+        record=next(iter(recorded), None),
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _warnings(deck: Path, *notes: str) -> Iterator[Problem]:
+    return (Problem(file=str(deck), message=note, severity="warning") for note in notes)
 
 
 def _tables(sections: Iterable[Section], folder: Path) -> dict[Path, bytes]:
@@ -203,18 +205,31 @@ def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
 
     Raises `MusatError` where a file is neither, or they are not of one block, and `OSError`.
     """
-    from musatpy.comparison import compare
+    from musatpy.comparison import NEEDS, OPTIONAL, compare
 
-    return compare(_record_at(first), _record_at(second), labels)
+    one, other = (_record_at(path, NEEDS, OPTIONAL) for path in (first, second))
+    return compare(one, other, labels)
 
 
-def _record_at(path: Path) -> dict[str, Any]:
+def _record_at(path: Path, needs: Needs, optional: Needs | None = None) -> dict[str, Any]:
+    """Return what is needed of a record, or of that of a deck, which is adjusted."""
     if path.suffix != ".json":
-        return record_of(Statistics(adjust(read_deck(path))))
-    from musatpy.comparison import NEEDS, OPTIONAL
+        return record_of(Statistics(adjust(read_deck(path))), {*needs, *(optional or {})})
     from musatpy.json_files import read_record
 
-    return read_record(path, NEEDS, OPTIONAL)
+    return read_record(path, needs, optional)
+
+
+def inquiry_text(path: Path, name: str) -> str:
+    """Return what a run knows of the point and the photo of a name: of its record (`.json`), or its deck.
+
+    Raises `MusatError` where there is neither, or the file cannot be used, and `OSError`.
+    """
+    from musatpy.inquiry import NEEDS, inquire
+    from musatpy.reports import inquiry
+
+    record = _record_at(path, NEEDS)
+    return "\n".join(inquiry.inquiry_text(record, about) for about in inquire(record, name))
 
 
 def comparison_text(found: Comparison, listed: int) -> str:

@@ -78,6 +78,23 @@ def test_the_manual_has_the_schema_of_the_summary():
     assert with_table(text, SCHEMA) == text
 
 
+@pytest.mark.parametrize(("content", "left"), [("tables", ["small0.json", "small0.lst"]), ("none", ["small0.lst"])])
+def test_a_batch_writes_what_of_records_is_asked_for(tmp_path, content, left):
+    decks_in(tmp_path, small=1)
+    plan = plan_of([tmp_path], tmp_path / "out", JobOptions(record=content))
+    (outcome,) = run_batch(plan).outcomes
+    assert sorted(outcome.outputs) == left
+    assert [one.kept for one in run_batch(plan).outcomes] == [True]
+    if content == "tables":
+        assert json.loads((tmp_path / "out" / "small0.json").read_text())["content"] == "tables"
+
+
+def test_a_content_that_there_is_not_is_refused(tmp_path):
+    decks_in(tmp_path, small=1)
+    with pytest.raises(MusatError, match="record is one of full, tables, none, not 'some'"):
+        plan_of([tmp_path], tmp_path / "out", JobOptions(record="some"))
+
+
 @pytest.mark.slow
 def test_what_is_finished_depends_on_deck_options_and_results(tmp_path, monkeypatch):
     (deck,) = decks_in(tmp_path, small=1)

@@ -298,7 +298,7 @@ def test_an_unexpected_error_is_one_line_that_asks_for_a_report(deck, monkeypatc
 
 
 def test_a_full_disk_is_one_line(deck, monkeypatch):
-    def fail(files):
+    def fail(files, outdated):
         raise OSError(28, "No space left on device", str(deck.with_suffix(".lst")))
 
     monkeypatch.setattr("musatpy.runs.write_files", fail)

@@ -18,6 +18,9 @@ from musatpy.listings.recorded import mapped_section, mapped_sections
 from musatpy.listings.rules import Layout
 from musatpy.listings.sections import sections_of
 from musatpy.listings.tokens import Token, parse
+from musatpy.model import RecordContent
+from musatpy.reports.record import texts_of
+from musatpy.statistics import Statistics
 from musatpy.units import dms_from_radians
 from sample_solutions import sample_solution
 
@@ -64,6 +67,19 @@ def test_a_listing_shows_the_numbers_of_its_record(deck):
     }
     parts = {"Plate Reduction", "Plate Reduction: Plates", "Plate Reduction: Steps And Parameters"}
     assert reduction == (parts if deck == RAW else set())
+
+
+@pytest.mark.parametrize("deck", [ST_THOMAS, RAW])
+def test_what_a_record_was_written_without_is_not_compared(deck):
+    """The same sections and counts otherwise."""
+    run = run_of(deck)
+    whole = compared(run.listing, run.record)
+    some = compared(run.listing, "".join(texts_of(Statistics(run.solution), RecordContent.TABLES)))
+    assert some.same, some.findings[:5]
+    left_out = {note.partition(":")[0] for note in set(some.not_compared) - set(whole.not_compared)}
+    assert {"Worst Observations", "Residuals Of Plate Measurements", "Input"} <= left_out
+    assert any("Photos, points, images, submerged points, number 3" in note for note in some.not_compared)
+    assert 100 < some.counts["rows compared"] < whole.counts["rows compared"]
 
 
 def test_a_local_listing_with_all_kinds_of_rows_shows_the_numbers_of_its_record():

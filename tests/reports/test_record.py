@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from altered import altered
 from json_schema import MANUAL, SCHEMA, load_schema, violations, with_table
-from musatpy.model import CoordinateSystem, Refraction
+from musatpy.model import CoordinateSystem, RecordContent, Refraction
 from musatpy.reports import record_text
+from musatpy.reports.encoding import rounded
 from musatpy.reports.fields import Field, Rows
 from musatpy.reports.record import dumps, record, record_of, schema_text, texts_of
 from musatpy.statistics import Statistics
@@ -88,6 +93,35 @@ def test_coordinates_angles_and_covariances_are_whole_and_the_rest_has_twelve_di
     assert columns["in m"]["digits"] == 12 and "digits" not in columns["in rad"]
 
 
+@given(
+    st.lists(st.floats(allow_nan=True) | st.floats(-1e6, 1e6), min_size=1, max_size=50), st.sampled_from([6, 9, 12])
+)
+def test_columns_are_rounded_to_their_digits(values, digits):
+    """A number next to a tie may go either way."""
+    found = rounded(np.array(values), digits)
+    for value, number in zip(values, found.tolist(), strict=True):
+        nearest = float(f"{value:.{digits}g}")
+        if math.isnan(value) or nearest == number:
+            assert math.isnan(value) == math.isnan(number)
+            continue
+        assert float(f"{number:.{digits}g}") == number
+        assert abs(number - value) == pytest.approx(abs(nearest - value), rel=1e-3)
+
+
+@pytest.mark.parametrize("package", [True, False])
+def test_with_and_without_a_package_the_numbers_are_the_same(monkeypatch, package):
+    """To the last bit, whichever way their exponents are written."""
+    if package:
+        pytest.importorskip("orjson")
+        monkeypatch.setattr(record_text, "_MANY", 0)
+    else:
+        monkeypatch.setattr(record_text, "_orjson", lambda: None)
+    for system, refraction in CASES[::3]:
+        statistics = Statistics(sample_solution(system, refraction))
+        text = "".join(texts_of(statistics))
+        assert json.loads(text) == json.loads(dumps(record_of(statistics)))
+
+
 def test_the_schema_says_the_digits_that_there_are():
     """Of every number of a record: no more than its field says, and what is whole has more somewhere."""
     found, schema = read_back(sample_solution()), load_schema()
@@ -125,10 +159,22 @@ def test_the_schema_notices(path, value):
     assert list(violations(found, schema, schema))
 
 
+def test_a_record_without_tables_of_images_has_all_else():
+    statistics = Statistics(sample_solution())
+    whole, some = (
+        json.loads("".join(texts_of(statistics, content))) for content in (RecordContent.FULL, RecordContent.TABLES)
+    )
+    left_out = {"observations", "plates", "fiducial_measurements", "cross_measurements"}
+    assert whole.keys() - some.keys() == left_out == whole.keys() - set(load_schema()["required"])
+    assert whole | {"content": "tables"} == some | {name: whole[name] for name in left_out}
+
+
 def test_every_field_of_the_schema_is_in_the_record():
     """The order too: that of the schema is that of the record."""
-    schema, found = load_schema(), record(sample_solution())
-    assert list(found) == list(schema["properties"]) == schema["required"]
+    solution = altered(sample_solution(), block={"settings": ("OPT.program=IIA",)})
+    schema, found = load_schema(), record(solution)
+    assert list(found) == list(schema["properties"])
+    assert list(record(sample_solution())) == [name for name in found if name != "settings"]
     for name, entry in schema["properties"].items():
         if entry.get("columns"):
             assert list(found[name]) == list(entry["properties"]), name

@@ -14,7 +14,7 @@ from typing import Any
 import musatpy
 from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
-from musatpy.model import Grade
+from musatpy.model import Grade, RecordContent
 from musatpy.runs import ExitStatus, output_paths
 from musatpy.specs import key, require
 
@@ -68,6 +68,7 @@ class JobOptions:
     settings: tuple[str, ...] = key((), "fields of cards, as `--set` has them", name="set")
     carriage_control: bool = key(False)
     brief: bool = key(False)
+    record: str | None = key(None, "`full`, `tables` or `none`")
     punch_edits: bool = key(False)
     punch: str | None = key(None, "`restart` or `result`")
     punch_family: str | None = key(None)
@@ -129,10 +130,18 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         "settings": settings_of(options.settings, family),
         "carriage_control": options.carriage_control,
         "brief": options.brief,
+        "record": _content(options),
         "punch_edits": options.punch_edits,
         "punch": punch,
         "punch_family": other,
     }
+
+
+def _content(options: JobOptions) -> RecordContent:
+    """Return what of a job is recorded."""
+    if options.record not in (None, *RecordContent):
+        raise MusatError(f"record is one of {', '.join(RecordContent)}, not '{options.record}'")
+    return RecordContent(options.record or RecordContent.FULL)
 
 
 def _punch(options: JobOptions) -> Any:

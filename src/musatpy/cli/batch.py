@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, name_of, tell
-from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option, set_option
+from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option, record_option, set_option
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult
@@ -33,6 +33,7 @@ _IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the sa
     metavar="ADDRESS",
     help="Run the jobs by the workers of a Dask scheduler, such as tcp://host:8786.",
 )
+@record_option
 @click.option("--again", is_flag=True, help="Run finished jobs again too.")
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no table; messages of errors only.")
@@ -45,6 +46,7 @@ def command(
     settings: tuple[str, ...],
     processes: int | None,
     address: str | None,
+    record: str | None,
     again: bool,
     strict: bool,
     quiet: bool,
@@ -64,7 +66,7 @@ def command(
     if address is not None and processes is not None:
         raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
     try:
-        plan = plan_of(sources, out_dir, JobOptions(formats=formats_dir, settings=settings))
+        plan = plan_of(sources, out_dir, JobOptions(formats=formats_dir, settings=settings, record=record))
     except ManifestError:
         raise
     except MusatError as error:

@@ -164,6 +164,11 @@ titles_option = click.option(
     metavar="TEXT",
     help="A line of the job title, in place of those of the decks.",
 )
+record_option = click.option(
+    "--record",
+    type=click.Choice(["full", "tables", "none"]),
+    help="NAME.json: full where not given, tables without those of images, or none.",
+)
 processes_option = click.option(
     "-j",
     "--jobs",

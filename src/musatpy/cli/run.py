@@ -13,13 +13,22 @@ import click
 
 from musatpy.cli.live_line import LiveLine
 from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, on_terminal
-from musatpy.cli.options import decks_argument, formats_option, out_option, set_option, settings_for
+from musatpy.cli.options import (
+    decks_argument,
+    formats_option,
+    out_option,
+    record_option,
+    set_option,
+    settings_for,
+)
 from musatpy.cli.punching import punch_of, punch_options, run_cards
+from musatpy.cli.shown import show, shown_of, shown_options
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
     from musatpy.model import Solution
     from musatpy.runs import ExitStatus, RunResult
+    from musatpy.shown_runs import Shown
 
 _CAUSES = 3  # that are named
 _LARGE = 500  # photos of a block, from which on numba is worth a word
@@ -36,7 +45,9 @@ _FAST = "pip install 'musatpy[fast]'"
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
 @click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
+@record_option
 @click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
+@shown_options
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
@@ -52,6 +63,7 @@ def command(
     quiet: bool,
     dated: bool,
     punch_edits: bool,
+    record: str | None,
     **given: Any,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
@@ -59,8 +71,10 @@ def command(
     Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an
     answer is rejected (with --strict: or doubtful).
     """
+    from musatpy.model import RecordContent
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
+    wanted = shown_of(given)
     punch, punch_family = punch_of(formats_dir, given)
     try:
         check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
@@ -76,13 +90,14 @@ def command(
         punch_edits=punch_edits,
         punch=punch,
         punch_family=punch_family,
+        record=RecordContent(record or "full"),
         **{name: given[name] for name in ("carriage_control", "brief", "csv", "strict")},
     )
-    statuses = [_status_of(deck, run, quiet) for deck in decks]
+    statuses = [_status_of(deck, run, wanted, quiet) for deck in decks]
     ctx.exit(ExitStatus.worst(statuses))
 
 
-def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitStatus:
+def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: bool) -> ExitStatus:
     """Run one deck and say what came of it; results that cannot be written keep no other deck from its run."""
     from musatpy.runs import ExitStatus
 
@@ -96,6 +111,8 @@ def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitSt
         complain_of_error(error)
         return ExitStatus.UNUSABLE
     _tell(result, quiet)
+    if not show(result, wanted, quiet):
+        return ExitStatus.worst([result.status, ExitStatus.UNUSABLE])
     return result.status
 
 

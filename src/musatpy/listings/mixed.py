@@ -43,7 +43,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     tallies, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
         mapped = mapped_section(section.title)
-        if mapped is None:
+        if mapped is None or _is_left_out(content, mapped.table):
             notes.append(section.title or "lines before the first title")
             continue
         comparison = _Shown(judge, section, mapped, content, listing)
@@ -257,6 +257,9 @@ class _Shown(Comparison):
                 self.unknown[f"{row.ids[0]}, all but the first number"] += 1
             both = self.row_pair(row, self.content)
             for n, (number, of) in enumerate(zip(numbers, sources, strict=False), start=1):
+                if of.count and _is_left_out(self.content, of.field):
+                    self.unknown[f"{row.ids[0]}, number {n}"] += 1
+                    continue
                 field = Field(-1, n, "sigma" if n > 1 else "", number.start, number.end)
                 self.value(both, field, of.unit, [number.token], of)
 
@@ -308,6 +311,11 @@ class _Shown(Comparison):
         else:
             a, b = (token, recorded) if self.listing == 0 else (recorded, token)
             self.weigh(both, field, unit, a, b)
+
+
+def _is_left_out(content: Mapping[str, Any], path: str) -> bool:
+    """Tell whether a record was written without a table."""
+    return content.get("content") == "tables" and at(content, path) is None
 
 
 def _sentences(rows: Sequence[Row]) -> list[Row]:

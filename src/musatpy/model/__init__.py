@@ -25,6 +25,7 @@ from musatpy.model.options import (
 from musatpy.model.orientation import OrientationMethod, OrientationSpec, PlaneTreatment, StripPlane
 from musatpy.model.photos import Photos
 from musatpy.model.points import Points
+from musatpy.model.record_content import RecordContent
 from musatpy.model.reduction import (
     Atmosphere,
     ComparatorSpec,
@@ -118,6 +119,7 @@ __all__ = [
     "Polynomials",
     "Program",
     "Reason",
+    "RecordContent",
     "ReductionOptions",
     "Refraction",
     "Refused",

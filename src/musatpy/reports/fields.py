@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Generic, TypeVar
 
@@ -56,6 +56,7 @@ class Field(Node[Source]):
     unit: str = ""
     choices: Iterable[Any] = ()
     exact: bool = False  # of numbers in tables: at full precision whatever the unit, as coordinates are
+    seldom: bool = False  # stands in the record only where it says something
 
     @property
     def digits(self) -> int | None:
@@ -115,6 +116,7 @@ class Rows(Node[Source], Generic[Source, Item]):
     text: str
     of: Callable[[Source], Item | None]
     fields: Sequence[Field[Item]]
+    of_images: bool = False  # rows are images, or one of their coordinates: may be left out of a record
 
     def schema(self) -> Schema:
         fields = properties_of(self.fields)
@@ -126,7 +128,8 @@ class Rows(Node[Source], Generic[Source, Item]):
         return {"type": "object", "description": self.text, "columns": True, **fields}
 
     def json(self, source: Source) -> Json:
-        return {field.name: rounded(values, field.digits) for field, values in self.columns(source)}
+        columns = ((field.name, rounded(values, field.digits)) for field, values in self.columns(source))
+        return {name: plain(values) if isinstance(values, np.ndarray) else list(values) for name, values in columns}
 
     def columns(self, source: Source) -> Iterator[tuple[Field[Item], Any]]:
         """Yield the fields with their values, one per row, as arrays or lists."""
@@ -202,10 +205,30 @@ def same(source: Part) -> Part:
     return source
 
 
+def without_images(nodes: Iterable[Node[Part]]) -> Iterator[Node[Part]]:
+    """Yield fields and tables, but no table of images, nor the parts of objects that are one."""
+    for node in nodes:
+        if isinstance(node, Group):
+            yield replace(node, fields=tuple(without_images(node.fields)))
+        elif not _is_of_images(node):
+            yield node
+
+
+def _is_of_images(node: Node[Any]) -> bool:
+    return isinstance(node, Rows) and node.of_images
+
+
+def is_seldom(node: Node[Any]) -> bool:
+    """Tell whether a field may not be there."""
+    return isinstance(node, Field) and node.seldom
+
+
 def properties_of(fields: Iterable[Node[Any]]) -> Schema:
     """Return what the schema says of an object with these fields, and of these alone."""
+    fields = list(fields)
     properties = {field.name: field.schema() for field in fields}
-    return {"additionalProperties": False, "required": list(properties), "properties": properties}
+    required = [field.name for field in fields if not (_is_of_images(field) or is_seldom(field))]
+    return {"additionalProperties": False, "required": required, "properties": properties}
 
 
 def _schema(kind: str, choices: Iterable[Any]) -> Schema:

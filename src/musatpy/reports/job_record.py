@@ -158,6 +158,7 @@ FIDUCIAL_MEASUREMENTS = OfBlock(
         Field("xy", "2 number", "measured", lambda b: b.fiducial_measurements.xy, "mm", exact=True),
         Field("sigma", "2 number?", "of xy", lambda b: b.fiducial_measurements.sigma, "mm"),
     ),
+    of_images=True,
 )
 
 COMPARATOR = Group[Statistics, ComparatorSpec](
@@ -222,4 +223,5 @@ CROSS_MEASUREMENTS = OfBlock(
         Field("cross", "string", "cross id", lambda b: b.cross_measurements.ids),
         Field("xy", "2 number", "reading", lambda b: b.cross_measurements.xy, "unit", exact=True),
     ),
+    of_images=True,
 )

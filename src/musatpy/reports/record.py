@@ -10,7 +10,7 @@ from collections.abc import Container, Iterator, Sequence
 from typing import Any
 
 import musatpy
-from musatpy.model import Solution
+from musatpy.model import RecordContent, Solution
 from musatpy.reports import (
     job_record,
     listing,
@@ -21,7 +21,7 @@ from musatpy.reports import (
     waves_page,
 )
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, same
+from musatpy.reports.fields import Field, Group, Node, Schema, is_seldom, properties_of, same, without_images
 from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
@@ -32,12 +32,9 @@ _ABOUT = (
     "longitude, ellipsoidal height (GEOG) or X, Y, Z. Sigmas and differences in metres are along east, north, up "
     "(X, Y, Z in LOCL jobs). Attitudes are X-tilt, Y-tilt, heading. A number that does not exist is null."
 )
+
+
 _TABLES: tuple[Node[Statistics], ...] = (
-    Field(
-        "schema_version", "const",
-        "version of this schema; the first number changes when a field changes its meaning or goes",
-        lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,),
-    ),
     Group[Statistics, Statistics](
         "program",
         "what made the record",
@@ -64,7 +61,7 @@ _TABLES: tuple[Node[Statistics], ...] = (
     Field("titles", "* string", "title cards", lambda s: s.block.titles),
     Field(
         "settings", "* string", "what was set for the run in place of what its cards say: `OP2.water_level=ONE`",
-        lambda s: s.block.settings,
+        lambda s: s.block.settings, seldom=True,
     ),
     job_record.OPTIONS,
     job_record.ELLIPSOID,
@@ -110,9 +107,26 @@ _TABLES: tuple[Node[Statistics], ...] = (
 )  # fmt: skip
 
 
-def tables() -> Sequence[Node[Statistics]]:
+def tables(content: RecordContent = RecordContent.FULL) -> Sequence[Node[Statistics]]:
     """Return all that stands in the record, in its order; last the tables of pages that have their own."""
-    return [*_TABLES, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
+    head: tuple[Node[Statistics], ...] = (
+        Field(
+            "schema_version", "const",
+            "version of this schema; the first number changes when a field changes its meaning or goes",
+            lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,),
+        ),
+        Field(
+            "content", "string", "full, or tables: those of images are left out", lambda s: content,
+            choices=(RecordContent.FULL, RecordContent.TABLES),
+        ),
+    )  # fmt: skip
+    nodes = [*head, *_TABLES, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
+    return nodes if content is RecordContent.FULL else list(without_images(nodes))
+
+
+def _said(nodes: Sequence[Node[Statistics]], statistics: Statistics) -> list[Node[Statistics]]:
+    """Return what stands in the record: without fields that are seldom there and have nothing to say."""
+    return [node for node in nodes if not is_seldom(node) or node.json(statistics)]
 
 
 def record(solution: Solution) -> dict[str, Json]:
@@ -125,7 +139,8 @@ def record_of(statistics: Statistics, names: Container[str] | None = None) -> di
 
     It has the shape of `musatpy.json_files.read_record`.
     """
-    return {table.name: table.json(statistics) for table in tables() if names is None or table.name in names}
+    said = _said(tables(), statistics)
+    return {table.name: table.json(statistics) for table in said if names is None or table.name in names}
 
 
 def schema() -> Schema:
@@ -162,6 +177,6 @@ def dumps(record: dict[str, Json]) -> str:
     return laid_out(record, "\n") + "\n"
 
 
-def texts_of(statistics: Statistics) -> Iterator[str]:
+def texts_of(statistics: Statistics, content: RecordContent = RecordContent.FULL) -> Iterator[str]:
     """Yield the text of `record_of` piece by piece."""
-    yield from record_texts(tables(), statistics)
+    yield from record_texts(_said(tables(content), statistics), statistics)

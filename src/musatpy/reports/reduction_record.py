@@ -46,6 +46,7 @@ READINGS: Rows[Reduced, Reduced] = Rows(
         Field("xy", "2 number", "reading", lambda r: r.given.plates.xy, "unit", exact=True),
         Field("sigma", "2 number?", "of the reading, as given", lambda r: r.given.plates.sigma, "unit"),
     ),
+    of_images=True,
 )
 _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
     "marks",

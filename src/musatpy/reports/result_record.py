@@ -470,6 +470,7 @@ PLATES = Table(
             lambda s: s.solution.plates.correction, "mm",
         ),
     ),
+    of_images=True,
 )  # fmt: skip
 UNEDITED = Field[Statistics](
     "unedited", "string", "why EDIT has edited nothing; empty where it has, or was not asked to",

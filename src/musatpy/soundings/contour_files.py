@@ -16,9 +16,8 @@ from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange import dxf, geojson, geopackage, xyz
 from musatpy.interchange.layers import Lines, Points
-from musatpy.pointfiles.csv_tables import ENCODING, names_of
+from musatpy.pointfiles.csv_tables import ENCODING, common_name, names_of
 from musatpy.soundings.job_places import crs_named, job_places
-from musatpy.soundings.sounding_files import common_name
 from musatpy.units import DEGREE
 
 _LEVEL = 1e-3  # m, by which heights along a contour may differ

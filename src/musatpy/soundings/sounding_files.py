@@ -19,7 +19,7 @@ from musatpy.arrays import DateArray, FloatArray, TextArray
 from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange import las
-from musatpy.pointfiles.csv_tables import number, separator_faults
+from musatpy.pointfiles.csv_tables import common_name, number, separator_faults
 from musatpy.pointfiles.las_files import SUFFIXES
 from musatpy.soundings.job_places import crs_named, job_places
 from musatpy.units import DEGREE
@@ -27,7 +27,6 @@ from musatpy.units import DEGREE
 if TYPE_CHECKING:
     import pyproj
 
-_WORDS = {"latitude": "lat", "longitude": "lon", "z": "height", "east": "x", "north": "y", "id": "name"}
 _PLACES = (("lat", "lon"), ("x", "y"))
 _VALUES = ("depth", "height")
 _DATE = "date"
@@ -142,12 +141,6 @@ def _records(reader: Any) -> Iterator[tuple[int, list[str]]]:
 def _date(cell: str) -> np.datetime64:
     """Return the day that a cell says, no day for a blank one. Raises `ValueError`."""
     return np.datetime64(datetime.date.fromisoformat(cell) if cell else "NaT", "D")
-
-
-def common_name(name: str) -> str:
-    """Return the name of a column by which all its names are known: `lat` for `Latitude`."""
-    lower = name.strip().lower()
-    return _WORDS.get(lower, lower)
 
 
 def _expected(name: str, value: float, cell: str) -> str:
