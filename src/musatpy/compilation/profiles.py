@@ -108,6 +108,14 @@ def profiles_of(compiled: Compiled) -> list[CompiledProfile]:
     return [line for row in range(len(compiled.deck.profiles.ids)) for line in _lines_of(compiled, row)]
 
 
+def without(profiles: list[CompiledProfile]) -> Iterator[str]:
+    """Yield which profiles there are not, and why."""
+    for part in profiles:
+        if part.reason:
+            line = f", line {part.line}" if part.line > 1 else ""
+            yield f"profile {part.name}{line} of model {part.model}: {part.reason}"
+
+
 def scans_of(compiled: Compiled, profiles: list[CompiledProfile]) -> list[ProfileScan]:
     """Return the scans of a deck with their lines."""
     specs, found = compiled.deck.profiles, []
