@@ -232,7 +232,8 @@ def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: P
 def test_a_profile_whose_end_has_no_position_says_why(run: Path, tmp_path: Path) -> None:
     row = next(line for line in stage_readings.DECK.read_text().splitlines() if line[4:22] == "2122     N        ")
     deck = changed(tmp_path, (row, f"{row[:24]} 194.000000{row[35:]}"))
-    assert compiled(run, deck, tmp_path).exit_code == 0
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0 and "profile NS of model 2122: its end N has no position" in result.output
     assert "its end N has no position in the model" in (tmp_path / "changed.lst").read_text()
 
 
@@ -242,8 +243,12 @@ def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
     kept = [line for line in kept if not line.startswith("PRF SLOPE")]
     deck = tmp_path / "changed.crd"
     deck.write_text("\n".join(kept) + "\n")
-    assert compiled(run, deck, tmp_path).exit_code == 0
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0 and "model 2223 has no surface of depths: no point of it" in result.output
     assert "no point of it has a position" in (tmp_path / "changed.lst").read_text()
+    deck.write_text("\n".join(line for line in kept if line[22:24] not in ("GB", "PB") and line[:3] != "PRF"))
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0 and "grid BAY has no posts: there is no surface" in result.output
 
 
 def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:

@@ -72,6 +72,8 @@ MUTATIONS = [
     ("compilation/profiles.py", "off = sign * (xy", "off = (xy", SCANS),
     ("compilation/profiles.py", "+ sign * number * spacing", "- sign * number * spacing", SCANS),
     ("compilation/profiles.py", "1 if line.line % 2 else -1", "-1 if line.line % 2 else 1", SCANS),
+    ("compilation/profiles.py", "station[last] - self.profile.station[first]",
+     "station[first] - self.profile.station[last]", SCANS),
     ("compilation/profiles.py", "axis=2).max(axis=1)", "axis=2).min(axis=1)", SCANS),
     ("formats/compilation_deck.py", "int(first) - 1 + known", "int(first) + known - 2", SCANS),
     # levels and the datum in a grid
