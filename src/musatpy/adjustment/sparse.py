@@ -218,11 +218,13 @@ def _runs(place: IntArray, own: int, size: int) -> tuple[tuple[int, int, int], .
 
     None has places before and behind `own`.
     """
-    if not len(place):
-        return ()
-    cut = np.flatnonzero((np.diff(place) != 1) | (place[1:] == own)) + 1
-    first, last = np.concatenate([[0], cut]), np.concatenate([cut, [len(place)]])
-    return tuple(zip((first * size).tolist(), (last * size).tolist(), (place[first] * size).tolist(), strict=True))
+    places, runs = place.tolist(), []
+    first = 0
+    for last in range(1, len(places) + 1):
+        if last == len(places) or places[last] != places[last - 1] + 1 or places[last] == own:
+            runs.append((first * size, last * size, places[first] * size))
+            first = last
+    return tuple(runs)
 
 
 class NotPositiveDefiniteError(Exception):
