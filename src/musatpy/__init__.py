@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from musatpy.formats.builder import BlockBuilder
     from musatpy.formats.musat import read_deck, write_deck
     from musatpy.model import Block, Solution
     from musatpy.notebook.frames import to_pandas, to_xarray
@@ -18,6 +19,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Block",
+    "BlockBuilder",
     "Solution",
     "adjust",
     "listing",
@@ -32,6 +34,7 @@ __all__ = [
 # Imported when first asked for, so that `musat --help` and `musat check` do not load the adjustment.
 _MODULES = {
     "Block": "musatpy.model",
+    "BlockBuilder": "musatpy.formats.builder",
     "Solution": "musatpy.model",
     "adjust": "musatpy.pipeline",
     "listing": "musatpy.reports.listing",

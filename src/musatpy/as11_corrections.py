@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,9 +24,10 @@ from musatpy.compilation.correction_layers import (
     total,
 )
 from musatpy.compilation.correction_rasters import BANDS, apparent_posts, corrected_rows, true_posts
+from musatpy.compilation.misplaced_points import require_model
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CompilationError, Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.systems import LocalRectangular, System
 from musatpy.interchange import geotiff
@@ -39,13 +41,14 @@ from musatpy.interchange.any_file import (
     write_layers,
     write_points,
 )
-from musatpy.interchange.layers import LOCAL, Grid, Points
+from musatpy.interchange.layers import LOCAL, Grid, Points, placed
 from musatpy.interchange.packages import refuse
 from musatpy.units import MICROMETRE
 
 if TYPE_CHECKING:
     import pyproj
 
+_DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water
 _MANY = 50_000  # points, from which on polynomials stand for the correction
 
 
@@ -76,6 +79,11 @@ class CorrectedFile:
         for name, done in self.layers.items():
             if done.known and not done.wet:
                 yield f"{name}: nothing is under water: heights are positive up"
+            if done.deepest > _DEEPEST:
+                yield (
+                    f"{name}: down to {done.deepest:.0f} m, where no photo shows the bottom: are there values of "
+                    "empty posts or points among the heights, or heights in another unit?"
+                )
             for why, count in zip(REASONS, done.lost.tolist(), strict=True):
                 if count:
                     yield f"{name}: {count} without a position: {why or 'no apparent height'}"
@@ -116,13 +124,25 @@ def correct_file(
         layer=layer,
         band=band,
     )
-    if source.suffix.lower() in RASTERS:
-        done = work.raster()
-    elif {source.suffix.lower(), target.suffix.lower()} <= {*POINT_FILES}:
-        done = work.points()
-    else:
-        done = work.layers()
+    with _about(source):
+        if source.suffix.lower() in RASTERS:
+            done = work.raster()
+        elif {source.suffix.lower(), target.suffix.lower()} <= {*POINT_FILES}:
+            done = work.points()
+        else:
+            done = work.layers()
     return replace(done, caution=triangulation.caution)
+
+
+@contextmanager
+def _about(source: Path) -> Iterator[None]:
+    """Let problems with points and their systems name the file that they are in."""
+    try:
+        yield
+    except (CompilationError, SystemsError) as error:
+        raise type(error)(
+            [replace(problem, file=problem.file or str(source)) for problem in error.problems]
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,6 +171,10 @@ class _Work:
         system = _system_of(self.source, stated, self.stereo.run, self.crs, self.geoid)
         return Correction(stereo=self.stereo, system=system, pointing=self.pointing)
 
+    def written_crs(self, stated: pyproj.CRS | None, system: System) -> pyproj.CRS | None:
+        """Return the system that a result states: that of the option, else of the file, else of the run."""
+        return placed(self.stand_in) or stated or _crs_of(system)
+
     def points(self) -> CorrectedFile:
         """Correct a file of points chunk by chunk."""
         crs = next(read_points(self.source, self.stand_in)).crs
@@ -161,7 +185,9 @@ class _Work:
         if {self.source.suffix.lower(), self.target.suffix.lower()} <= {*CLOUDS}:
             correct_cloud(self.source, self.target, corrector, tallies)
         else:
-            write_points(self.target, self._true_points(corrector, crs or _crs_of(correction.system), tallies))
+            write_points(
+                self.target, self._true_points(corrector, self.written_crs(crs, correction.system), tallies)
+            )
         return CorrectedFile(layers={"points": total(tallies)}, system=correction.system)
 
     def _true_points(self, corrector: Corrector, crs: pyproj.CRS | None, tallies: list[Tally]) -> Iterator[Points]:
@@ -179,7 +205,7 @@ class _Work:
         with geotiff.opened(self.source, self.stand_in) as raster:
             posts, band = raster.posts, _band(raster.names, self.band)
             correction = self.correction(posts.crs)
-            posts = replace(posts, crs=posts.crs or _crs_of(correction.system))
+            posts = replace(posts, crs=self.written_crs(posts.crs, correction.system))
 
             def heights(first: int, last: int) -> FloatArray:
                 return raster.rows(band, first, last)
@@ -206,12 +232,11 @@ class _Work:
             assert not isinstance(part, Grid)  # rasters go another way
             apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
             corrector = _corrector(correction, Survey.of([apparent]))
-            placed = replace(part, crs=part.crs or _crs_of(correction.system))
-            true[name], done[name] = (
-                corrected_points(corrector, placed)
-                if isinstance(placed, Points)
-                else corrected_lines(corrector, placed)
-            )
+            part = replace(part, crs=self.written_crs(part.crs, correction.system))
+            if isinstance(part, Points):
+                true[name], done[name] = corrected_points(corrector, part)
+            else:
+                true[name], done[name] = corrected_lines(corrector, part)
         write_layers(self.target, true)
         return CorrectedFile(layers=done, system=correction.system)
 
@@ -221,7 +246,7 @@ def _corrector(correction: Correction, survey: Survey) -> Corrector:
 
     Raises `CompilationError` where none of the points is in the model.
     """
-    correction.require_model(survey.few)
+    require_model(correction, survey.few)
     return (smooth(correction, survey.heights) if survey.count >= _MANY else None) or correction
 
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
+    from musatpy.json_files import Needs
     from musatpy.reports.pages import Section
 
 
@@ -215,18 +216,31 @@ def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
 
     Raises `MusatError` where a file is neither, or they are not of one block, and `OSError`.
     """
-    from musatpy.comparison import compare
+    from musatpy.comparison import NEEDS, OPTIONAL, compare
 
-    return compare(_record_at(first), _record_at(second), labels)
+    one, other = (_record_at(path, NEEDS, OPTIONAL) for path in (first, second))
+    return compare(one, other, labels)
 
 
-def _record_at(path: Path) -> dict[str, Any]:
+def _record_at(path: Path, needs: Needs, optional: Needs | None = None) -> dict[str, Any]:
+    """Return what is needed of a record, or of that of a deck, which is adjusted."""
     if path.suffix != ".json":
-        return record_of(Statistics(adjust(read_deck(path))))
-    from musatpy.comparison import NEEDS, OPTIONAL
+        return record_of(Statistics(adjust(read_deck(path))), {*needs, *(optional or {})})
     from musatpy.json_files import read_record
 
-    return read_record(path, NEEDS, OPTIONAL)
+    return read_record(path, needs, optional)
+
+
+def inquiry_text(path: Path, name: str) -> str:
+    """Return what a run knows of the point and the photo of a name: of its record (`.json`), or its deck.
+
+    Raises `MusatError` where there is neither, or the file cannot be used, and `OSError`.
+    """
+    from musatpy.inquiry import NEEDS, inquire
+    from musatpy.reports import inquiry
+
+    record = _record_at(path, NEEDS)
+    return "\n".join(inquiry.inquiry_text(record, about) for about in inquire(record, name))
 
 
 def comparison_text(found: Comparison, listed: int) -> str:

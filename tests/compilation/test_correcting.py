@@ -20,6 +20,7 @@ from musatpy.compilation.correcting import REASONS, Correction
 from musatpy.compilation.correction_layers import corrected_lines
 from musatpy.compilation.correction_rasters import corrected_grid
 from musatpy.compilation.loop import Loop
+from musatpy.compilation.misplaced_points import require_model
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation
@@ -159,14 +160,14 @@ def test_lines_are_cut_where_no_photo_shows_them() -> None:
     [
         ([[-600.0, 905.0, -3.0]], "x and y exchanged"),
         ([[905.0 / 0.3048, 2200.0 / 0.3048, -3.0 / 0.3048]], "feet"),
-        ([[905.0, 0.0, 5000.0]], "depths positive down"),
+        ([[905.0, 0.0, 2900.0]], "depths positive down"),
     ],
 )
 def test_points_elsewhere_are_told_what_would_bring_them(points: list[list[float]], words: str) -> None:
     corrected = correction(small_format(pair(3000.0, 1810.0)))
-    corrected.require_model(np.array([[905.0, 2000.0, -3.0]]))
+    require_model(corrected, np.array([[905.0, 2000.0, -3.0]]))
     with pytest.raises(CompilationError, match=words):
-        corrected.require_model(np.array(points))
+        require_model(corrected, np.array(points))
 
 
 # --- the command ---
@@ -259,7 +260,16 @@ def test_a_raster_keeps_its_posts_and_gets_sigmas(record: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("name", "text", "options", "said"),
     [
-        ("a.csv", "x,y,z\n294994.9,2029326.2,-3.0\n", (), "x 294994.9, y 2029326.2 are none"),
+        ("a.csv", "x,y,z\n294994.9,2029326.2,-3.0\n", (), "a.csv: the points are taken as longitude and latitude"),
+        (
+            "a.csv",
+            "x,y,z\n294994.9,2029326.2,-3.0\n",
+            (),
+            'It shows them as UTM, zone 20 north (--crs "+proj=utm +z',
+        ),
+        ("a.csv", "x,y,z\n-64.936,18.33,-3.0\n", ("--crs", "EPSG:26720"), "as longitude and latitude in degrees"),
+        ("a.csv", "x,y,z\n294994.9,2029326.2,-3.0\n", ("--crs", "EPSG:26719"), "as UTM, zone 20 north (--crs"),
+        ("a.csv", "lon,lat,depth\n-64.94,18.33,3.0\n", (), "no column z among lon, lat, depth"),
         ("a.csv", "x,y,z\n-64.94,18.33\n", (), "2 values"),
         ("a.csv", "x,y,z\n18.33,-64.94,-3.0\n", (), "x and y exchanged"),
         ("a.csv", "x,y,z\n-64.94,18.33,-3.0\n", ("--crs", "EPSG:4326"), "ellipsoid"),
@@ -280,6 +290,39 @@ def test_depths_for_heights_are_told(record: Path, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,9.5\n")
     result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
     assert result.exit_code == 0 and "nothing is under water: heights are positive up" in result.output
+
+
+@pytest.mark.parametrize("names", ["lon,lat,height", "Longitude,Latitude,Elevation", "X,Y,Z"])
+def test_coordinates_go_by_other_names(record: Path, tmp_path: Path, names: str) -> None:
+    (tmp_path / "a.csv").write_text(f"{names}\n-64.936,18.330,-9.5\n")
+    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "true.csv").read_text().startswith("x,y,z,depth [m]")
+
+
+@pytest.mark.parametrize("suffix", ["gpkg", "tif"])
+def test_results_state_the_system_that_was_named(record: Path, tmp_path: Path, suffix: str) -> None:
+    """A file in zone 20 that says zone 19, or nothing: it is read, and written, by the name that is right."""
+    import pyproj
+
+    _, apparent, _ = bottom_of(record, system_of("EPSG:26720", of_record(record).ellipsoid))  # type: ignore[arg-type]
+    for stated in (pyproj.CRS("EPSG:26719"), None):
+        layers: Layers = {"points": Points(xyz=apparent, crs=stated)}
+        if suffix == "tif":
+            west, south = np.rint(apparent[24, :2]).tolist()
+            bands = {"z": np.full((6, 8), -5.0)}
+            layers = {"grid": Grid(west=west, south=south, spacing=10.0, bands=bands, crs=stated)}
+        write_layers(tmp_path / f"a.{suffix}", layers)
+        result = corrected(record, tmp_path / f"a.{suffix}", tmp_path / f"t.{suffix}", "--crs", "EPSG:26720")
+        assert result.exit_code == 0, result.output
+        (true,) = read_layers(tmp_path / f"t.{suffix}").values()
+        assert true.crs == pyproj.CRS("EPSG:26720")
+
+
+def test_values_of_empty_posts_are_told(record: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,-9.5\n-64.936,18.331,-999\n")
+    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    assert result.exit_code == 0 and "are there values of empty posts or points among the heights" in result.output
 
 
 def test_formats_hold_what_they_can(record: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from musatpy import adjust, read_deck
 from musatpy.arrays import FloatArray
 from musatpy.compilation.bottom import Bottom, bottom_of, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
+from musatpy.compilation.file_places import places_of
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
@@ -67,7 +68,7 @@ def test_depths_end_at_the_deepest_dry_point_unless_the_foreshore_belongs_to_the
         # To what six decimals of a stage leave: 0.5 nm at a scale of 1 to 20,000, over the slope.
         np.testing.assert_allclose(line.xy[:, 0], 900.0 - line.level / _SLOPE, rtol=0, atol=2e-3)
         assert line.xy[-1, 1] < line.xy[0, 1]  # deeper to the west, on the right
-    _, *rows = contours_csv(bottom, angular=False, datum=result.datum).splitlines()
+    _, *rows = contours_csv(bottom, places_of(result), result.datum).splitlines()
     cells = np.array([row.split(",") for row in rows], dtype=float)
     np.testing.assert_allclose(cells[:, 7], -cells[:, 2], rtol=0, atol=1e-4)
 
@@ -81,7 +82,7 @@ def test_contours_of_height_are_over_land_and_bottom() -> None:
     for line in sheet.contours.lines:
         np.testing.assert_allclose(line.xy[:, 0], 900.0 + line.level / _SLOPE, rtol=0, atol=2e-3)
         assert line.xy[-1, 1] > line.xy[0, 1]  # the higher ground, in the east, on the right
-    cells = [row.split(",") for row in contours_csv(heights, angular=False, datum=result.datum).splitlines()]
+    cells = [row.split(",") for row in contours_csv(heights, places_of(result), result.datum).splitlines()]
     assert cells[0][2] == "level" and all(row[1] == "H1" for row in cells[1:])
     np.testing.assert_allclose(
         [float(row[7]) for row in cells[1:]], [float(row[2]) for row in cells[1:]], atol=1e-4
@@ -148,7 +149,7 @@ def test_depths_below_a_datum_in_a_grid_file(st_thomas: Triangulation, tmp_path:
     np.testing.assert_allclose(result.datum_depth[0], surface - position[:, 2], rtol=0, atol=1e-6)  # file: float32
     bottom = bottom_of(result)
     assert bottom is not None
-    rows = [row.split(",") for row in contours_csv(bottom, angular=True, datum=result.datum).splitlines()[1:]]
+    rows = [row.split(",") for row in contours_csv(bottom, places_of(result), result.datum).splitlines()[1:]]
     depth, longitude, height = (np.array([float(row[place]) for row in rows]) for place in (2, 6, 7))
     np.testing.assert_allclose(height, 0.02 - 0.15 + 4.0 * (longitude + 64.93) - depth, rtol=0, atol=1e-4)
     (posts,) = bottom.grids

@@ -78,6 +78,8 @@ def test_standard_errors_to_expect_are_those_of_the_normal_case() -> None:
     # Of two vertical photos without errors of their own: H/B sqrt 2 in height, 1/sqrt 2 across the base.
     assert expected.sigma[row, 2] == pytest.approx(np.sqrt(2.0) * _H / _BASE * scale * _POINTING, rel=1e-6)
     assert expected.sigma[row, 1] == pytest.approx(np.sqrt(0.5) * scale * _POINTING, rel=1e-6)
+    np.testing.assert_array_equal(expected.pointing, expected.sigma[:, 2])  # the run has no errors
+    assert not expected.of_run.any()
     deep = expected.depth == 30.0
     assert np.isfinite(expected.points.depth_sigma[deep]).all() and (expected.points.depth[deep] > 29.9).all()
     np.testing.assert_allclose(expected.points.depth[deep], 30.0, rtol=0, atol=1e-6)
@@ -156,11 +158,18 @@ def test_the_command_lists_the_models_before_anything_is_read(tmp_path: Path) ->
     result = runner.invoke(musat, ["as11", "setup", str(record), str(deck)])
     assert result.exit_code == 0 and "1 model set up" in result.output
     listing = (tmp_path / "models.setup.lst").read_text()
-    for title in ("Model Set-Up", "Model Axes", "Points Of The Run In The Model", "Standard Errors To Expect"):
-        assert title in listing
+    for title in ("Options", "Model Set-Up", "Scales, And", "Model Axes", "Points Of The Run", "Standard Errors"):
+        assert f"\n{title}" in listing
     assert max(map(len, listing.splitlines())) <= 132
     values = read_rows(tmp_path / "models.setup.json")
     assert not list(violations(with_columns(values, schema()), schema(), schema()))
+    # 5 um at H/B of 1.68 and a scale of 1 to 15,740 make .187 m in height; stations add what the run says.
+    middle = next(row for row in values["expected"] if row["depth"] == 0.0 and max(map(abs, row["place"])) < 1.0)
+    ratio = values["models"][0]["height"] / values["models"][0]["base"]
+    pointing = np.sqrt(2.0) * ratio * values["models"][0]["scale"] * 5e-6
+    assert middle["pointing_sigma"] == pytest.approx(pointing, rel=0.03)  # tilts of some degrees
+    assert np.hypot(middle["pointing_sigma"], middle["run_sigma"]) == pytest.approx(middle["sigma"][2], rel=1e-9)
+    assert middle["run_sigma"] > 0.05
 
     cards = DECK.read_text().replace("5.00         00000005", "5.00       A 00000005")
     deck.write_text(cards)

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from altered import altered
 from json_schema import MANUAL, SCHEMA, load_schema, violations, with_table
 from musatpy.model import CoordinateSystem, RecordContent, Refraction
 from musatpy.reports import record_text
@@ -170,8 +171,10 @@ def test_a_record_without_tables_of_images_has_all_else():
 
 def test_every_field_of_the_schema_is_in_the_record():
     """The order too: that of the schema is that of the record."""
-    schema, found = load_schema(), record(sample_solution())
+    solution = altered(sample_solution(), block={"settings": ("OPT.program=IIA",)})
+    schema, found = load_schema(), record(solution)
     assert list(found) == list(schema["properties"])
+    assert list(record(sample_solution())) == [name for name in found if name != "settings"]
     for name, entry in schema["properties"].items():
         if entry.get("columns"):
             assert list(found[name]) == list(entry["properties"]), name

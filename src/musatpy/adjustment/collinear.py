@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from musatpy.adjustment.ground import PointNormals, point_normals
+from musatpy.adjustment.ground import PointNormals, hold, point_normals
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations, Sums, summed
@@ -27,9 +28,16 @@ class Extras:
     priors: FloatArray  # (k, 4, X)
 
 
+class Follow(Protocol):
+    """How points follow a step of stations and globals: what is left of their elimination."""
+
+    def move(self, network: Network, state: State, step: FloatArray, ground: FloatArray) -> None:
+        """Set the points of `ground` (p, 3) where they are after a step (u,) of all unknowns from `state`."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Follow:
-    """How the k points of one group follow a step of stations and globals: what is left of their elimination."""
+class GroupFollow:
+    """How the k points of one group follow."""
 
     group: PointGroup
     axes: FloatArray  # (k, 3, 3)
@@ -37,6 +45,12 @@ class Follow:
     by_station: FloatArray  # (k, 3, m, q)
     by_extra: FloatArray  # (k, 3, X)
     index: IntArray  # (k, X)
+
+    def move(self, network: Network, state: State, step: FloatArray, ground: FloatArray) -> None:
+        """Set the points of `ground` (p, 3) where they are after a step (u,) of all unknowns from `state`."""
+        point = self.group.point
+        change = np.einsum("kji,kj->ki", self.axes, self.step(network, step))
+        ground[point] = hold(network, point, state.ground[point] + change)
 
     def step(self, network: Network, step: FloatArray) -> FloatArray:
         """Return the steps (k, 3) of the points along `axes` in a step (u,) of all unknowns."""
@@ -79,9 +93,9 @@ class Elimination:
         free = self.normals.priors.free
         return self.inverse * free[:, :, None] * free[:, None, :]
 
-    def follow(self, group: PointGroup) -> Follow:
+    def follow(self, group: PointGroup) -> GroupFollow:
         """Return how the points, those of `group`, follow a step."""
-        return Follow(
+        return GroupFollow(
             group=group,
             axes=self.normals.axes,
             shift=self.shift,
@@ -178,15 +192,17 @@ class Reduced:
     corner_rhs: FloatArray  # (k, X)
 
 
-def reduced(network: Network, group: PointGroup, E: Elimination) -> Reduced:
-    """Return the reduced normal equations of the points of a group."""
+def reduced(network: Network, group: PointGroup, E: Elimination, matrix: bool = True) -> Reduced:
+    """Return the reduced normal equations of the points of a group; without `matrix` their right sides count."""
     pattern, photo, weight = network.pattern, network.photo[group.rays], network.weight[group.rays]
     k, m, _, q = E.A.shape
-    i, j = np.triu_indices(m)
     At = np.swapaxes(E.A, 2, 3)
-    blocks = -E.cross.reshape(k, m, q, 3)[:, i] @ np.swapaxes(E.by_station, 1, 2)[:, j]
-    blocks[:, i == j] += At @ E.A
     rhs = -(At @ E.residual[..., None])[..., 0] - (E.cross @ E.shift[..., None]).reshape(k, m, q)
+    blocks = None
+    if matrix:
+        i, j = np.triu_indices(m)
+        blocks = -E.cross.reshape(k, m, q, 3)[:, i] @ np.swapaxes(E.by_station, 1, 2)[:, j]
+        blocks[:, i == j] += At @ E.A
     return Reduced(sums=summed(pattern, photo, blocks, rhs), **_of_extras(E, weight))
 
 

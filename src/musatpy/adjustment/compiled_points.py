@@ -1,28 +1,33 @@
-"""Groups of points that compiled kernels eliminate: what these take, out of network and state."""
+"""The points of a network that compiled kernels eliminate: what these take, out of network and state."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.ground import RIDGE, prior_rows
+from musatpy.adjustment.ground import RIDGE, hold, prior_rows
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.reliability import Part
+from musatpy.adjustment.sequence import Part as SequencePart
+from musatpy.adjustment.sequence import PointSequence
+from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
+
+Result = TypeVar("Result")
 
 
 def split(network: Network) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, ...]]:
@@ -43,173 +48,250 @@ def split(network: Network) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, .
     return tuple(plain), tuple(others)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Images:
-    """The images of a group of points, gathered once, and the pairs of their photos."""
-
-    group: PointGroup
-    photo: IntArray  # (k, m)
-    xy: FloatArray  # (k, m, 2)
-    weight: FloatArray  # (k, m, 2)
-    slot: IntArray  # (k, m (m + 1)/2)
-    wet: BoolArray  # (k, m), (0, 0) where all are dry
-
-    @classmethod
-    def of(cls, network: Network, group: PointGroup) -> Images:
-        """Return the images of a group."""
-        photo, wet = network.photo[group.rays], network.refracted[group.rays]
-        return cls(
-            group=group,
-            photo=photo,
-            xy=network.xy[group.rays],
-            weight=network.weight[group.rays],
-            slot=network.pattern.slots(photo),
-            wet=wet if wet.any() else np.zeros((0, 0), dtype=bool),
-        )
+def plain(array: FloatArray) -> FloatArray:
+    """Return an array as kernels are compiled for: in the order of C, and writable."""
+    return np.require(array, requirements=["C", "W"])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spread:
-    """Cofactors of the k points of a group (k, 3, 3) along east, north, up, and those of their images."""
+    """Cofactors of k points (k, 3, 3) along east, north, up, and those of their images."""
 
-    group: PointGroup
+    point: IntArray
     points: FloatArray
     images: Part
 
 
-def beside_one_another(network: Network, group: PointGroup) -> PointGroup:
-    """Return a group in the order of the first photos of its points: what they add to stays in the cache."""
-    return group.part(np.argsort(network.photo[group.rays[:, 0]], kind="stable"))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledRows:
+    """Some groups of points of a network, as rows of its sequence, in parts for threads."""
+
+    kernels: ModuleType
+    network: Network
+    groups: tuple[PointGroup, ...]
+
+    @cached_property
+    def sequence(self) -> PointSequence:
+        """All points of the network that are eliminated."""
+        return self.network.sequence(self.kernels)
+
+    @cached_property
+    def rows(self) -> IntArray:
+        """The rows (j,) of the points of the groups."""
+        return self.sequence.rows(self.groups)
+
+    @cached_property
+    def parts(self) -> list[SequencePart]:
+        """The rows in parts."""
+        return self.sequence.parts(self.rows)
+
+    def of_parts(self, work: Callable[[SequencePart], Result]) -> list[Result]:
+        """Return the results of `work` at all parts, in their order."""
+        return list(side_by_side(work, self.parts, len(self.sequence.rays)))
+
+    def measured(self, ground: FloatArray) -> points.Measured:
+        """Return the images of the points of the sequence, which are at `ground` (p, 3)."""
+        xy, weight = self.sequence.images(self.network.xy, self.network.weight)
+        at: points.Measured = self.kernels.Measured(
+            point=self.sequence.point,
+            start=self.sequence.start,
+            photo=self.sequence.photo,
+            xy=xy,
+            weight=weight,
+            ground=ground,
+        )
+        return at
+
+    def stations(self, state: State) -> points.Stations:
+        """Return the photos where they are."""
+        kappa, network = state.attitude[:, 2], self.network
+        turn = np.stack([np.cos(kappa), np.sin(kappa)], axis=1)
+        arrays = (state.position, state.M, network.axes, turn, network.focal_length, network.principal_point)
+        stations: points.Stations = self.kernels.Stations(*(plain(array) for array in arrays))
+        return stations
+
+    @cached_property
+    def _wet(self) -> tuple[IntArray, IntArray, IntArray]:
+        """The wet rays (w,) of the sequence, their points (w,), and the row (r,) of each ray among them, or -1."""
+        sequence = self.sequence
+        wet = np.flatnonzero(self.network.refracted[sequence.rays])
+        row = np.full(len(sequence.rays), -1)
+        row[wet] = np.arange(len(wet))
+        return wet, self.network.point[sequence.rays[wet]], row
+
+    def water(self, state: State, ground: FloatArray) -> points.Water:
+        """Return the level water over points that are at `ground` (p, 3)."""
+        wet, point, row = self._wet
+        network = self.network
+        over = surface(
+            network.frame, network.slope(state.tilt), state.tide[self.sequence.photo[wet]], ground[point]
+        )
+        water: points.Water = self.kernels.Water(
+            row=row,
+            normal=plain(over.normal),
+            depth=plain(over.depth),
+            refraction=float(state.index),
+        )
+        return water
+
+    @cached_property
+    def known_rows(self) -> IntArray:
+        """The rows of points of which something is known."""
+        return self.sequence.rows(group for group in self.groups if group.known)
+
+    def known(self, state: State, ground: FloatArray) -> points.Known:
+        """Return what is known of the points, which are at `ground` (p, 3)."""
+        rows = self.known_rows
+        point = self.sequence.point[rows]
+        row = np.full(len(self.sequence.point), -1)
+        row[rows] = np.arange(len(rows))
+        priors = prior_rows(self.network, state, point, ground[point])
+        weight = np.ascontiguousarray(priors.weight[:, :3])
+        known: points.Known = self.kernels.Known(
+            row=row,
+            axes=plain(priors.axes),
+            free=priors.free,
+            weight=weight,
+            pull=weight * priors.deviation[:, :3],
+        )
+        return known
+
+    def add(self, normals: NormalEquations, work: Callable[[SequencePart, points.Sums], Result]) -> list[Result]:
+        """Let `work` add the parts to the normal equations, each to sums of its own; return its results."""
+        blocks, rhs = normals.sums
+
+        def added(part: SequencePart) -> tuple[points.Sums, Result]:
+            if part is self.parts[0]:
+                sums = self.kernels.Sums(first=0, blocks=blocks, rhs=rhs)
+            else:
+                own = np.zeros((part.last - part.first, *blocks.shape[1:]))
+                sums = self.kernels.Sums(first=part.first, blocks=own, rhs=np.zeros_like(rhs))
+            return sums, work(part, sums)
+
+        results = []
+        for part, (sums, result) in zip(self.parts, self.of_parts(added), strict=True):
+            if part is not self.parts[0]:
+                blocks[part.first : part.last] += sums.blocks
+                rhs += sums.rhs
+            results.append(result)
+        return results
 
 
-def measured(kernels: ModuleType, images: Images, ground: FloatArray) -> points.Measured:
-    """Return the images of points that are at `ground` (k, 3)."""
-    at: points.Measured = kernels.Measured(photo=images.photo, xy=images.xy, weight=images.weight, ground=ground)
-    return at
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledFollow:
+    """How the points follow a step: what is left of their elimination at `state`."""
+
+    rows: CompiledRows
+    eliminated: points.Eliminated
+    stations: points.Stations
+    at: points.Measured
+    water: points.Water
+    known: points.Known
+
+    def move(self, network: Network, state: State, step: FloatArray, ground: FloatArray) -> None:
+        """Set the points of `ground` (p, 3) where they are after a step (u,) of all unknowns from `state`."""
+        kernels, sequence = self.rows.kernels, self.rows.sequence
+        stations = step[: network.pattern.order].reshape(network.photos, -1)
+        self.rows.of_parts(
+            lambda part: kernels.follow(
+                part.rows, self.at, self.stations, self.water, self.known, self.eliminated, stations, ground
+            )
+        )
+        known = sequence.point[self.rows.known_rows]
+        ground[known] = hold(network, known, ground[known])
 
 
-def stations_of(kernels: ModuleType, network: Network, state: State) -> points.Stations:
-    """Return the photos where they are."""
-    arrays = (state.position, state.M, state.dM, network.axes, network.focal_length, network.principal_point)
-    stations: points.Stations = kernels.Stations(*(np.ascontiguousarray(array) for array in arrays))
-    return stations
-
-
-class CompiledPoints:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledPoints(CompiledRows):
     """The points of a network that compiled kernels eliminate, and the `others`."""
+
+    others: tuple[PointGroup, ...]
 
     @classmethod
     def of(cls, network: Network) -> CompiledPoints | None:
         """Return the points of a network, None where numpy does all."""
         kernels = compiled_points(network.photos)
-        return None if kernels is None else cls(kernels, network)
+        if kernels is None:
+            return None
+        plain, others = split(network)
+        return cls(kernels=kernels, network=network, groups=plain, others=others)
 
-    def __init__(self, kernels: ModuleType, network: Network) -> None:
-        plain, self.others = split(network)
-        self._kernels, self._network = kernels, network
-        self._images = [Images.of(network, beside_one_another(network, group)) for group in plain]
+    def add_eliminated(
+        self, state: State, normals: NormalEquations, matrix: bool = True
+    ) -> tuple[CompiledFollow, float]:
+        """Add the points to the normal equations; return how they follow a step, and r' N_pp^-1 r of all.
 
-    def add_eliminated(self, state: State, normals: NormalEquations) -> tuple[list[Follow], float]:
-        """Add the points to the normal equations; return how they follow a step, and r' N_pp^-1 r of all."""
-        follows, gain = [], 0.0
-        blocks, rhs = normals.sums
-        stations = stations_of(self._kernels, self._network, state)
-        for images in self._images:
-            k, m = images.photo.shape
-            ground = state.ground[images.group.point]
-            known = self._known(state, images.group)
-            out = self._kernels.Eliminated(
-                shift=np.empty((k, 3)), by_station=np.zeros((k, 3, m, self._network.pattern.size))
+        Without `matrix` to the right sides only.
+        """
+        at, stations = self.measured(state.ground), self.stations(state)
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        k = len(self.sequence.point)
+        out = self.kernels.Eliminated(shift=np.empty((k, 3)), inverse=np.empty((k, 3, 3)))
+
+        def work(part: SequencePart, sums: points.Sums) -> float:
+            gain: float = self.kernels.eliminate(
+                part.rows, at, stations, water, known, RIDGE, self.sequence.pairs, matrix, sums, out
             )
-            sums = self._kernels.Sums(slot=images.slot, blocks=blocks, rhs=rhs)
-            at, water = measured(self._kernels, images, ground), self._water(state, images, ground)
-            gain += self._kernels.eliminate(at, stations, water, known, RIDGE, sums, out)
-            follows.append(
-                Follow(
-                    group=images.group,
-                    axes=known.axes if images.group.known else np.broadcast_to(np.eye(3), (k, 3, 3)),
-                    shift=out.shift,
-                    by_station=out.by_station,
-                    by_extra=np.zeros((k, 3, 0)),
-                    index=np.zeros((k, 0), dtype=np.int64),
-                )
-            )
-        return follows, gain
+            return gain
+
+        gain = sum(self.add(normals, work))
+        follow = CompiledFollow(rows=self, eliminated=out, stations=stations, at=at, water=water, known=known)
+        return follow, gain
 
     def set_squares(self, state: State, squares: FloatArray) -> None:
         """Set the weighted squares (p,) of the points where they are."""
-        stations = stations_of(self._kernels, self._network, state)
-        for images in self._images:
-            point = images.group.point
-            ground, out = state.ground[point], np.empty(len(point))
-            self._kernels.squares(
-                measured(self._kernels, images, ground), stations, self._water(state, images, ground), out
-            )
-            if images.group.known:
-                priors = prior_rows(self._network, state, point, ground)
-                out += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
-            squares[point] = out
+        at, stations = self.measured(state.ground), self.stations(state)
+        water = self.water(state, state.ground)
+        self.of_parts(lambda part: self.kernels.squares(part.rows, at, stations, water, squares))
+        known = self.sequence.point[self.known_rows]
+        priors = prior_rows(self.network, state, known, state.ground[known])
+        squares[known] += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
 
     @property
-    def known(self) -> tuple[PointGroup, ...]:
+    def bound(self) -> tuple[PointGroup, ...]:
         """The groups of points of which something is known."""
-        return tuple(images.group for images in self._images if images.group.known)
+        return tuple(group for group in self.groups if group.known)
 
-    def spread(
-        self, state: State, cofactors: Cofactors, residual: FloatArray, diagonal: Diagonal
-    ) -> Iterator[Spread]:
-        """Yield how errors spread to the points of which nothing is known, and to their images; add to `diagonal`.
+    def spread(self, state: State, cofactors: Cofactors, residual: FloatArray, diagonal: Diagonal) -> Spread:
+        """Return how errors spread to the points of which nothing is known, and to their images; add to `diagonal`.
 
         `residual` (all measurements, 2) mm.
         """
-        network, stations = self._network, stations_of(self._kernels, self._network, state)
-        for images in self._images:
-            if images.group.known:
-                continue
-            (k, m), ground = images.photo.shape, state.ground[images.group.point]
-            out = self._kernels.Spread(
-                point=np.empty((k, 3, 3)),
-                image=np.empty((k, m, 2)),
-                covariance=np.empty((k, m, 2, 3)),
-                diagonal=diagonal.stations,
-            )
-            inverse = self._kernels.Inverse(slot=images.slot, blocks=cofactors.blocks)
-            at, water = measured(self._kernels, images, ground), self._water(state, images, ground)
-            self._kernels.spread(at, stations, water, RIDGE, inverse, out)
-            axes = network.frame.axes(ground)
-            rays = np.repeat(images.group.rays[..., None], 2, axis=2)
-            covariance = out.covariance.reshape(k, 2 * m, 3) @ np.swapaxes(axes, 1, 2)
-            part = Part(
-                kind=ObservationKind.PLATE,
-                row=rays.reshape(-1),
-                component=np.broadcast_to(np.arange(2), rays.shape).reshape(-1),
-                residual=residual[images.group.rays].reshape(-1),
-                weight=images.weight.reshape(-1),
-                cofactor=out.image.reshape(-1),
-                covariance=covariance.reshape(-1, 3),
-            )
-            yield Spread(group=images.group, points=axes @ out.point @ np.swapaxes(axes, 1, 2), images=part)
+        from musatpy.adjustment.kernels import spreading  # numba is there
 
-    def _water(self, state: State, images: Images, ground: FloatArray) -> points.Water:
-        water: points.Water = self._kernels.dry_water()
-        if len(images.wet):
-            network, m = self._network, images.wet.shape[1]
-            over = surface(
-                network.frame,
-                network.slope(state.tilt),
-                state.tide[images.photo],
-                np.repeat(ground[:, None], m, axis=1),
-            )
-            normal, depth = np.ascontiguousarray(over.normal), np.ascontiguousarray(over.depth)
-            water = water._replace(wet=images.wet, normal=normal, depth=depth, refraction=float(state.index))
-        return water
+        network, kernels = self.network, self.kernels
+        loose = CompiledRows(
+            kernels=kernels, network=network, groups=tuple(group for group in self.groups if not group.known)
+        )
+        at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        k, r = len(sequence.point), len(sequence.rays)
+        axes, pairs = (
+            plain(network.frame.axes(state.ground[sequence.point])),
+            sequence.pairs,
+        )
+        point, image, covariance = np.empty((k, 3, 3)), np.empty((r, 2)), np.empty((r, 2, 3))
 
-    def _known(self, state: State, group: PointGroup) -> points.Known:
-        known: points.Known = self._kernels.nothing_known()
-        if group.known:
-            priors = prior_rows(self._network, state, group.point, state.ground[group.point])
-            weight = np.ascontiguousarray(priors.weight[:, :3])
-            pull = weight * priors.deviation[:, :3]
-            axes = np.ascontiguousarray(priors.axes)
-            known = known._replace(axes=axes, free=priors.free, weight=weight, pull=pull)
-        return known
+        def work(part: SequencePart) -> FloatArray:
+            of_part = np.zeros_like(diagonal.stations)
+            out = spreading.Spread(axes=axes, point=point, image=image, covariance=covariance, diagonal=of_part)
+            spreading.spread(part.rows, at, stations, water, known, RIDGE, pairs, cofactors.blocks, out)
+            return of_part
+
+        for of_part in loose.of_parts(work):
+            diagonal.stations += of_part
+        rows = loose.rows
+        chosen = np.zeros(k, dtype=bool)
+        chosen[rows] = True
+        chosen = np.repeat(chosen, np.diff(sequence.start))
+        rays = sequence.rays[chosen]
+        part = Part(
+            kind=ObservationKind.PLATE,
+            row=np.repeat(rays, 2),
+            component=np.tile(np.arange(2), len(rays)),
+            residual=residual[rays].reshape(-1),
+            weight=at.weight[chosen].reshape(-1),
+            cofactor=image[chosen].reshape(-1),
+            covariance=covariance[chosen].reshape(-1, 3),
+        )
+        return Spread(point=sequence.point[rows], points=point[rows], images=part)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import ModuleType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -21,6 +22,7 @@ from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 
 if TYPE_CHECKING:
     from musatpy.adjustment.compiled_points import CompiledPoints
+    from musatpy.adjustment.sequence import PointSequence
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,6 +99,8 @@ class Network:
     kept_groups: tuple[PointGroup, ...]  # the points of `border.kept`, which are not eliminated (IIIA)
     measured: Mapping[ObservationKind, Measured]
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
+    # what is gathered of the points once, for all networks of the same points and rays
+    _gathered: list[PointSequence] = field(default_factory=list, repr=False)
 
     @property
     def photos(self) -> int:
@@ -115,10 +119,18 @@ class Network:
 
     @cached_property
     def compiled(self) -> CompiledPoints | None:
-        """Its points for compiled kernels, gathered once; None where numpy does all."""
+        """Its points for compiled kernels; None where numpy does all."""
         from musatpy.adjustment.compiled_points import CompiledPoints  # which is made of networks
 
         return CompiledPoints.of(self)
+
+    def sequence(self, kernels: ModuleType) -> PointSequence:
+        """Return the points that are eliminated one after the other, for compiled kernels."""
+        if not self._gathered:
+            from musatpy.adjustment.sequence import PointSequence  # numpy does without
+
+            self._gathered.append(PointSequence.of(kernels, self, (*self.pass_groups, *self.control_groups)))
+        return self._gathered[0]
 
     def unknowns(self, group: PointGroup, columns: IntArray) -> IntArray:
         """Return the unknowns (k, m q + X) of the photos of points, and in the `columns` (k, X) of the border."""

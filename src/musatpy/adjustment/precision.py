@@ -213,10 +213,10 @@ def _spread(errors: _Errors, block: Block, part: Participation, residual: FloatA
     if errors.inner is None and not errors.of_parameters:
         compiled = network.compiled
     if compiled is not None:
-        groups = (*compiled.known, *compiled.others)
-        for spread in compiled.spread(state, cofactors, residual, diagonal):
-            points[spread.group.point] = spread.points
-            parts.append(spread.images)
+        groups = (*compiled.bound, *compiled.others)
+        spread = compiled.spread(state, cofactors, residual, diagonal)
+        points[spread.point] = spread.points
+        parts.append(spread.images)
     for group in groups:
         for rows, piece in _pieces(errors, group):
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)

@@ -13,8 +13,9 @@ import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
-from musatpy.adjustment.ground import hold, point_squares, settle_group
+from musatpy.adjustment.ground import point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
+from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
@@ -43,6 +44,13 @@ class Simultaneous:
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
+        return self._linearised(state, None)
+
+    def renewed(self, state: State, line: Linearisation) -> Linearisation:
+        """Return the same with the matrix of another linearisation."""
+        return self._linearised(state, line.matrix)
+
+    def _linearised(self, state: State, kept: NormalMatrix | None) -> Linearisation:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         follows: list[Follow] = []
@@ -50,18 +58,19 @@ class Simultaneous:
 
         def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
             E = eliminate(network, state, part)
-            return E, reduced(network, part, E)
+            return E, reduced(network, part, E, kept is None)
 
         if network.compiled is not None:
-            follows, of_points = network.compiled.add_eliminated(state, normals)
+            follow, of_points = network.compiled.add_eliminated(state, normals, kept is None)
+            follows.append(follow)
         parts = parts_of(self._others, _PART)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
             follows.append(E.follow(part))
             of_points += E.gain
         add_direct(network, state, normals)
-        matrix, rhs = normals.finished(self.held)
-        if self.curved:
+        matrix, rhs = normals.finished(self.held) if kept is None else (kept, normals.right_side(self.held))
+        if self.curved and kept is None:
             matrix = self._with_curvature(matrix, state)
         return Linearisation(
             matrix=matrix,
@@ -70,6 +79,7 @@ class Simultaneous:
             context=follows,
             of_points=of_points,
             redundancy=redundancy(network),
+            renewable=network.photos > LARGE,
         )
 
     def _with_curvature(self, matrix: NormalMatrix, state: State) -> NormalMatrix:
@@ -104,10 +114,7 @@ class Simultaneous:
         new = state_after(network, state, step)
         ground = new.ground.copy()
         for follow in context:
-            point = follow.group.point
-            local = follow.step(network, step)
-            moved_points = state.ground[point] + np.einsum("kji,kj->ki", follow.axes, local)
-            ground[point] = hold(network, point, moved_points)
+            follow.move(network, state, step, ground)
         after = replace(new, ground=ground)
         sensible = network.sea is None or network.sea.at(new.waves).sensible
         if not (

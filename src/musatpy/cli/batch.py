@@ -13,14 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, name_of, tell
-from musatpy.cli.options import (
-    NamedPath,
-    formats_option,
-    out_option,
-    processes_option,
-    record_option,
-    set_option,
-)
+from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option, record_option, set_option
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult
@@ -73,8 +66,7 @@ def command(
     if address is not None and processes is not None:
         raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
     try:
-        options = JobOptions(formats=formats_dir, settings=settings, record=record)
-        plan = plan_of(sources, out_dir, options)
+        plan = plan_of(sources, out_dir, JobOptions(formats=formats_dir, settings=settings, record=record))
     except ManifestError:
         raise
     except MusatError as error:

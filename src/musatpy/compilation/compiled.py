@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +20,13 @@ from musatpy.compilation.slips_of_stages import slip_of
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
+from musatpy.compilation.views_of_points import MISSED, in_models, incidences, remarks
 from musatpy.errors import CompilationError, Problem
 from musatpy.model.compilation import AGAIN, RECOVERABLE, SHORE, Compilation, Mode, StageReadings
 from musatpy.model.reduced import Reduced
+
+if TYPE_CHECKING:
+    from musatpy.compilation.answers import StatedPoints
 
 OFF_PLATE = "its image lies off the plate"
 REFUSED = "the interior orientation of a photo was refused"
@@ -30,7 +35,6 @@ NO_TIDE = "it is submerged, and the tide of a photo is not given"
 _ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
 _NAMED = 10  # points of a kind of warning that are named, the worst
 _OFF = 0.001  # m by which points without y-parallax may be off before it is told
-_MISSED = 3.29  # sigmas of a y-parallax, of 99.9 %
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,6 +93,35 @@ class Compiled:
     def reasons(self) -> list[str | None]:
         """(k,) why points have no position."""
         return [model.points.reasons.get(row) for model in self.models for row in range(len(model.rows))]
+
+    @cached_property
+    def apparent(self) -> FloatArray:
+        """(k, 3) where the straight rays of points meet, in the system of the job: of dry ones their position."""
+        apparent, position = self.gathered("apparent"), self.gathered("position")
+        dry = np.asarray(~self.gathered("wet").any(axis=1))
+        return np.where(np.isnan(apparent) & dry[:, None], position, apparent)
+
+    @cached_property
+    def in_models(self) -> tuple[FloatArray, FloatArray]:
+        """(k, 3) m, true and apparent points in their models."""
+        return in_models(self, self.gathered("position")), in_models(self, self.apparent)
+
+    @cached_property
+    def incidences(self) -> FloatArray:
+        """(k, 2) rad, in air, of the rays that go through the water; NaN of dry ones."""
+        return incidences(self)
+
+    @cached_property
+    def remarks(self) -> list[str | None]:
+        """(k,) why points have no depth, and what else is to be said of them."""
+        return remarks(self)
+
+    @cached_property
+    def answer(self) -> StatedPoints | None:
+        """The points as the run states its answer, None where that is in the system of the job."""
+        from musatpy.compilation.answers import stated_points  # few runs do
+
+        return stated_points(self)
 
     @property
     def sigma(self) -> FloatArray:
@@ -154,7 +187,7 @@ class Compiled:
         if beyond.any():
             yield f"{np.count_nonzero(beyond)} points lie outside the grid of the datum {self.datum.name}"
         yield from self._worst(
-            np.where(test > _MISSED, test, np.nan),
+            np.where(test > MISSED, test, np.nan),
             lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
         )
         yield from self._worst(
@@ -166,7 +199,7 @@ class Compiled:
             lambda row: f"is not flagged as submerged and lies {-self.over_water[row]:.2f} m below the water",
         )
         yield from self._worst(
-            np.where(self.on_shore & (np.abs(over) > _MISSED), np.abs(over), np.nan),
+            np.where(self.on_shore & (np.abs(over) > MISSED), np.abs(over), np.nan),
             lambda row: f"is on the shoreline and {self.over_water[row]:+.2f} m off the water",
         )
 

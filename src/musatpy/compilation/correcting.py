@@ -6,7 +6,6 @@ images make these rays. Points above the water stay.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,14 +16,12 @@ from musatpy.compilation.loop import Loop
 from musatpy.compilation.parts import in_parts
 from musatpy.compilation.stereomodels import Stereomodel, off_plate
 from musatpy.compilation.true_points import BEHIND, NOT_FOLLOWED, PARALLEL_RAYS, Readings, true_points
-from musatpy.errors import CompilationError, Problem, SystemsError
 from musatpy.geometry.collinearity import in_front
 from musatpy.geometry.systems import System
 
 CHUNK = 65536  # points at a time
 _STEPS = 40
 _STILL = 1e-7  # m
-_FOOT = 0.3048
 BELOW_HORIZON = "a photo is below its horizon"
 REASONS = ("", OFF_PLATE, BEHIND, BELOW_HORIZON, NO_TIDE, PARALLEL_RAYS, NOT_FOLLOWED)
 _SHAPES: dict[str, tuple[int, ...]] = {"xyz": (3,), "sigma": (3,), "depth": (), "depth_sigma": (), "moved": (2,)}
@@ -129,33 +126,9 @@ class Correction:
         done.depth[used], done.depth_sigma[used] = points.depth, points.depth_sigma
         return done
 
-    def require_model(self, apparent: FloatArray) -> None:
-        """Raise `CompilationError` where none of the points (k, 3) is in the model, with what would put them there.
-
-        Raises `SystemsError` where the system does not reach one.
-        """
-        if (self._lost(apparent)[1] == 0).any():
-            return
-        middle = self.system.coordinates(self.stereo.run.frame.level(self.stereo.origin[None]))[0]
-        place = ", ".join(
-            f"{name} {value:.{min(decimals, 6)}f}"
-            for name, value, decimals in zip(self.system.names, middle.tolist(), self.system.decimals, strict=True)
-        )
-        message = (
-            f"both photos show none of the {len(apparent)} points, taken as {self.system.text}; the middle of the "
-            f"model is {place}"
-        )
-        ways = {
-            "x and y exchanged": apparent[:, [1, 0, 2]],
-            "feet": apparent * _FOOT,
-            "heights in feet": apparent * [1.0, 1.0, _FOOT],
-            "depths positive down": apparent * [1.0, 1.0, -1.0],
-        }
-        for words, others in ways.items():
-            with suppress(SystemsError):
-                if (self._lost(others)[1] == 0).any():
-                    message += f". It shows them as {words}"
-        raise CompilationError([Problem(message=message)])
+    def shows(self, apparent: FloatArray) -> BoolArray:
+        """Return which points (k, 3) both photos show. Raises `SystemsError` where the system does not reach."""
+        return np.asarray(self._lost(apparent)[1] == 0)
 
     def _lost(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return points (k, 3) in working coordinates, and why a photo does not show them, 0 where both do."""

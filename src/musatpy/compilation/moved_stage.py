@@ -13,7 +13,6 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.stereomodels import Stereomodel
-from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, turn
@@ -49,7 +48,7 @@ def moved_right_stage(stereo: Stereomodel, readings: Readings) -> tuple[Stereomo
     scale = np.array([stereo.height, stereo.height, 1.0, 1.0, 1.0])
 
     def parallax(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        run = _without_errors(_moved(stereo, values * scale).run)
+        run = _moved(stereo, values * scale).run.without_errors
         points = true_points(run, stereo.photos, readings)
         return points.y_parallax, points.y_parallax_sigma
 
@@ -98,12 +97,6 @@ def _moved(stereo: Stereomodel, values: FloatArray) -> Stereomodel:
     attitude[row] = attitude_from_matrix(M @ frame.axes(moved)[0].T)
     block = replace(run.block, photos=replace(photos, position=position, attitude=attitude))
     return replace(stereo, run=replace(run, block=block))
-
-
-def _without_errors(run: Triangulation) -> Triangulation:
-    """Return a run whose stations and water are without error: sigmas of y-parallaxes are those of pointing."""
-    pairs = replace(run.pairs, covariance=np.zeros_like(run.pairs.covariance))
-    return replace(run, covariance=np.zeros_like(run.covariance), pairs=pairs, water=None)
 
 
 def _rms(values: FloatArray) -> float:

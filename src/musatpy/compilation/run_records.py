@@ -26,6 +26,7 @@ from musatpy.model import (
     Program,
     Refraction,
     StationPairs,
+    SystemSpec,
     Treatment,
     Water,
     WaterLevel,
@@ -36,6 +37,7 @@ from musatpy.model import (
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.tables import empty
 from musatpy.model.waves import SIGMAS
+from musatpy.units import AngleUnit
 
 _NEEDS = {
     "solution": ("converged", "reason", "unit_sigma"),
@@ -61,6 +63,7 @@ _NEEDS = {
     "distances": ("points",),
     "height_differences": ("points",),
     "water_precision": ("quantity", "covariance", "stations"),
+    "stated": ("answer",),
 }  # fmt: skip
 
 _OF_LATER = {"level_pairs": ("photos", "of_first", "of_second", "level")}  # fields of records from 1.10 on
@@ -98,8 +101,28 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         control=np.isin(points["point"], _known_of(record)),
         unit_sigma=float(solution["unit_sigma"] or 1.0),
         sea=sea,
+        stated=_stated(record["stated"]),
         caution=UNCONVERGED if unconverged else "",
         because=unconverged,
+    )
+
+
+def _stated(stated: Any) -> SystemSpec | None:
+    """Return how the answer is stated."""
+    if stated is None:
+        return None
+    words = stated["answer"]
+    origin, false = (words[name] and tuple(words[name]) for name in ("origin", "false_origin"))
+    return SystemSpec(
+        kind=words["kind"],
+        definition=words["definition"] or "",
+        geoid=words["geoid"] or "",
+        origin=origin,
+        false=false,
+        axes=words["axes"],
+        angles=words["angles"],
+        sigmas=words["sigmas"],
+        unit=AngleUnit(words["unit"]),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -38,16 +38,25 @@ class RunPoints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Expected:
-    """What g points at places of a model, place (g, 3) m in it, will have: depth (g,) m, and their errors."""
+    """What g points at places of a model, place (g, 3) m in it, will have: depth (g,) m, and their errors.
+
+    pointing (g,) m: what the height would have with stations and water without error.
+    """
 
     place: FloatArray
     depth: FloatArray
     points: TruePoints
+    pointing: FloatArray
 
     @property
     def sigma(self) -> FloatArray:
         """(g, 3) m, east, north, up."""
         return np.sqrt(np.diagonal(self.points.covariance, axis1=1, axis2=2))
+
+    @property
+    def of_run(self) -> FloatArray:
+        """(g,) m, what stations and water of the run add to the height."""
+        return np.sqrt(np.maximum(np.square(self.sigma[:, 2]) - np.square(self.pointing), 0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +112,9 @@ def _expected(model: CompiledModel) -> Expected:
     images = Loop(stereo=stereo, drive=Drive.TRUE if with_water else Drive.AIR).stages(place).xy
     shown = ~off_plate(stereo, images).any(axis=1)
     points = _compiled(model, images[shown], depth[shown] > 0.0)
-    return Expected(place=place[shown], depth=depth[shown], points=points)
+    exact = replace(model, stereo=replace(stereo, run=stereo.run.without_errors))
+    pointing = np.sqrt(_compiled(exact, images[shown], depth[shown] > 0.0).covariance[:, 2, 2])
+    return Expected(place=place[shown], depth=depth[shown], points=points, pointing=pointing)
 
 
 def _below_water(model: CompiledModel, xy: FloatArray, depth: FloatArray) -> FloatArray:

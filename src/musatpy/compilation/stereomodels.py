@@ -63,6 +63,13 @@ class Stereomodel:
         return self.run.block.photos.tide[list(self.photos)]
 
     @property
+    def water_slope(self) -> FloatArray:
+        """Slope (3,) of the tilted water of the run, working."""
+        water = self.run.block.water
+        tilt = np.zeros(2) if water is None else np.array([water.tilt_east or 0.0, water.tilt_north or 0.0])
+        return np.asarray(tilt @ self.run.frame.axes(np.zeros(3))[:2])
+
+    @property
     def index(self) -> float:
         """Refractive index of the water, 1 without any."""
         return self.run.block.water.index if self.run.block.water else 1.0
@@ -76,6 +83,11 @@ class Stereomodel:
     def height(self) -> float:
         """Mean height (m) of the stations over the origin."""
         return float(self.stations[:, 2].mean())
+
+    @property
+    def scale(self) -> float:
+        """Scale number of the photographs at the origin, the mean of both."""
+        return float(np.mean(self.stations[:, 2] / self.camera("focal_length"))) * 1e3
 
     def camera(self, name: str) -> FloatArray:
         """Return `focal_length`, `principal_point` or `format_size` of the cameras of both photos, (2, ...)."""

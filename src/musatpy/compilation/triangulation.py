@@ -14,7 +14,7 @@ from musatpy.errors import AdjustmentError, CompilationError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, System
-from musatpy.model import Block, LevelPairs, Solution, StationPairs, Water, WaterPrecision
+from musatpy.model import Block, LevelPairs, Solution, StationPairs, SystemSpec, Water, WaterPrecision
 from musatpy.model.waves import known_waves
 
 UNCONVERGED = "the run has not converged"
@@ -46,6 +46,7 @@ class Triangulation:
     control: BoolArray
     unit_sigma: float
     sea: Sea | None = None
+    stated: SystemSpec | None = None  # how the answer of the run is stated; None: in the system of the job
     caution: str = ""
     because: str = ""
 
@@ -68,6 +69,12 @@ class Triangulation:
     def ellipsoid(self) -> Ellipsoid | None:
         """That of the job, None of a local one."""
         return None if self.map_system is None else self.map_system.ellipsoid
+
+    @property
+    def without_errors(self) -> Triangulation:
+        """The same with stations and water without error: sigmas of what is compiled are those of pointing."""
+        pairs = replace(self.pairs, covariance=np.zeros_like(self.pairs.covariance))
+        return replace(self, covariance=np.zeros_like(self.covariance), pairs=pairs, levels=None, water=None)
 
     def photo(self, name: str) -> int:
         """Return the row of a photo. Raises `CompilationError` where the run has none of this name."""
@@ -135,6 +142,7 @@ def of_solution(solution: Solution, sea: Sea | None = None) -> Triangulation:
         control=np.isin(np.arange(len(block.points.ids)), known_points(block)),
         unit_sigma=solution.unit_sigma,
         sea=waves_of_run(block, waves, sea),
+        stated=block.answer_in,
     )
 
 
@@ -178,6 +186,7 @@ def of_block(block: Block) -> Triangulation:
         control=np.ones(count, dtype=bool),
         unit_sigma=1.0,
         sea=sea,
+        stated=block.answer_in,
         caution=PUNCHED,
     )
 

@@ -300,12 +300,13 @@ def _ignored(text: str) -> list[str]:
 
 def require_ellipsoid(definition: str, crs: Any, ellipsoid: Ellipsoid) -> None:
     """Raise `SystemsError` unless a system of the register stands on an ellipsoid."""
-    registered = crs.ellipsoid
+    registered, registered_name = crs.ellipsoid, crs.name
     a, b = ellipsoid.axes
     if ellipsoid.has_axes(registered.semi_major_metre, registered.semi_minor_metre):
         return
+    name = registered_name if "[" in definition else _short(definition)  # WKT has its name
     message = (
-        f"{_short(definition)} is on the ellipsoid {registered.name} ({registered.semi_major_metre:.3f}, "
+        f"{name} is on the ellipsoid {registered.name} ({registered.semi_major_metre:.3f}, "
         f"{registered.semi_minor_metre:.4f} m), the job on another ({a:.3f}, {b:.4f} m): no datum is shifted"
     )
     raise SystemsError([Problem(field="definition", message=message)])

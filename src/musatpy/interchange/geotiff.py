@@ -187,7 +187,7 @@ def _faults(path: Path, dataset: Any, crs: pyproj.CRS | None) -> list[Problem]:
     """Return what is wrong with the place of a raster."""
     problems, transform = [], dataset.transform
     if crs is None:
-        expected = "one in the file, or one that is given with it"
+        expected = "one in the file, or one that is given with it (--crs)"
         problems.append(fault(path, "", "the raster has no coordinate system", expected))
     if transform.is_identity:
         problems.append(fault(path, "", "the raster has no place on the ground", "a north-up grid"))

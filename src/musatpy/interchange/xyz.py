@@ -22,11 +22,12 @@ from musatpy.errors import InterchangeError, Problem
 from musatpy.files import whole_file
 from musatpy.interchange.layers import Column, Points, joined, with_numbers
 from musatpy.interchange.packages import fault, refuse, require_content
-from musatpy.pointfiles.csv_tables import ENCODING, FAR, Layout, names_of, number
+from musatpy.pointfiles.csv_tables import ENCODING, FAR, Layout, common_name, names_of, number
 
 CHUNK = 65536  # lines at a time
 _NAMED = ".csv"
 _AXES = ("x", "y", "z")
+_ALIKE = (("x", "lon"), ("y", "lat"), ("height",))  # what else they may be
 _WITH_UNIT = re.compile(r"(.*\S)\s*\[([^\]]*)\]")
 _DECIMALS, _DEGREE_DECIMALS = 4, 9  # 0.1 mm
 
@@ -120,9 +121,20 @@ def _unmarked(line: str) -> str:
 
 
 def _named_form(path: Path, header: str, columns: Sequence[str]) -> _Form:
-    layout = Layout.of(path, _without_units(header), columns, (), InterchangeError)
+    plain = _without_units(header)
+    layout = Layout.of(path, plain, _axes_among(names_of(plain), columns), (), InterchangeError)
     units = tuple(_parted(name)[1] for name in names_of(header))
     return _Form(path=path, named=True, names=layout.names, units=units, places=layout.places)
+
+
+def _axes_among(names: Sequence[str], wanted: Sequence[str]) -> Sequence[str]:
+    """Return the names of x, y and z: as they are wanted, or, where nothing else is, by other names of theirs."""
+    if tuple(wanted) != _AXES or {*_AXES} <= {name.lower() for name in names}:
+        return wanted
+    return [
+        next((name for name in names if common_name(name) in alike), axis)
+        for axis, alike in zip(_AXES, _ALIKE, strict=True)
+    ]
 
 
 def _bare_form(path: Path, first: str) -> _Form:

@@ -69,9 +69,8 @@ def _of_object(nodes: Iterable[Node[Any]], path: str, item: Any) -> Iterator[Rec
         if isinstance(node, Group):
             yield from _of_object(node.fields, name, None if item is None else node.of(item))
         elif isinstance(node, Rows):
-            rows = None if item is None else node.of(item)
-            values = [[] if rows is None else field.of(rows) for field in node.fields]
-            columns = chain.from_iterable(map(_columns, node.fields, values))
+            values = ((field, []) for field in node.fields) if item is None else node.columns(item)
+            columns = chain.from_iterable(_columns(*entry) for entry in values)
             yield RecordTable(name=name, columns=tuple(columns), is_object=False)
         elif isinstance(node, Each):
             yield from _of_each(node, name, [] if item is None else list(node.of(item)))

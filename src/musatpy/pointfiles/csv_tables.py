@@ -13,7 +13,25 @@ from musatpy.errors import Problem, ProblemsError
 csv.field_size_limit(2**31 - 1)  # what is no number is told with its line, and not as an error of the package
 FAR = 1e15  # m, and whatever else files of points and stations hold
 ENCODING = {"encoding": "utf-8", "errors": "surrogateescape"}  # whatever the texts are, they come out as they were
+_WORDS = {
+    "latitude": "lat",
+    "longitude": "lon",
+    "long": "lon",
+    "easting": "x",
+    "east": "x",
+    "northing": "y",
+    "north": "y",
+    "z": "height",
+    "elevation": "height",
+    "id": "name",
+}
 _OTHERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+
+
+def common_name(name: str) -> str:
+    """Return the name of a column by which all its names are known: `lat` for `Latitude`."""
+    lower = name.strip().lower()
+    return _WORDS.get(lower, lower)
 
 
 def names_of(line: str) -> list[str]:

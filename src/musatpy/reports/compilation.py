@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.model import CoordinateSystem
-from musatpy.reports import compilation_bottom, compilation_profiles, run_comparison
-from musatpy.reports.columns import position_columns, vector
+from musatpy.reports import compilation_bottom, compilation_points, compilation_profiles, run_comparison
+from musatpy.reports.columns import vector
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
-from musatpy.reports.origin import Origin
+from musatpy.reports.fields import Each, Field, Group, Node, Schema, properties_of, same
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.reduction import reduction_sections
 from musatpy.reports.reduction_record import REDUCTION
-from musatpy.reports.table import Choice, Column, Report, key
-from musatpy.reports.text import wrapped
+from musatpy.reports.table import Column, Report, key
+from musatpy.reports.text import labelled, wrapped
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
@@ -27,6 +26,7 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.compiled import Compiled, CompiledModel
     from musatpy.compilation.moved_stage import MovedStage
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
+    from musatpy.model.compilation import ContourSpec
 
 _VERSION = "2.0"
 _ABOUT = (
@@ -64,10 +64,20 @@ MODELS: Each[Compiled, CompiledModel] = Each(
         Field("limit", "number", "of differences of re-measured points", lambda m: m.limit, "mm"),
         Field("base", "number", "length of the base", lambda m: m.stereo.base, "m"),
         Field("height", "number", "of the stations over the origin", lambda m: m.stereo.height, "m"),
+        Field("scale", "number", "scale number of the photographs at the origin", lambda m: m.stereo.scale),
         Field("tides", "2 number?", "of the photos", lambda m: m.stereo.tides, "m"),
-        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m"),
-        Field("axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes),
-        Field("working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m"),
+        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m", exact=True),
+        Field(
+            "axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes, exact=True,
+        ),
+        Field(
+            "origin_position", "3 number", "of the model axes, in the system of the job",
+            lambda m: m.stereo.run.frame.system(m.stereo.origin[None])[0], "rad, rad, m (GEOG) or m", exact=True,
+        ),
+        Field(
+            "working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m",
+            exact=True,
+        ),
         Field("points", "integer", "readings", lambda m: len(m.rows)),
         Field("compiled", "integer", "of these with a position", lambda m: len(m.rows) - len(m.points.reasons)),
         Field(
@@ -99,36 +109,6 @@ MOVED: Each[Compiled, CompiledModel] = Each(
         Field("after", "number", "the same", lambda m: _moved(m).after, "mm"),
     ),
 )
-POINTS: Rows[Compiled, Compiled] = Rows(
-    "points",
-    "one row per reading",
-    same,
-    (
-        Field("model", "string", "model id", lambda c: c.model_ids),
-        Field("point", "string", "point or feature", lambda c: c.deck.stages.ids[c.rows]),
-        Field("class", "string", "G, P, S, R", lambda c: c.deck.stages.kind[c.rows]),
-        Field("submerged", "boolean", "flagged so", lambda c: c.submerged),
-        Field("position", "3 number?", "true", lambda c: c.gathered("position"), "rad, rad, m (GEOG) or m"),
-        Field("sigma", "3 number?", "east north up", lambda c: c.sigma, "m"),
-        Field("covariance", "3x3 number?", "of east, north, up", lambda c: c.gathered("covariance"), "m2"),
-        Field(
-            "apparent", "3 number?", "where the straight rays meet", lambda c: c.gathered("apparent"), exact=True,
-        ),
-        Field("water_level", "number?", "mean of both photos, there", lambda c: c.gathered("water_level"), "m"),
-        Field("depth", "number?", "below that", lambda c: c.gathered("depth"), "m"),
-        Field("depth_sigma", "number?", "of the depth", lambda c: c.gathered("depth_sigma"), "m"),
-        Field("datum_depth", "number?", "below the sounding datum", lambda c: c.datum_depth[0], "m"),
-        Field("datum_depth_sigma", "number?", "of that", lambda c: c.datum_depth[1], "m"),
-        Field("incidence", "number?", "mean of both rays, in air", lambda c: c.gathered("incidence"), "rad"),
-        Field("wet", "2 boolean", "the ray goes through the water", lambda c: c.gathered("wet")),
-        Field(
-            "y_parallax", "number?", "by which the right image is off its epipolar curve",
-            lambda c: c.gathered("y_parallax"), "mm",
-        ),
-        Field("y_parallax_test", "number?", "over its sigma", lambda c: c.parallax_test),
-        Field("reason", "string?", "why it has no position", lambda c: c.reasons),
-    ),
-)  # fmt: skip
 SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
     "shoreline",
     "one row per model with points of the shoreline: their heights over the mean tide",
@@ -166,7 +146,7 @@ def record_of(
     warnings: Sequence[str],
 ) -> dict[str, Json]:
     """Return the record of a compilation, with its points beside those of the run, and the bottom."""
-    nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES)
+    nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES)
     return {
         "compilation_version": _VERSION,
         **{node.name: node.json(compiled) for node in nodes},
@@ -183,7 +163,8 @@ def schema() -> Schema:
     """Return the JSON Schema of the record."""
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(JOB, INTERIOR, MODELS, MOVED, POINTS, SHORELINES, RECOVERED, *run_comparison.RECORD),
+        *(JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES, RECOVERED),
+        *run_comparison.RECORD,
         *compilation_profiles.RECORD,
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
@@ -195,6 +176,39 @@ def schema() -> Schema:
         "type": "object",
         **properties_of(nodes),
     }
+
+
+def _options(compiled: Compiled) -> dict[str, str]:
+    """Return what run and deck ask for, label by label."""
+    deck, datum, stated = compiled.deck, compiled.datum, compiled.run.stated
+    options, water = compiled.run.block.options, compiled.run.block.water
+    known = {"water_level": "level", "water_tilt": "tilt", "water_index": "index"}
+    adjusted = [word for name, word in known.items() if getattr(options, name) != "KNOWN"]
+    index = "none" if water is None else f"{water.index:.6f}"
+    of_datum = f"{datum.title}, {datum.height:.4f} m, sigma {datum.sigma:.4f} m"
+    words = {
+        "Run": f"{options.program}, {options.system}, sigma0 {compiled.run.unit_sigma:.4f}",
+        **({"Answer stated in": f"{stated.kind} {stated.definition}".strip()} if stated else {}),
+        "Refractive index of the water": index,
+        "Water adjusted by the run": ", ".join(adjusted) or "nothing",
+        "Depths below": of_datum + (f" above {deck.datum.geoid}" if deck.datum and deck.datum.geoid else ""),
+    }
+    for label, spec in (("Contours of depth", deck.contours), ("Contours of height", deck.heights)):
+        if spec is not None:
+            words[label] = _contours(spec)
+    return words
+
+
+def _contours(spec: ContourSpec) -> str:
+    """Return which contours are asked for."""
+    texts = [f"every {spec.interval:g} m, each {spec.index}. thick"] if np.isfinite(spec.interval) else []
+    listed = sorted({*spec.listed, *spec.listed_index})
+    texts += [f"at {', '.join(f'{level:g}' for level in listed)} m"] if listed else []
+    texts += [f"of grid {spec.grid}"] if spec.grid else []
+    texts += [f"edges up to {spec.longest_edge:g} m"] if np.isfinite(spec.longest_edge) else []
+    texts += [f"pieces from {spec.shortest:g} m"] if spec.shortest > 0.0 else []
+    texts += [f"foreshore up to {spec.drying:g} m"] if np.isfinite(spec.drying) else []
+    return ", ".join(texts)
 
 
 def _shorelines(compiled: Compiled) -> list[tuple[str, FloatArray]]:
@@ -231,14 +245,6 @@ def _rms(values: FloatArray) -> float:
 
 # --- the listing ---
 
-_PLACE = position_columns("position", 4)
-
-
-def _in_system(compiled: Compiled) -> tuple[Column[Any], ...]:
-    angular, plane = _PLACE.variants
-    return angular if compiled.run.block.options.system == CoordinateSystem.GEOGRAPHIC else plane
-
-
 MODEL_TABLE: Report[Any] = Report(
     title="Model Set-Up",
     table=MODELS,
@@ -257,36 +263,6 @@ MODEL_TABLE: Report[Any] = Report(
         Column("RMS py\num", "F7.2", shows="y_parallax"),
     ),
 )
-POINT_TABLE: Report[Any] = Report(
-    title="Point Compilation: True Coordinates",
-    table=POINTS,
-    columns=(
-        key("Model", "A8", "model"),
-        key("Point", "A8", "point"),
-        Column("Class", "A5", shows="class"),
-        Column("Bath", "A4", shows=Origin(field="submerged", true="B")),
-        Choice(_PLACE.variants, _in_system),
-        *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F8.3",) * 3, shows="sigma"),
-        Column("Depth\nm", "F8.3", shows="depth"),
-        Column("Sigma\nm", "F7.3", shows="depth_sigma"),
-    ),
-)
-RAY_TABLE: Report[Any] = Report(
-    title="Point Compilation: Water And Rays",
-    table=POINTS,
-    columns=(
-        key("Model", "A8", "model"),
-        key("Point", "A8", "point"),
-        Column("Water\nm", "F10.3", shows="water_level"),
-        Column("Below datum\nm", "F11.3", shows="datum_depth"),
-        Column("Sigma\nm", "F7.3", shows="datum_depth_sigma"),
-        Column("Incidence\ndegrees", "F9.3", shows="incidence"),
-        Column("Wet\nleft", "A4", shows=Origin(field="wet[0]", true="W")),
-        Column("Wet\nright", "A5", shows=Origin(field="wet[1]", true="W")),
-        Column("py\num", "F9.2", shows="y_parallax"),
-        Column("Test py", "F7.2", shows="y_parallax_test"),
-    ),
-)  # fmt: skip
 MOVED_TABLE: Report[Any] = Report(
     title="Right Stages Corrected By Points Read Again",
     table=MOVED,
@@ -330,7 +306,8 @@ SHORE_TABLE: Report[Any] = Report(
         Column("Largest\nm", "F8.3", shows="largest"),
     ),
 )
-STATED = (MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, POINT_TABLE, RAY_TABLE, *run_comparison.STATED)
+WARNINGS = Mapped(title="Warnings Of Run And Readings", layout="texts", table="warnings")
+STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
 
 
 def sections_of(
@@ -347,8 +324,7 @@ def sections_of(
     return [
         *model_sections(compiled, against, warnings),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
-        POINT_TABLE.section(compiled, new_page=True),
-        RAY_TABLE.section(compiled),
+        *compilation_points.sections_of(compiled),
         *([SHORE_TABLE.section(compiled)] if _shorelines(compiled) else []),
         *compilation_profiles.sections_of(profiles, scans),
         *compilation_bottom.sections_of(bottoms),
@@ -357,14 +333,15 @@ def sections_of(
 
 
 def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequence[str]) -> list[Section]:
-    """Return what the listing says of the models, warnings included."""
+    """Return what the listing says of run, deck and models, warnings included."""
     read = any(part.again.any() for part in against)
     return [
+        Section(title="Options", lines=labelled(_options(compiled))),
         *([] if compiled.reduced is None else reduction_sections(compiled.reduced)),
         MODEL_TABLE.section(compiled, _of_waves(compiled)),
         *([MOVED_TABLE.section(compiled)] if any(model.moved for model in compiled.models) else []),
         *([RECOVERED_TABLE.section((compiled, against))] if read else []),
-        *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
+        *([Section(title=WARNINGS.title, lines=wrapped(warnings, lead="- "))] if warnings else []),
     ]
 
 

@@ -15,11 +15,11 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import wrapped
 from musatpy.surfaces.contours import bounds
-from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.datums import Datum
+    from musatpy.compilation.file_places import FilePlaces
     from musatpy.compilation.grids import PostGrid
     from musatpy.compilation.joined_surfaces import EdgeMatch, Surface
 
@@ -245,34 +245,23 @@ def sections_of(bottoms: Bottoms) -> list[Section]:
     ]
 
 
-def grid_csv(grid: PostGrid, angular: bool, datum: Datum) -> str:
-    """Return the posts of a grid that have a depth as comma-separated values, in the system of the job."""
-    unit, decimals = printed(angular)
-    lines = [f"{'latitude,longitude,height' if angular else 'X,Y,Z'},depth,sigma"]
+def grid_csv(grid: PostGrid, places: FilePlaces, datum: Datum) -> str:
+    """Return the posts of a grid that have a depth as comma-separated values."""
     known = np.isfinite(grid.depth).ravel()
-    places = (grid.coordinates(datum) / unit)[known].tolist()
+    texts = places.texts(grid.coordinates(datum)[known])
     depths, sigmas = grid.depth.ravel()[known].tolist(), grid.sigma.ravel()[known].tolist()
-    for place, depth, sigma in zip(places, depths, sigmas, strict=True):
-        text = ",".join(f"{v:.{d}f}" for v, d in zip(place, decimals, strict=True))
-        lines.append(f"{text},{depth:.3f},{sigma:.3f}")
+    rows = zip(texts, depths, sigmas, strict=True)
+    lines = [f"{places.heading},depth,sigma", *(f"{text},{depth:.3f},{sigma:.3f}" for text, depth, sigma in rows)]
     return "\n".join(lines) + "\n"
 
 
-def contours_csv(bottom: Bottom, angular: bool, datum: Datum) -> str:
-    """Return the contours as comma-separated values, a vertex a line, in the system of the job (degrees, m)."""
-    of_depth = bottom.of == "depth"
-    place = "latitude,longitude,height" if angular else "X,Y,Z"
-    lines = [f"line,surface,{'depth' if of_depth else 'level'},index,closed,{place}"]
-    number, (unit, decimals) = 0, printed(angular)
+def contours_csv(bottom: Bottom, places: FilePlaces, datum: Datum) -> str:
+    """Return the contours as comma-separated values, a vertex a line."""
+    lines = [f"line,surface,{'depth' if bottom.of == 'depth' else 'level'},index,closed,{places.heading}"]
+    number = 0
     for sheet in bottom.sheets:
         for line in sheet.contours.lines:
             number += 1
             head = f"{number},{sheet.name},{line.level:g},{int(line.index)},{int(line.closed)},"
-            for vertex in bottom.vertices(sheet, line, datum) / unit:
-                lines.append(head + ",".join(f"{v:.{d}f}" for v, d in zip(vertex, decimals, strict=True)))
+            lines += [head + text for text in places.texts(bottom.vertices(sheet, line, datum))]
     return "\n".join(lines) + "\n"
-
-
-def printed(angular: bool) -> tuple[FloatArray, tuple[int, int, int]]:
-    """Return the units (3,) of coordinates in files, and their decimals."""
-    return (np.array([DEGREE, DEGREE, 1.0]), (10, 10, 4)) if angular else (np.ones(3), (4, 4, 4))

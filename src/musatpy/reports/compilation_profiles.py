@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.arrays import IntArray
-from musatpy.reports.compilation_bottom import printed
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.reports.fields import Each, Field
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
@@ -15,6 +14,7 @@ from musatpy.reports.table import Column, Report, key
 
 if TYPE_CHECKING:
     from musatpy.compilation.datums import Datum
+    from musatpy.compilation.file_places import FilePlaces
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
 
 PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
@@ -153,27 +153,26 @@ def _named(part: CompiledProfile) -> str:
     return part.name if part.line == 1 else f"{part.name}, line {part.line}"
 
 
-def profiles_csv(profiles: list[CompiledProfile], angular: bool, datum: Datum) -> str:
-    """Return the readings of profiles, and the depths at even steps, as comma-separated values (degrees, m).
+def profiles_csv(profiles: list[CompiledProfile], places: FilePlaces, datum: Datum) -> str:
+    """Return the readings of profiles, and the depths at even steps, as comma-separated values.
 
     What a row is stands first: a reading, a spike, a reading that thinning does not need, or a post.
     """
-    place = "latitude,longitude,height" if angular else "X,Y,Z"
-    lines = [f"row,model,profile,line,station,offset,depth,sigma,{place}"]
-    unit, decimals = printed(angular)
+    lines = [f"row,model,profile,line,station,offset,depth,sigma,{places.heading}"]
 
-    def line_of(part: CompiledProfile, name: str, numbers: Any, position: Any) -> str:
-        texts = [f"{number:.3f}" for number in numbers]
-        texts += [f"{v:.{d}f}" for v, d in zip(position / unit, decimals, strict=True)]
-        return ",".join([name, part.model, part.name, str(part.line), *texts])
+    def add(part: CompiledProfile, names: list[str], numbers: Any, position: FloatArray) -> None:
+        head = f"{part.model},{part.name},{part.line}"
+        rows = zip(names, np.column_stack(numbers).tolist(), places.texts(position), strict=True)
+        lines.extend(
+            f"{name},{head},{','.join(f'{value:.3f}' for value in values)},{text}" for name, values, text in rows
+        )
 
-    for part in (part for part in profiles if part.profile is not None):
+    for part in profiles:
         done = part.profile
-        assert done is not None
+        if done is None:
+            continue
         names = np.where(done.spike, "spike", np.where(done.kept, "reading", "not needed"))
-        numbers = zip(done.station, done.offset, done.value, part.sigma, strict=True)
-        lines += [line_of(part, *row) for row in zip(names.tolist(), numbers, part.position, strict=True)]
-        stations, depths, sigmas, places = part.posts(datum)
-        numbers = zip(stations, np.zeros(len(stations)), depths, sigmas, strict=True)
-        lines += [line_of(part, "post", *row) for row in zip(numbers, places, strict=True)]
+        add(part, names.tolist(), (done.station, done.offset, done.value, part.sigma), part.position)
+        stations, depths, sigmas, position = part.posts(datum)
+        add(part, ["post"] * len(stations), (stations, np.zeros(len(stations)), depths, sigmas), position)
     return "\n".join(lines) + "\n"

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import compilation
-from musatpy.reports.columns import vector
+from musatpy.reports.columns import position_columns, vector
 from musatpy.reports.compilation import INTERIOR, JOB, MODELS, MOVED, RECOVERED
+from musatpy.reports.compilation_points import in_system
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Node, Rows, Schema, properties_of, same
 from musatpy.reports.origin import Origin
@@ -72,6 +73,8 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
             "depth_sigma", "number?", "of the depth",
             lambda s: np.concatenate([m.expected.points.depth_sigma for m in s.models]), "m",
         ),
+        Field("pointing_sigma", "number?", "of the height, by pointing", lambda s: _expected(s, "pointing"), "m"),
+        Field("run_sigma", "number?", "of the height, by the run", lambda s: _expected(s, "of_run"), "m"),
     ),
 )  # fmt: skip
 
@@ -154,6 +157,17 @@ AXES_TABLE: Report[Any] = Report(
         ),
     ),
 )
+GEOMETRY_TABLE: Report[Any] = Report(
+    title="Scales, And Origins In The System Of The Job",
+    table=MODELS,
+    columns=(
+        key("Model", "A8", "model"),
+        Column("Scale\n1 to", "F9.0", shows="scale"),
+        Column("Base\nm", "F9.2", shows="base"),
+        Column("Height\nm", "F9.2", shows="height"),
+        in_system(position_columns("origin_position", 4)),
+    ),
+)
 POINT_TABLE: Report[Any] = Report(
     title="Points Of The Run In The Model",
     table=RUN_POINTS,
@@ -184,9 +198,11 @@ EXPECTED_TABLE: Report[Any] = Report(
         Column("Depth\nm", "F7.2", shows="depth"),
         *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F8.3",) * 3, shows="sigma"),
         Column("Depth\nm", "F8.3", shows="depth_sigma"),
+        Column("Pointing\nm", "F8.3", shows="pointing_sigma"),
+        Column("Run\nm", "F8.3", shows="run_sigma"),
     ),
 )
-STATED = (AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)
+STATED = (GEOMETRY_TABLE, AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)
 
 
 def listing_of(
@@ -200,6 +216,7 @@ def listing_of(
     compiled, against = setups.compiled, setups.against
     sections = [
         *compilation.model_sections(compiled, against, warnings),
+        GEOMETRY_TABLE.section(compiled),
         AXES_TABLE.section(compiled),
         POINT_TABLE.section(setups, new_page=True),
         EXPECTED_TABLE.section(setups, new_page=True),

@@ -56,6 +56,7 @@ class Field(Node[Source]):
     unit: str = ""
     choices: Iterable[Any] = ()
     exact: bool = False  # of numbers in tables: at full precision whatever the unit, as coordinates are
+    seldom: bool = False  # stands in the record only where it says something
 
     @property
     def digits(self) -> int | None:
@@ -217,11 +218,16 @@ def _is_of_images(node: Node[Any]) -> bool:
     return isinstance(node, Rows) and node.of_images
 
 
+def is_seldom(node: Node[Any]) -> bool:
+    """Tell whether a field may not be there."""
+    return isinstance(node, Field) and node.seldom
+
+
 def properties_of(fields: Iterable[Node[Any]]) -> Schema:
     """Return what the schema says of an object with these fields, and of these alone."""
     fields = list(fields)
     properties = {field.name: field.schema() for field in fields}
-    required = [field.name for field in fields if not _is_of_images(field)]
+    required = [field.name for field in fields if not (_is_of_images(field) or is_seldom(field))]
     return {"additionalProperties": False, "required": required, "properties": properties}
 
 

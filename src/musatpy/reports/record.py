@@ -21,7 +21,7 @@ from musatpy.reports import (
     waves_page,
 )
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Group, Node, Schema, properties_of, same, without_images
+from musatpy.reports.fields import Field, Group, Node, Schema, is_seldom, properties_of, same, without_images
 from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
@@ -61,7 +61,7 @@ _TABLES: tuple[Node[Statistics], ...] = (
     Field("titles", "* string", "title cards", lambda s: s.block.titles),
     Field(
         "settings", "* string", "what was set for the run in place of what its cards say: `OP2.water_level=ONE`",
-        lambda s: s.block.settings,
+        lambda s: s.block.settings, seldom=True,
     ),
     job_record.OPTIONS,
     job_record.ELLIPSOID,
@@ -124,6 +124,11 @@ def tables(content: RecordContent = RecordContent.FULL) -> Sequence[Node[Statist
     return nodes if content is RecordContent.FULL else list(without_images(nodes))
 
 
+def _said(nodes: Sequence[Node[Statistics]], statistics: Statistics) -> list[Node[Statistics]]:
+    """Return what stands in the record: without fields that are seldom there and have nothing to say."""
+    return [node for node in nodes if not is_seldom(node) or node.json(statistics)]
+
+
 def record(solution: Solution) -> dict[str, Json]:
     """Return the record of a solution, as dictionaries, lists, texts and numbers."""
     return record_of(Statistics(solution))
@@ -134,7 +139,8 @@ def record_of(statistics: Statistics, names: Container[str] | None = None) -> di
 
     It has the shape of `musatpy.json_files.read_record`.
     """
-    return {table.name: table.json(statistics) for table in tables() if names is None or table.name in names}
+    said = _said(tables(), statistics)
+    return {table.name: table.json(statistics) for table in said if names is None or table.name in names}
 
 
 def schema() -> Schema:
@@ -173,4 +179,4 @@ def dumps(record: dict[str, Json]) -> str:
 
 def texts_of(statistics: Statistics, content: RecordContent = RecordContent.FULL) -> Iterator[str]:
     """Yield the text of `record_of` piece by piece."""
-    yield from record_texts(tables(content), statistics)
+    yield from record_texts(_said(tables(content), statistics), statistics)

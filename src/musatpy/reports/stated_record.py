@@ -10,7 +10,7 @@ from musatpy.statistics import Statistics, Words
 
 Answer = tuple[Statistics, Any]  # and what the systems make of its solution
 
-_WORDS: tuple[Field[Words], ...] = (
+WORDS: tuple[Field[Words], ...] = (
     Field(
         "kind", "enum", "kind of coordinate system", lambda w: w.spec.kind,
         choices=("GEOG", "GEOC", "LOCL", "TANG", "PROJ"),
@@ -122,10 +122,10 @@ STATED = Group[Statistics, Statistics](
             "input",
             "how the deck is stated; null: in the system of the options",
             lambda s: s.given_words,
-            _WORDS,
+            WORDS,
             optional=True,
         ),
-        Group[Statistics, Words]("answer", "how the answer is stated", lambda s: s.answer_words, _WORDS),
+        Group[Statistics, Words]("answer", "how the answer is stated", lambda s: s.answer_words, WORDS),
         STATIONS,
         POINTS,
     ),

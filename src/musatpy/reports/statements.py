@@ -9,6 +9,7 @@ from musatpy.reports import (
     answer,
     compilation,
     compilation_bottom,
+    compilation_points,
     compilation_profiles,
     compilation_setup,
     contour_comparison,
@@ -20,7 +21,15 @@ from musatpy.reports import (
 from musatpy.reports.origin import Mapped
 from musatpy.reports.table import Report
 
-_OF_AS11 = (compilation, compilation_bottom, compilation_profiles, compilation_setup, contour_comparison, soundings)
+_OF_AS11 = (
+    compilation,
+    compilation_bottom,
+    compilation_points,
+    compilation_profiles,
+    compilation_setup,
+    contour_comparison,
+    soundings,
+)
 
 
 @cache

@@ -13,8 +13,8 @@ from musatpy.soundings.differences import Differences, regression
 _WIDTH, _HEIGHT = 16.0, 5.2  # inches
 _LEAST_BINS, _MOST_BINS = 8, 60
 _DOTS = 24.0  # points squared, of a marker
-_SHADES = "cividis"  # alike to every eye, and in print
-_EXTREMES = (2.0, 98.0)  # percentiles of the differences that have shades of their own
+_SHADES = "PuOr"  # two sides of a pale zero, alike to every eye
+_MOST = 98.0  # percentile of the sizes of differences that have shades of their own
 
 
 def difference_picture(differences: Differences, xy: FloatArray, title: str) -> bytes:
@@ -22,18 +22,20 @@ def difference_picture(differences: Differences, xy: FloatArray, title: str) -> 
     return png(difference_figure(differences, xy, title))
 
 
-def difference_figure(differences: Differences, xy: FloatArray, title: str) -> Any:
-    """Return the figure of differences at places xy (k, 2) m; blunders are crosses.
+def difference_figure(differences: Differences, xy: FloatArray | None, title: str) -> Any:
+    """Return the figure of differences at places xy (k, 2) m; blunders are crosses. Without places there is no map.
 
     Raises `MusatError` where matplotlib is missing.
     """
-    figure = new_figure(_WIDTH, _HEIGHT)
+    panels = 2 if xy is None else 3
+    figure = new_figure(_WIDTH * panels / 3.0, _HEIGHT)
     figure.suptitle(title)
-    against, by_size, on_map = figure.subplots(1, 3)
+    against, by_size, *on_map = figure.subplots(1, panels)
     blunders = differences.blunders
     _draw_depths(against, differences, blunders)
     _draw_histogram(by_size, differences, blunders)
-    _draw_map(figure, on_map, differences.difference, xy, blunders)
+    if xy is not None:
+        _draw_map(figure, on_map[0], differences.difference, xy, blunders)
     return figure
 
 
@@ -69,15 +71,24 @@ def _draw_histogram(axes: Any, differences: Differences, blunders: BoolArray) ->
 
 def _draw_map(figure: Any, axes: Any, difference: FloatArray, xy: FloatArray, blunders: BoolArray) -> None:
     """Draw differences in their places; triangles point up where the compiled bottom is shoaler, else down."""
-    low, high = np.percentile(difference[~blunders], _EXTREMES)
+    most = max(float(np.percentile(np.abs(difference[~blunders]), _MOST)), 1e-9)
     shade = None
     for rows, marker, label in (
         (~blunders & (difference <= 0.0), "^", "compiled shoaler"),
         (~blunders & (difference > 0.0), "v", "compiled deeper"),
     ):
         shade = axes.scatter(
-            *xy[rows].T, c=difference[rows], marker=marker, s=_DOTS, cmap=_SHADES, vmin=low, vmax=high, label=label
+            *xy[rows].T,
+            c=difference[rows],
+            marker=marker,
+            s=_DOTS,
+            cmap=_SHADES,
+            vmin=-most,
+            vmax=most,
+            edgecolors="0.4",
+            linewidths=0.3,
         )
+        axes.plot([], [], marker, color="0.5", markersize=5, label=label)  # the legend has no shade
     if blunders.any():
         axes.plot(*xy[blunders].T, "x", color="black", markersize=7, label="blunders")
     figure.colorbar(shade, ax=axes, label="compiled less sounded, m", extend="both")

@@ -19,7 +19,7 @@ from musatpy.arrays import DateArray, FloatArray, TextArray
 from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange import las
-from musatpy.pointfiles.csv_tables import number, separator_faults
+from musatpy.pointfiles.csv_tables import common_name, number, separator_faults
 from musatpy.pointfiles.las_files import SUFFIXES
 from musatpy.soundings.job_places import crs_named, job_places
 from musatpy.units import DEGREE
@@ -27,7 +27,6 @@ from musatpy.units import DEGREE
 if TYPE_CHECKING:
     import pyproj
 
-_WORDS = {"latitude": "lat", "longitude": "lon", "z": "height", "east": "x", "north": "y", "id": "name"}
 _PLACES = (("lat", "lon"), ("x", "y"))
 _VALUES = ("depth", "height")
 _DATE = "date"
@@ -90,7 +89,9 @@ def _of_las(source: Path, dated: bool) -> Soundings:
 def _of_csv(source: Path, dated: bool) -> Soundings:
     with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         records = list(_records(csv.reader(file)))
-    first, header = records[0] if records else (1, [])
+    if not records:
+        raise SoundingError([Problem(file=str(source), message="the file is empty")])
+    first, header = records[0]
     names = [common_name(name) for name in header]
     wanted, faults = _columns(names)
     if dated and _DATE not in names:
@@ -142,12 +143,6 @@ def _records(reader: Any) -> Iterator[tuple[int, list[str]]]:
 def _date(cell: str) -> np.datetime64:
     """Return the day that a cell says, no day for a blank one. Raises `ValueError`."""
     return np.datetime64(datetime.date.fromisoformat(cell) if cell else "NaT", "D")
-
-
-def common_name(name: str) -> str:
-    """Return the name of a column by which all its names are known: `lat` for `Latitude`."""
-    lower = name.strip().lower()
-    return _WORDS.get(lower, lower)
 
 
 def _expected(name: str, value: float, cell: str) -> str:

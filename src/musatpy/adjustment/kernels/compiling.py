@@ -1,4 +1,4 @@
-"""The decorator of compiled kernels."""
+"""The decorators of compiled kernels."""
 
 from __future__ import annotations
 
@@ -16,3 +16,8 @@ def compiled(function: Function) -> Function:
     Divisions by zero give infinities, as those of numpy do. The order of sums is that of the source.
     """
     return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def inlined(function: Function) -> Function:
+    """Return the same for a piece of kernels, which becomes part of them: arrays cost much to hand on."""
+    return cast(Function, numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))

@@ -7,277 +7,326 @@ The numpy twins are `pass_points.conditions` and `pass_points.add_full`, `geomet
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.compiling import compiled
+from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.points import (
     Known,
     Measured,
+    Pairs,
+    Q,
     Stations,
     Sums,
     Water,
-    _images,
-    _inverted,
-    _point_normals,
+    point_normals,
+    room_for,
+    times,
 )
-from musatpy.arrays import FloatArray
-
-_Q = 6  # unknowns of a station
+from musatpy.arrays import FloatArray, IntArray
 
 
-@compiled
-def _cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    out[0], out[1], out[2] = x, y, z
+class Conditions(NamedTuple):
+    """Room for the c conditions of a point with up to m rays, of which a point takes the first rows and columns."""
+
+    xy: FloatArray  # (m, 2) adjusted images
+    cofactor: FloatArray  # (m, 2) of the measured ones
+    u: FloatArray  # (m, 3) unit rays
+    by_attitude: FloatArray  # (m, 3, 3) their partials by omega, phi, kappa
+    by_xy: FloatArray  # (m, 3, 2) and by images
+    B: FloatArray  # (m - 1, 3) bases
+    vectors: FloatArray  # (10, 3) of one condition
+    by: FloatArray  # (6, 3) its partials by origin and direction of up to three rays
+    A: FloatArray  # (c, 6 m) partials by stations
+    G: FloatArray  # (c, 2 m) by images
+    S: FloatArray  # (c, c) G Q G'
+    w: FloatArray  # (c,) misclosures
 
 
-@compiled
-def _dot(a: FloatArray, b: FloatArray) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+_D, _BA, _E, _BY_A, _FIRST, _SECOND = 0, 1, 2, 3, 4, 7  # rows of the vectors of a condition
 
 
-@compiled
-def _ray(
-    p: int, k: int, at: Measured, stations: Stations, u: FloatArray, by_attitude: FloatArray, by_xy: FloatArray
-) -> None:
-    """Set the unit ray u (3,) of an image, and its partials (3, 3) and (3, 2): `collinearity.ray_partials`."""
-    n = at.photo[p, k]
-    M, dM = stations.M, stations.M_partials
-    c0 = at.xy[p, k, 0] - stations.principal_point[n, 0]
-    c1 = at.xy[p, k, 1] - stations.principal_point[n, 1]
-    c2 = -stations.focal_length[n]
-    length = math.sqrt(c0 * c0 + c1 * c1 + c2 * c2)
+@inlined
+def _room(start: IntArray, rows: IntArray) -> Conditions:
+    """Return room for the conditions of any point of some rows."""
+    m = 2
+    for p in rows:
+        m = max(m, start[p + 1] - start[p])
+    c = 2 * m - 3
+    return Conditions(
+        np.empty((m, 2)), np.empty((m, 2)), np.empty((m, 3)), np.empty((m, 3, 3)), np.empty((m, 3, 2)),
+        np.empty((m - 1, 3)),
+        np.empty((10, 3)), np.empty((6, 3)), np.empty((c, Q * m)), np.empty((c, 2 * m)), np.empty((c, c)),
+        np.empty(c),
+    )  # fmt: skip
+
+
+@inlined
+def _cross(a: FloatArray, i: int, b: FloatArray, j: int, out: FloatArray, k: int) -> None:
+    """Set a row of `out` to the vector product of rows of a and b."""
+    x = a[i, 1] * b[j, 2] - a[i, 2] * b[j, 1]
+    y = a[i, 2] * b[j, 0] - a[i, 0] * b[j, 2]
+    z = a[i, 0] * b[j, 1] - a[i, 1] * b[j, 0]
+    out[k, 0], out[k, 1], out[k, 2] = x, y, z
+
+
+@inlined
+def _dot(a: FloatArray, i: int, b: FloatArray, j: int) -> float:
+    return a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
+
+
+@inlined
+def _ray(p: int, r: int, k: int, at: Measured, stations: Stations, of: Conditions) -> None:
+    """Set the adjusted image r of a point, its ray k, and the partials of this: `collinearity.ray_partials`."""
+    n = at.photo[r]
+    cosine, sine, f = stations.turn[n, 0], stations.turn[n, 1], stations.focal_length[n]
+    g = at.point[p]
+    v0 = at.ground[g, 0] - stations.position[n, 0]
+    v1 = at.ground[g, 1] - stations.position[n, 1]
+    v2 = at.ground[g, 2] - stations.position[n, 2]
+    scale = -f / (stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2)
+    x = scale * (stations.M[n, 0, 0] * v0 + stations.M[n, 0, 1] * v1 + stations.M[n, 0, 2] * v2)
+    y = scale * (stations.M[n, 1, 0] * v0 + stations.M[n, 1, 1] * v1 + stations.M[n, 1, 2] * v2)
+    of.cofactor[k, 0], of.cofactor[k, 1] = 1.0 / at.weight[r, 0], 1.0 / at.weight[r, 1]
+    of.xy[k, 0], of.xy[k, 1] = x + stations.principal_point[n, 0], y + stations.principal_point[n, 1]
+    length = math.sqrt(x * x + y * y + f * f)
     for i in range(3):
-        u[i] = (M[n, 0, i] * c0 + M[n, 1, i] * c1 + M[n, 2, i] * c2) / length
-    for a in range(5):
-        column = by_attitude[:, a] if a < 3 else by_xy[:, a - 3]
-        along = 0.0
+        of.u[k, i] = (stations.M[n, 0, i] * x + stations.M[n, 1, i] * y - stations.M[n, 2, i] * f) / length
+        # of M' (x, y, -f) by omega, phi, kappa
+        of_depth = cosine * stations.M[n, 0, i] - sine * stations.M[n, 1, i]
+        of.by_attitude[k, i, 1] = (sine * y - cosine * x) * stations.M[n, 2, i] - f * of_depth
+        of.by_attitude[k, i, 2] = x * stations.M[n, 1, i] - y * stations.M[n, 0, i]
+        of.by_xy[k, i, 0], of.by_xy[k, i, 1] = stations.M[n, 0, i], stations.M[n, 1, i]
+    east0, east1, east2 = stations.axes[n, 0, 0], stations.axes[n, 0, 1], stations.axes[n, 0, 2]
+    of.by_attitude[k, 0, 0] = (east1 * of.u[k, 2] - east2 * of.u[k, 1]) * length
+    of.by_attitude[k, 1, 0] = (east2 * of.u[k, 0] - east0 * of.u[k, 2]) * length
+    of.by_attitude[k, 2, 0] = (east0 * of.u[k, 1] - east1 * of.u[k, 0]) * length
+    _across(k, of.u, of.by_attitude, length)
+    _across(k, of.u, of.by_xy, length)
+
+
+@inlined
+def _across(k: int, u: FloatArray, by: FloatArray, length: float) -> None:
+    """Take of the partials of a vector of some length, rows k, those of its unit vector."""
+    inverse = 1.0 / length
+    for b in range(by.shape[2]):
+        along = u[k, 0] * by[k, 0, b] + u[k, 1] * by[k, 1, b] + u[k, 2] * by[k, 2, b]
         for i in range(3):
-            if a < 3:
-                column[i] = dM[n, a, 0, i] * c0 + dM[n, a, 1, i] * c1 + dM[n, a, 2, i] * c2
-            else:
-                column[i] = M[n, a - 3, i]
-            along += u[i] * column[i]
-        for i in range(3):
-            column[i] = (column[i] - u[i] * along) / length
+            by[k, i, b] = (by[k, i, b] - u[k, i] * along) * inverse
 
 
-@compiled
-def _distance(
-    B: FloatArray, u: FloatArray, w: FloatArray, of_first: bool, by: FloatArray, room: FloatArray
-) -> float:
-    """Return k = (B x a).D/|D|^2 with D = u x w, a the first or the second of them; by (3, 3): B, u, w.
+@inlined
+def _distance(base: int, ray: int, of_first: bool, of: Conditions, to: int) -> float:
+    """Return k = (B x a).D/|D|^2 with D = u x w of a ray and the next, a the first or the second of them.
 
-    `coplanarity._distance`.
+    Sets its partials by B, u, w from row `to` of the vectors on: `coplanarity._distance`.
     """
-    D, Ba, E, by_a = room[0], room[1], room[2], room[3]
-    a = u if of_first else w
-    _cross(u, w, D)
-    _cross(B, a, Ba)
-    D2 = _dot(D, D)
-    k = _dot(Ba, D) / D2
+    V, a = of.vectors, ray if of_first else ray + 1
+    _cross(of.u, ray, of.u, ray + 1, V, _D)
+    _cross(of.B, base, of.u, a, V, _BA)
+    D2 = _dot(V, _D, V, _D)
+    k = _dot(V, _BA, V, _D) / D2
     for i in range(3):
-        E[i] = Ba[i] - 2.0 * k * D[i]
-    _cross(a, D, by[0])
-    _cross(w, E, by[1])
-    _cross(E, u, by[2])
-    _cross(D, B, by_a)
+        V[_E, i] = V[_BA, i] - 2.0 * k * V[_D, i]
+    _cross(of.u, a, V, _D, V, to)
+    _cross(of.u, ray + 1, V, _E, V, to + 1)
+    _cross(V, _E, of.u, ray, V, to + 2)
+    _cross(V, _D, of.B, base, V, _BY_A)
     for i in range(3):
-        by[1 if of_first else 2, i] += by_a[i]
+        V[to + 1 if of_first else to + 2, i] += V[_BY_A, i]
         for j in range(3):
-            by[j, i] /= D2
+            V[to + j, i] /= D2
     return k
 
 
-@compiled
-def _coplanarity(B: FloatArray, u1: FloatArray, u2: FloatArray, by: FloatArray, room: FloatArray) -> float:
-    """Return B.(u1 x u2), and its partials by (2, 2, 3) ray, and P and u: `coplanarity.coplanarity`."""
-    D = room[0]
-    _cross(u1, u2, D)
-    _cross(u2, B, by[0, 1])
-    _cross(B, u1, by[1, 1])
+@inlined
+def _coplanarity(ray: int, of: Conditions) -> float:
+    """Return B.(u1 x u2) of a ray and the next, and set its partials: `coplanarity.coplanarity`."""
+    _cross(of.u, ray, of.u, ray + 1, of.vectors, _D)
+    _cross(of.u, ray + 1, of.B, ray, of.by, 1)
+    _cross(of.B, ray, of.u, ray, of.by, 3)
     for i in range(3):
-        by[0, 0, i], by[1, 0, i] = -D[i], D[i]
-    return _dot(B, D)
+        of.by[0, i], of.by[2, i] = -of.vectors[_D, i], of.vectors[_D, i]
+    return _dot(of.B, ray, of.vectors, _D)
 
 
-@compiled
-def _scale_restraint(B12: FloatArray, B23: FloatArray, u: FloatArray, by: FloatArray, room: FloatArray) -> float:
-    """Return the scale restraint of three rays u (3, 3), and its partials by (3, 2, 3): `scale_restraint`."""
-    first, second = room[4:7], room[7:10]
-    value = _distance(B12, u[0], u[1], True, first, room)
-    value -= _distance(B23, u[1], u[2], False, second, room)
+@inlined
+def _scale_restraint(ray: int, of: Conditions) -> float:
+    """Return the scale restraint of a ray and the next two, and set its partials: `coplanarity.scale_restraint`."""
+    value = _distance(ray, ray, True, of, _FIRST)
+    value -= _distance(ray + 1, ray + 1, False, of, _SECOND)
     for i in range(3):
-        by[0, 0, i], by[0, 1, i] = -first[0, i], first[1, i]
-        by[1, 0, i], by[1, 1, i] = first[0, i] + second[0, i], first[2, i] - second[1, i]
-        by[2, 0, i], by[2, 1, i] = -second[0, i], -second[2, i]
+        first0, first1, first2 = of.vectors[_FIRST, i], of.vectors[_FIRST + 1, i], of.vectors[_FIRST + 2, i]
+        second0, second1, second2 = of.vectors[_SECOND, i], of.vectors[_SECOND + 1, i], of.vectors[_SECOND + 2, i]
+        of.by[0, i], of.by[1, i] = -first0, first1
+        of.by[2, i], of.by[3, i] = first0 + second0, first2 - second1
+        of.by[4, i], of.by[5, i] = -second0, -second2
     return value
 
 
-@compiled
-def _enter(
-    c: int, p: int, k: int, at: Measured, stations: Stations, by: FloatArray, by_attitude: FloatArray,
-    by_xy: FloatArray, A: FloatArray, G: FloatArray,
-) -> None:  # fmt: skip
-    """Set the partials of condition c by the station and the image of ray k, of those by (2, 3) its P and u."""
-    n = at.photo[p, k]
+@inlined
+def _enter(c: int, n: int, k: int, side: int, stations: Stations, of: Conditions) -> None:
+    """Set the partials of condition c by the station n and the image of ray k, one of its up to three rays."""
+    P, u = 2 * side, 2 * side + 1
     for a in range(3):
-        axis = stations.axes[n, a]
-        A[c, _Q * k + a] = by[0, 0] * axis[0] + by[0, 1] * axis[1] + by[0, 2] * axis[2]
-        A[c, _Q * k + 3 + a] = (
-            by[1, 0] * by_attitude[k, 0, a] + by[1, 1] * by_attitude[k, 1, a] + by[1, 2] * by_attitude[k, 2, a]
-        )
+        along, turned = 0.0, 0.0
+        for i in range(3):
+            along += of.by[P, i] * stations.axes[n, a, i]
+            turned += of.by[u, i] * of.by_attitude[k, i, a]
+        of.A[c, Q * k + a], of.A[c, Q * k + 3 + a] = along, turned
     for b in range(2):
-        G[c, 2 * k + b] = by[1, 0] * by_xy[k, 0, b] + by[1, 1] * by_xy[k, 1, b] + by[1, 2] * by_xy[k, 2, b]
+        moved = 0.0
+        for i in range(3):
+            moved += of.by[u, i] * of.by_xy[k, i, b]
+        of.G[c, 2 * k + b] = moved
 
 
-@compiled
-def _solved(S: FloatArray, A: FloatArray, w: FloatArray) -> None:
-    """Replace S (c, c) by its Cholesky factor L, A (c, u) by L^-1 A and w (c,) by L^-1 w."""
-    for i in range(len(S)):
-        for j in range(i + 1):
-            total = S[i, j]
-            for k in range(j):
-                total -= S[i, k] * S[j, k]
-            S[i, j] = math.sqrt(total) if i == j else total / S[j, j]
-        for k in range(i):
-            factor = S[i, k]
-            w[i] -= factor * w[k]
-            for a in range(A.shape[1]):
-                A[i, a] -= factor * A[k, a]
-        w[i] /= S[i, i]
-        for a in range(A.shape[1]):
-            A[i, a] /= S[i, i]
+@inlined
+def _condition(row: int, first: int, m: int, at: Measured, stations: Stations, of: Conditions) -> None:
+    """Set misclosure and partials of a condition of a point: those of coplanarity come first."""
+    for a in range(Q * m):
+        of.A[row, a] = 0.0
+    for b in range(2 * m):
+        of.G[row, b] = 0.0
+    flat = row < m - 1
+    ray = row if flat else row - m + 1
+    of.w[row] = _coplanarity(ray, of) if flat else _scale_restraint(ray, of)
+    for side in range(2 if flat else 3):
+        _enter(row, at.photo[first + ray + side], ray + side, side, stations, of)
 
 
-@compiled
-def _add(p: int, at: Measured, A: FloatArray, w: FloatArray, sums: Sums) -> None:
-    """Add A'A and -A'w of a point to the normal equations."""
-    m, pair = at.photo.shape[1], 0
-    for k in range(m):
-        n = at.photo[p, k]
-        for other in range(k, m):
-            e = sums.slot[p, pair]
-            pair += 1
-            for c in range(len(w)):
-                for a in range(_Q):
-                    value = A[c, _Q * k + a]
-                    for b in range(_Q):
-                        sums.blocks[e, a, b] += value * A[c, _Q * other + b]
-        for c in range(len(w)):
-            for a in range(_Q):
-                sums.rhs[n, a] -= A[c, _Q * k + a] * w[c]
-
-
-@compiled
-def add_conditions(at: Measured, measured: FloatArray, stations: Stations, sums: Sums) -> None:
-    """Add the conditions of k points, linearised at their adjusted images `at`, with full weights.
-
-    measured (k, m, 2) mm. g + A dx + G v = 0 has the normal equations A'(G Q G')^-1 A: `pass_points.add_full`.
-    """
-    points, m = at.photo.shape
-    c = 2 * m - 3
-    u, by_attitude, by_xy = np.empty((m, 3)), np.empty((m, 3, 3)), np.empty((m, 3, 2))
-    B, by, room = np.empty((m - 1, 3)), np.empty((3, 2, 3)), np.empty((10, 3))
-    A, G, S, w = np.empty((c, _Q * m)), np.empty((c, 2 * m)), np.empty((c, c)), np.empty(c)
-    for p in range(points):
-        A[:] = 0.0
-        G[:] = 0.0
-        for k in range(m):
-            _ray(p, k, at, stations, u[k], by_attitude[k], by_xy[k])
-        for k in range(m - 1):
-            for i in range(3):
-                B[k, i] = stations.position[at.photo[p, k + 1], i] - stations.position[at.photo[p, k], i]
-        for row in range(c):
-            first, size = (row, 2) if row < m - 1 else (row - m + 1, 3)
-            if size == 2:
-                w[row] = _coplanarity(B[first], u[first], u[first + 1], by, room)
-            else:
-                w[row] = _scale_restraint(B[first], B[first + 1], u[first : first + 3], by, room)
-            for side in range(size):
-                _enter(row, p, first + side, at, stations, by[side], by_attitude, by_xy, A, G)
-        _weigh(p, at, measured, A, G, w, S)
-        _solved(S, A, w)
-        _add(p, at, A, w, sums)
-
-
-@compiled
-def _weigh(
-    p: int, at: Measured, measured: FloatArray, A: FloatArray, G: FloatArray, w: FloatArray, S: FloatArray
-) -> None:
+@inlined
+def _weigh(first: int, m: int, at: Measured, of: Conditions) -> None:
     """Set S = G Q G', add what the images differ by to the misclosures w, and scale all to a diagonal of 1."""
-    c, m = len(w), at.photo.shape[1]
+    c = 2 * m - 3
     for row in range(c):
         for k in range(m):
             for b in range(2):
-                w[row] += G[row, 2 * k + b] * (measured[p, k, b] - at.xy[p, k, b])
+                of.w[row] += of.G[row, 2 * k + b] * (at.xy[first + k, b] - of.xy[k, b])
         for column in range(row + 1):
             total = 0.0
             for k in range(m):
                 for b in range(2):
-                    total += G[row, 2 * k + b] * G[column, 2 * k + b] / at.weight[p, k, b]
-            S[row, column] = total
+                    total += of.G[row, 2 * k + b] * of.G[column, 2 * k + b] * of.cofactor[k, b]
+            of.S[row, column] = total
     for row in range(c):
-        scale = 1.0 / math.sqrt(S[row, row])
-        w[row] *= scale
-        for a in range(A.shape[1]):
-            A[row, a] *= scale
+        scale = 1.0 / math.sqrt(of.S[row, row])
+        of.w[row] *= scale
+        for a in range(Q * m):
+            of.A[row, a] *= scale
         for column in range(row + 1):
-            S[row, column] *= scale
+            of.S[row, column] *= scale
         for other in range(row, c):
-            S[other, row] *= scale
+            of.S[other, row] *= scale
+
+
+@inlined
+def _solve(m: int, of: Conditions) -> None:
+    """Replace S by its Cholesky factor L, A by L^-1 A and w by L^-1 w."""
+    for i in range(2 * m - 3):
+        for j in range(i + 1):
+            total = of.S[i, j]
+            for k in range(j):
+                total -= of.S[i, k] * of.S[j, k]
+            of.S[i, j] = math.sqrt(total) if i == j else total / of.S[j, j]
+        for k in range(i):
+            factor = of.S[i, k]
+            of.w[i] -= factor * of.w[k]
+            for a in range(Q * m):
+                of.A[i, a] -= factor * of.A[k, a]
+        inverse = 1.0 / of.S[i, i]
+        of.w[i] *= inverse
+        for a in range(Q * m):
+            of.A[i, a] *= inverse
+
+
+@inlined
+def _add(p: int, m: int, at: Measured, of: Conditions, sums: Sums) -> None:
+    """Add -A'w of a point to the right sides."""
+    for k in range(m):
+        n = at.photo[at.start[p] + k]
+        for c in range(2 * m - 3):
+            for a in range(Q):
+                sums.rhs[n, a] -= of.A[c, Q * k + a] * of.w[c]
+
+
+@inlined
+def _add_blocks(p: int, m: int, pairs: Pairs, of: Conditions, sums: Sums) -> None:
+    """Add A'A of a point to the normal matrix."""
+    pair, count = pairs.start[p], 2 * m - 3
+    for k in range(m):
+        for other in range(k, m):
+            e = pairs.slot[pair] - sums.first
+            pair += 1
+            for a in range(Q):
+                s0 = s1 = s2 = s3 = s4 = s5 = 0.0
+                for c in range(count):
+                    value = of.A[c, Q * k + a]
+                    s0, s1 = s0 + value * of.A[c, Q * other], s1 + value * of.A[c, Q * other + 1]
+                    s2, s3 = s2 + value * of.A[c, Q * other + 2], s3 + value * of.A[c, Q * other + 3]
+                    s4, s5 = s4 + value * of.A[c, Q * other + 4], s5 + value * of.A[c, Q * other + 5]
+                sums.blocks[e, a, 0] += s0
+                sums.blocks[e, a, 1] += s1
+                sums.blocks[e, a, 2] += s2
+                sums.blocks[e, a, 3] += s3
+                sums.blocks[e, a, 4] += s4
+                sums.blocks[e, a, 5] += s5
 
 
 @compiled
-def _objective(p: int, at: Measured, stations: Stations, residual: FloatArray) -> float:
-    """Return the weighted squares of a point, infinite where it is behind a camera."""
-    total = 0.0
-    for k in range(len(residual)):
-        n = at.photo[p, k]
-        S = 0.0
-        for i in range(3):
-            S += stations.M[n, 2, i] * (at.ground[p, i] - stations.position[n, i])
-        total += residual[k, 0] ** 2 + residual[k, 1] ** 2 if S < 0.0 else np.inf
-    return total if total < np.inf else np.inf
+def add_conditions(
+    rows: IntArray, at: Measured, stations: Stations, pairs: Pairs, matrix: bool, sums: Sums
+) -> None:
+    """Add the conditions of points, linearised at their adjusted images, with full weights.
+
+    g + A dx + G v = 0 has the normal equations A'(G Q G')^-1 A: `pass_points.add_full`; without `matrix` the right
+    sides only.
+    """
+    of = _room(at.start, rows)
+    for p in rows:
+        first, m = at.start[p], at.start[p + 1] - at.start[p]
+        for k in range(m):
+            _ray(p, first + k, k, at, stations, of)
+        for k in range(m - 1):
+            before, after = at.photo[first + k], at.photo[first + k + 1]
+            for i in range(3):
+                of.B[k, i] = stations.position[after, i] - stations.position[before, i]
+        for row in range(2 * m - 3):
+            _condition(row, first, m, at, stations, of)
+        _weigh(first, m, at, of)
+        _solve(m, of)
+        _add(p, m, at, of, sums)
+        if matrix:
+            _add_blocks(p, m, pairs, of, sums)
 
 
 @compiled
 def settle(
-    at: Measured, stations: Stations, water: Water, known: Known, ridge: float, steps: int, limit: float,
-    rounding: float, squares: FloatArray, left: FloatArray,
+    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, steps: int,
+    limit: float, rounding: float, squares: FloatArray, left: FloatArray,
 ) -> None:  # fmt: skip
     """Take points of which nothing is known to the optimum of their images, in `at.ground`: `ground.settle_group`.
 
-    Sets their weighted squares (k,), and by how much (k,) these were still to fall by the last step.
+    Sets their weighted squares, rows of (g,), and by how much (k,) these were still to fall by the last step.
     """
-    points, m = at.photo.shape
-    A, B, residual = np.empty((m, 2, _Q)), np.empty((m, 2, 3)), np.empty((m, 2))
-    room, N, b, L, inverse = np.empty((3, 3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-    best, step = np.empty(3), np.empty(3)
-    for p in range(points):
-        least, gain, fall = np.inf, 0.0, 0.0
-        step[:] = 0.0
-        for _ in range(steps):
-            _images(p, at, stations, water, room, A, B, residual)
-            objective = _objective(p, at, stations, residual)
+    room, best, step = room_for(at.start, rows), np.empty(3), np.empty(3)
+    for p in rows:
+        least, gain, fall, tried, g = np.inf, 0.0, 0.0, 0, at.point[p]
+        step[0], step[1], step[2] = 0.0, 0.0, 0.0
+        while tried < steps:
+            objective = point_normals(p, at, stations, water, known, ridge, False, room)
+            x, y, z = times(room.inverse, room.rhs)
             worse = least < np.inf and not objective <= least * (1.0 + rounding) + rounding
             if worse:
-                gain = 0.0
-                for i in range(3):
-                    step[i] *= 0.5
+                x, y, z, gain = 0.5 * step[0], 0.5 * step[1], 0.5 * step[2], 0.0
             else:
-                _point_normals(A, B, residual, p, known, ridge, N, b)
-                _inverted(N, L, inverse)
-                least, fall = objective, 0.0
-                for i in range(3):
-                    best[i] = at.ground[p, i]
-                    step[i] = inverse[i, 0] * b[0] + inverse[i, 1] * b[1] + inverse[i, 2] * b[2]
-                    fall += b[i] * step[i]
+                least, fall = objective, room.rhs[0] * x + room.rhs[1] * y + room.rhs[2] * z
                 gain = fall
+            step[0], step[1], step[2] = x, y, z
             for i in range(3):
-                at.ground[p, i] = best[i] + step[i]
-            if max(abs(step[0]), abs(step[1]), abs(step[2])) < limit:
-                break
-        squares[p] = max(least - gain, 0.0)
+                best[i] = best[i] if worse else at.ground[g, i]
+                at.ground[g, i] = best[i] + step[i]
+            tried = steps if max(abs(x), abs(y), abs(z)) < limit else tried + 1
+        squares[g] = max(least - gain, 0.0)
         left[p] = fall

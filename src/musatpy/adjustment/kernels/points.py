@@ -3,6 +3,9 @@
 The numpy twins are `sightings.images`, `ground.point_normals`, `collinear.eliminate` and `collinear.reduced`, and
 of single rays `refraction.flat.incidence` and `geometry.collinearity`, whose equations these loops follow. Points
 have no unknowns but their own three and those of their stations; what has more goes by the twins.
+
+What every function works at are some `rows` of a sequence of points; where sums of several of them are added up is
+for who calls them, so that threads can share the work.
 """
 
 from __future__ import annotations
@@ -12,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.compiling import compiled
+from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 _MAX_STEPS = 60
-_Q = 6  # unknowns of a station in its images
+Q = 6  # unknowns of a station in its images
 
 
 class Stations(NamedTuple):
@@ -24,81 +27,115 @@ class Stations(NamedTuple):
 
     position: FloatArray  # (n, 3) working
     M: FloatArray  # (n, 3, 3) working axes to photo
-    M_partials: FloatArray  # (n, 3, 3, 3) by omega, phi, kappa
-    axes: FloatArray  # (n, 3, 3) along which positions are corrected
+    axes: FloatArray  # (n, 3, 3) east, north, up, along which positions are corrected
+    turn: FloatArray  # (n, 2) cosine and sine of kappa
     focal_length: FloatArray  # (n,) mm
     principal_point: FloatArray  # (n, 2) mm
 
 
 class Measured(NamedTuple):
-    """k points with m images each."""
+    """k points one after the other, and their r images: those of point p are `start[p]` to `start[p + 1]`."""
 
-    photo: IntArray  # (k, m)
-    xy: FloatArray  # (k, m, 2) mm
-    weight: FloatArray  # (k, m, 2) 1/mm2
-    ground: FloatArray  # (k, 3) working
+    point: IntArray  # (k,) rows of the ground
+    start: IntArray  # (k + 1,)
+    photo: IntArray  # (r,)
+    xy: FloatArray  # (r, 2) mm
+    weight: FloatArray  # (r, 2) 1/mm2
+    ground: FloatArray  # (g, 3) working
 
 
 class Water(NamedTuple):
-    """Level water over k points with m rays; of k points without any, arrays of no rows."""
+    """Level water over the w rays that it refracts."""
 
-    wet: BoolArray  # (k, m) rays that it refracts
-    normal: FloatArray  # (k, m, 3)
-    depth: FloatArray  # (k, m) m, of the points
+    row: IntArray  # (r,) of the ray among those, -1 where it is dry
+    normal: FloatArray  # (w, 3)
+    depth: FloatArray  # (w,) m, of the points
     refraction: float  # index of the water
 
 
 class Known(NamedTuple):
-    """What is known of k points along axes of their own; where that is nothing, arrays of no rows."""
+    """What is known of h points along axes of their own."""
 
-    axes: FloatArray  # (k, 3, 3)
-    free: BoolArray  # (k, 3) the component may move
-    weight: FloatArray  # (k, 3) 1/m2
-    pull: FloatArray  # (k, 3) 1/m, weights times known minus current
-
-
-def dry_water() -> Water:
-    """Return the water of points that have none."""
-    return Water(np.zeros((0, 0), dtype=bool), np.zeros((0, 0, 3)), np.zeros((0, 0)), 1.0)
+    row: IntArray  # (k,) of the point among those, -1 where nothing is
+    axes: FloatArray  # (h, 3, 3)
+    free: BoolArray  # (h, 3) the component may move
+    weight: FloatArray  # (h, 3) 1/m2
+    pull: FloatArray  # (h, 3) 1/m, weights times known minus current
 
 
-def nothing_known() -> Known:
-    """Return what is known of points of which nothing is."""
-    return Known(np.zeros((0, 3, 3)), np.zeros((0, 3), dtype=bool), np.zeros((0, 3)), np.zeros((0, 3)))
+class Pairs(NamedTuple):
+    """The blocks of the pairs of rays of k points: of p `start[p]` to `start[p + 1]`, as `triu_indices` has."""
+
+    start: IntArray  # (k + 1,)
+    slot: IntArray  # rows of the blocks of the pattern
 
 
 class Sums(NamedTuple):
-    """Normal equations of stations, to which points are added, and the blocks of the pairs of rays of a point."""
+    """Normal equations of stations, to which points are added: the blocks from row `first` of the pattern on."""
 
-    slot: IntArray  # (k, m (m + 1) / 2) rows of the blocks, in the order of `numpy.triu_indices`
+    first: int
     blocks: FloatArray  # (e, q, q)
     rhs: FloatArray  # (n, q)
 
 
-class Inverse(NamedTuple):
-    """Elements of the inverse of the normal equations of stations, those of `Sums`."""
-
-    slot: IntArray  # (k, m (m + 1) / 2)
-    blocks: FloatArray  # (e, q, q)
-
-
-class Spread(NamedTuple):
-    """How errors spread to k points and their images."""
-
-    point: FloatArray  # (k, 3, 3) cofactors of the points, working axes
-    image: FloatArray  # (k, m, 2) cofactors of the adjusted images
-    covariance: FloatArray  # (k, m, 2, 3) of the positions and the adjusted images
-    diagonal: FloatArray  # (n, q) of the normal equations before points are eliminated, to which is added
-
-
 class Eliminated(NamedTuple):
-    """How k points follow a step of their stations: dX = shift - by_station ds, along their axes."""
+    """What is left of the elimination of k points: dX = shift - N_pp^-1 N_ps ds, along their axes."""
 
     shift: FloatArray  # (k, 3)
-    by_station: FloatArray  # (k, 3, m, q)
+    inverse: FloatArray  # (k, 3, 3) N_pp^-1
+
+
+class Room(NamedTuple):
+    """Room for one point with up to m rays."""
+
+    A: FloatArray  # (m, 2, 6) weighted images by stations
+    B: FloatArray  # (m, 2, 3) by the point
+    residual: FloatArray  # (m, 2)
+    W: FloatArray  # (m, 6, 3) N_sp
+    F: FloatArray  # (m, 3, 6) N_pp^-1 N_ps
+    N: FloatArray  # (3, 3) N_pp
+    inverse: FloatArray  # (3, 3)
+    rhs: FloatArray  # (3,)
+    vector: FloatArray  # (3,) from a station to what a wet ray goes to in air
+    by: FloatArray  # (2, 3, 3) its partials by station and point
+
+
+@inlined
+def room_for(start: IntArray, rows: IntArray) -> Room:
+    """Return room for any point of some rows."""
+    m = 1
+    for p in rows:
+        m = max(m, start[p + 1] - start[p])
+    return Room(
+        np.empty((m, 2, Q)), np.empty((m, 2, 3)), np.empty((m, 2)), np.empty((m, Q, 3)), np.empty((m, 3, Q)),
+        np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
+    )  # fmt: skip
 
 
 @compiled
+def find_pairs(start: IntArray, photo: IntArray, first: IntArray, second: IntArray, pairs: Pairs) -> None:
+    """Set the rows of the pairs of the rays of points: `Pattern.find`.
+
+    first (n + 1,): where the pairs of each photo with those after it begin, second (e,): their second photos.
+    """
+    at = 0
+    for p in range(len(start) - 1):
+        pairs.start[p] = at
+        for k in range(start[p], start[p + 1]):
+            for other in range(k, start[p + 1]):
+                low, high = first[photo[k]], first[photo[k] + 1] - 1
+                while low < high:
+                    middle = (low + high) // 2
+                    if second[middle] < photo[other]:
+                        low = middle + 1
+                    else:
+                        high = middle
+                pairs.slot[at] = low
+                at += 1
+    pairs.start[len(start) - 1] = at
+
+
+@inlined
 def _air_tangent(H: float, h: float, D: float, n: float) -> float:
     """Return tan(I) of a ray to the water: `refraction.flat.air_tangent`, ETL-0306 (4.10)."""
     n2 = n * n
@@ -118,16 +155,16 @@ def _air_tangent(H: float, h: float, D: float, n: float) -> float:
     return t
 
 
-@compiled
-def _bend(p: int, k: int, water: Water, gap: FloatArray, v: FloatArray, by: FloatArray) -> None:
+@inlined
+def _bend(row: int, water: Water, gap0: float, gap1: float, gap2: float, v: FloatArray, by: FloatArray) -> None:
     """Set v (3,) from camera to water point, and its partials by (2, 3, 3) camera and ground, of a wet ray.
 
-    `refraction.flat.incidence`; gap (3,) is the vector to the point.
+    `refraction.flat.incidence`; the gap is the vector to the point.
     """
-    up0, up1, up2 = water.normal[p, k, 0], water.normal[p, k, 1], water.normal[p, k, 2]
-    n, h = water.refraction, water.depth[p, k]
-    fall = -(up0 * gap[0] + up1 * gap[1] + up2 * gap[2])
-    e0, e1, e2 = gap[0] + up0 * fall, gap[1] + up1 * fall, gap[2] + up2 * fall
+    up0, up1, up2 = water.normal[row, 0], water.normal[row, 1], water.normal[row, 2]
+    n, h = water.refraction, water.depth[row]
+    fall = -(up0 * gap0 + up1 * gap1 + up2 * gap2)
+    e0, e1, e2 = gap0 + up0 * fall, gap1 + up1 * fall, gap2 + up2 * fall
     D = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
     if D > 0.0:
         e0, e1, e2 = e0 / D, e1 / D, e2 / D
@@ -143,302 +180,282 @@ def _bend(p: int, k: int, water: Water, gap: FloatArray, v: FloatArray, by: Floa
     Q_H = t * air3 * h / spread
     Q_h = -n * t * g * water3 * H / spread
     ratio = H / (H + h * g)
-    up, e = (up0, up1, up2), (e0, e1, e2)
     for i in range(3):
-        v[i] = e[i] * H * t - up[i] * H
+        e_i, up_i = e0 if i == 0 else e1 if i == 1 else e2, water.normal[row, i]
+        v[i] = e_i * H * t - up_i * H
         for j in range(3):
-            K = (kappa - ratio) * e[i] * e[j] - ratio * up[i] * up[j] + (ratio if i == j else 0.0)
-            by[0, i, j] = -K + (e[i] * Q_H - up[i]) * up[j]
-            by[1, i, j] = K - e[i] * Q_h * up[j]
+            e_j, up_j = e0 if j == 0 else e1 if j == 1 else e2, water.normal[row, j]
+            K = (kappa - ratio) * e_i * e_j - ratio * up_i * up_j + (ratio if i == j else 0.0)
+            by[0, i, j] = -K + (e_i * Q_H - up_i) * up_j
+            by[1, i, j] = K - e_i * Q_h * up_j
 
 
-@compiled
-def _vector(
-    p: int, k: int, at: Measured, stations: Stations, water: Water, gap: FloatArray, v: FloatArray, by: FloatArray
-) -> bool:
-    """Set the vectors from a station to a point and to what its ray goes to in air, the point where it is dry.
-
-    Return whether the ray is wet; `by` has its partials then.
-    """
-    n = at.photo[p, k]
-    for i in range(3):
-        gap[i] = at.ground[p, i] - stations.position[n, i]
-        v[i] = gap[i]
-    if len(water.wet) and water.wet[p, k]:
-        _bend(p, k, water, gap, v, by)
-        return True
-    return False
-
-
-@compiled
-def _through(rows: FloatArray, k: int, c: int, by: FloatArray) -> None:
-    """Set the row (3,) at k and c to its product with a matrix (3, 3)."""
-    x, y, z = rows[k, c, 0], rows[k, c, 1], rows[k, c, 2]
-    for i in range(3):
-        rows[k, c, i] = x * by[0, i] + y * by[1, i] + z * by[2, i]
-
-
-@compiled
-def _images(
-    p: int, at: Measured, stations: Stations, water: Water, room: FloatArray, A: FloatArray, B: FloatArray,
-    residual: FloatArray,
-) -> None:  # fmt: skip
-    """Set the weighted residuals (m, 2) of a point, and partials by stations A (m, 2, 6), by ground B (m, 2, 3).
-
-    `sightings.images`, `geometry.collinearity.image_partials`. `room` (3, 3, 3) is room for one ray.
-    """
-    M, dM, axes = stations.M, stations.M_partials, stations.axes
-    gap, v, by = room[2, 0], room[2, 1], room[:2]
-    for k in range(at.photo.shape[1]):
-        n = at.photo[p, k]
-        wet = _vector(p, k, at, stations, water, gap, v, by)
-        S = M[n, 2, 0] * v[0] + M[n, 2, 1] * v[1] + M[n, 2, 2] * v[2]
-        scale = -stations.focal_length[n] / S
-        for c in range(2):
-            image = M[n, c, 0] * v[0] + M[n, c, 1] * v[1] + M[n, c, 2] * v[2]
-            root, ratio = math.sqrt(at.weight[p, k, c]), image / S
-            factor = scale * root
-            residual[k, c] = (scale * image + stations.principal_point[n, c] - at.xy[p, k, c]) * root
-            for i in range(3):
-                B[k, c, i] = factor * (M[n, c, i] - ratio * M[n, 2, i])
-                A[k, c, i] = -B[k, c, i]
-                of_image = dM[n, i, c, 0] * v[0] + dM[n, i, c, 1] * v[1] + dM[n, i, c, 2] * v[2]
-                of_depth = dM[n, i, 2, 0] * v[0] + dM[n, i, 2, 1] * v[1] + dM[n, i, 2, 2] * v[2]
-                A[k, c, 3 + i] = factor * (of_image - ratio * of_depth)
-            if wet:
-                for i in range(3):
-                    A[k, c, i] = B[k, c, i]
-                _through(A, k, c, by[0])
-                _through(B, k, c, by[1])
-            x, y, z = A[k, c, 0], A[k, c, 1], A[k, c, 2]
-            for i in range(3):
-                A[k, c, i] = x * axes[n, i, 0] + y * axes[n, i, 1] + z * axes[n, i, 2]
-
-
-@compiled
-def _along_known(p: int, known: Known, B: FloatArray) -> None:
-    """Turn partials B (m, 2, 3) by a point to its axes, zero by what is held: `ground.point_normals`."""
-    for k in range(len(B)):
-        for c in range(2):
-            x, y, z = B[k, c, 0], B[k, c, 1], B[k, c, 2]
-            for i in range(3):
-                along = x * known.axes[p, i, 0] + y * known.axes[p, i, 1] + z * known.axes[p, i, 2]
-                B[k, c, i] = along if known.free[p, i] else 0.0
-
-
-@compiled
-def _inverted(N: FloatArray, L: FloatArray, out: FloatArray) -> None:
-    """Set `out` to the inverse of a positive matrix N (3, 3), by its Cholesky factor."""
-    L[0, 0] = 1.0 / math.sqrt(N[0, 0])
-    a, b = N[1, 0] * L[0, 0], N[2, 0] * L[0, 0]
-    L[1, 1] = 1.0 / math.sqrt(N[1, 1] - a * a)
-    c = (N[2, 1] - a * b) * L[1, 1]
-    L[2, 2] = 1.0 / math.sqrt(N[2, 2] - b * b - c * c)
-    L[1, 0] = -a * L[0, 0] * L[1, 1]
-    L[2, 1] = -c * L[1, 1] * L[2, 2]
-    L[2, 0] = -(b * L[0, 0] + c * L[1, 0]) * L[2, 2]
-    for i in range(3):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(i, 3):
-                total += L[k, i] * L[k, j]
-            out[i, j] = total
-            out[j, i] = total
-
-
-@compiled
-def _point_normals(
-    A: FloatArray,
-    B: FloatArray,
-    residual: FloatArray,
-    p: int,
-    known: Known,
-    ridge: float,
-    N: FloatArray,
-    b: FloatArray,
-) -> None:
-    """Set the normal equations N (3, 3), b (3,) of a point: `ground.point_normals`."""
-    N[:] = 0.0
-    b[:] = 0.0
-    for k in range(len(B)):
-        for c in range(2):
-            for i in range(3):
-                b[i] -= B[k, c, i] * residual[k, c]
-                for j in range(i + 1):
-                    N[i, j] += B[k, c, i] * B[k, c, j]
-    if len(known.free):
+@inlined
+def _through(rows: FloatArray, by: FloatArray, out: FloatArray) -> None:
+    """Set the rows out (2, 3) to the product of others with a matrix (3, 3)."""
+    for c in range(2):
+        x, y, z = rows[c, 0], rows[c, 1], rows[c, 2]
         for i in range(3):
-            N[i, i] += known.weight[p, i] if known.free[p, i] else known.weight[p, i] + 1.0
-            b[i] += known.pull[p, i]
-    largest = max(N[0, 0], N[1, 1], N[2, 2])
+            out[c, i] = x * by[0, i] + y * by[1, i] + z * by[2, i]
+
+
+@inlined
+def _along_known(axes: FloatArray, free: BoolArray, B: FloatArray) -> None:
+    """Turn partials B (2, 3) by a point to its axes, zero by what is held: `ground.point_normals`."""
+    _through(B, axes.T, B)
+    for c in range(2):
+        for i in range(3):
+            if not free[i]:
+                B[c, i] = 0.0
+
+
+@inlined
+def _image(r: int, k: int, at: Measured, stations: Stations, by_station: bool, room: Room) -> None:
+    """Set the weighted residual of image r, ray k of its point, and its partials, `room.vector` what it goes to.
+
+    `sightings.images`, `geometry.collinearity.image_partials`, with the derivatives of the rotation M by its angles
+    in closed form: by omega of M v that of v x east, and so on.
+    """
+    n = at.photo[r]
+    cosine, sine = stations.turn[n, 0], stations.turn[n, 1]
+    v0, v1, v2 = room.vector[0], room.vector[1], room.vector[2]
+    x = stations.M[n, 0, 0] * v0 + stations.M[n, 0, 1] * v1 + stations.M[n, 0, 2] * v2
+    y = stations.M[n, 1, 0] * v0 + stations.M[n, 1, 1] * v1 + stations.M[n, 1, 2] * v2
+    depth = stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2
+    scale, of_depth = -stations.focal_length[n] / depth, cosine * x - sine * y
+    turned0 = v1 * stations.axes[n, 0, 2] - v2 * stations.axes[n, 0, 1]  # v x east, about which omega turns
+    turned1 = v2 * stations.axes[n, 0, 0] - v0 * stations.axes[n, 0, 2]
+    turned2 = v0 * stations.axes[n, 0, 1] - v1 * stations.axes[n, 0, 0]
+    for c in range(2):
+        image = x if c == 0 else y
+        root, ratio = math.sqrt(at.weight[r, c]), image / depth
+        factor = scale * root
+        room.residual[k, c] = (scale * image + stations.principal_point[n, c] - at.xy[r, c]) * root
+        b0 = factor * (stations.M[n, c, 0] - ratio * stations.M[n, 2, 0])
+        b1 = factor * (stations.M[n, c, 1] - ratio * stations.M[n, 2, 1])
+        b2 = factor * (stations.M[n, c, 2] - ratio * stations.M[n, 2, 2])
+        room.B[k, c, 0], room.B[k, c, 1], room.B[k, c, 2] = b0, b1, b2
+        if by_station:
+            room.A[k, c, 3] = b0 * turned0 + b1 * turned1 + b2 * turned2
+            room.A[k, c, 4] = factor * ((sine if c else -cosine) * depth - ratio * of_depth)
+            room.A[k, c, 5] = -factor * x if c else factor * y
+            for i in range(3):
+                along = b0 * stations.axes[n, i, 0] + b1 * stations.axes[n, i, 1] + b2 * stations.axes[n, i, 2]
+                room.A[k, c, i] = -along
+
+
+@inlined
+def _images(
+    p: int, at: Measured, stations: Stations, water: Water, known: Known, by_station: bool, room: Room
+) -> bool:
+    """Set the weighted residuals and partials of the images of a point; return whether all cameras see it.
+
+    The partials by the point are along the axes of what is known of it, zero by what is held.
+    """
+    seen, row, g = True, known.row[p], at.point[p]
+    for r in range(at.start[p], at.start[p + 1]):
+        n, k, w = at.photo[r], r - at.start[p], water.row[r]
+        v0 = at.ground[g, 0] - stations.position[n, 0]
+        v1 = at.ground[g, 1] - stations.position[n, 1]
+        v2 = at.ground[g, 2] - stations.position[n, 2]
+        seen &= stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2 < 0.0
+        room.vector[0], room.vector[1], room.vector[2] = v0, v1, v2
+        if w >= 0:
+            _bend(w, water, v0, v1, v2, room.vector, room.by)
+        _image(r, k, at, stations, by_station, room)
+        if w >= 0:
+            if by_station:
+                _through(room.B[k], room.by[0], room.A[k])
+                _through(room.A[k], stations.axes[n].T, room.A[k])
+            _through(room.B[k], room.by[1], room.B[k])
+        if row >= 0:
+            _along_known(known.axes[row], known.free[row], room.B[k])
+    return seen
+
+
+@inlined
+def _inverted(N: FloatArray, out: FloatArray) -> None:
+    """Set `out` to the inverse of a positive matrix N (3, 3), whose lower half counts, by its Cholesky factor."""
+    l00 = 1.0 / math.sqrt(N[0, 0])
+    a, b = N[1, 0] * l00, N[2, 0] * l00
+    l11 = 1.0 / math.sqrt(N[1, 1] - a * a)
+    c = (N[2, 1] - a * b) * l11
+    l22 = 1.0 / math.sqrt(N[2, 2] - b * b - c * c)
+    l10, l21 = -a * l00 * l11, -c * l11 * l22
+    l20 = -(b * l00 + c * l10) * l22
+    out[0, 0], out[1, 1], out[2, 2] = l00 * l00 + l10 * l10 + l20 * l20, l11 * l11 + l21 * l21, l22 * l22
+    out[0, 1] = out[1, 0] = l10 * l11 + l20 * l21
+    out[0, 2] = out[2, 0] = l20 * l22
+    out[1, 2] = out[2, 1] = l21 * l22
+
+
+@inlined
+def point_normals(
+    p: int, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, by_station: bool, room: Room
+) -> float:
+    """Set the normal equations N (3, 3), rhs (3,) of a point and N^-1; return the weighted squares of its images.
+
+    Infinite where it is behind a camera. `ground.point_normals`; `ridge`: what the diagonal has beyond what is
+    observed, of its largest. The images have partials by their stations only where asked for.
+    """
+    row = known.row[p]
+    squares = 0.0 if _images(p, at, stations, water, known, by_station, room) else np.inf
+    n00 = n10 = n11 = n20 = n21 = n22 = b0 = b1 = b2 = 0.0
+    for k in range(at.start[p + 1] - at.start[p]):
+        for c in range(2):
+            x, y, z, v = room.B[k, c, 0], room.B[k, c, 1], room.B[k, c, 2], room.residual[k, c]
+            n00, n11, n22 = n00 + x * x, n11 + y * y, n22 + z * z
+            n10, n20, n21 = n10 + y * x, n20 + z * x, n21 + z * y
+            b0, b1, b2 = b0 - x * v, b1 - y * v, b2 - z * v
+            squares += v * v
+    room.N[0, 0], room.N[1, 1], room.N[2, 2] = n00, n11, n22
+    room.N[1, 0], room.N[2, 0], room.N[2, 1] = n10, n20, n21
+    room.rhs[0], room.rhs[1], room.rhs[2] = b0, b1, b2
+    if row >= 0:
+        for i in range(3):
+            room.N[i, i] += known.weight[row, i] if known.free[row, i] else known.weight[row, i] + 1.0
+            room.rhs[i] += known.pull[row, i]
+    largest = max(room.N[0, 0], room.N[1, 1], room.N[2, 2])
     for i in range(3):
-        N[i, i] += ridge * largest
+        room.N[i, i] += ridge * largest
+    _inverted(room.N, room.inverse)
+    return squares if squares < np.inf else np.inf
 
 
-@compiled
-def _add(
-    p: int, photo: IntArray, A: FloatArray, residual: FloatArray, W: FloatArray, F: FloatArray, sums: Sums,
-    out: Eliminated,
-) -> None:  # fmt: skip
-    """Add a point to the reduced normal equations of its stations: `collinear.reduced`."""
-    m, pair = photo.shape[1], 0
-    blocks = sums.blocks
-    x, y, z = out.shift[p, 0], out.shift[p, 1], out.shift[p, 2]
+@inlined
+def times(N: FloatArray, b: FloatArray) -> tuple[float, float, float]:
+    """Return the product of a matrix (3, 3) and a vector (3,)."""
+    return (
+        N[0, 0] * b[0] + N[0, 1] * b[1] + N[0, 2] * b[2],
+        N[1, 0] * b[0] + N[1, 1] * b[1] + N[1, 2] * b[2],
+        N[2, 0] * b[0] + N[2, 1] * b[1] + N[2, 2] * b[2],
+    )
+
+
+@inlined
+def cross(m: int, room: Room) -> None:
+    """Set W (m, 6, 3) = N_sp and F (m, 3, 6) = N_pp^-1 N_ps of a point: `collinear.eliminate`."""
     for k in range(m):
-        n = photo[p, k]
-        for a in range(_Q):
-            of_point = W[k, a, 0] * x + W[k, a, 1] * y + W[k, a, 2] * z
-            sums.rhs[n, a] -= A[k, 0, a] * residual[k, 0] + A[k, 1, a] * residual[k, 1] + of_point
+        for a in range(Q):
+            x, y = room.A[k, 0, a], room.A[k, 1, a]
+            w0, w1, w2 = (
+                x * room.B[k, 0, 0] + y * room.B[k, 1, 0],
+                x * room.B[k, 0, 1] + y * room.B[k, 1, 1],
+                x * room.B[k, 0, 2] + y * room.B[k, 1, 2],
+            )
+            room.W[k, a, 0], room.W[k, a, 1], room.W[k, a, 2] = w0, w1, w2
+            room.F[k, 0, a] = room.inverse[0, 0] * w0 + room.inverse[1, 0] * w1 + room.inverse[2, 0] * w2
+            room.F[k, 1, a] = room.inverse[1, 0] * w0 + room.inverse[1, 1] * w1 + room.inverse[2, 1] * w2
+            room.F[k, 2, a] = room.inverse[2, 0] * w0 + room.inverse[2, 1] * w1 + room.inverse[2, 2] * w2
+
+
+@inlined
+def _add_blocks(p: int, m: int, pairs: Pairs, room: Room, sums: Sums) -> None:
+    """Add a point to the reduced normal matrix of its stations: `collinear.reduced`."""
+    pair = pairs.start[p]
+    for k in range(m):
+        e = pairs.slot[pair] - sums.first
+        for a in range(Q):
+            x, y = room.A[k, 0, a], room.A[k, 1, a]
+            for b in range(Q):
+                sums.blocks[e, a, b] += x * room.A[k, 0, b] + y * room.A[k, 1, b]
         for other in range(k, m):
-            e = sums.slot[p, pair]
+            e = pairs.slot[pair] - sums.first
             pair += 1
-            for a in range(_Q):
-                w0, w1, w2 = W[k, a, 0], W[k, a, 1], W[k, a, 2]
-                for b in range(_Q):
-                    blocks[e, a, b] -= w0 * F[other, 0, b] + w1 * F[other, 1, b] + w2 * F[other, 2, b]
-        e = sums.slot[p, pair - m + k]
-        for a in range(_Q):
-            for b in range(_Q):
-                blocks[e, a, b] += A[k, 0, a] * A[k, 0, b] + A[k, 1, a] * A[k, 1, b]
+            for a in range(Q):
+                w0, w1, w2 = room.W[k, a, 0], room.W[k, a, 1], room.W[k, a, 2]
+                for b in range(Q):
+                    sums.blocks[e, a, b] -= (
+                        w0 * room.F[other, 0, b] + w1 * room.F[other, 1, b] + w2 * room.F[other, 2, b]
+                    )
 
 
 @compiled
 def eliminate(
-    at: Measured, stations: Stations, water: Water, known: Known, ridge: float, sums: Sums, out: Eliminated
-) -> float:
-    """Add k points to the normal equations of their stations, set how they follow, and return r' N_pp^-1 r of all.
+    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, pairs: Pairs,
+    matrix: bool, sums: Sums, out: Eliminated,
+) -> float:  # fmt: skip
+    """Add points to the normal equations of their stations, set how they follow, and return r' N_pp^-1 r of all.
 
-    `collinear.eliminate` and `collinear.reduced`: N_ss - N_sp N_pp^-1 N_ps, point after point. `ridge`: what the
-    diagonals of N_pp have beyond what is observed, of their largest.
+    `collinear.eliminate` and `collinear.reduced`: N_ss - N_sp N_pp^-1 N_ps, point after point; without `matrix`
+    the right sides only.
     """
-    points, m = at.photo.shape
-    A, B, residual = np.empty((m, 2, _Q)), np.empty((m, 2, 3)), np.empty((m, 2))
-    W, F, room = np.empty((m, _Q, 3)), np.empty((m, 3, _Q)), np.empty((3, 3, 3))
-    N, b, L, inverse = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-    gain = 0.0
-    for p in range(points):
-        _images(p, at, stations, water, room, A, B, residual)
-        if len(known.free):
-            _along_known(p, known, B)
-        _point_normals(A, B, residual, p, known, ridge, N, b)
-        _inverted(N, L, inverse)
+    room, gain = room_for(at.start, rows), 0.0
+    for p in rows:
+        m = at.start[p + 1] - at.start[p]
+        point_normals(p, at, stations, water, known, ridge, True, room)
+        x, y, z = times(room.inverse, room.rhs)
+        gain += x * room.rhs[0] + y * room.rhs[1] + z * room.rhs[2]
+        out.shift[p, 0], out.shift[p, 1], out.shift[p, 2] = x, y, z
         for i in range(3):
-            out.shift[p, i] = inverse[i, 0] * b[0] + inverse[i, 1] * b[1] + inverse[i, 2] * b[2]
-            gain += b[i] * out.shift[p, i]
-        _crossed(m, A, B, W)
-        _followed(m, W, inverse, F)
+            for j in range(3):
+                out.inverse[p, i, j] = room.inverse[i, j]
         for k in range(m):
-            for i in range(3):
-                for a in range(_Q):
-                    out.by_station[p, i, k, a] = F[k, i, a]
-        _add(p, at.photo, A, residual, W, F, sums, out)
+            n = at.photo[at.start[p] + k]
+            v0, v1 = room.residual[k, 0], room.residual[k, 1]
+            v0 += room.B[k, 0, 0] * x + room.B[k, 0, 1] * y + room.B[k, 0, 2] * z
+            v1 += room.B[k, 1, 0] * x + room.B[k, 1, 1] * y + room.B[k, 1, 2] * z
+            for a in range(Q):
+                sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
+        if matrix:
+            cross(m, room)
+            _add_blocks(p, m, pairs, room, sums)
     return gain
 
 
 @compiled
-def _followed(m: int, W: FloatArray, inverse: FloatArray, F: FloatArray) -> None:
-    """Set F (m, 3, 6) = N_pp^-1 N_ps of a point: `collinear.eliminate`."""
-    for k in range(m):
+def follow(
+    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, of: Eliminated, step: FloatArray,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    """Set where points are, rows of out (g, 3), after a step (n, q) of their stations: `collinear.GroupFollow`."""
+    room = room_for(at.start, rows)
+    for p in rows:
         for i in range(3):
-            for a in range(_Q):
-                F[k, i, a] = inverse[i, 0] * W[k, a, 0] + inverse[i, 1] * W[k, a, 1] + inverse[i, 2] * W[k, a, 2]
-
-
-@compiled
-def _crossed(m: int, A: FloatArray, B: FloatArray, W: FloatArray) -> None:
-    """Set W (m, 6, 3) = N_sp of a point."""
-    for k in range(m):
-        for a in range(_Q):
-            for i in range(3):
-                W[k, a, i] = A[k, 0, a] * B[k, 0, i] + A[k, 1, a] * B[k, 1, i]
-
-
-@compiled
-def _of_stations(p: int, m: int, F: FloatArray, inverse: Inverse, G: FloatArray) -> None:
-    """Set G (m, 3, 6) = F Q_ss of the stations of a point."""
-    G[:] = 0.0
-    pair, Q = 0, inverse.blocks
-    for k in range(m):
-        for other in range(k, m):
-            e = inverse.slot[p, pair]
-            pair += 1
-            for i in range(3):
-                for a in range(_Q):
-                    for b in range(_Q):
-                        G[other, i, b] += F[k, i, a] * Q[e, a, b]
-                        if other > k:
-                            G[k, i, a] += F[other, i, b] * Q[e, a, b]
-
-
-@compiled
-def spread(at: Measured, stations: Stations, water: Water, ridge: float, inverse: Inverse, out: Spread) -> None:
-    """Set the cofactors of points of which nothing is known, and of their images.
-
-    `propagation.point_covariances`, Q_xx = N_pp^-1 + F Q_ss F', and `reliability.images`: with partials a by the
-    stations and b by the point, (a - b F) Q_ss (a - b F)' + b N_pp^-1 b' = a Q a' - 2 a Q F' b' + b Q_xx b'.
-    """
-    points, m = at.photo.shape
-    A, B, residual = np.empty((m, 2, _Q)), np.empty((m, 2, 3)), np.empty((m, 2))
-    W, F, G, room = np.empty((m, _Q, 3)), np.empty((m, 3, _Q)), np.empty((m, 3, _Q)), np.empty((3, 3, 3))
-    N, b, L, of_point = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-    nothing = Known(np.empty((0, 3, 3)), np.empty((0, 3), np.bool_), np.empty((0, 3)), np.empty((0, 3)))
-    for p in range(points):
-        _images(p, at, stations, water, room, A, B, residual)
-        _point_normals(A, B, residual, p, nothing, ridge, N, b)
-        _inverted(N, L, of_point)
-        _crossed(m, A, B, W)
-        _followed(m, W, of_point, F)
-        _of_stations(p, m, F, inverse, G)
-        for k in range(m):
-            for i in range(3):
-                for j in range(3):
-                    for a in range(_Q):
-                        of_point[i, j] += G[k, i, a] * F[k, j, a]
-        out.point[p] = of_point
-        _set_images(p, at, A, B, G, inverse, out)
-
-
-@compiled
-def _set_images(
-    p: int, at: Measured, A: FloatArray, B: FloatArray, G: FloatArray, inverse: Inverse, out: Spread
-) -> None:
-    """Set the cofactors of the images of a point, and of these with its position."""
-    m, pair = at.photo.shape[1], 0
-    for k in range(m):
-        n, e = at.photo[p, k], inverse.slot[p, pair]
-        pair += m - k
-        for c in range(2):
-            total = 0.0
-            for a in range(_Q):
-                out.diagonal[n, a] += A[k, c, a] * A[k, c, a]
-                for b in range(_Q):
-                    total += A[k, c, a] * inverse.blocks[e, a, b] * A[k, c, b]
-            for i in range(3):
-                by_station, by_point = 0.0, 0.0
-                for a in range(_Q):
-                    by_station += A[k, c, a] * G[k, i, a]
-                for j in range(3):
-                    by_point += B[k, c, j] * out.point[p, j, i]
-                total += B[k, c, i] * (by_point - 2.0 * by_station)
-                out.covariance[p, k, c, i] = (by_point - by_station) / math.sqrt(at.weight[p, k, c])
-            out.image[p, k, c] = total / at.weight[p, k, c]
-
-
-@compiled
-def squares(at: Measured, stations: Stations, water: Water, out: FloatArray) -> None:
-    """Set the weighted squares (k,) of the images of points, infinite behind a camera: `ground.point_squares`."""
-    points, m = at.photo.shape
-    gap, v, by, M = np.empty(3), np.empty(3), np.empty((2, 3, 3)), stations.M
-    for p in range(points):
-        total = 0.0
-        for k in range(m):
-            n = at.photo[p, k]
-            _vector(p, k, at, stations, water, gap, v, by)
-            if not M[n, 2, 0] * gap[0] + M[n, 2, 1] * gap[1] + M[n, 2, 2] * gap[2] < 0.0:
-                total = np.inf
-            scale = -stations.focal_length[n] / (M[n, 2, 0] * v[0] + M[n, 2, 1] * v[1] + M[n, 2, 2] * v[2])
+            room.rhs[i] = 0.0
+        row = known.row[p]
+        _images(p, at, stations, water, known, True, room)
+        for r in range(at.start[p], at.start[p + 1]):
+            n, k = at.photo[r], r - at.start[p]
             for c in range(2):
-                image = scale * (M[n, c, 0] * v[0] + M[n, c, 1] * v[1] + M[n, c, 2] * v[2])
-                off = image + stations.principal_point[n, c] - at.xy[p, k, c]
-                total += off * off * at.weight[p, k, c]
-        out[p] = total if total < np.inf else np.inf
+                change = 0.0
+                for a in range(Q):
+                    change += room.A[k, c, a] * step[n, a]
+                for i in range(3):
+                    room.rhs[i] += room.B[k, c, i] * change
+        x, y, z = of.shift[p, 0], of.shift[p, 1], of.shift[p, 2]
+        for i in range(3):
+            x -= of.inverse[p, 0, i] * room.rhs[i]
+            y -= of.inverse[p, 1, i] * room.rhs[i]
+            z -= of.inverse[p, 2, i] * room.rhs[i]
+        g = at.point[p]
+        for i in range(3):
+            along = x if i == 0 else y if i == 1 else z
+            if row >= 0:
+                along = known.axes[row, 0, i] * x + known.axes[row, 1, i] * y + known.axes[row, 2, i] * z
+            out[g, i] = at.ground[g, i] + along
+
+
+@compiled
+def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out: FloatArray) -> None:
+    """Set the weighted squares of the images of points, rows of out (g,), infinite behind a camera.
+
+    `ground.point_squares`.
+    """
+    room, M, X, P = room_for(at.start, rows[:0]), stations.M, at.ground, stations.position
+    for p in rows:
+        total, g = 0.0, at.point[p]
+        for r in range(at.start[p], at.start[p + 1]):
+            n = at.photo[r]
+            v0, v1, v2 = X[g, 0] - P[n, 0], X[g, 1] - P[n, 1], X[g, 2] - P[n, 2]
+            if not M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0:
+                total = np.inf
+            if water.row[r] >= 0:
+                _bend(water.row[r], water, v0, v1, v2, room.vector, room.by)
+                v0, v1, v2 = room.vector[0], room.vector[1], room.vector[2]
+            scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
+            for c in range(2):
+                image = scale * (M[n, c, 0] * v0 + M[n, c, 1] * v1 + M[n, c, 2] * v2)
+                off = image + stations.principal_point[n, c] - at.xy[r, c]
+                total += off * off * at.weight[r, c]
+        out[g] = total if total < np.inf else np.inf

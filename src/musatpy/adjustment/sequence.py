@@ -1,0 +1,88 @@
+"""The eliminated points of a network one after the other, as compiled kernels take them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.kernels import points
+    from musatpy.adjustment.network import Network, PointGroup
+
+_MOST = 4  # parts of the work: each has sums of its own
+_PART = 10_000  # rays: less is not worth a thread
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Part:
+    """Some rows of a sequence, and the blocks of the pattern that their pairs lie in: from `first` to `last`."""
+
+    rows: IntArray
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointSequence:
+    """k points and their r rays, in the order of first photos: what they add to stays in the cache."""
+
+    point: IntArray  # (k,)
+    row: IntArray  # (p,) of each point in the sequence, -1 where it is not in it
+    start: IntArray  # (k + 1,) first ray of each
+    rays: IntArray  # (r,) measurements
+    photo: IntArray  # (r,)
+    pairs: points.Pairs
+    first_pair: IntArray  # (n + 1,) of each photo in the pattern
+    _images: dict[str, FloatArray] = field(default_factory=dict, repr=False)  # that were asked for last
+
+    @classmethod
+    def of(cls, kernels: ModuleType, network: Network, groups: Iterable[PointGroup]) -> PointSequence:
+        """Return the sequence of the points of groups of a network."""
+        every = [group for group in groups if len(group.point)]
+        point = np.concatenate([group.point for group in every]) if every else np.zeros(0, dtype=np.int64)
+        size = np.concatenate([np.full(len(g.point), g.rays.shape[1]) for g in every]) if every else point
+        rays = np.concatenate([group.rays.reshape(-1) for group in every]) if every else point
+        before = np.cumsum(size) - size
+        order = np.argsort(network.photo[rays[before]], kind="stable")
+        point, size = point[order], size[order]
+        start = np.concatenate([[0], np.cumsum(size)])
+        rays = rays[np.repeat(before[order] - start[:-1], size) + np.arange(start[-1])]
+        row = np.full(network.points, -1)
+        row[point] = np.arange(len(point))
+        pattern, photo = network.pattern, network.photo[rays]
+        first = np.searchsorted(pattern.pairs[:, 0], np.arange(pattern.count + 1))
+        pairs = kernels.Pairs(
+            start=np.empty(len(point) + 1, dtype=np.int64),
+            slot=np.empty(int(np.sum(size * (size + 1) // 2)), dtype=np.int64),
+        )
+        kernels.find_pairs(start, photo, first, np.ascontiguousarray(pattern.pairs[:, 1]), pairs)
+        return cls(point=point, row=row, start=start, rays=rays, photo=photo, pairs=pairs, first_pair=first)
+
+    def images(self, xy: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return those (r, 2) of the rays, of measured images and weights (m, 2): networks have these in common."""
+        for name, values in (("xy", xy), ("weight", weight)):
+            if self._images.get(f"all {name}") is not values:
+                self._images[f"all {name}"], self._images[name] = values, values[self.rays]
+        return self._images["xy"], self._images["weight"]
+
+    def rows(self, groups: Iterable[PointGroup]) -> IntArray:
+        """Return the rows of the points of groups, ascending."""
+        return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *(self.row[group.point] for group in groups)]))
+
+    def parts(self, rows: IntArray) -> list[Part]:
+        """Return rows in parts of as many rays: how many does not depend on the threads, so that sums do not."""
+        rays = np.cumsum(self.start[rows + 1] - self.start[rows])
+        total = int(rays[-1]) if len(rays) else 0
+        count = min(_MOST, max(1, total // _PART))
+        cut = np.searchsorted(rays, total * np.arange(1, count) / count)
+        return [self._part(piece) for piece in np.split(rows, cut) if len(piece)]
+
+    def _part(self, rows: IntArray) -> Part:
+        photo = self.photo[self.start[rows[0]] : self.start[rows[-1] + 1]]  # the first of them is the lowest
+        return Part(rows=rows, first=int(self.first_pair[photo[0]]), last=int(self.first_pair[photo.max() + 1]))

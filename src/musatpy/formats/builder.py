@@ -1,0 +1,388 @@
+"""Blocks made in Python: what is said of cameras, photos, images and control, checked as decks are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from musatpy.errors import DeckError, Problem, nearest_or_all
+from musatpy.formats import assembly, mapping, system_rows
+from musatpy.formats.cards.deck import CardTable, read_cards
+from musatpy.formats.cards.images import card_images
+from musatpy.formats.cards.spec import CardSpec
+from musatpy.formats.checks import cross_check
+from musatpy.formats.draft import ROLES, Draft, Rows, attributes, draft_of, draft_of_rows
+from musatpy.formats.musat import card_family, has_errors
+from musatpy.formats.parts import blank
+from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Options, WaterConditions
+
+Texts = str | Sequence[str] | NDArray[np.str_]
+Triple = ArrayLike | None
+
+_ANY = "add"  # the call that fills any role
+# What people call that fills a role.
+_CALLS = {
+    "titles": "BlockBuilder",
+    "options": "BlockBuilder",
+    "more_options": "BlockBuilder",
+    "ellipsoid": "BlockBuilder",
+    "water": "water",
+    "water_conditions": "water",
+    "cameras": "add_camera",
+    "stations": "add_photo",
+    "attitudes": "add_photo",
+    "tides": "add_photo",
+    "plates": "add_images",
+    "control": "add_control",
+    "equal_elevations": "add_equal_elevations",
+    "air_bases": "add_air_base",
+    "distances": "add_distance",
+    "height_differences": "add_height_difference",
+}
+_FLAG = "points.bathymetric"
+_OPTIONS = 1  # number of the row of the options, before all that calls add
+_NEEDED = {"cameras": "a camera", "plates": "images"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Chunk:
+    """Rows of a role that one call has added."""
+
+    role: str
+    start: int  # number of its first row among all that were added
+    count: int
+    call: str
+    ids: tuple[NDArray[Any], ...]  # (count,) what the rows are called
+    values: dict[str, NDArray[Any]]  # model attribute -> (count, ...)
+
+    def label(self, line: int) -> str:
+        """Return the call that has added a row, with what that is about."""
+        about = dict.fromkeys(str(ids[line - self.start]) for ids in self.ids)
+        names = [name for name in ([self.role] if self.call == _ANY else []) + list(about) if name]
+        return f"{self.call}({', '.join(map(repr, names))})"
+
+
+class BlockBuilder:
+    """A block, call by call; `build` checks it as a deck is checked, and says all that is wrong with it at once.
+
+    Positions, attitudes, plate coordinates and sigmas are those of a `Block`: latitude, longitude in radians and
+    height in metres in geographic jobs, else metres; radians; plate millimetres. Names may have any length; a deck
+    holds 8 characters. A row that one of the calls below does not know is said by `add`.
+    """
+
+    def __init__(self, *titles: str, ellipsoid: EllipsoidSpec | str | None = None, **options: Any) -> None:
+        """Begin a block with titles, the ellipsoid of a job that is not local, and attributes of `Options`."""
+        self._chunks: list[_Chunk] = []
+        self._slips: list[Problem] = []
+        self._options = self._options_of(options)
+        if titles:
+            self.add("titles", titles=titles)
+        if ellipsoid is not None:
+            spec = EllipsoidSpec(name=ellipsoid) if isinstance(ellipsoid, str) else ellipsoid
+            self._take("ellipsoid", assembly.single_values(spec, "ellipsoid"))
+
+    def add_camera(
+        self,
+        camera: str,
+        focal_length: float,
+        *,
+        principal_point: ArrayLike = (0.0, 0.0),
+        format_size: ArrayLike | None = None,
+    ) -> None:
+        """Add a camera: focal length, principal point and format (x, y), mm."""
+        values = {"focal_length": focal_length, "principal_point": principal_point, "format_size": format_size}
+        self.add("cameras", ids=camera, **values)
+
+    def add_photo(
+        self,
+        photo: str,
+        camera: str = "",
+        position: Triple = None,
+        attitude: Triple = None,
+        *,
+        position_sigma: Triple = None,
+        attitude_sigma: Triple = None,
+        tide: float | None = None,
+        tide_sigma: float | None = None,
+        tide_group: str = "",
+        tide_day: str = "",
+        time: float | None = None,
+    ) -> None:
+        """Add a photo: its camera, exposure station, attitude (X-tilt, Y-tilt, heading), and the water at it.
+
+        Without a camera it is of the only one. Without sigmas position and attitude are starting values; where
+        `initial` is COMPUTE they need not be given. `tide` is the height of the water at the exposure, m.
+        """
+        if position is not None or camera:
+            self.add("stations", ids=photo, camera=camera, position=position, position_sigma=position_sigma)
+        if attitude is not None:
+            self.add("attitudes", ids=photo, attitude=attitude, attitude_sigma=attitude_sigma)
+        water = {
+            "tide": tide,
+            "tide_sigma": tide_sigma,
+            "tide_group": tide_group,
+            "tide_day": tide_day,
+            "time": time,
+        }
+        if any(value is not None and value != "" for value in water.values()):
+            self.add("tides", ids=photo, **water)
+
+    def add_images(
+        self,
+        photo: Texts,
+        points: Texts,
+        xy: ArrayLike,
+        *,
+        sigma: ArrayLike | None = None,
+        triangulated: ArrayLike = True,
+        submerged: ArrayLike = False,
+    ) -> None:
+        """Add images of points (k,) on a photo, or on photos (k,): plate coordinates (k, 2) mm.
+
+        `sigma` is of all, of x and y, or (k, 2), mm; those not `triangulated` are kept out of the solution. A point
+        that is `submerged` in one call is submerged.
+        """
+        flags = {"triangulated": triangulated, "bathymetric": submerged}
+        self.add("plates", photo=photo, point=points, xy=xy, sigma=sigma, **flags)
+
+    def add_control(
+        self,
+        point: str,
+        position: ArrayLike,
+        kind: str = "F",
+        *,
+        sigma: Triple = None,
+        fixed: bool = False,
+        submerged: bool = False,
+    ) -> None:
+        """Add a control point: `F` full, `H` horizontal, `V` vertical, `C` check; sigmas east, north, up, m.
+
+        NaN, or None, stands for a component that is not given; a `fixed` point needs no sigmas.
+        """
+        values = {"kind": kind, "fixed": fixed, "position": position, "sigma": sigma}
+        self.add("control", point=point, bathymetric=submerged, **values)
+
+    def water(
+        self,
+        index: float | None = None,
+        *,
+        sigma: float | None = None,
+        tilt: ArrayLike | None = None,
+        tilt_sigma: float | None = None,
+        conditions: WaterConditions | None = None,
+    ) -> None:
+        """Say what the water is: refractive index, or what it comes from; tilt towards east and north, rad."""
+        if tilt is not None and np.shape(tilt) != (2,):
+            self._slip("water", f"tilt: has the shape {np.shape(tilt)}; expected (2,)")
+            tilt = None
+        east, north = (None, None) if tilt is None else np.asarray(tilt, dtype=float).tolist()
+        if conditions is not None:
+            self._take("water_conditions", assembly.single_values(conditions, "water_conditions"))
+        given = {"index": index, "sigma": sigma, "tilt_east": east, "tilt_north": north, "tilt_sigma": tilt_sigma}
+        if any(value is not None for value in given.values()) or conditions is None:
+            self.add("water", **given)
+
+    def add_equal_elevations(self, group: str, points: Sequence[str], sigma: float) -> None:
+        """Add points that lie on one level; `sigma` of each about it, m."""
+        self.add("equal_elevations", ids=group, sigma=sigma, point=[list(points)])
+
+    def add_air_base(self, photos: Sequence[str], length: float, sigma: float) -> None:
+        """Add the distance between two exposure stations, m."""
+        self.add("air_bases", photo=[list(photos)], length=length, sigma=sigma)
+
+    def add_distance(self, points: Sequence[str], length: float, sigma: float) -> None:
+        """Add the straight distance between two points, m (IIIA)."""
+        self.add("distances", point=[list(points)], length=length, sigma=sigma)
+
+    def add_height_difference(self, points: Sequence[str], difference: float, sigma: float) -> None:
+        """Add the height of the second of two points above the first, m (IIIA)."""
+        self.add("height_differences", point=[list(points)], difference=difference, sigma=sigma)
+
+    def add(self, role: str, **columns: Any) -> None:
+        """Add rows of any kind (`fiducials`, `waves`, `reduction`, ...), by the names that the model has for them.
+
+        Values are of one row, or (k, ...) of k rows; what is left out is blank, as on a card.
+        """
+        known = {path.rpartition(".")[2]: path for path in attributes(role)} if role in ROLES else {}
+        if role in system_rows.TABLES or not known:
+            self._slip(f"add({role!r})", f"nothing is called so{nearest_or_all(role, ROLES)}")
+            return
+        values: dict[str, NDArray[Any]] = {}
+        for name, value in columns.items():
+            if name not in known:
+                self._slip(_CALLS.get(role, f"add({role!r})"), f"no '{name}' here{nearest_or_all(name, known)}")
+            elif value is not None:
+                try:
+                    values[known[name]] = _column(role, known[name], value)
+                except (ValueError, TypeError) as error:
+                    self._slip(_CALLS.get(role, f"add({role!r})"), f"{name}: {error}")
+                    return
+        self._take(role, values)
+
+    def check(self) -> tuple[Problem, ...]:
+        """Return every problem, warnings among them, in the order of the calls."""
+        return self._checked()[1]
+
+    def build(self) -> Block:
+        """Return the block. Raises `DeckError` with every problem where there is an error."""
+        draft, problems = self._checked()
+        if has_errors(problems):
+            raise DeckError(problems)
+        return assembly.block_of(draft)
+
+    def _options_of(self, given: dict[str, Any]) -> Options:
+        """Return the options; what cannot be is a problem."""
+        options, known = Options(), [field.name for field in fields(Options)]
+        for name, value in given.items():
+            if name not in known:
+                self._slip("BlockBuilder", f"no option '{name}'{nearest_or_all(name, known)}")
+                continue
+            kind = type(getattr(options, name))
+            try:
+                options = replace(options, **{name: kind(value)})
+            except (ValueError, TypeError):
+                meant = nearest_or_all(str(value), list(kind)) if issubclass(kind, StrEnum) else ""
+                self._slip("BlockBuilder", f"{name}: {value!r} is no {kind.__name__}{meant}")
+        return options
+
+    def _slip(self, call: str, message: str) -> None:
+        self._slips.append(Problem(card=call, message=message, line=self._next()))
+
+    def _next(self) -> int:
+        return self._chunks[-1].start + self._chunks[-1].count if self._chunks else _OPTIONS + 1
+
+    def _take(self, role: str, values: dict[str, NDArray[Any]]) -> None:
+        """Add rows to a role; those of one value are as many as the others."""
+        call = _CALLS.get(role, _ANY)
+        count = max((len(value) for value in values.values()), default=1)
+        if any(len(value) not in (1, count) for value in values.values()):
+            sizes = ", ".join(f"{path.rpartition('.')[2]} {len(value)}" for path, value in values.items())
+            self._slip(call, f"not as many rows of each: {sizes}")
+            return
+        full = {path: values[path] if path in values else blank(role, path, 1) for path in attributes(role)}
+        full = {
+            path: np.repeat(value, count, axis=0) if len(value) < count else value for path, value in full.items()
+        }
+        ids = [path for path, about in attributes(role).items() if about.identity or about.key]
+        ids = ids or [path for path, about in attributes(role).items() if about.link][:1]
+        names = tuple(
+            full[path].reshape(count, -1)[:, number] for path in ids for number in range(_width(full[path]))
+        )
+        self._chunks.append(_Chunk(role=role, start=self._next(), count=count, call=call, ids=names, values=full))
+
+    def _checked(self) -> tuple[Draft, tuple[Problem, ...]]:
+        draft = self._draft()
+        problems = [*self._slips, *(self._placed(problem) for problem in cross_check(draft))]
+        for role, what in _NEEDED.items():
+            if not len(draft.rows[role]):
+                problems.append(Problem(message=f"the block needs {what}: {_CALLS[role]}"))
+        problems.sort(key=lambda problem: problem.line or 0)
+        return draft, tuple(replace(problem, line=None) for problem in problems)
+
+    def _draft(self) -> Draft:
+        family = card_family()
+        base = draft_of(read_cards(b"", family), family)
+        rows: dict[str, Rows] = {}
+        tables: dict[str, CardTable] = {}
+        chunks = [*self._chunks, *self._of_options(base)]
+        flagged = [
+            chunk.values[f"{chunk.role}.point"][chunk.values[_FLAG]] for chunk in chunks if _FLAG in chunk.values
+        ]
+        submerged = np.concatenate(flagged) if flagged else np.zeros(0, dtype=np.str_)
+        for role, empty in base.rows.items():
+            if role in system_rows.TABLES:
+                rows[role] = empty
+                continue
+            spec = self._spec(role, empty.specs)
+            rows[role] = _rows(role, spec, [chunk for chunk in chunks if chunk.role == role], empty)
+            if _FLAG in empty.values and len(rows[role]):
+                rows[role].values[_FLAG] = np.isin(rows[role][f"{role}.point"], submerged)
+            if len(rows[role]) and role != "equal_elevations":  # groups have as many points as they have
+                columns = mapping.scatter(spec, rows[role].values)
+                tables[f"{role} {spec.mnemonic}"] = CardTable(spec=spec, columns=columns, lines=rows[role].lines)
+        images = card_images(b"\n" * max((chunk.start + chunk.count for chunk in chunks), default=1))
+        return draft_of_rows(rows, replace(base.deck, file="", tables=tables, problems=(), images=images))
+
+    def _of_options(self, base: Draft) -> Iterable[_Chunk]:
+        """Yield the options as rows of the roles whose cards have them."""
+        values = assembly.single_values(self._options, "options")
+        for role in ("options", "more_options"):
+            paths = [slot.path for spec in base.rows[role].specs for slot in mapping.slots(spec)]
+            of_role = {path: values[path] for path in paths}
+            yield _Chunk(role=role, start=_OPTIONS, count=1, call=_CALLS[role], ids=(), values=of_role)
+
+    def _spec(self, role: str, specs: tuple[CardSpec, ...]) -> CardSpec:
+        """Return the card of a role that has its units, by the name of the call in place of its own."""
+        geographic = self._options.system is CoordinateSystem.GEOGRAPHIC
+        angular = [spec for spec in specs if mapping.is_angular(spec, ROLES[role])]
+        plain = [spec for spec in specs if spec not in angular]
+        wanted = angular if (geographic and angular) or not plain else plain
+        spec = next(spec for spec in wanted if not mapping.has_stated_unit(spec))
+        return replace(spec, mnemonic=_CALLS.get(role, f"add({role!r})"))
+
+    def _placed(self, problem: Problem) -> Problem:
+        """Return a problem of a card as one of the call that has added it."""
+        message = re.sub(r" on line (\d+)", lambda found: f" by {self._label(int(found[1]))}", problem.message)
+        message = re.sub(rf"\b({'|'.join(sorted(set(_CALLS.values())))}) card\b", r"\1", message)
+        message = re.sub(r"\bthe deck\b", "the block", message)
+        card = None if problem.card is None else self._label(problem.line) if problem.line else problem.card
+        return replace(problem, message=message, card=card, file=None, columns=None, text=None)
+
+    def _label(self, line: int) -> str:
+        chunk = next((one for one in reversed(self._chunks) if one.start <= line), None)
+        return chunk.label(line) if chunk and line < chunk.start + chunk.count else _CALLS["options"]
+
+
+def _rows(role: str, spec: CardSpec, chunks: Sequence[_Chunk], empty: Rows) -> Rows:
+    """Return the rows of a role that calls have added, none where there are no such calls."""
+    if not chunks:
+        return replace(empty, specs=(spec,))
+    lines = np.concatenate([np.arange(chunk.start, chunk.start + chunk.count) for chunk in chunks])
+    values = {path: _stacked([chunk.values[path] for chunk in chunks]) for path in chunks[0].values}
+    return Rows(role=role, specs=(spec,), kind=np.zeros(len(lines), dtype=np.int64), lines=lines, values=values)
+
+
+def _stacked(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return the rows of all parts; of lists of names, the shorter ones end in blanks."""
+    if parts[0].ndim == 2 and parts[0].dtype.kind == "U":
+        width = max(part.shape[1] for part in parts)
+        parts = [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values="") for part in parts]
+    return np.concatenate(parts)
+
+
+def _width(values: NDArray[Any]) -> int:
+    return int(np.prod(values.shape[1:], dtype=int))
+
+
+def _column(role: str, path: str, value: Any) -> NDArray[Any]:
+    """Return values of an attribute (k, ...): of one row, or of k. Raises `ValueError` for another shape."""
+    codes = mapping.CODES.get(path)
+    like = blank(role, path, 0)
+    if codes is not None and not isinstance(value, bool | np.ndarray):
+        return np.array([_decoded(one, codes) for one in ([value] if isinstance(value, str | int) else value)])
+    array = np.asarray(value, dtype=np.str_ if like.dtype.kind == "U" else like.dtype)
+    components = like.shape[1:]
+    if path == "equal_elevations.point":
+        return np.atleast_2d(array)
+    if components and array.ndim == 0:
+        array = np.broadcast_to(array, components)
+    array = array if array.ndim > len(components) else array[np.newaxis]
+    if array.shape[1:] != components:
+        expected = " and ".join(str(shape) for shape in (components, ("k", *components)) if shape)
+        raise ValueError(f"has the shape {np.shape(value)}; expected {expected.replace(chr(39), '')}")
+    return array
+
+
+def _decoded(value: Any, codes: Any) -> Any:
+    """Return what a letter of a deck stands for; values stand for themselves."""
+    if value in codes:
+        return codes[value]
+    if value in codes.values():
+        return value
+    raise ValueError(f"{value!r} is not one of {', '.join(filter(None, codes))}")
