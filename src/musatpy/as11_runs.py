@@ -7,22 +7,26 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from musatpy.compilation.against_run import against_run
 from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.file_places import places_of
 from musatpy.compilation.joined_surfaces import Of
+from musatpy.compilation.loop import Loop
 from musatpy.compilation.profiles import CompiledProfile, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
+from musatpy.compilation.stage_chains import RawLoop, chain_of
 from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
-from musatpy.errors import CompilationError, DeckError, InterchangeError, Problem, ProblemsError
+from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_cards import place_of_model, place_of_reading
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.formats.musat import check_deck
+from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_setup, run_comparison
@@ -64,7 +68,7 @@ def compile_deck(
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
 
     With profiles also `NAME.profiles.csv`, with contours `NAME.contours.csv` and `NAME.heights.csv`, with grids of
-    posts `NAME.GRID.csv`, and with `plots` the pictures of contours, `NAME.contours.png` and `.pdf`; with `gis`
+    posts `NAME.GRID.csv`; with `plots` the pictures of the record and of contours, `NAME.contours.png`; with `gis`
     `NAME.gpkg`, `NAME.dxf` and `NAME.GRID.tif`, with `las` `NAME.las`, all of them in the system `crs` where it is
     given; with `csv` the tables of the listing, in `NAME_tables`; `anyway` also on a run that has not converged.
     Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises `OSError` where
@@ -81,19 +85,19 @@ def compile_deck(
     sections = compilation.sections_of(result, against, profiles, scans, bottoms, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
-    values = dumps(compilation.record_of(result, against, profiles, scans, bottoms, warnings))
-    files = {listing: text.encode(), record: values.encode()}
+    values = compilation.record_of(result, against, profiles, scans, bottoms, warnings)
+    files = {listing: text.encode(), record: dumps(values).encode()}
     if csv:
         folder = listing.with_name(f"{deck.stem}_tables")
         files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
     files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(result, profiles, bottoms)}
-    for bottom in bottoms if plots else ():
-        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottom)}
+    if plots:
+        files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottoms, values)}
     layers = _layers(result, bottoms, crs) if gis or las else {}
     write_files(files)
     written = [*files, *(_for_gis(result, bottoms, layers, listing) if gis else ())]
     written += _point_cloud(layers, listing) if las else ()
-    of_globe, refused = _as_geojson(layers, listing) if gis and crs else ([], [])
+    of_globe, refused = write_each(layers, listing.with_suffix("")) if gis and crs else ([], [])
     return CompileResult(
         status=ExitStatus.DONE,
         problems=tuple(problems),
@@ -211,6 +215,23 @@ def run_of(path: Path, anyway: bool = False) -> Triangulation:
         raise CompilationError(_of_file(path, error)) from error
 
 
+def raw_loop(loop: Loop, deck: Path) -> RawLoop:
+    """Return a loop whose stages are read raw, by the interior orientation of a compilation deck.
+
+    Raises `DeckError` and `CompilationError` where the deck has none of both photos, and `OSError`.
+    """
+    stereo = loop.stereo
+    contents, _ = read_compilation(deck, stereo.run.block)
+    if contents.raw is None:
+        message = "its stages are refined: an interior orientation needs a RED RAW card"
+        raise CompilationError([Problem(file=str(deck), message=message)])
+    left, right = (str(stereo.run.block.photos.ids[row]) for row in stereo.photos)
+    try:
+        return RawLoop(loop=loop, chain=chain_of(contents.raw, left, right))
+    except ProblemsError as error:
+        raise CompilationError(_of_file(deck, error)) from error
+
+
 def compiled_deck(run: Path, deck: Path, anyway: bool = False) -> tuple[Compiled, list[Problem]]:
     """Return what came of a deck on a run, and warnings.
 
@@ -292,21 +313,6 @@ def _for_gis(
         yield path
 
 
-def _as_geojson(layers: dict[str, Points | Lines], listing: Path) -> tuple[list[Path], list[str]]:
-    """Write layers as GeoJSON, which is of WGS 84; return where they are, and why one cannot be."""
-    from musatpy.interchange import geojson
-
-    written, refused = [], []
-    for name, layer in layers.items():
-        path = listing.with_suffix(f".{name}.geojson")
-        try:
-            geojson.write(path, layer)
-            written.append(path)
-        except InterchangeError as error:
-            refused.append(f"no {path.name}: {error.problems[0].message}")
-    return written, refused
-
-
 def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[Path]:
     """Write the points with their columns of numbers as a LAS file, and yield where it is."""
     from musatpy.interchange import las
@@ -318,12 +324,17 @@ def _point_cloud(layers: dict[str, Points | Lines], listing: Path) -> Iterator[P
     yield path
 
 
-def _pictures(result: Compiled, bottom: Bottom) -> Iterator[tuple[str, bytes]]:
-    """Yield the names and contents of the contours as a PNG and as a page of PDF."""
+def _pictures(result: Compiled, bottoms: Sequence[Bottom], record: dict[str, Any]) -> Iterator[tuple[str, bytes]]:
+    """Yield the names and contents of the pictures of a record, and of the contours as a PNG and a page of PDF."""
     from musatpy.compilation.pictures import contour_pictures  # few users draw
+    from musatpy.plots.gallery import COMPILED, rendered
 
-    for kind, data in contour_pictures(result, bottom).items():
-        yield f"{_OF[bottom.of]}.{kind}", data
+    for picture in COMPILED:
+        if found := rendered(picture, record):
+            yield f"{picture.name}.{found[0]}", found[1]
+    for bottom in bottoms:
+        for kind, data in contour_pictures(result, bottom).items():
+            yield f"{_OF[bottom.of]}.{kind}", data
 
 
 def _of_file(path: Path, error: ProblemsError) -> list[Problem]:

@@ -1,20 +1,38 @@
-"""A figure of matplotlib, and how it becomes the bytes of a PNG file, or a page of PDF."""
+"""A figure of matplotlib, and how it becomes the bytes of a PNG or SVG file, or a page of PDF."""
 
 from __future__ import annotations
 
-from io import BytesIO
+import re
+from io import BytesIO, StringIO
 from typing import Any
 
 from musatpy.errors import MusatError
 
+_COLOURS = 128
+_FONT = "'DejaVu Sans', Verdana, sans-serif"
+_TAG = re.compile(r"<[^>]*>")
+_DIGITS = re.compile(r"(\d+\.\d{2})\d+")  # of a tag, beyond a hundredth of a point
+# What makes an SVG file half as long and changes no picture: pattern -> what stands for it.
+_SHORTER = (
+    (re.compile(r" ?font-family: [^;\"]*;?"), ""),  # stated once
+    (re.compile(r"\*\{stroke-linejoin"), f"text{{font-family: {_FONT}}} *{{stroke-linejoin"),
+    (re.compile(r' transform="rotate\(-0 [^)]*\)"'), ""),
+    (re.compile(r"\n\s*"), "\n"),
+)
 
-def new_figure(width: float, height: float) -> Any:
-    """Return an empty figure of the given size (inches). Raises `MusatError` where matplotlib is missing."""
+
+def check_matplotlib() -> Any:
+    """Return the class of figures of matplotlib. Raises `MusatError` where that is missing."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MusatError("pictures need matplotlib: pip install 'musatpy[plots]'") from error
-    return Figure(figsize=(width, height), layout="constrained")
+    return Figure
+
+
+def new_figure(width: float, height: float) -> Any:
+    """Return an empty figure of the given size (inches). Raises `MusatError` where matplotlib is missing."""
+    return check_matplotlib()(figsize=(width, height), layout="constrained")
 
 
 def png(figure: Any) -> bytes:
@@ -24,8 +42,32 @@ def png(figure: Any) -> bytes:
     return buffer.getvalue()
 
 
+def small_png(figure: Any) -> bytes:
+    """Return the figure as `png` does, in colours of a palette: a third as long, and the same to the eye."""
+    from PIL import Image  # matplotlib needs it
+
+    buffer = BytesIO()
+    with Image.open(BytesIO(png(figure))) as image:
+        flat = image.convert("RGB").quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        flat.save(buffer, format="png", optimize=True)
+    return buffer.getvalue()
+
+
 def pdf(figure: Any) -> bytes:
     """Return the figure as a page of PDF, without its date: the same figure gives the same bytes."""
     buffer = BytesIO()
     figure.savefig(buffer, format="pdf", metadata={"CreationDate": None, "Producer": None, "Creator": None})
     return buffer.getvalue()
+
+
+def svg(figure: Any, salt: str) -> bytes:
+    """Return the figure as SVG, its texts as texts; the same figure and salt of its ids give the same bytes."""
+    from matplotlib import rc_context
+
+    text = StringIO()
+    with rc_context({"svg.hashsalt": salt, "svg.fonttype": "none"}):
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    short = _TAG.sub(lambda tag: _DIGITS.sub(r"\1", tag[0]), text.getvalue())
+    for pattern, other in _SHORTER:
+        short = pattern.sub(other, short)
+    return short.encode()

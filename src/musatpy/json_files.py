@@ -56,23 +56,27 @@ def _whole(text: str) -> int:
     return int(_finite(text)) if len(text) > _DIGITS else int(text)
 
 
-def read_record(path: Path, needs: Needs, optional: Needs | None = None) -> dict[str, Any]:
+def read_record(
+    path: Path, needs: Needs, optional: Needs | None = None, *, schema: Schema | None = None, what: str = "run"
+) -> dict[str, Any]:
     """Return what is needed of the record of a run, where it is as its schema says: tables as columns.
 
     A table has a list for each of its fields, with one entry per row; in records of schema 1, which have a list of
     rows, it is turned into these. What is `optional` may be missing, as in records of earlier versions. Raises
     `RecordError` with the places where it is not as it should be, `OSError`.
+    `schema`: that of the record of something else than a run, whose first field is its version, and `what` that is.
     """
     record = _loaded(path)
-    schema = _schema()
-    ours = str(schema["properties"]["schema_version"]["const"])
-    version = record.get("schema_version") if isinstance(record, dict) else None
+    schema = _schema() if schema is None else schema
+    key = next(iter(schema["properties"]))
+    ours = str(schema["properties"][key]["const"])
+    version = record.get(key) if isinstance(record, dict) else None
     if not isinstance(version, str):
-        raise RecordError([Problem(file=str(path), message="is not the record of a run")])
+        raise RecordError([Problem(file=str(path), message=f"is not the record of a {what}")])
     by_rows = version.split(".")[0] == _BY_ROWS
     if not by_rows and version.split(".")[0] != ours.split(".")[0]:
         message = f"is a record of schema {version}, and this program reads {_BY_ROWS}.x and {ours}"
-        raise RecordError([Problem(file=str(path), field="schema_version", message=message)])
+        raise RecordError([Problem(file=str(path), field=key, message=message)])
     wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
     said = _with_rows(wanted) if by_rows else wanted
     if not _fits([record], said):

@@ -113,6 +113,8 @@ def run_deck(
         return _unusable(deck, problems)
     folder = _folder(deck, out_dir)
     listing, place = (folder / f"{deck.stem}.{ending}" for ending in ("lst", "json"))
+    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
+    punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
     try:
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
@@ -120,13 +122,8 @@ def run_deck(
             sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
             text = printed(statistics, sections, carriage_control=carriage_control, date=date).encode()
             tables = _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
-    except ProblemsError as error:
-        return _unusable(deck, (*error.problems, *problems))
-    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
-    punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
-    begin(progress, "record")
-    recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
-    try:
+        begin(progress, "record")
+        recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
         with numerics("the record of the solution"):  # made while it is written
             write_files({listing: text, **recorded, **tables, **edited, **punched}, () if recorded else (place,))
     except ProblemsError as error:

@@ -17,6 +17,9 @@ ROOT = Path(__file__).parents[2]
 LOOP, PRINTED = "compilation/test_loop.py", "compilation/test_printed.py"
 POINTS, COMPILE = "compilation/test_true_points.py", "compilation/test_compile_command.py"
 WAVES = "compilation/test_runs_with_waves.py"
+CHAINS, VIEWS = "compilation/test_stage_chains.py", "compilation/test_views_of_points.py"
+LAGS, SCANS, LEVELS = "surfaces/test_lags.py", "compilation/test_profile_scans.py", "compilation/test_levels.py"
+POSTS = "surfaces/test_grid_contours.py"
 DIFFERENCES, AGAINST = "soundings/test_differences.py", "compilation/test_against_run.py"
 
 MUTATIONS = [
@@ -38,6 +41,44 @@ MUTATIONS = [
      "self.run.block.photos.tide[list(self.photos)][::-1]", LOOP),
     ("compilation/model_points.py", "[-1.0, 1.0]", "[1.0, -1.0]", "compilation/test_model_points.py"),
     ("compilation/model_points.py", "0.5 * np.nan_to_num", "np.nan_to_num", "compilation/test_model_points.py"),
+    # raw stages
+    ("compilation/stage_chains.py", "for step in reversed(self.bent)", "for step in self.bent", CHAINS),
+    ("compilation/stage_chains.py", "H = step.matrix() @ H", "H = H @ step.matrix()", CHAINS),
+    ("compilation/stage_chains.py", "np.eye(2) + step.distortion_partials", "np.eye(2) - step.distortion_partials",
+     CHAINS),
+    ("compilation/stage_chains.py", "_backwards(step, before, xy) @ partials", "partials", CHAINS),
+    ("compilation/stage_chains.py", "by_plate @ refined.by_mark", "refined.by_mark", CHAINS),
+    ("compilation/stage_chains.py", "H[:2, :2] - read[..., None]", "H[:2, :2] + read[..., None]", CHAINS),
+    ("reduction/nadir.py", "scale = 1.0 - n[2]", "scale = 1.0 + n[2]", CHAINS),
+    ("reduction/nadir.py", "squared / t - t)", "squared / t + t)", CHAINS),
+    ("compilation/driving.py", "path[:, 1:] * unit", "path[:, 1:]", CHAINS),
+    # the points
+    ("compilation/views_of_points.py", "-np.einsum", "np.einsum", VIEWS),
+    ("compilation/views_of_points.py", "submerged & (wet.sum(axis=1) == 1)", "submerged & (wet.sum(axis=1) == 2)",
+     VIEWS),
+    ("compilation/views_of_points.py", "(off, PARALLAX)", "(~off, PARALLAX)", VIEWS),
+    ("compilation/answers.py", "np.swapaxes(rates, 1, 2)", "rates", VIEWS),
+    ("compilation/answers.py", "coordinates_of(system, apparent)", "coordinates_of(system, place)", VIEWS),
+    ("compilation/setups.py", "np.square(self.sigma[:, 2]) - np", "np.square(self.sigma[:, 2]) + np",
+     "compilation/test_setups.py"),
+    # profiles, their lag and their pace
+    ("surfaces/lags.py", "-2.0 * direction", "2.0 * direction", LAGS),
+    ("surfaces/lags.py", "-2.0 * direction", "-1.0 * direction", LAGS),
+    ("surfaces/lags.py", "np.array([-0.5, 1.0, -0.5])", "np.array([-0.5, 1.0, 0.5])", LAGS),
+    ("surfaces/lags.py", "share[place :", "share[0 * place :", LAGS),
+    ("surfaces/profiles.py", "np.square(1.0 - part) * variance[after - 1]", "variance[after - 1]", SCANS),
+    ("compilation/profiles.py", "places[:, 2] = height", "places[:, 2] = -height", SCANS),
+    ("compilation/profiles.py", "off = sign * (xy", "off = (xy", SCANS),
+    ("compilation/profiles.py", "+ sign * number * spacing", "- sign * number * spacing", SCANS),
+    ("compilation/profiles.py", "1 if line.line % 2 else -1", "-1 if line.line % 2 else 1", SCANS),
+    ("compilation/profiles.py", "axis=2).max(axis=1)", "axis=2).min(axis=1)", SCANS),
+    ("formats/compilation_deck.py", "int(first) - 1 + known", "int(first) + known - 2", SCANS),
+    # levels and the datum in a grid
+    ("compilation/datums.py", "height[known] += ", "height[known] -= ", LEVELS),
+    ("compilation/joined_surfaces.py", "datum.over(at_zero) - depth", "datum.over(at_zero) + depth", LEVELS),
+    ("compilation/joined_surfaces.py", "depth >= -spec.drying", "depth >= spec.drying", LEVELS),
+    ("surfaces/grid_contours.py", "xy[::-1]", "xy", POSTS),
+    ("surfaces/grid_contours.py", "corner[1] + spacing", "corner[1] - spacing", POSTS),
     # the modes
     ("compilation/printed.py", "/ index  # (5.7)", "* index  # (5.7)", PRINTED),
     ("compilation/printed.py", "r = -(tangent", "r = (tangent", PRINTED),

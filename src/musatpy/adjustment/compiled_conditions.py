@@ -46,12 +46,15 @@ class CompiledPassPoints(CompiledRows):
             wet=tuple(group.part(of_group) for group, of_group in parts if of_group.any()),
         )
 
-    def add_conditions(self, state: State, normals: NormalEquations) -> None:
-        """Add the conditions of the points with full weights, linearised at their adjusted images."""
+    def add_conditions(self, state: State, normals: NormalEquations, matrix: bool = True) -> None:
+        """Add the conditions of the points with full weights, linearised at their adjusted images.
+
+        Without `matrix` to the right sides only.
+        """
         at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
 
         def work(part: Part, sums: points.Sums) -> None:
-            self.conditions.add_conditions(part.rows, at, stations, sequence.pairs, sums)
+            self.conditions.add_conditions(part.rows, at, stations, sequence.pairs, matrix, sums)
 
         self.add(normals, work)
 
@@ -61,13 +64,14 @@ class CompiledPassPoints(CompiledRows):
         Returns by how much the squares of all were still to fall by the last step.
         """
         at, stations, rows = self.measured(ground), self.stations(state), self.rows
-        water, known = self.water(state, at.ground), self.known(state, at.ground)
-        of_points, left = np.empty((2, len(self.sequence.point)))
+        water, known, left = (
+            self.water(state, ground),
+            self.known(state, ground),
+            np.empty(len(self.sequence.point)),
+        )
         self.of_parts(
             lambda part: self.conditions.settle(
-                part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, of_points, left
+                part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, squares, left
             )
         )
-        point = self.sequence.point[rows]
-        ground[point], squares[point] = at.ground[rows], of_points[rows]
         return float(left[rows].sum())

@@ -28,6 +28,8 @@ _HEAVY, _GAIN, _STALLED = 1.0, 1e-4, 3  # damping, share of the objective, and s
 _HOPELESS = 100.0  # sigma0 from which nothing that the water does explains the misfit
 _SLOW = 0.01  # share of the objective that a last step must gain to go on from such a height
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
+_CLOSING = 0.1  # share of the step before from which on the matrix may be kept
+_KEPT = 0.01  # and that a step with a kept matrix may be at most
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,11 +42,16 @@ class Linearisation:
     context: Any  # handed back to `apply` and `evaluate`: what both sides of a comparison must have in common
     of_points: float  # r' N^-1 r of the eliminated points, for stations as they are: 0 where all are at their best
     redundancy: int  # degrees of freedom, at least 1
+    renewable: bool = False  # `LeastSquares.renewed` is worth while: factorising is not
 
     @property
     def hopeless(self) -> bool:
         """True where observations are off by far more than any of their sigmas can be wrong."""
         return self.objective > _HOPELESS**2 * self.redundancy
+
+    def length(self, step: FloatArray) -> float:
+        """Return the length sqrt(d'N d) of a full `step`, with that of the eliminated points."""
+        return float(np.sqrt(max(float(self.rhs @ step) + self.of_points, 0.0)))
 
     def change(self, step: FloatArray) -> float:
         """Return the largest change that anything adjusted can have by a full `step`, in its own sigmas.
@@ -54,8 +61,7 @@ class Linearisation:
         moves by more than sqrt(d'N d) of its sigmas, and one combination moves by as much. d'N d = r'd needs no
         inverse. Where observations fit worse than their sigmas say, these grow with sigma0, as they are printed.
         """
-        squares = float(self.rhs @ step) + self.of_points
-        return float(np.sqrt(max(squares, 0.0) / max(1.0, self.objective / self.redundancy)))
+        return float(self.length(step) / np.sqrt(max(1.0, self.objective / self.redundancy)))
 
 
 class LeastSquares(Protocol):
@@ -63,6 +69,9 @@ class LeastSquares(Protocol):
 
     def linearise(self, state: Any) -> Linearisation:
         """Return the normal equations at `state`."""
+
+    def renewed(self, state: Any, line: Linearisation) -> Linearisation:
+        """Return the right side at `state` with the matrix of a linearisation nearby."""
 
     def evaluate(self, state: Any, context: Any) -> float:
         """Return the objective at `state`; infinite where the state makes no sense."""
@@ -126,17 +135,28 @@ def iterate(
     A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time;
     every accepted step lets the damping go. From where the objective is infinite, steps are taken without looking,
     but not for long; and heavily damped ones that gain next to nothing end it. Raises `SingularNormalsError`.
+
+    Near the minimum the matrix hardly changes: a large problem keeps it, factorised, and takes new right sides as
+    long as each step is a hundredth of the one before at most. The step that ends it is such a one, or has a matrix
+    of its own: what is left then is a hundredth of the limits.
     """
     damping, blind, stalled, before = 0.0, 0, 0, state
-    step, change = np.zeros(0), 0.0
+    step, change, length, factor = np.zeros(0), 0.0, 0.0, None
+    kept: Linearisation | None = None  # of whose matrix `factor` is
     for number in range(1, max_iterations + 1):
-        line = problem.linearise(state)
-        if not line.matrix.sensible():
-            return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
-        factor = factorised(line.matrix, damping)
-        if number == 1 and (factor is None or factor.smallest_eigenvalue() < SINGULAR):
-            raise SingularNormalsError(line.matrix)
-        accepted = _damped_step(problem, state, line, damping, factor)
+        accepted, last = None, length
+        if kept is not None:
+            line = problem.renewed(state, kept)
+            accepted = _step(problem, state, line, 0.0, factor)
+        if accepted is None:
+            kept = None
+            line = problem.linearise(state)
+            if not line.matrix.sensible():
+                return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
+            factor = factorised(line.matrix, damping)
+            if number == 1 and (factor is None or factor.smallest_eigenvalue() < SINGULAR):
+                raise SingularNormalsError(line.matrix)
+            accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:
             return Outcome(state=state, last_step=step, failure=_STUCK, change=change, hopeless=line.hopeless)
         before = before if blind else state
@@ -149,10 +169,12 @@ def iterate(
         stalled = stalled + 1 if damping >= _HEAVY and objective > (1.0 - _GAIN) * line.objective else 0
         if stalled == _STALLED:
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
-        change = 0.0 if damping else line.change(step)
-        at_rest = damping == 0.0 and change < AT_REST and bool(np.isfinite(objective))
-        if at_rest and problem.converged(step):
+        length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
+        near = length <= (_CLOSING if kept is None else _KEPT) * last
+        good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
+        if good and change < AT_REST and problem.converged(step):
             return Outcome(state=state, last_step=step, failure="", change=change, factor=factor)
+        kept = line if good and near and line.renewable else None
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"
     failure = f"limits not reached in {max_iterations} iteration{plural}"
@@ -170,12 +192,21 @@ def _damped_step(
 ) -> tuple[Any, FloatArray, float, float] | None:
     """Return state, step, objective and damping of the first step that is taken; `factor` is that of `damping`."""
     while damping <= _LAST_DAMPING:
-        if factor is not None:
-            step = factor.solve(line.rhs)
-            trial = problem.apply(state, step, line.context)
-            objective = problem.evaluate(trial, line.context)
-            if not_raised(objective, line.objective):
-                return trial, step, objective, damping
+        accepted = _step(problem, state, line, damping, factor)
+        if accepted is not None:
+            return accepted
         damping = max(10.0 * damping, _FIRST_DAMPING)
         factor = factorised(line.matrix, damping)
     return None
+
+
+def _step(
+    problem: LeastSquares, state: Any, line: Linearisation, damping: float, factor: Factor | None
+) -> tuple[Any, FloatArray, float, float] | None:
+    """Return state, step, objective and damping of a step, None where it would raise the objective."""
+    if factor is None:
+        return None
+    step = factor.solve(line.rhs)
+    trial = problem.apply(state, step, line.context)
+    objective = problem.evaluate(trial, line.context)
+    return (trial, step, objective, damping) if not_raised(objective, line.objective) else None

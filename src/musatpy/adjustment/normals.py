@@ -69,6 +69,8 @@ class NormalMatrix(Bordered):
 
     def damped(self, damping: float) -> NormalMatrix:
         """Return the matrix plus `damping` times the unit matrix."""
+        if not damping:
+            return self
         blocks = self.blocks.copy()
         blocks[self.pattern.diagonal] += damping * np.eye(blocks.shape[1])
         return replace(self, blocks=blocks, corner=self.corner + damping * np.eye(len(self.corner)))
@@ -101,12 +103,13 @@ class Sums:
     rhs: FloatArray  # (n, q)
 
 
-def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray, rhs: FloatArray) -> Sums:
-    """Return the sums of what `NormalEquations.add` takes."""
+def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray | None, rhs: FloatArray) -> Sums:
+    """Return the sums of what `NormalEquations.add` takes; of right sides alone where there are no blocks."""
     pairs, photos = pattern.runs(photo)
+    none = np.zeros((0, pattern.size, pattern.size))
     return Sums(
-        pairs=pairs.rows,
-        blocks=pairs.sums(blocks.reshape(-1, *blocks.shape[2:])),
+        pairs=pairs.rows[: None if blocks is not None else 0],
+        blocks=none if blocks is None else pairs.sums(blocks.reshape(-1, *blocks.shape[2:])),
         photos=photos.rows,
         rhs=photos.sums(rhs.reshape(-1, rhs.shape[2])),
     )
@@ -147,6 +150,13 @@ class NormalEquations:
         """The blocks (e, q, q) and the right sides (n, q), for who adds to them by itself."""
         return self._blocks, self._rhs
 
+    def right_side(self, held: IntArray | None = None) -> FloatArray:
+        """Return the right side (n q + g,), of `held` photo unknowns zero."""
+        rhs = np.concatenate([self._rhs.reshape(-1), self._border_rhs])
+        if held is not None:
+            rhs[held] = 0.0
+        return rhs
+
     def add_rows(self, index: IntArray, partials: FloatArray, weight: FloatArray, residual: FloatArray) -> None:
         """Add r observations of X unknowns each, counted photo by photo, then the global ones: index (r, X)."""
         q, split = self.pattern.size, self._rhs.size
@@ -184,14 +194,12 @@ class NormalEquations:
         n, q, g = self._border.shape
         border = self._border.reshape(n * q, g)
         matrix = NormalMatrix(pattern=self.pattern, blocks=self._blocks, border=border, corner=self._corner)
-        rhs = np.concatenate([self._rhs.reshape(-1), self._border_rhs])
         if held is not None:
-            matrix, rhs[held] = matrix.holding(held), 0.0
-        blocks, corner = matrix.blocks.copy(), matrix.corner.copy()
+            matrix = matrix.holding(held)
         free = np.einsum("nii->ni", matrix.of_single_photos()) == 0.0
-        blocks[self.pattern.diagonal] += free[:, :, None] * np.eye(q)
-        np.einsum("ii->i", corner)[np.diagonal(corner) == 0.0] = 1.0
-        return replace(matrix, blocks=blocks, corner=corner), rhs
+        matrix.blocks[self.pattern.diagonal] += free[:, :, None] * np.eye(q)
+        np.einsum("ii->i", matrix.corner)[np.diagonal(matrix.corner) == 0.0] = 1.0
+        return matrix, self.right_side(held)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

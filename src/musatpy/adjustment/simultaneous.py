@@ -15,6 +15,7 @@ from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_colli
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
+from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
@@ -43,6 +44,13 @@ class Simultaneous:
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
+        return self._linearised(state, None)
+
+    def renewed(self, state: State, line: Linearisation) -> Linearisation:
+        """Return the same with the matrix of another linearisation."""
+        return self._linearised(state, line.matrix)
+
+    def _linearised(self, state: State, kept: NormalMatrix | None) -> Linearisation:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         follows: list[Follow] = []
@@ -50,10 +58,10 @@ class Simultaneous:
 
         def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
             E = eliminate(network, state, part)
-            return E, reduced(network, part, E)
+            return E, reduced(network, part, E, kept is None)
 
         if network.compiled is not None:
-            follow, of_points = network.compiled.add_eliminated(state, normals)
+            follow, of_points = network.compiled.add_eliminated(state, normals, kept is None)
             follows.append(follow)
         parts = parts_of(self._others, _PART)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
@@ -61,8 +69,8 @@ class Simultaneous:
             follows.append(E.follow(part))
             of_points += E.gain
         add_direct(network, state, normals)
-        matrix, rhs = normals.finished(self.held)
-        if self.curved:
+        matrix, rhs = normals.finished(self.held) if kept is None else (kept, normals.right_side(self.held))
+        if self.curved and kept is None:
             matrix = self._with_curvature(matrix, state)
         return Linearisation(
             matrix=matrix,
@@ -71,6 +79,7 @@ class Simultaneous:
             context=follows,
             of_points=of_points,
             redundancy=redundancy(network),
+            renewable=network.photos > LARGE,
         )
 
     def _with_curvature(self, matrix: NormalMatrix, state: State) -> NormalMatrix:

@@ -12,8 +12,9 @@ from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.normals import NormalEquations, NormalMatrix
 from musatpy.adjustment.pass_points import add_full, add_weighted, measured_conditions, simple_variances
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sightings import image_coordinates
@@ -42,13 +43,20 @@ class Triangulation:
 
     def linearise(self, state: State) -> Linearisation:
         """Return the reduced normal equations of stations and levels at `state`."""
+        return self._linearised(state, None)
+
+    def renewed(self, state: State, line: Linearisation) -> Linearisation:
+        """Return the same with the matrix of another linearisation."""
+        return self._linearised(state, line.matrix)
+
+    def _linearised(self, state: State, kept: NormalMatrix | None) -> Linearisation:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         scale: Scale = None
         if self.options.weights is Weights.FULL:
             groups = network.pass_groups
             if self._compiled is not None:
-                self._compiled.add_conditions(state, normals)
+                self._compiled.add_conditions(state, normals, kept is None)
                 groups = self._compiled.wet
             for group in groups:
                 ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
@@ -61,7 +69,7 @@ class Triangulation:
             E = eliminate(network, state, group)
             add_collinear(network, group, E, reduced(network, group, E), normals)
         add_direct(network, state, normals)
-        matrix, rhs = normals.finished()
+        matrix, rhs = normals.finished() if kept is None else (kept, normals.right_side())
         return Linearisation(
             matrix=matrix,
             rhs=rhs,
@@ -69,6 +77,7 @@ class Triangulation:
             context=scale,
             of_points=state.unsettled,
             redundancy=redundancy(network),
+            renewable=network.photos > LARGE and self.options.weights is Weights.FULL,
         )
 
     def evaluate(self, state: State, context: Scale) -> float:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
 )
 @click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
-@click.option("--plots", is_flag=True, help="A picture of the contours too (NAME.contours.png).")
+@click.option("--plots", is_flag=True, help="Pictures of depths, sigmas, contours too (NAME.depths.svg).")
 @click.option("--gis", is_flag=True, help="Points and contours for GIS and CAD too (NAME.gpkg, NAME.dxf).")
 @click.option("--las", is_flag=True, help="Points with depths and sigmas as a cloud too (NAME.las).")
 @click.option(

@@ -24,6 +24,7 @@ COMMANDS = {
     "as11": "musatpy.cli.as11",
     "batch": "musatpy.cli.batch",
     "baseline": "musatpy.cli.baseline",
+    "plot": "musatpy.cli.plot",
     "check": "musatpy.cli.check",
     "card": "musatpy.cli.card",
     "simulate": "musatpy.cli.simulate",

@@ -25,11 +25,13 @@ from musatpy.cli.options import (
     settings_for,
 )
 from musatpy.cli.punching import punch_of, punch_options, run_cards
+from musatpy.cli.shown import show, shown_of, shown_options
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
     from musatpy.model import Solution
     from musatpy.runs import ExitStatus, RunResult
+    from musatpy.shown_runs import Shown
 
 _CAUSES = 3  # that are named
 _LARGE = 500  # photos of a block, from which on numba is worth a word
@@ -48,6 +50,7 @@ _FAST = "pip install 'musatpy[fast]'"
 @click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
 @record_option
 @click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
+@shown_options
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
@@ -75,8 +78,10 @@ def command(
     from musatpy.model import RecordContent
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
+    wanted = shown_of(given)
     punch, punch_family = punch_of(formats_dir, given)
-    if STREAM in decks and out_dir is None and (len(decks) > 1 or punch_edits or given["csv"] or punch):
+    files = wanted.plots or wanted.gis or punch_edits or given["csv"] or punch is not None
+    if STREAM in decks and out_dir is None and (len(decks) > 1 or files):
         raise click.UsageError("- with other decks, or with files besides the listing, needs -o")
     try:
         check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
@@ -96,12 +101,13 @@ def command(
         **{name: given[name] for name in ("carriage_control", "brief", "csv", "strict")},
     )
     statuses = [
-        _filtered(run, out_dir, quiet) if deck == STREAM else _status_of(deck, run, quiet) for deck in decks
+        _filtered(run, wanted, out_dir, quiet) if deck == STREAM else _status_of(deck, run, wanted, quiet)
+        for deck in decks
     ]
     ctx.exit(ExitStatus.worst(statuses))
 
 
-def _filtered(run: Callable[..., RunResult], out_dir: Path | None, quiet: bool) -> ExitStatus:
+def _filtered(run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None, quiet: bool) -> ExitStatus:
     """Run the deck of the standard input; without a folder its listing goes to stdout, what is said to stderr."""
     from tempfile import TemporaryDirectory  # rarely needed
 
@@ -118,15 +124,17 @@ def _filtered(run: Callable[..., RunResult], out_dir: Path | None, quiet: bool) 
         problems = tuple(
             replace(one, file=str(STREAM)) if one.file == str(deck) else one for one in result.problems
         )
-        listing = result.listing
-        if listing is not None and out_dir is None:
-            click.echo(listing.read_bytes(), nl=False)
+        result = replace(result, deck=STREAM, problems=problems)
+        if result.listing is not None and out_dir is None:
+            click.echo(result.listing.read_bytes(), nl=False)
             result = replace(result, listing=STREAM)
-        _tell(replace(result, deck=STREAM, problems=problems), quiet, err=out_dir is None)
+        _tell(result, quiet, err=out_dir is None)
+        if out_dir is not None and not show(result, wanted, quiet):
+            return ExitStatus.worst([result.status, ExitStatus.UNUSABLE])
         return result.status
 
 
-def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitStatus:
+def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: bool) -> ExitStatus:
     """Run one deck and say what came of it; results that cannot be written keep no other deck from its run."""
     from musatpy.runs import ExitStatus
 
@@ -140,6 +148,8 @@ def _status_of(deck: Path, run: Callable[..., RunResult], quiet: bool) -> ExitSt
         complain_of_error(error)
         return ExitStatus.UNUSABLE
     _tell(result, quiet)
+    if not show(result, wanted, quiet):
+        return ExitStatus.worst([result.status, ExitStatus.UNUSABLE])
     return result.status
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,19 @@ def write(path: Path, layer: Points | Lines) -> None:
     lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)
     text = f'{json.dumps(head, ensure_ascii=False)[:-1]}, "features": [\n{lines}\n]}}\n'
     write_file(path, text.encode())
+
+
+def write_each(layers: Mapping[str, Points | Lines], stem: Path) -> tuple[list[Path], list[str]]:
+    """Write layers to `STEM.LAYER.geojson`, and return these files, and why a layer has none. Raises `OSError`."""
+    written, refused = [], []
+    for name, layer in layers.items():
+        path = stem.with_name(f"{stem.name}.{name}.geojson")
+        try:
+            write(path, layer)
+            written.append(path)
+        except InterchangeError as error:
+            refused.append(f"no {path.name}: {error.problems[0].message}")
+    return written, refused
 
 
 def read(path: Path, heights: str = "") -> Points | Lines:

@@ -22,18 +22,20 @@ def difference_picture(differences: Differences, xy: FloatArray, title: str) -> 
     return png(difference_figure(differences, xy, title))
 
 
-def difference_figure(differences: Differences, xy: FloatArray, title: str) -> Any:
-    """Return the figure of differences at places xy (k, 2) m; blunders are crosses.
+def difference_figure(differences: Differences, xy: FloatArray | None, title: str) -> Any:
+    """Return the figure of differences at places xy (k, 2) m; blunders are crosses. Without places there is no map.
 
     Raises `MusatError` where matplotlib is missing.
     """
-    figure = new_figure(_WIDTH, _HEIGHT)
+    panels = 2 if xy is None else 3
+    figure = new_figure(_WIDTH * panels / 3.0, _HEIGHT)
     figure.suptitle(title)
-    against, by_size, on_map = figure.subplots(1, 3)
+    against, by_size, *on_map = figure.subplots(1, panels)
     blunders = differences.blunders
     _draw_depths(against, differences, blunders)
     _draw_histogram(by_size, differences, blunders)
-    _draw_map(figure, on_map, differences.difference, xy, blunders)
+    if xy is not None:
+        _draw_map(figure, on_map[0], differences.difference, xy, blunders)
     return figure
 
 

@@ -1,0 +1,1 @@
+"""A run for geographic information systems: stations, footprints, points, control and observations as layers."""

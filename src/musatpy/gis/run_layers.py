@@ -1,0 +1,160 @@
+"""A run as layers: what stands where, with sigmas, residuals and reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.gis.target_system import TargetSystem, target_system
+from musatpy.interchange.layers import Column, Lines, Points
+from musatpy.plots.footprints import ground_of, outlines
+from musatpy.plots.plane import map_about, plane_of
+from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
+from musatpy.units import DEGREE
+
+_AXES = ("east", "north", "up")
+_ANGLES = ("x_tilt", "y_tilt", "heading")
+_OF_PHOTOS = ("station_position", "station_attitude", "air_base")  # kinds of observations whose owners are photos
+_UNITS = {"plate": "mm", "station_attitude": "rad", "water_tilt": "rad", "water_index": ""}  # of others m
+NEEDS: dict[str, tuple[str, ...]] = {
+    "options": ("system",),
+    "stations": ("photo", "camera", "position", "position_sigma", "attitude", "attitude_sigma"),
+    "cameras": ("camera", "focal_length", "principal_point", "format_size"),
+    "plates": ("photo", "xy"),
+    "points": ("point", "bathymetric", "status", "reason", "rays", "position", "sigma"),
+    "bathymetric_points": ("point", "water_level", "depth", "depth_sigma", "depth_no_refraction"),
+    "control": ("point", "kind", "difference"),
+    "observations": ("kind", "of", "component", "residual", "sigma", "redundancy", "standardised"),
+    "adjusted_water": ("tide",),
+    "stated": ("answer",),
+    "ellipsoid": (),
+}
+
+
+def layers_of(tables: Tables, crs: str = "") -> dict[str, Points | Lines]:
+    """Return the layers of a run: `stations`, `footprints`, `points`, `control` and `observations`.
+
+    What has no place has no row. Raises `SystemsError` for a system that the job is not in, `NothingToShowError`
+    without stations.
+    """
+    target = target_system(tables, crs)
+    plane = replace(plane_of(tables), system=target.system)
+    stations = plane.places(numbers(part(tables, "stations"), "position", 3))
+    points = plane.places(numbers(part(tables, "points"), "position", 3))
+    control = part(tables, "control")
+    row = rows_of(texts(part(tables, "points"), "point"), texts(control, "point"))
+    layers: dict[str, Points | Lines] = {
+        "stations": _placed(stations, _of_stations(tables), target),
+        "points": _placed(points, _of_points(tables), target),
+    }
+    footprints = _footprints(tables, target)
+    if footprints.vertices:
+        layers["footprints"] = footprints
+    if len(row):
+        layers["control"] = _placed(at_rows(points, row), _of_control(control), target)
+    if part(tables, "observations"):
+        layers["observations"] = _observations(tables, stations, points, target)
+    return layers
+
+
+def _placed(places: FloatArray, columns: Mapping[str, Column], target: TargetSystem) -> Points:
+    """Return rows that have a place."""
+    known = np.isfinite(places).all(axis=1)
+    kept = {name: replace(column, values=column.values[known]) for name, column in columns.items()}
+    return Points(xyz=places[known], columns=kept, crs=target.crs, heights=target.heights)
+
+
+def _vector(name: str, values: FloatArray, unit: str, axes: tuple[str, ...] = _AXES) -> dict[str, Column]:
+    return {f"{name}{axis}": Column.of(values[:, i], unit) for i, axis in enumerate(axes)}
+
+
+def _of_stations(tables: Tables) -> dict[str, Column]:
+    stations = part(tables, "stations")
+    tide = numbers(part(tables, "adjusted_water"), "tide")
+    return {
+        "photo": Column.of(texts(stations, "photo")),
+        "camera": Column.of(texts(stations, "camera")),
+        **_vector("", numbers(stations, "attitude", 3) / DEGREE, "deg", _ANGLES),
+        **_vector("sigma_", numbers(stations, "position_sigma", 3), "m"),
+        **_vector("sigma_", numbers(stations, "attitude_sigma", 3) / DEGREE, "deg", _ANGLES),
+        **({"water_level": Column.of(tide, "m")} if len(tide) else {}),
+    }
+
+
+def _of_points(tables: Tables) -> dict[str, Column]:
+    points, wet = part(tables, "points"), part(tables, "bathymetric_points")
+    ids = texts(points, "point")
+    row = rows_of(ids, texts(wet, "point"))
+
+    def spread(field: str) -> Column:
+        values = np.full(len(ids), np.nan)
+        values[row] = numbers(wet, field)
+        return Column.of(values, "m")
+
+    return {
+        "point": Column.of(ids),
+        "submerged": Column.of(flags(points, "bathymetric").astype(np.int64)),
+        "status": Column.of(texts(points, "status")),
+        "reason": Column.of(texts(points, "reason")),
+        "rays": Column.of(np.nan_to_num(numbers(points, "rays")).astype(np.int64)),
+        **_vector("sigma_", numbers(points, "sigma", 3), "m"),
+        "depth": spread("depth"),
+        "depth_sigma": spread("depth_sigma"),
+        "apparent_depth": spread("depth_no_refraction"),
+        "water_level": spread("water_level"),
+    }
+
+
+def _of_control(control: Mapping[str, Any]) -> dict[str, Column]:
+    return {
+        "point": Column.of(texts(control, "point")),
+        "kind": Column.of(texts(control, "kind")),
+        **_vector("difference_", numbers(control, "difference", 3), "m"),
+    }
+
+
+def _footprints(tables: Tables, target: TargetSystem) -> Lines:
+    """Return what photos show at the typical height of the points, as closed lines."""
+    plane = map_about(tables)
+    ground = ground_of(plane.places(numbers(part(tables, "points"), "position", 3)))
+    flat = outlines(tables, plane, ground)
+    known = np.isfinite(flat).all(axis=(1, 2))
+    corners = np.column_stack([flat[known].reshape(-1, 2), np.full(4 * int(known.sum()), ground)])
+    around = target.system.coordinates(plane.system.level(corners)).reshape(-1, 4, 3)
+    return Lines(
+        vertices=list(around),
+        closed=np.ones(len(around), dtype=bool),
+        columns={"photo": Column.of(texts(part(tables, "stations"), "photo")[known])},
+        crs=target.crs,
+        heights=target.heights,
+    )
+
+
+def _observations(tables: Tables, stations: FloatArray, points: FloatArray, target: TargetSystem) -> Points:
+    """Return the observations at their points, or else at their stations; those of the water have no place."""
+    observed, kinds = part(tables, "observations"), texts(part(tables, "observations"), "kind")
+    owners = observed["of"]
+    of_photo = np.isin(kinds, (*_OF_PHOTOS, "plate"))
+    photo = np.array([of[0] if is_of else "" for of, is_of in zip(owners, of_photo, strict=True)], dtype=np.str_)
+    is_point = ~np.isin(kinds, _OF_PHOTOS)
+    named = [of[-1] if of and is_of else "" for of, is_of in zip(owners, is_point, strict=True)]
+    point = np.array(named, dtype=np.str_)
+    at_point = rows_of(texts(part(tables, "points"), "point"), point)
+    at_photo = rows_of(texts(part(tables, "stations"), "photo"), photo)
+    places = np.where((at_point >= 0)[:, None], at_rows(points, at_point), at_rows(stations, at_photo))
+    columns = {
+        "kind": Column.of(kinds),
+        "photo": Column.of(photo),
+        "point": Column.of(point),
+        "component": Column.of(texts(observed, "component")),
+        "residual": Column.of(numbers(observed, "residual")),
+        "sigma": Column.of(numbers(observed, "sigma")),
+        "unit": Column.of([_UNITS.get(kind, "m") for kind in kinds.tolist()]),
+        "redundancy": Column.of(numbers(observed, "redundancy")),
+        "standardised": Column.of(numbers(observed, "standardised")),
+    }
+    return _placed(places, columns, target)

@@ -1,0 +1,115 @@
+"""Pictures of a compilation alone: depths where they were read, and y-parallaxes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, TextArray
+from musatpy.plots import corrections, normalised, profile, sigma_map
+from musatpy.plots.mapping import SHADES, dot_size, finish, new_map, view_of
+from musatpy.plots.normalised import Residuals
+from musatpy.plots.panels import PointMap, point_map
+from musatpy.plots.picture import Picture
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.wording import counted, measure
+
+_POINTS_NEED = {"job": ("system",), "points": ("point", "submerged", "position", "sigma", "covariance", "apparent")}
+_CLASSES = {"G": ("o", "points"), "P": ("s", "profiles"), "S": ("^", "shoreline"), "R": ("D", "points of the run")}
+_NAMED = 40  # depths that are written
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledDepths:
+    """Depths of n compiled points below the sounding datum, m, where they have a place."""
+
+    block: PointMap
+    ids: TextArray
+    kind: TextArray  # (n,) class of the reading
+    places: FloatArray  # (n, 2)
+    depth: FloatArray  # (n,)
+    datum: str
+
+
+def compiled_depths(tables: Tables) -> CompiledDepths:
+    """Return the depths of a compilation. Raises `NothingToShowError` where there are none."""
+    block, points = point_map(tables), part(tables, "points")
+    depth = numbers(points, "datum_depth")
+    rows = np.isfinite(depth) & np.isfinite(block.places).all(axis=1)
+    if not rows.any():
+        raise NothingToShowError("no compiled point has a place and a depth")
+    return CompiledDepths(
+        block=block,
+        ids=texts(points, "point")[rows],
+        kind=texts(points, "class")[rows],
+        places=block.places[rows],
+        depth=depth[rows],
+        datum=str(part(tables, "job").get("datum") or "the height 0 of the job"),
+    )
+
+
+def _depth_sentence(found: CompiledDepths) -> str:
+    deepest, wet = int(found.depth.argmax()), found.depth > 0.0
+    return (
+        f"{counted(len(found.ids), 'compiled point')}, {counted(int(wet.sum()), 'of them', 'of them')} below "
+        f"{found.datum}: the greatest depth is {measure(found.depth[deepest], 'm')} (point {found.ids[deepest]})."
+    )
+
+
+def _depth_figure(found: CompiledDepths) -> Any:
+    bounds, _ = view_of(found.places, found.places)
+    drawing, axes = new_map(bounds, found.block.plane, f"Compiled depths below {found.datum}")
+    size = (1.5 * dot_size(bounds, len(found.ids))) ** 2
+    high = max(float(found.depth.max()), 0.1)
+    shade = None
+    for kind, (marker, label) in _CLASSES.items():
+        for wet in (False, True):
+            rows = (found.kind == kind) & ((found.depth > 0.0) == wet)
+            if not rows.any():
+                continue
+            drawn = axes.scatter(
+                *found.places[rows].T, c=found.depth[rows], marker=marker, s=size, cmap=SHADES, vmin=0.0, vmax=high,
+                edgecolors="0.3", linewidths=0.3, label=f"{rows.sum():,} {label}{'' if wet else ' on land'}",
+            )  # fmt: skip
+            if wet:
+                shade = drawn
+            else:
+                drawn.set_facecolor("none")
+    for row in range(0, len(found.ids), -(-len(found.ids) // _NAMED)):
+        axes.annotate(
+            f"{found.depth[row]:z.1f}", found.places[row], textcoords="offset points", xytext=(4, 4), fontsize=6
+        )
+    return finish(drawing, axes, shade=shade, label="depth, m")
+
+
+def _parallaxes(tables: Tables) -> list[Residuals]:
+    test = numbers(part(tables, "points"), "y_parallax_test")
+    test = np.sort(test[np.isfinite(test)])
+    if len(test) < normalised.LEAST:
+        raise NothingToShowError("fewer than three y-parallaxes are tested")
+    return [Residuals(kind="y-parallax", values=test)]
+
+
+DEPTHS = Picture(
+    name="depths",
+    title="Compiled depths",
+    needs={"job": ("system", "datum"), "points": ("point", "class", "position", "datum_depth")},
+    numbers=compiled_depths,
+    figure=_depth_figure,
+    words=_depth_sentence,
+)
+SIGMAS = replace(sigma_map.SIGMAS, needs=_POINTS_NEED)
+PROFILE = replace(profile.PROFILE, needs=_POINTS_NEED)
+CORRECTIONS = replace(corrections.CORRECTIONS, needs=_POINTS_NEED)
+
+
+PARALLAXES = Picture(
+    name="parallaxes",
+    title="Y-parallaxes",
+    needs={"points": ("y_parallax_test",)},
+    numbers=_parallaxes,
+    figure=normalised.figure,
+    words=normalised.sentence,
+)

@@ -1,0 +1,137 @@
+"""How the unknowns of photos and of all photos hang together: correlations of stations, water and camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, TextArray
+from musatpy.canvas import new_figure
+from musatpy.plots.mapping import SHADES
+from musatpy.plots.picture import Picture
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.wording import counted
+
+_ELEMENTS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
+_MOST = 16  # unknowns of all photos that are drawn
+_HIGH = 0.95  # from which two unknowns can hardly be told apart
+_CELL = 0.5  # inches
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Correlations:
+    """Correlations (k, k) of the elements of a station, those of one photo, and of k - 6 unknowns of all photos."""
+
+    names: tuple[str, ...]
+    value: FloatArray
+    photo: str  # whose station hangs together most with the others
+    inflated: TextArray  # (u,) unknowns of all photos
+    inflation: FloatArray  # (u,) variance inflation factors
+
+    @property
+    def strongest(self) -> tuple[int, int]:
+        """Row and column of the largest."""
+        size = np.abs(np.nan_to_num(self.value))
+        np.fill_diagonal(size, -1.0)
+        row, column = np.unravel_index(int(size.argmax()), size.shape)
+        return int(row), int(column)
+
+
+def correlated(covariance: FloatArray) -> FloatArray:
+    """Return the correlations (..., k, k) of covariances (..., k, k); NaN with what has no variance."""
+    variance = np.einsum("...ii->...i", covariance)
+    sigma = np.sqrt(np.where(variance > 0.0, variance, np.nan))
+    return covariance / (sigma[..., :, None] * sigma[..., None, :])
+
+
+def joined(stations: FloatArray, water: FloatArray, shared: FloatArray) -> FloatArray:
+    """Return covariances (n, 6 + q, 6 + q) of stations (n, 6, 6) with water (q, q) by what they share (q, n, 6)."""
+    cross = np.moveaxis(shared, 0, 1)
+    low = np.broadcast_to(water, (len(stations), *water.shape))
+    return np.concatenate(
+        [np.concatenate([stations, np.swapaxes(cross, 1, 2)], 2), np.concatenate([cross, low], 2)], axis=1
+    )
+
+
+def correlations(tables: Tables) -> Correlations:
+    """Return the correlations. Raises `NothingToShowError` where no station has a covariance."""
+    stations, water = part(tables, "stations"), part(tables, "water_precision")
+    covariance = numbers(stations, "covariance", 6, 6)
+    names = texts(water, "quantity")[:_MOST]
+    q, n = len(names), len(covariance)
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    if not known.any():
+        raise NothingToShowError("no station has a covariance")
+    if q:
+        of_water = numbers(water, "covariance", len(texts(water, "quantity")))[:q, :q]
+        covariance = joined(covariance, of_water, numbers(water, "stations", n * 6)[:q].reshape(q, n, 6))
+    value = correlated(covariance)
+    between = value[:, :6, 6:] if q else value - np.eye(6)
+    size = np.where(known, np.nan_to_num(np.abs(between)).reshape(n, -1).max(axis=1), -1.0)
+    photo = int(size.argmax())
+    unknowns = part(tables, "dependence.globals")
+    return Correlations(
+        names=(*_ELEMENTS, *names.tolist()),
+        value=value[photo],
+        photo=str(texts(stations, "photo")[photo]),
+        inflated=texts(unknowns, "unknown")[:_MOST],
+        inflation=numbers(unknowns, "inflation")[:_MOST],
+    )
+
+
+def sentence(found: Correlations) -> str:
+    """Return what the correlations say."""
+    row, column = found.strongest
+    upper = np.abs(found.value[np.triu_indices(len(found.names), 1)])
+    text = (
+        f"Of the unknowns of photo {found.photo}"
+        f"{' with the water' if len(found.names) > 6 else ''}, {found.names[column]} and {found.names[row]} are "
+        f"correlated most: {found.value[row, column]:+.3f}; "
+        f"{counted(int((upper >= _HIGH).sum()), 'pair')} of {_HIGH:g} and more"
+    )
+    if len(found.inflation):
+        worst = int(np.nanargmax(found.inflation))
+        text += f"; largest variance inflation of the water {found.inflation[worst]:.3g} ({found.inflated[worst]})"
+    return text + "."
+
+
+def figure(found: Correlations) -> Any:
+    """Return the figure of correlations. Raises `MusatError` where matplotlib is missing."""
+    number, bars = len(found.names), len(found.inflated)
+    side = _CELL * number + 2.2
+    drawing = new_figure(side + (4.0 if bars else 0.8), max(side, 4.8))
+    panels = drawing.subplots(1, 2 if bars else 1, squeeze=False, width_ratios=[side, 3.0] if bars else None)[0]
+    axes = panels[0]
+    shade = axes.imshow(np.abs(found.value), cmap=SHADES, vmin=0.0, vmax=1.0)
+    for (row, column), value in np.ndenumerate(found.value):
+        if np.isfinite(value) and row != column:
+            ink = "black" if abs(value) > 0.6 else "white"
+            axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7, color=ink)
+    axes.set_xticks(range(number), found.names, rotation=90, fontsize=8)
+    axes.set_yticks(range(number), found.names, fontsize=8)
+    axes.set_title(f"Correlations of the unknowns of photo {found.photo}", fontsize=10)
+    drawing.colorbar(shade, ax=axes, label="size of the correlation", shrink=0.7, location="left")
+    if bars:
+        panels[1].barh(range(bars), found.inflation, color="0.7", edgecolor="0.3", height=0.5)
+        panels[1].set_yticks(range(bars), found.inflated.tolist(), fontsize=8)
+        panels[1].set_ylim(max(bars, 4) - 0.5, -0.5)
+        panels[1].set_xscale("log")
+        panels[1].set_xlim(1.0, 3.0 * max(float(np.nanmax(found.inflation)), 1.0))
+        panels[1].set_xlabel("variance inflation factor")
+        panels[1].set_title("Unknowns of all photos", fontsize=10)
+        for row, value in enumerate(found.inflation.tolist()):
+            place = (max(value, 1.0), row)
+            panels[1].annotate(f"{value:.3g}", place, textcoords="offset points", xytext=(3, -3), fontsize=7)
+    return drawing
+
+
+CORRELATIONS = Picture(
+    name="correlations",
+    title="Correlations",
+    needs={"stations": ("photo", "covariance"), "water_precision": ()},
+    numbers=correlations,
+    figure=figure,
+    words=sentence,
+)

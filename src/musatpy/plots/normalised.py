@@ -1,0 +1,140 @@
+"""Normalised residuals beside the normal distribution, kind by kind: histograms and quantiles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.canvas import new_figure
+from musatpy.plots.enlarged import NORMAL
+from musatpy.plots.mapping import DRY, INK, WET
+from musatpy.plots.picture import Picture
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.wording import counted
+
+LEAST = 3  # residuals of a kind
+_SPAN = 4.5  # sigmas of a histogram; what is beyond counts in its last bars
+_BARS = (9, 36)  # least and most
+_DRAWN = 200  # quantiles at most, the ends all
+_ENDS = 20
+_FAR = 3.29  # 99.9 %
+_HEIGHT = 2.5  # inches, of a kind
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residuals:
+    """The normalised residuals (n,) of a kind of observations, growing."""
+
+    kind: str
+    values: FloatArray
+
+    @property
+    def deviation(self) -> float:
+        """Their root mean square: 1 where the sigmas given are right."""
+        return float(np.sqrt(np.mean(np.square(self.values))))
+
+    def beyond(self, limit: float) -> float:
+        """Return the share that is larger than a limit."""
+        return float(np.mean(np.abs(self.values) > limit))
+
+
+def normal_quantiles(number: int) -> FloatArray:
+    """Return where the values (number,) of a standard normal sample are expected, growing: at (i - 1/2)/n."""
+    from scipy.special import ndtri
+
+    return np.asarray(ndtri((np.arange(number) + 0.5) / number))
+
+
+def thinned(number: int) -> Any:
+    """Return the rows of quantiles that are drawn: both ends, and evenly between."""
+    if number <= _DRAWN:
+        return np.arange(number)
+    inner = np.linspace(_ENDS, number - 1 - _ENDS, _DRAWN - 2 * _ENDS).round().astype(int)
+    return np.unique(np.concatenate([np.arange(_ENDS), inner, np.arange(number - _ENDS, number)]))
+
+
+def residuals_by_kind(tables: Tables) -> list[Residuals]:
+    """Return the residuals of each kind that has some. Raises `NothingToShowError` where none has."""
+    observed = part(tables, "observations")
+    kind, value = texts(observed, "kind"), numbers(observed, "standardised")
+    known = np.isfinite(value)
+    found = []
+    for name in dict.fromkeys(kind.tolist()):
+        values = value[known & (kind == name)]
+        if len(values) >= LEAST:
+            found.append(Residuals(kind=str(name).replace("_", " "), values=np.sort(values)))
+    if not found:
+        raise NothingToShowError("no kind of observation has three checked residuals")
+    return found
+
+
+def sentence(found: list[Residuals]) -> str:
+    """Return what the histograms say."""
+    parts = [
+        f"{of_kind.kind}: {counted(len(of_kind.values), 'residual')}, root mean square {of_kind.deviation:.2f}, "
+        f"{of_kind.beyond(NORMAL):.1%} beyond {NORMAL:g} (5 % expected), largest {np.abs(of_kind.values).max():.2f}"
+        for of_kind in found
+    ]
+    return "Residuals over their own sigmas; " + "; ".join(parts) + "."
+
+
+def figure(found: list[Residuals]) -> Any:
+    """Return the figure of all kinds. Raises `MusatError` where matplotlib is missing."""
+    drawing = new_figure(9.0, _HEIGHT * len(found) + 0.9)
+    drawing.suptitle("Normalised residuals beside the normal distribution", fontsize=11)
+    panels = drawing.subplots(len(found), 2, squeeze=False)
+    for (bars, dots), of_kind in zip(panels, found, strict=True):
+        _draw_bars(bars, of_kind)
+        _draw_quantiles(dots, of_kind)
+    panels[-1, 0].set_xlabel("residual over its own sigma")
+    panels[-1, 1].set_xlabel("expected of a normal distribution")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    more = panels[0, 1].get_legend_handles_labels()
+    drawing.legend(handles + more[0], labels + more[1], loc="outside lower center", ncols=5, fontsize=8)
+    return drawing
+
+
+def _draw_bars(axes: Any, of_kind: Residuals) -> None:
+    bars = int(np.clip(np.sqrt(len(of_kind.values)), *_BARS))
+    edges = np.linspace(-_SPAN, _SPAN, bars + 1)
+    axes.hist(
+        np.clip(of_kind.values, -_SPAN, _SPAN),
+        edges,
+        color="0.8",
+        edgecolor="0.35",
+        linewidth=0.5,
+        label="residuals",
+    )
+    x = np.linspace(-_SPAN, _SPAN, 121)
+    curve = len(of_kind.values) * (edges[1] - edges[0]) * np.exp(-0.5 * np.square(x)) / np.sqrt(2.0 * np.pi)
+    axes.plot(x, curve, "-", color=WET, linewidth=1.4, label="normal distribution")
+    for sign in (-1.0, 1.0):
+        axes.axvline(sign * _FAR, color=DRY, linestyle="--", linewidth=0.9, label="99.9 %" if sign > 0.0 else None)
+    axes.set_ylabel("residuals")
+    axes.set_title(f"{of_kind.kind}: {len(of_kind.values):,}, RMS {of_kind.deviation:.2f}", fontsize=9)
+    axes.tick_params(labelsize=8)
+
+
+def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
+    rows = thinned(len(of_kind.values))
+    expected = normal_quantiles(len(of_kind.values))[rows]
+    ends = [expected[0] - 0.3, expected[-1] + 0.3]
+    axes.plot(ends, ends, "-", color=WET, linewidth=1.4)
+    axes.plot(expected, of_kind.values[rows], ".", color=INK, markersize=4, label="quantiles")
+    for sign in (-1.0, 1.0):
+        axes.axhline(sign * _FAR, color=DRY, linestyle="--", linewidth=0.9)
+    axes.set_ylabel("residual over sigma", fontsize=9)
+    axes.tick_params(labelsize=8)
+
+
+NORMALISED = Picture(
+    name="normalised",
+    title="Normalised residuals",
+    needs={"observations": ("kind", "standardised")},
+    numbers=residuals_by_kind,
+    figure=figure,
+    words=sentence,
+)

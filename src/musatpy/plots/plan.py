@@ -1,0 +1,187 @@
+"""The block in plan: stations, footprints, points, control, what moved and how well points are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.plots.enlarged import confidence_ellipses, magnification, round_length, turned
+from musatpy.plots.footprints import ground_of, outlines
+from musatpy.plots.mapping import (
+    CONTROL,
+    DRY,
+    GREY,
+    INK,
+    WET,
+    dot_size,
+    draw_arrows,
+    draw_outlines,
+    finish,
+    key_place,
+    name_places,
+    new_map,
+    shown_size,
+    view_of,
+    write_key,
+)
+from musatpy.plots.picture import Picture
+from musatpy.plots.plane import Plane, plane_of
+from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
+from musatpy.plots.wording import counted, measure
+
+CONTROL_MARKERS = {"full": "^", "horizontal": "s", "vertical": "D", "check": "P"}  # kind of control -> marker
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockPlan:
+    """What the plan of a block shows, on its plane, m."""
+
+    plane: Plane
+    photos: TextArray  # (n,)
+    stations: FloatArray  # (n, 2)
+    outlines: FloatArray  # (n, 4, 2)
+    ids: TextArray  # (p,) of points
+    points: FloatArray  # (p, 2)
+    submerged: BoolArray  # (p,)
+    axes: FloatArray  # (p, 2) of the ellipses of 95 %
+    angle: FloatArray  # (p,) rad, from x
+    control: TextArray  # (c,) ids
+    kind: TextArray  # (c,)
+    control_places: FloatArray  # (c, 2)
+    discrepancy: FloatArray  # (c, 2) adjusted minus given; NaN where a horizontal component is not known
+
+    @property
+    def checks(self) -> BoolArray:
+        """(c,) of control that took no part."""
+        return self.kind == "check"
+
+
+def block_plan(tables: Tables) -> BlockPlan:
+    """Return the plan of a block. Raises `NothingToShowError` without stations."""
+    plane, stations, points = plane_of(tables), part(tables, "stations"), part(tables, "points")
+    position = numbers(points, "position", 3)
+    places, turns = plane.places(position), plane.turns(position)
+    axes, angle = confidence_ellipses(numbers(points, "covariance", 3, 3), turns)
+    control = part(tables, "control")
+    ids, known = texts(points, "point"), texts(control, "point")
+    row = rows_of(ids, known)
+    return BlockPlan(
+        plane=plane,
+        photos=texts(stations, "photo"),
+        stations=plane.places(numbers(stations, "position", 3))[:, :2],
+        outlines=outlines(tables, plane, ground_of(places)),
+        ids=ids,
+        points=places[:, :2],
+        submerged=flags(points, "bathymetric"),
+        axes=axes,
+        angle=angle,
+        control=known,
+        kind=texts(control, "kind"),
+        control_places=at_rows(places, row)[:, :2],
+        discrepancy=turned(numbers(control, "difference", 3)[:, :2], np.nan_to_num(at_rows(turns, row))),
+    )
+
+
+def sentence(plan: BlockPlan) -> str:
+    """Return what the plan says."""
+    wet, checks = int(plan.submerged.sum()), int(plan.checks.sum())
+    control = counted(len(plan.control) - checks, "control point")
+    facts = [
+        f"{counted(len(plan.photos), 'photo')}, {counted(len(plan.ids), 'point')}, {wet:,} of them submerged, "
+        f"{control} and {counted(checks, 'check point')}"
+    ]
+    longer = plan.axes[:, 0]
+    if np.isfinite(longer).any():
+        worst = int(np.nanargmax(longer))
+        facts.append(
+            f"the 95 % ellipse of a typical point has a semi-axis of {measure(np.nanmedian(longer), 'm')}, the "
+            f"largest {measure(longer[worst], 'm')} (point {plan.ids[worst]})"
+        )
+    for name, rows in (("control", ~plan.checks), ("check points", plan.checks)):
+        size = np.linalg.norm(plan.discrepancy[rows], axis=1)
+        if np.isfinite(size).any():
+            worst = int(np.nanargmax(size))
+            facts.append(
+                f"largest discrepancy of {name} in plan {measure(size[worst], 'm')} at {plan.control[rows][worst]}"
+            )
+    return "; ".join(facts) + "."
+
+
+def figure(plan: BlockPlan) -> Any:
+    """Return the figure of a plan. Raises `MusatError` where matplotlib is missing."""
+    core = np.concatenate([plan.stations, plan.outlines.reshape(-1, 2)])
+    bounds, seen = view_of(core, plan.points, keys=2)
+    drawing, axes = new_map(bounds, plan.plane, "Block plan")
+    shown = shown_size(bounds, int(seen.sum()))
+    draw_outlines(axes, plan.outlines)
+    marker = dot_size(bounds, int(seen.sum()))
+    axes.plot(*plan.stations.T, "o", color=INK, markerfacecolor="white", markersize=1.3 * marker, label="stations")
+    for rows, sign, shade, label in (
+        (seen & ~plan.submerged, ".", DRY, "dry point"),
+        (seen & plan.submerged, "x", WET, "submerged point"),
+    ):
+        if rows.any():
+            label = counted(int(rows.sum()), label)
+            axes.plot(*plan.points[rows].T, sign, color=shade, markersize=marker, label=label)
+    _draw_ellipses(axes, plan, seen, shown)
+    _draw_control(axes, plan, shown_size(bounds, len(plan.control)))
+    name_places(axes, plan.stations, plan.photos)
+    if outside := int((~seen).sum()):
+        axes.plot([], [], " ", label=f"{counted(outside, 'point')} outside, or without a place")
+    return finish(drawing, axes)
+
+
+def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray, shown: float) -> None:
+    from matplotlib.collections import EllipseCollection
+
+    rows = seen & np.isfinite(plan.axes).all(axis=1)
+    factor = magnification(plan.axes[rows, 0], shown)
+    if not factor:
+        return
+    radius = round_length(1.5 * shown / factor)
+    place = key_place(axes, 1)
+    size = 2.0 * factor * np.concatenate([plan.axes[rows], [[radius, radius]]])
+    style: dict[str, Any] = {"facecolors": "none", "edgecolors": GREY, "linewidths": 0.7}
+    offsets = np.concatenate([plan.points[rows], [place]])
+    angle = np.degrees(np.append(plan.angle[rows], 0.0))
+    axes.add_collection(
+        EllipseCollection(
+            size[:, 0], size[:, 1], angle, units="xy", offsets=offsets, offset_transform=axes.transData, **style
+        ),
+        autolim=False,
+    )
+    write_key(axes, place, f"95 % ellipses, {factor:,g} times enlarged: semi-axis of {radius:g} m")
+
+
+def _draw_control(axes: Any, plan: BlockPlan, shown: float) -> None:
+    for kind, marker in CONTROL_MARKERS.items():
+        rows = plan.kind == kind
+        if rows.any():
+            noun, many = ("check point", "") if kind == "check" else (f"{kind} control",) * 2
+            axes.plot(
+                *plan.control_places[rows].T, marker, color=CONTROL, markerfacecolor="none", markersize=9,
+                markeredgewidth=1.3, label=counted(int(rows.sum()), noun, many),
+            )  # fmt: skip
+    draw_arrows(
+        axes, plan.control_places, plan.discrepancy, 2.0 * shown, "control, adjusted minus given", color=CONTROL
+    )
+
+
+PLAN = Picture(
+    name="plan",
+    title="Block plan",
+    needs={
+        "options": ("system",),
+        "stations": ("photo", "camera", "position", "attitude"),
+        "cameras": ("camera", "focal_length", "principal_point", "format_size"),
+        "plates": ("photo", "xy"),
+        "points": ("point", "bathymetric", "position", "covariance"),
+        "control": ("point", "kind", "difference"),
+    },
+    numbers=block_plan,
+    figure=figure,
+    words=sentence,
+)

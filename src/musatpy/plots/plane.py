@@ -1,0 +1,122 @@
+"""The plane on which a job is drawn: its own coordinates where these are metres of a map, else a map about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.depth.run_cameras import job_system, level_positions
+from musatpy.errors import SystemsError
+from musatpy.geometry.crs import local_map
+from musatpy.geometry.projected import Projected
+from musatpy.geometry.systems import System, TangentPlane, geographic
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part
+
+_FARTHEST = 1e6  # m from the middle of the stations, of what has a place
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """Where positions of a record are drawn: x and y in metres, and heights."""
+
+    system: System
+    middle: FloatArray  # (3,) of the stations: level coordinates
+    tables: Tables
+    labels: tuple[str, str]  # of the axes
+    north: str  # what is up
+    own: bool  # x and y are coordinates of the job
+
+    def places(self, positions: FloatArray) -> FloatArray:
+        """Return x, y, height (n, 3) m of positions of the record; NaN of what has none, or lies far off."""
+        if self.system.ellipsoid is None:
+            return self._near(positions)
+        return self._on_map(level_positions(self.tables, positions))
+
+    def places_of_xyz(self, positions: FloatArray) -> FloatArray:
+        """Return x, y, height (n, 3) m of geocentric positions, those of the job in local ones."""
+        if self.system.ellipsoid is None:
+            return self._near(positions)
+        return self._on_map(geographic(self.system.ellipsoid, positions))
+
+    def places_of_level(self, level: FloatArray) -> FloatArray:
+        """Return x, y, height (n, 3) m of latitude, longitude (rad), height; in local jobs of X, Y, Z."""
+        return self._near(level) if self.system.ellipsoid is None else self._on_map(level)
+
+    def heights(self, positions: FloatArray, height: FloatArray) -> FloatArray:
+        """Return heights (n,) of the plane at positions (n, 3) of the record, of heights (n,) of the record."""
+        if self.system.ellipsoid is None:
+            return height
+        level = np.column_stack([level_positions(self.tables, positions)[:, :2], height])
+        return self._on_map(level)[:, 2]
+
+    def turns(self, positions: FloatArray) -> FloatArray:
+        """Return by which angle (n,) rad north of the plane stands clockwise of true north at positions."""
+        out = np.zeros(len(positions))
+        if self.system.ellipsoid is None or not len(positions):
+            return out
+        level = self._known(level_positions(self.tables, positions))
+        known = np.isfinite(level).all(axis=1)
+        factors = self.system.factors(level[known])
+        out[known] = 0.0 if factors is None else factors.convergence
+        return out
+
+    def _on_map(self, level: FloatArray) -> FloatArray:
+        out = self.system.coordinates(self._known(level))
+        if isinstance(self.system, TangentPlane):  # its Z is no height
+            out[:, 2] = level[:, 2]
+        return out
+
+    def _known(self, level: FloatArray) -> FloatArray:
+        """Return level coordinates, NaN where they are not those of a place near the stations."""
+        assert self.system.ellipsoid is not None
+        offset = self.system.ellipsoid.geocentric(level) - self.system.ellipsoid.geocentric(self.middle)
+        return _kept(level, np.linalg.norm(offset, axis=1))
+
+    def _near(self, positions: FloatArray) -> FloatArray:
+        return _kept(positions, np.linalg.norm(positions - self.middle, axis=1))
+
+
+def _kept(positions: FloatArray, distance: FloatArray) -> FloatArray:
+    return np.where((distance < _FARTHEST)[:, None], positions, np.nan)
+
+
+def plane_of(tables: Tables) -> Plane:
+    """Return the plane of a record. Raises `NothingToShowError` where its system, or a station, is not there."""
+    system, middle = _system_and_middle(tables)
+    if system.ellipsoid is None:
+        return Plane(system=system, middle=middle, tables=tables, labels=("X, m", "Y, m"), north="Y", own=True)
+    if system.plane and isinstance(system, Projected | TangentPlane) and system.units[0] == "m":
+        x, y = system.names[:2]
+        return Plane(system=system, middle=middle, tables=tables, labels=(f"{x}, m", f"{y}, m"), north=y, own=True)
+    return map_about(tables)
+
+
+def map_about(tables: Tables) -> Plane:
+    """Return a map about the stations of a job on an ellipsoid, the plane of a local one. Raises as `plane_of`."""
+    system, middle = _system_and_middle(tables)
+    if system.ellipsoid is None:
+        return plane_of(tables)
+    latitude, longitude = np.degrees(middle[:2]).tolist()
+    labels = (f"east of {_angle(longitude, 'EW')}, m", f"north of {_angle(latitude, 'NS')}, m")
+    about = local_map(system.ellipsoid, middle)
+    return Plane(system=about, middle=middle, tables=tables, labels=labels, north="N", own=False)
+
+
+def _system_and_middle(tables: Tables) -> tuple[System, FloatArray]:
+    """Return the system of a job, and the middle (3,) of its stations, level coordinates."""
+    positions = numbers(part(tables, "stations"), "position", 3)
+    positions = positions[np.isfinite(positions).all(axis=1)]
+    if not len(positions):
+        raise NothingToShowError("no station has a position")
+    try:
+        return job_system(tables), np.median(level_positions(tables, positions), axis=0)
+    except (SystemsError, ValueError) as error:
+        raise NothingToShowError(f"the system of the job cannot be had: {error}") from error
+
+
+def _angle(degrees: float, letters: str) -> str:
+    """Return an angle in degrees and minutes, with its letter."""
+    minutes = round(abs(degrees) * 60.0 * 1000.0) / 1000.0
+    return f"{int(minutes // 60)}\N{DEGREE SIGN}{minutes % 60:06.3f}'{letters[degrees < 0.0]}"

@@ -1,0 +1,298 @@
+"""The bottom along a line: apparent and corrected points, the water at each photo, and soundings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.canvas import new_figure
+from musatpy.plots.bottom_points import BottomPoints, submerged_points
+from musatpy.plots.corrections import CORRECTIONS
+from musatpy.plots.enlarged import NORMAL
+from musatpy.plots.mapping import DRY, GREY, INK, WET
+from musatpy.plots.picture import Picture
+from musatpy.plots.plane import Plane
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.wording import counted, measure
+
+_WANTED = 12  # submerged points of a profile, where there are as many
+_SOUNDED = 40  # soundings, likewise: where there are more, the nearest
+_NARROW, _WIDE = 0.005, 0.16  # of the length of a line: half a corridor, at least and at most
+_BEND, _GAP = 60.0, 2.5  # degrees, and typical distances, at which a strip ends
+_BESIDE_AXIS = 0.05  # of the length of a line: what counts where the line is chosen
+_BESIDE = 1.0  # flying heights from the line, within which the water of photos is that of the line
+_JOINED = 400  # points that are joined by lines, at most
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SoundedPlaces:
+    """Soundings on the plane of a picture: places (n, 2) m, heights (n,) m, and their sigmas (n,), NaN for none."""
+
+    places: FloatArray
+    height: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Line:
+    """Where a profile runs: vertices (v, 2) m on the plane."""
+
+    name: str
+    vertices: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Profile:
+    """What lies along a line, within half a corridor, in the order of the distance, m."""
+
+    line: Line
+    half: float
+    distance: FloatArray  # (n,) of submerged points
+    corrected: FloatArray  # (n,) heights
+    apparent: FloatArray  # (n,)
+    sigma: FloatArray  # (n,) of the corrected heights
+    depth: FloatArray  # (n,)
+    dry: FloatArray  # (d, 2) distance and height of other points
+    water: FloatArray  # (w, 2) distance and height
+    photos: TextArray  # (w,) whose water it is; empty: that of a point
+    sounded: FloatArray  # (s, 3) distance, height, sigma
+    beside: float  # half the corridor of the soundings
+
+
+def along(vertices: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far along a line (v, 2) places (n, 2) lie, and how far from it, m; NaN beyond its ends.
+
+    Of the segments of the line the nearest counts.
+    """
+    distance, offset = np.full(len(places), np.nan), np.full(len(places), np.inf)
+    begin = 0.0
+    for start, end in pairwise(vertices):
+        length = float(np.linalg.norm(end - start))
+        axis = (end - start) / length
+        s, across = (places - start) @ axis, np.abs((places - start) @ [-axis[1], axis[0]])
+        nearer = (s >= 0.0) & (s <= length) & (across < offset)
+        distance[nearer], offset[nearer] = begin + s[nearer], across[nearer]
+        begin += length
+    return distance, np.where(np.isfinite(distance), offset, np.nan)
+
+
+def strips(stations: FloatArray) -> IntArray:
+    """Return the number (n,) of the strip of each station (n, 2), in the order of the flight.
+
+    A strip ends where the flight turns, and where the next station is far off.
+    """
+    strip = np.zeros(len(stations), dtype=np.int64)
+    if len(stations) < 3:
+        return strip
+    step = np.diff(stations, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    far = length > _GAP * np.median(length)
+    heading = np.arctan2(step[:, 1], step[:, 0])
+    for row in range(2, len(stations)):
+        turn = abs(np.remainder(heading[row - 1] - heading[row - 2] + np.pi, 2.0 * np.pi) - np.pi)
+        turns = turn > np.radians(_BEND) and not far[row - 2] and strip[row - 2] == strip[row - 1]
+        strip[row] = strip[row - 1] + int(far[row - 1] or turns)
+    return strip
+
+
+def half_corridor(offset: FloatArray, length: float, wanted: int = _WANTED) -> float:
+    """Return half the width (m) of the narrowest corridor about a line that has points enough, by their offsets."""
+    inside = np.sort(offset[np.isfinite(offset)])
+    if not len(inside):
+        return _WIDE * length
+    needed = inside[min(wanted, len(inside)) - 1] * (1.0 + 1e-9)
+    return float(np.clip(needed, _NARROW * length, _WIDE * length))
+
+
+def profile(
+    tables: Tables,
+    line: Callable[[Plane], Line] | None = None,
+    soundings: Callable[[Plane], SoundedPlaces] | None = None,
+    within: float | None = None,
+) -> Profile:
+    """Return the profile along a line; of its own along the strip, or the points, with most of the bottom.
+
+    `within` (m) is half the corridor about it; else it is as wide as it must be. Raises `NothingToShowError` where
+    no submerged point lies there.
+    """
+    bottom = submerged_points(tables)
+    known = bottom.submerged & np.isfinite(bottom.shift).all(axis=1)
+    places = bottom.places[known, :2]
+    best = line(bottom.plane) if line else _own_line(tables, bottom, places)
+    offset = along(best.vertices, places)[1]
+    half = half_corridor(offset, _length(best)) if within is None else within
+    rows = np.flatnonzero(known)[np.nan_to_num(offset, nan=np.inf) <= half]
+    if not len(rows):
+        raise NothingToShowError(f"no submerged point lies within {half:.0f} m of {best.name}")
+    distance = along(best.vertices, bottom.places[rows, :2])[0]
+    order = np.argsort(distance, kind="stable")
+    rows = rows[order]
+    sounded, beside = np.empty((0, 3)), half
+    if soundings:
+        found = soundings(bottom.plane)
+        offset = along(best.vertices, found.places)[1]
+        beside = min(half, half_corridor(offset, _length(best), _SOUNDED)) if within is None else within
+        sounded = _in_corridor(best, beside, found.places, np.column_stack([found.height, found.sigma]))
+    water, photos = _water(tables, bottom, best, rows)
+    dry = bottom.places[~bottom.submerged]
+    return Profile(
+        line=best,
+        half=half,
+        distance=distance[order],
+        corrected=bottom.places[rows, 2],
+        apparent=bottom.apparent[rows, 2],
+        sigma=bottom.sigma[rows],
+        depth=bottom.depth[rows],
+        dry=_in_corridor(best, half, dry[:, :2], dry[:, 2:]),
+        water=water,
+        photos=photos,
+        sounded=sounded,
+        beside=beside,
+    )
+
+
+def _length(line: Line) -> float:
+    return float(np.linalg.norm(np.diff(line.vertices, axis=0), axis=1).sum())
+
+
+def _in_corridor(line: Line, half: float, places: FloatArray, values: FloatArray) -> FloatArray:
+    """Return distance and values (m, 1 + k) of what lies in the corridor, of places (n, 2), values (n, k)."""
+    distance, offset = along(line.vertices, places)
+    inside = np.nan_to_num(offset, nan=np.inf) <= half
+    return np.column_stack([distance, values])[inside]
+
+
+def _own_line(tables: Tables, bottom: BottomPoints, wet: FloatArray) -> Line:
+    """Return the axis of the strip beside which most submerged points (m, 2) lie, or their own."""
+    lines = [_axis("the longest axis of the submerged points", wet, wet)]
+    photos = part(tables, "stations")
+    stations = bottom.plane.places(numbers(photos, "position", 3))[:, :2]
+    names, strip = texts(photos, "photo"), strips(stations)
+    for number in np.unique(strip).tolist():
+        rows = np.flatnonzero((strip == number) & np.isfinite(stations).all(axis=1))
+        if len(rows) > 1:
+            lines.append(_axis(f"strip {names[rows[0]]} to {names[rows[-1]]}", stations[rows], wet))
+    near = [(along(one.vertices, wet)[1] <= _BESIDE_AXIS * _length(one)).sum() for one in lines]
+    near[0] //= 2  # a strip is what a reader knows
+    return lines[int(np.argmax(near))]
+
+
+def _axis(name: str, places: FloatArray, wet: FloatArray) -> Line:
+    """Return the line of best fit of places (n, 2), from the first to the last of the points (m, 2) beside it."""
+    middle = np.median(places, axis=0)
+    axis = np.linalg.svd(places - middle)[2][0] if len(places) > 1 else np.array([1.0, 0.0])
+    axis = axis if axis @ (places[-1] - places[0]) >= 0.0 else -axis
+    s, across = (wet - middle) @ axis, np.abs((wet - middle) @ [-axis[1], axis[0]])
+    reach = float(np.ptp((places - middle) @ axis))
+    beside = s[across <= max(0.5 * reach, across.min())]
+    low, high = float(beside.min()) - 1.0, float(beside.max()) + 1.0
+    return Line(name=name, vertices=np.array([middle + low * axis, middle + high * axis]))
+
+
+def _water(tables: Tables, bottom: BottomPoints, line: Line, rows: IntArray) -> tuple[FloatArray, TextArray]:
+    """Return where along a line the water of photos stands, or that of points where there are no photos."""
+    tide, stations = numbers(part(tables, "adjusted_water"), "tide"), part(tables, "stations")
+    if not len(tide) or len(tide) != len(numbers(stations, "position", 3)):
+        distance = along(line.vertices, bottom.places[rows, :2])[0]
+        return np.column_stack([distance, bottom.water[rows]]), np.full(len(rows), "")
+    position = numbers(stations, "position", 3)
+    distance, offset = along(line.vertices, bottom.plane.places(position)[:, :2])
+    height = bottom.plane.heights(position, tide)
+    flown = bottom.plane.places(position)[:, 2] - height
+    offset = np.where(np.isfinite(height), offset, np.nan) / flown
+    near = np.nan_to_num(offset, nan=np.inf) <= min(_BESIDE, np.nan_to_num(np.nanmin(offset)) + 0.25)
+    if not near.any():  # a line beside all stations: their water all the same
+        return np.array([[0.0, np.nanmean(height)], [_length(line), np.nanmean(height)]]), np.full(2, "")
+    return np.column_stack([distance, height])[near], texts(stations, "photo")[near]
+
+
+def sentence(found: Profile) -> str:
+    """Return what the profile says."""
+    fall = found.apparent - found.corrected
+    text = (
+        f"Along {found.line.name}: {counted(len(found.distance), 'submerged point')} within "
+        f"{measure(found.half, 'm')} of the line, depths {measure(np.nanmin(found.depth), 'm')} to "
+        f"{measure(np.nanmax(found.depth), 'm')}, refraction lowers them by {measure(float(np.median(fall)), 'm')} "
+        f"in the median"
+    )
+    if np.isfinite(found.sigma).any():
+        text += f"; {NORMAL:g} sigma of a height is typically {measure(NORMAL * np.nanmedian(found.sigma), 'm')}"
+    if len(found.sounded):
+        text += f"; {counted(len(found.sounded), 'sounding')} within {measure(found.beside, 'm')}"
+    return text + "."
+
+
+def figure(found: Profile) -> Any:
+    """Return the figure of a profile. Raises `MusatError` where matplotlib is missing."""
+    drawing = new_figure(10.0, 5.0)
+    axes = drawing.add_subplot()
+    axes.set_title(f"Profile along {found.line.name}, points within {measure(found.half, 'm')}", fontsize=11)
+    joined = len(found.distance) <= _JOINED
+    band = NORMAL * np.nan_to_num(found.sigma)
+    low, high = found.corrected - band, found.corrected + band
+    axes.fill_between(found.distance, low, high, color="0.85", linewidth=0, label=f"{NORMAL:g} sigma")
+    for height, marker, style, shade, label in (
+        (found.apparent, "^", "--", GREY, "apparent: straight rays"),
+        (found.corrected, "o", "-", WET, "corrected"),
+    ):
+        axes.plot(
+            found.distance, height, marker, color=shade, markersize=4 if joined else 2, linewidth=1.0, label=label,
+            linestyle=style if joined else "none",
+        )  # fmt: skip
+    if len(found.dry):
+        axes.plot(*found.dry.T, "s", color=DRY, markersize=3, label="dry points")
+    _draw_water(axes, found)
+    if len(found.sounded):
+        label = f"soundings within {measure(found.beside, 'm')}"
+        axes.plot(*found.sounded[:, :2].T, "+", color=INK, markersize=5, label=label, zorder=4)
+    _set_heights(axes, found)
+    axes.set_xlabel("distance along the line, m")
+    axes.set_ylabel("height, m")
+    axes.ticklabel_format(useOffset=False, style="plain")
+    axes.grid(alpha=0.3)
+    drawing.legend(loc="outside lower center", ncols=4, fontsize=8)
+    return drawing
+
+
+def _set_heights(axes: Any, found: Profile) -> None:
+    """Have the bottom fill the picture: land that is higher is cut off."""
+    lowest = found.corrected - NORMAL * np.nan_to_num(found.sigma)
+    shown = [found.corrected, lowest, found.apparent, found.water[:, 1], found.sounded[:, 1]]
+    low, high = (float(of([of(part) for part in shown if len(part)])) for of in (np.nanmin, np.nanmax))
+    border = 0.15 * max(high - low, 0.1)
+    axes.set_ylim(low - border, high + 2.0 * border)
+
+
+def _draw_water(axes: Any, found: Profile) -> None:
+    order = np.argsort(found.water[:, 0], kind="stable")
+    axes.plot(*found.water[order].T, "-", color="#2a7fb8", linewidth=1.2, label="water, at each photo")
+    if len(found.water) <= 30:
+        for (distance, height), name in zip(found.water.tolist(), found.photos.tolist(), strict=True):
+            axes.annotate(
+                name, (distance, height), textcoords="offset points", xytext=(0, 5), fontsize=7, ha="center"
+            )
+
+
+def profile_picture(
+    line: Callable[[Plane], Line] | None = None,
+    soundings: Callable[[Plane], SoundedPlaces] | None = None,
+    within: float | None = None,
+) -> Picture[Profile]:
+    """Return the picture of the profile along a line, with soundings."""
+    return Picture(
+        name="profile",
+        title="Depth profile",
+        needs={**CORRECTIONS.needs, "stations": ("photo", "position")},
+        numbers=partial(profile, line=line, soundings=soundings, within=within),
+        figure=figure,
+        words=sentence,
+    )
+
+
+PROFILE = profile_picture()

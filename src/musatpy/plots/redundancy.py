@@ -1,0 +1,103 @@
+"""How well measurements check each other: rays of points and redundancy numbers of their images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.plots.panels import MAPS_NEED, PointMap, draw_block, draw_grades, finish_panels, new_panels, point_map
+from musatpy.plots.picture import Picture
+from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
+from musatpy.plots.wording import counted
+
+_RAYS = (2, 3, 4, 6, 9)  # most of a class
+_NUMBERS = (0.1, 0.2, 0.35, 0.5)  # limits of classes
+_RAY_CLASSES = ("2 rays or less", "3 rays", "4 rays", "5 or 6 rays", "7 to 9 rays", "10 rays or more")
+_NUMBER_CLASSES = ("r below 0.10", "r 0.10 to 0.20", "r 0.20 to 0.35", "r 0.35 to 0.50", "r 0.50 or more")
+_WEAK = 0.1  # redundancy number below which an error hides
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RedundancyMap:
+    """Rays (n,) of points, and the mean redundancy number (n,) of their plate coordinates, NaN of none."""
+
+    block: PointMap
+    ids: TextArray  # (n,)
+    submerged: BoolArray  # (n,)
+    rays: IntArray
+    redundancy: FloatArray
+    plates: FloatArray  # (m,) redundancy numbers of all plate coordinates
+
+
+def means_of(row: IntArray, values: FloatArray, number: int) -> FloatArray:
+    """Return the means (number,) of values (m,) by their rows (m,), NaN of a row without any."""
+    count = np.bincount(row, minlength=number)
+    return np.bincount(row, values, number) / np.where(count, count, np.nan)
+
+
+def redundancy_map(tables: Tables) -> RedundancyMap:
+    """Return rays and redundancy. Raises `NothingToShowError` where no image took part."""
+    block, points, observed = point_map(tables), part(tables, "points"), part(tables, "observations")
+    ids = texts(points, "point")
+    plates = np.flatnonzero(texts(observed, "kind") == "plate")
+    if not len(plates):
+        raise NothingToShowError("the record has no observation of a plate")
+    owners = observed["of"]
+    row = rows_of(ids, np.array([owners[number][-1] for number in plates.tolist()], dtype=np.str_))
+    plates, row = plates[row >= 0], row[row >= 0]
+    if not len(plates):
+        raise NothingToShowError("no observed point is in the record")
+    numbers_of_plates = numbers(observed, "redundancy")[plates]
+    return RedundancyMap(
+        block=block,
+        ids=ids,
+        submerged=flags(points, "bathymetric"),
+        rays=np.nan_to_num(numbers(points, "rays")).astype(np.int64),
+        redundancy=means_of(row, numbers_of_plates, len(ids)),
+        plates=numbers_of_plates,
+    )
+
+
+def sentence(found: RedundancyMap) -> str:
+    """Return what the maps say."""
+    known = found.rays > 0
+    two = int((found.rays[known] <= 2).sum())
+    weak = float(np.mean(found.plates < _WEAK))
+    wet = found.submerged & known
+    text = (
+        f"{counted(int(known.sum()), 'point')} with {found.rays[known].mean():.1f} rays in the mean, {two:,} with "
+        f"two only; mean redundancy number of plate coordinates {found.plates.mean():.2f}, {weak:.0%} of them "
+        f"below {_WEAK:g}"
+    )
+    if wet.any():
+        text += f"; submerged points have {found.rays[wet].mean():.1f} rays"
+    return text + "."
+
+
+def figure(found: RedundancyMap) -> Any:
+    """Return the figure of the maps. Raises `MusatError` where matplotlib is missing."""
+    drawing, panels = new_panels(found.block, ["rays of points", "mean redundancy number r of their images"])
+    rays = np.where(found.rays > 0, np.searchsorted(_RAYS, found.rays), -1)
+    known = np.isfinite(found.redundancy)
+    grade = np.where(known, np.searchsorted(_NUMBERS, np.nan_to_num(found.redundancy), side="right"), -1)
+    for axes, classes, values in zip(panels, (_RAY_CLASSES, _NUMBER_CLASSES), (rays, grade), strict=True):
+        draw_block(axes, found.block)
+        draw_grades(axes, found.block, values, classes, np.unique(values[values >= 0])[::-1].tolist())
+    return finish_panels(drawing, panels, "How well images check each other")
+
+
+REDUNDANCY = Picture(
+    name="redundancy",
+    title="Rays and redundancy",
+    needs={
+        **MAPS_NEED,
+        "points": ("point", "bathymetric", "rays", "position"),
+        "observations": ("kind", "of", "redundancy"),
+    },
+    numbers=redundancy_map,
+    figure=figure,
+    words=sentence,
+)

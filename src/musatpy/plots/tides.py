@@ -1,0 +1,137 @@
+"""The height of the water at each exposure: as given and as adjusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, TextArray
+from musatpy.canvas import new_figure
+from musatpy.plots.enlarged import NORMAL
+from musatpy.plots.mapping import GREY, INK, WET
+from musatpy.plots.picture import Picture
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.wording import counted, measure
+
+_BARS = 60  # exposures with error bars, at most; of more there is a band
+_NAMES = 30  # of photos on the axis, at most
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tides:
+    """Heights of the water (n,) m at exposures, NaN where none is known."""
+
+    photos: TextArray
+    at: FloatArray  # (n,) s where `timed`, else the number of the exposure
+    timed: bool
+    given: FloatArray
+    sigma: FloatArray  # of the given ones; NaN: without error, or none
+    adjusted: FloatArray
+    groups: TextArray  # (n,) whose corrections are common; empty: of none
+
+    @property
+    def correction(self) -> FloatArray:
+        """(n,) m, adjusted minus given."""
+        return self.adjusted - self.given
+
+
+def tides(tables: Tables) -> Tides:
+    """Return the tides of a run. Raises `NothingToShowError` where it has no water, or none of them is known."""
+    stations, water = part(tables, "stations"), part(tables, "adjusted_water")
+    given = numbers(stations, "tide")
+    adjusted = numbers(water, "tide")
+    if len(adjusted) != len(given):
+        adjusted = np.full(len(given), np.nan)
+    if not np.isfinite([given, adjusted]).any():
+        raise NothingToShowError("no height of the water is known")
+    time = numbers(stations, "time")
+    timed = bool(len(time) == len(given) and np.isfinite(time).all() and np.ptp(time) > 0.0)
+    groups, days = texts(stations, "tide_group"), texts(stations, "tide_day")
+    return Tides(
+        photos=texts(stations, "photo"),
+        at=time if timed else np.arange(1.0, len(given) + 1.0),
+        timed=timed,
+        given=given,
+        sigma=numbers(stations, "tide_sigma"),
+        adjusted=adjusted,
+        groups=np.where(groups != "", groups, days),
+    )
+
+
+def sentence(found: Tides) -> str:
+    """Return what the tides say."""
+    level = np.where(np.isfinite(found.adjusted), found.adjusted, found.given)
+    text = (
+        f"The water stands at {measure(np.nanmin(level), 'm')} to {measure(np.nanmax(level), 'm')} at "
+        f"{counted(len(found.photos), 'exposure')}"
+    )
+    moved = np.abs(found.correction)
+    if np.isfinite(moved).any() and np.nanmax(moved) > 0.0:
+        worst = int(np.nanargmax(moved))
+        text += f"; the adjustment moved it by {measure(found.correction[worst], 'm')} at most (photo "
+        text += f"{found.photos[worst]})"
+        if found.sigma[worst] > 0.0:
+            text += f", {moved[worst] / found.sigma[worst]:.1f} of its sigma"
+    else:
+        text += "; the adjustment kept the heights given"
+    return text + "."
+
+
+def figure(found: Tides) -> Any:
+    """Return the figure of tides. Raises `MusatError` where matplotlib is missing."""
+    drawing = new_figure(9.0, 4.6)
+    axes = drawing.add_subplot()
+    axes.set_title("Water at the exposures", fontsize=11)
+    _draw_given(axes, found)
+    axes.plot(found.at, found.adjusted, "x", color=WET, markersize=5, label="adjusted")
+    _draw_groups(axes, found)
+    if found.timed:
+        axes.set_xlabel("time of the exposure, s")
+    else:
+        step = -(-len(found.photos) // _NAMES)
+        turn = 90 if len(found.photos) > 12 else 0
+        axes.set_xticks(found.at[::step], found.photos[::step].tolist(), rotation=turn, fontsize=8)
+        axes.set_xlabel("photo")
+    axes.set_ylabel("height of the water, m")
+    axes.ticklabel_format(axis="y", useOffset=False, style="plain")
+    axes.grid(alpha=0.3)
+    drawing.legend(loc="outside lower center", ncols=3, fontsize=8)
+    return drawing
+
+
+def _draw_given(axes: Any, found: Tides) -> None:
+    half = np.where(found.sigma > 0.0, NORMAL * found.sigma, 0.0)
+    label = f"given, with {NORMAL:g} sigma"
+    style: dict[str, Any] = {"color": GREY, "markerfacecolor": "none", "markersize": 5}
+    if len(found.at) <= _BARS:
+        axes.errorbar(found.at, found.given, half, fmt="o", linewidth=0.8, capsize=2, label=label, **style)
+        return
+    order = np.argsort(found.at, kind="stable")
+    low, high = (found.given - half)[order], (found.given + half)[order]
+    axes.fill_between(found.at[order], low, high, color="0.9", linewidth=0)
+    axes.plot(found.at, found.given, "o", label=label, **style)
+
+
+def _draw_groups(axes: Any, found: Tides) -> None:
+    """Draw a line where a group of common corrections ends, and its name."""
+    if found.timed or len(set(found.groups.tolist())) < 2:
+        return
+    begins = np.flatnonzero(np.append(True, found.groups[1:] != found.groups[:-1]))
+    for row in begins.tolist():
+        axes.axvline(found.at[row] - 0.5, color=INK, linestyle=":", linewidth=0.7)
+        axes.annotate(
+            str(found.groups[row]), (found.at[row] - 0.5, 1.0), xycoords=("data", "axes fraction"), fontsize=7,
+            textcoords="offset points", xytext=(3, -9),
+        )  # fmt: skip
+
+
+TIDES = Picture(
+    name="tides",
+    title="Water at the exposures",
+    needs={"stations": ("photo", "tide", "tide_sigma", "tide_group", "tide_day")},
+    numbers=tides,
+    figure=figure,
+    words=sentence,
+)

@@ -1,0 +1,82 @@
+"""What a run can leave besides listing and record for people to look at: pictures, and layers of a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from musatpy.canvas import check_matplotlib
+from musatpy.errors import numerics
+from musatpy.files import write_files
+from musatpy.reports.record import record_of
+from musatpy.runs import RunResult
+from musatpy.statistics import Statistics
+
+if TYPE_CHECKING:
+    from musatpy.plots.files import Drawn
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """Which of these are wanted, and the system of layers: that of the job where it is empty."""
+
+    plots: bool = False
+    gis: bool = False
+    crs: str = ""
+
+
+def check_packages(wanted: Shown) -> None:
+    """Raise `MusatError` where a package is missing, or PROJ does not know the system."""
+    if wanted.plots:
+        check_matplotlib()
+    if wanted.gis:
+        from musatpy.geometry.projected import crs_of
+        from musatpy.interchange.packages import package
+
+        package("pyogrio", "GeoPackages need")
+        package("shapely", "GeoPackages need")
+        if wanted.crs:
+            crs_of(wanted.crs)
+
+
+def draw_run(result: RunResult) -> Drawn:
+    """Draw the pictures of a run beside its listing. Raises `MusatError` without matplotlib, and `OSError`."""
+    from musatpy.plots.files import Drawn, pictures_of
+    from musatpy.plots.gallery import GALLERY
+    from musatpy.plots.records import KINDS
+
+    kind = KINDS[b"schema"]
+    stem, tables = _stem(result), _tables(result, {*kind.required, *kind.optional})
+    files, sentences, reasons = pictures_of(tables, GALLERY, stem)
+    write_files(files)
+    return Drawn(files=tuple(files), sentences=tuple(sentences), reasons=reasons)
+
+
+def write_layers(result: RunResult, crs: str = "") -> tuple[list[Path], list[str]]:
+    """Write the layers of a run beside its listing, and return their files, and why some are not there.
+
+    They are a GeoPackage, and GeoJSON where PROJ knows the way from the datum of the system to WGS 84. Raises
+    `ProblemsError` for a system that the job is not in, and without the extra `gis`; `OSError`.
+    """
+    from musatpy.gis.run_layers import NEEDS, layers_of
+    from musatpy.interchange import geojson, geopackage
+
+    stem, tables = _stem(result), _tables(result, set(NEEDS))
+    layers = layers_of(tables, crs)
+    package = stem.with_name(f"{stem.name}.gpkg")
+    geopackage.write(package, layers)
+    written, refused = geojson.write_each(layers, stem)
+    return [package, *written], refused[:1] if not written else refused
+
+
+def _stem(result: RunResult) -> Path:
+    assert result.listing is not None  # of a run that has left something
+    return result.listing.with_suffix("")
+
+
+def _tables(result: RunResult, names: set[str]) -> dict[str, Any]:
+    """Return tables of the record of a run, whether it was written or not."""
+    assert result.solution is not None
+    with numerics("the pictures and layers of the solution"):
+        return record_of(Statistics(result.solution), names)

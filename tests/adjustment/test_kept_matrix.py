@@ -1,0 +1,105 @@
+"""Large blocks keep their normal matrix near the minimum: the same solution, by steps that gain enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from musatpy import read_deck
+from musatpy.adjustment import adjust, kernels, normals, simultaneous, triangulation
+from musatpy.adjustment.iteration import AT_REST, Linearisation, Step, iterate
+from musatpy.adjustment.normals import NormalMatrix
+from musatpy.adjustment.sparse import Pattern
+from musatpy.arrays import FloatArray
+from musatpy.model import Program, Refraction, Solution
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+DECKS = ("st_thomas/st_thomas.crd", "verdict/iia_same_deck.crd")
+PROGRAMS = [(Program.IIIA, Refraction.RIGOROUS), (Program.IIA, Refraction.RIGOROUS)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """f(x) = a (x - 1) + b (x - 1)^2 / 2 of one unknown, observed as 0: a matrix of another place gains little."""
+
+    b: float
+    fresh: list[float]
+
+    def linearise(self, state: float) -> Linearisation:
+        self.fresh.append(state)
+        return self._line(state, None)
+
+    def renewed(self, state: float, line: Linearisation) -> Linearisation:
+        return self._line(state, line.matrix)
+
+    def _line(self, state: float, kept: NormalMatrix | None) -> Linearisation:
+        slope = 1.0 + self.b * (state - 1.0)
+        one = Pattern.of(1, 1, [])
+        matrix = kept or NormalMatrix(
+            pattern=one, blocks=np.full((1, 1, 1), slope**2), border=np.zeros((1, 0)), corner=np.zeros((0, 0))
+        )
+        rhs = np.array([-slope * self.value(state)])
+        return Linearisation(
+            matrix=matrix, rhs=rhs, objective=self.evaluate(state, None), context=None, of_points=0.0, redundancy=1,
+            renewable=True,
+        )  # fmt: skip
+
+    def value(self, x: float) -> float:
+        return (x - 1.0) + 0.5 * self.b * (x - 1.0) ** 2
+
+    def evaluate(self, state: float, context: Any) -> float:
+        return self.value(state) ** 2
+
+    def apply(self, state: float, step: FloatArray, context: Any) -> float:
+        return state + float(step[0])
+
+    def converged(self, step: FloatArray) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("b", "fresh", "kept"), [(1e-4, 2, 1), (0.01, 3, 1), (0.8, 7, 1)])
+def test_the_matrix_is_taken_anew_where_steps_gain_less_than_a_hundredth(b: float, fresh: int, kept: int) -> None:
+    """A step with a kept matrix that gains too little is followed by one with a matrix of its own."""
+    steps: list[Step] = []
+    curve = Curve(b=b, fresh=[])
+    outcome = iterate(curve, 30.0, 20, steps.append)
+    assert not outcome.failure and abs(outcome.state - 1.0) < AT_REST**2
+    assert (len(curve.fresh), len(steps) - len(curve.fresh)) == (fresh, kept)
+
+
+def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction, large: int) -> Any:
+    """Return the solution of a deck, blocks of more than so many photos large, and how often it was factorised."""
+    factorise, count = normals.factorise, [0]
+
+    def counted(*arguments: Any) -> Any:
+        count[0] += 1
+        return factorise(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(simultaneous, "LARGE", large)
+        patch.setattr(triangulation, "LARGE", large)
+        patch.setattr(normals, "factorise", counted)
+        block = read_deck(FIXTURES / deck)
+        options = replace(block.options, program=program, refraction=refraction)
+        return adjust(replace(block, options=options)), count[0]
+
+
+@pytest.mark.parametrize("kind", [kernels.NUMPY, kernels.NUMBA])
+@pytest.mark.parametrize("deck", DECKS)
+@pytest.mark.parametrize(("program", "refraction"), PROGRAMS)
+def test_solutions_are_the_same(
+    monkeypatch: pytest.MonkeyPatch, kind: str, deck: str, program: Program, refraction: Refraction
+) -> None:
+    monkeypatch.setenv(kernels.VARIABLE, kind)
+    (kept, less), (plain, more) = (solved(monkeypatch, deck, program, refraction, large) for large in (0, 1000))
+    a: Solution = kept
+    b: Solution = plain
+    assert a.converged and b.converged and less < more
+    assert a.sum_of_squares == pytest.approx(b.sum_of_squares, rel=1e-7)
+    sigma = np.sqrt(np.einsum("pii->pi", b.points.covariance))
+    height = np.abs(a.points.position[:, 2] - b.points.position[:, 2]) / sigma[:, 2]
+    assert np.nanmax(height) < 0.01 * AT_REST
