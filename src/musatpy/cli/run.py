@@ -80,8 +80,8 @@ def command(
 
     wanted = shown_of(given)
     punch, punch_family = punch_of(formats_dir, given)
-    files = wanted.plots or wanted.gis or punch_edits or given["csv"] or punch is not None
-    if STREAM in decks and out_dir is None and (len(decks) > 1 or files):
+    more = punch_edits or given["csv"] or punch or wanted.anything
+    if STREAM in decks and out_dir is None and (len(decks) > 1 or more):
         raise click.UsageError("- with other decks, or with files besides the listing, needs -o")
     try:
         check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
@@ -124,14 +124,12 @@ def _filtered(run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None
         problems = tuple(
             replace(one, file=str(STREAM)) if one.file == str(deck) else one for one in result.problems
         )
-        result = replace(result, deck=STREAM, problems=problems)
-        if result.listing is not None and out_dir is None:
-            click.echo(result.listing.read_bytes(), nl=False)
+        listing = result.listing
+        if listing is not None and out_dir is None:
+            click.echo(listing.read_bytes(), nl=False)
             result = replace(result, listing=STREAM)
-        _tell(result, quiet, err=out_dir is None)
-        if out_dir is not None and not show(result, wanted, quiet):
-            return ExitStatus.worst([result.status, ExitStatus.UNUSABLE])
-        return result.status
+        _tell(replace(result, deck=STREAM, problems=problems), quiet, err=out_dir is None)
+        return result.status if show(result, wanted, quiet) else ExitStatus.UNUSABLE
 
 
 def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: bool) -> ExitStatus:
