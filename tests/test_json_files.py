@@ -25,7 +25,9 @@ from record_rows import read_rows, with_rows
 
 ROOT = Path(__file__).parents[1]
 OF_ROWS = Path(__file__).parent / "records" / "st_thomas_1.10.json.gz"
-VERSIONS = "[[rule]]\nname = 'versions'\nsection = '(top)'\ncolumn = '^(schema_version|content)$'\nskip = true\n"
+VERSIONS = (
+    "[[rule]]\nname = 'versions'\nsection = '(top)'\ncolumn = '^(schema_version|content|settings)$'\nskip = true\n"
+)
 
 
 @cache

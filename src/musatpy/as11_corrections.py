@@ -41,7 +41,7 @@ from musatpy.interchange.any_file import (
     write_layers,
     write_points,
 )
-from musatpy.interchange.layers import LOCAL, Grid, Points
+from musatpy.interchange.layers import LOCAL, Grid, Points, placed
 from musatpy.interchange.packages import refuse
 from musatpy.units import MICROMETRE
 
@@ -171,6 +171,10 @@ class _Work:
         system = _system_of(self.source, stated, self.stereo.run, self.crs, self.geoid)
         return Correction(stereo=self.stereo, system=system, pointing=self.pointing)
 
+    def written_crs(self, stated: pyproj.CRS | None, system: System) -> pyproj.CRS | None:
+        """Return the system that a result states: that of the option, else of the file, else of the run."""
+        return placed(self.stand_in) or stated or _crs_of(system)
+
     def points(self) -> CorrectedFile:
         """Correct a file of points chunk by chunk."""
         crs = next(read_points(self.source, self.stand_in)).crs
@@ -181,7 +185,9 @@ class _Work:
         if {self.source.suffix.lower(), self.target.suffix.lower()} <= {*CLOUDS}:
             correct_cloud(self.source, self.target, corrector, tallies)
         else:
-            write_points(self.target, self._true_points(corrector, crs or _crs_of(correction.system), tallies))
+            write_points(
+                self.target, self._true_points(corrector, self.written_crs(crs, correction.system), tallies)
+            )
         return CorrectedFile(layers={"points": total(tallies)}, system=correction.system)
 
     def _true_points(self, corrector: Corrector, crs: pyproj.CRS | None, tallies: list[Tally]) -> Iterator[Points]:
@@ -199,7 +205,7 @@ class _Work:
         with geotiff.opened(self.source, self.stand_in) as raster:
             posts, band = raster.posts, _band(raster.names, self.band)
             correction = self.correction(posts.crs)
-            posts = replace(posts, crs=posts.crs or _crs_of(correction.system))
+            posts = replace(posts, crs=self.written_crs(posts.crs, correction.system))
 
             def heights(first: int, last: int) -> FloatArray:
                 return raster.rows(band, first, last)
@@ -226,12 +232,11 @@ class _Work:
             assert not isinstance(part, Grid)  # rasters go another way
             apparent = part.xyz if isinstance(part, Points) else np.concatenate(part.vertices)
             corrector = _corrector(correction, Survey.of([apparent]))
-            placed = replace(part, crs=part.crs or _crs_of(correction.system))
-            true[name], done[name] = (
-                corrected_points(corrector, placed)
-                if isinstance(placed, Points)
-                else corrected_lines(corrector, placed)
-            )
+            part = replace(part, crs=self.written_crs(part.crs, correction.system))
+            if isinstance(part, Points):
+                true[name], done[name] = corrected_points(corrector, part)
+            else:
+                true[name], done[name] = corrected_lines(corrector, part)
         write_layers(self.target, true)
         return CorrectedFile(layers=done, system=correction.system)
 

@@ -14,9 +14,11 @@ from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.file_places import places_of
 from musatpy.compilation.joined_surfaces import Of
+from musatpy.compilation.loop import Loop
 from musatpy.compilation.profiles import CompiledProfile, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
+from musatpy.compilation.stage_chains import RawLoop, chain_of
 from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
@@ -211,6 +213,23 @@ def run_of(path: Path, anyway: bool = False) -> Triangulation:
         return of_block(block)
     except CompilationError as error:
         raise CompilationError(_of_file(path, error)) from error
+
+
+def raw_loop(loop: Loop, deck: Path) -> RawLoop:
+    """Return a loop whose stages are read raw, by the interior orientation of a compilation deck.
+
+    Raises `DeckError` and `CompilationError` where the deck has none of both photos, and `OSError`.
+    """
+    stereo = loop.stereo
+    contents, _ = read_compilation(deck, stereo.run.block)
+    if contents.raw is None:
+        message = "its stages are refined: an interior orientation needs a RED RAW card"
+        raise CompilationError([Problem(file=str(deck), message=message)])
+    left, right = (str(stereo.run.block.photos.ids[row]) for row in stereo.photos)
+    try:
+        return RawLoop(loop=loop, chain=chain_of(contents.raw, left, right))
+    except ProblemsError as error:
+        raise CompilationError(_of_file(deck, error)) from error
 
 
 def compiled_deck(run: Path, deck: Path, anyway: bool = False) -> tuple[Compiled, list[Problem]]:

@@ -103,7 +103,7 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     if not photos[0].rows.keys() & photos[1].rows.keys():
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
     waves = [_Named("wave", _waves_of(record)) for record in (first, second)]
-    axes, one_origin = _Axes(first), first.get("wave_origin") == second.get("wave_origin")
+    axes, one_origin = Axes(first), first.get("wave_origin") == second.get("wave_origin")
     return Comparison(
         labels=labels,
         facts=_facts(first, second),
@@ -145,7 +145,7 @@ class _Named:
         return f"is not determined: {self.table['reason'][row] or 'no position'}"
 
 
-class _Axes:
+class Axes:
     """Differences of positions along east, north and up (X, Y, Z in local jobs)."""
 
     def __init__(self, record: Record) -> None:
@@ -156,7 +156,7 @@ class _Axes:
         try:
             self.ellipsoid = Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
         except (TypeError, ValueError) as error:  # none, or one that PROJ does not know
-            raise MusatError(f"nothing to compare: a {self.system} job without an ellipsoid: {error}") from error
+            raise MusatError(f"a {self.system} job without an ellipsoid: {error}") from error
 
     def difference(self, first: FloatArray, second: FloatArray) -> FloatArray:
         """Return second minus first (r, 3) in metres; rows with a NaN come back all NaN."""
@@ -173,7 +173,7 @@ class _Axes:
         return out
 
 
-def _stations(first: _Named, second: _Named, axes: _Axes) -> Differences:
+def _stations(first: _Named, second: _Named, axes: Axes) -> Differences:
     ids = second.common(first)
     metres = axes.difference(first.array(ids, "position", 3), second.array(ids, "position", 3))
     turn = second.array(ids, "attitude", 3) - first.array(ids, "attitude", 3)
@@ -182,7 +182,7 @@ def _stations(first: _Named, second: _Named, axes: _Axes) -> Differences:
     return _sorted(ids, np.hstack([metres, turn]), sigma, np.zeros(len(ids), dtype=bool))
 
 
-def _points(first: _Named, second: _Named, axes: _Axes) -> Differences:
+def _points(first: _Named, second: _Named, axes: Axes) -> Differences:
     ids = second.common(first)
     metres = axes.difference(first.array(ids, "position", 3), second.array(ids, "position", 3))
     return _sorted(ids, metres, second.array(ids, "sigma", 3), second.array(ids, "bathymetric").astype(bool))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
+from musatpy.memory import give_back
 from musatpy.model import Block, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from musatpy.formats.cards.spec import Family
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
+    from musatpy.json_files import Needs
     from musatpy.reports.pages import Section
 
 
@@ -102,7 +104,7 @@ def run_deck(
     deck = Path(deck)
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     begin(progress, "reading")
-    checked = checked_deck(deck, family, settings=settings)
+    checked = _checked(deck, family, settings)
     if (block := checked.block) is None:
         return _unusable(deck, checked.problems)
     if on_read is not None:
@@ -110,24 +112,23 @@ def run_deck(
     solution, problems = _adjusted(checked, block, progress)
     if solution is None:
         return _unusable(deck, problems)
-    folder = _folder(deck, out_dir)
-    listing, place = (folder / f"{deck.stem}.{ending}" for ending in ("lst", "json"))
+    listing, place = output_paths(deck, out_dir)
+    folder = listing.parent
+    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
+    punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
     try:
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
             statistics = Statistics(solution)
             sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
-            text = printed(statistics, sections, carriage_control=carriage_control, date=date).encode()
+            pages = map(str.encode, printed(statistics, sections, carriage_control=carriage_control, date=date))
             tables = _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
-    except ProblemsError as error:
-        return _unusable(deck, (*error.problems, *problems))
-    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
-    punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
-    begin(progress, "record")
-    recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
-    try:
+            del sections  # they are gone when they are printed
+        begin(progress, "record")
+        recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
+        files: dict[Path, bytes | Iterable[bytes]] = {listing: pages, **recorded, **tables, **edited, **punched}
         with numerics("the record of the solution"):  # made while it is written
-            write_files({listing: text, **recorded, **tables, **edited, **punched}, () if recorded else (place,))
+            write_files(files, outdated=() if recorded else (place,))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     return RunResult(
@@ -141,6 +142,12 @@ def run_deck(
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _checked(deck: Path, family: Family | None, settings: Sequence[Setting]) -> CheckedDeck:
+    """Return a deck with its problems; its cards only where the reduction of raw plates may have more to say."""
+    checked = checked_deck(deck, family, settings=settings)
+    return checked if checked.block is None or checked.block.raw else replace(checked, draft=None)
 
 
 def _warnings(deck: Path, *notes: str) -> Iterator[Problem]:
@@ -165,6 +172,7 @@ def _adjusted(
         return None, (*deck.plate_problems(error.refusals, error.by_heights), *deck.problems)
     except ProblemsError as error:
         return None, (*error.problems, *deck.problems)
+    give_back()
     if solution.reduced is None or not solution.reduced.refusals:
         return solution, deck.problems
     left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}
@@ -207,18 +215,31 @@ def compared(first: Path, second: Path, labels: tuple[str, str]) -> Comparison:
 
     Raises `MusatError` where a file is neither, or they are not of one block, and `OSError`.
     """
-    from musatpy.comparison import compare
+    from musatpy.comparison import NEEDS, OPTIONAL, compare
 
-    return compare(_record_at(first), _record_at(second), labels)
+    one, other = (_record_at(path, NEEDS, OPTIONAL) for path in (first, second))
+    return compare(one, other, labels)
 
 
-def _record_at(path: Path) -> dict[str, Any]:
+def _record_at(path: Path, needs: Needs, optional: Needs | None = None) -> dict[str, Any]:
+    """Return what is needed of a record, or of that of a deck, which is adjusted."""
     if path.suffix != ".json":
-        return record_of(Statistics(adjust(read_deck(path))))
-    from musatpy.comparison import NEEDS, OPTIONAL
+        return record_of(Statistics(adjust(read_deck(path))), {*needs, *(optional or {})})
     from musatpy.json_files import read_record
 
-    return read_record(path, NEEDS, OPTIONAL)
+    return read_record(path, needs, optional)
+
+
+def inquiry_text(path: Path, name: str) -> str:
+    """Return what a run knows of the point and the photo of a name: of its record (`.json`), or its deck.
+
+    Raises `MusatError` where there is neither, or the file cannot be used, and `OSError`.
+    """
+    from musatpy.inquiry import NEEDS, inquire
+    from musatpy.reports import inquiry
+
+    record = _record_at(path, NEEDS)
+    return "\n".join(inquiry.inquiry_text(record, about) for about in inquire(record, name))
 
 
 def comparison_text(found: Comparison, listed: int) -> str:

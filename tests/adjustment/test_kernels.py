@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musatpy import read_deck
-from musatpy.adjustment import adjust, kernels, sequence, threads
+from musatpy.adjustment import adjust, ground, kernels, sequence, threads
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network, job_frame
@@ -260,3 +260,32 @@ def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyP
     np.testing.assert_array_equal(a.matrix.blocks, b.matrix.blocks)
     np.testing.assert_array_equal(a.rhs, b.rhs)
     assert a.objective == b.objective and a.of_points == b.of_points
+
+
+@pytest.mark.parametrize("deck", DECKS)
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 30.0), close=st.floats(0.0, 2e-5))
+def test_both_have_the_same_first_positions(deck: str, seed: int, shift: float, close: float) -> None:
+    """Stations off by metres; the second photo is the first one again, but for a small turn of its rays."""
+    network, state, _ = job(deck)
+    draws = np.random.default_rng(seed)
+    state = replace(state, position=state.position + shift * draws.normal(size=state.position.shape))
+    first, second = (np.flatnonzero(network.photo == photo) for photo in (0, 1))
+    alike = np.intersect1d(network.point[first], network.point[second])[:2]
+    xy, attitude = network.xy.copy(), state.attitude.copy()
+    attitude[1] = attitude[0] + [close, 0.0, 0.0]
+    for point in alike:
+        xy[second[network.point[second] == point][:1]] = xy[first[network.point[first] == point][:1]]
+    network, state = replace(network, xy=xy, _gathered=[]), replace(state, attitude=attitude)
+    found = []
+    for kind in BOTH:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(kernels.VARIABLE, kind)
+            first = ground.start_ground(network, state)
+            found.append((first.ground, ground.parallel(network, first), ground.level_start(network, first).ground))
+    (a, parallel_a, level_a), (b, parallel_b, level_b) = found
+    np.testing.assert_array_equal(parallel_a, parallel_b)
+    near = np.linalg.norm(np.nan_to_num(a), axis=1) < 1e5
+    near[alike] = False  # where nearly parallel rays meet is noise
+    assert_like(a[near], b[near], 1e-9)
+    assert_like(level_a, level_b)

@@ -2,10 +2,9 @@
 
     python tests/benchmarks/bench_phases.py [photos ...]
 
-Every run is in a process of its own, as is the one that it is measured by: reading the deck and adjusting it, alone.
-Compiled kernels are loaded before, by a small block. Targets: a run of 1,000 photos in no more than 2.2 times the
-CPU seconds of reading and adjusting, 5,000 photos within 0.9 GB, a record of no more than six times the bytes of the
-deck.
+Every run is in a process of its own, as is what it is measured by: reading the deck and adjusting it, alone.
+Kernels are loaded before, by a small block. Targets: a run of 1,000 photos in no more than 2.2 times the CPU seconds
+of reading and adjusting, 5,000 photos within 0.9 GB, a record of no more than six times the bytes of the deck.
 """
 
 from __future__ import annotations
@@ -104,14 +103,8 @@ def row(photos: int, folder: Path) -> str:
     deck = folder / f"block{photos}.crd"
     write_deck(make_block(photos), deck)
     run, alone = best(deck, False), best(deck, True)
-    size, listing, record = (deck.with_suffix(ending).stat().st_size for ending in (".crd", ".lst", ".json"))
-    cells = [
-        f"{photos:,}",
-        f"{size / 1e6:.1f}",
-        f"{listing / 1e6:.1f}",
-        f"{record / 1e6:.1f}",
-        f"{record / size:.1f}",
-    ]
+    sizes = [deck.with_suffix(ending).stat().st_size for ending in (".crd", ".lst", ".json")]
+    cells = [f"{photos:,}", *(f"{size / 1e6:.1f}" for size in sizes), f"{sizes[2] / sizes[0]:.1f}"]
     cells += [f"{run[phase][0]:.2f}" for phase in PHASES if phase in run]
     cells += [f"{run['all'][0] / alone['all'][0]:.2f}", f"{run['covariances'][1]:.2f}", f"{run['all'][1]:.2f}"]
     return f"| {' | '.join(cells)} |"
@@ -119,14 +112,8 @@ def row(photos: int, folder: Path) -> str:
 
 def main(sizes: list[int]) -> None:
     """Print the table."""
-    heads = [
-        "photos",
-        "deck, MB",
-        "listing, MB",
-        "record, MB",
-        "record / deck",
-        *(f"{phase}, s" for phase in PHASES),
-    ]
+    heads = ["photos", "deck, MB", "listing, MB", "record, MB", "record / deck"]
+    heads += [f"{phase}, s" for phase in PHASES]
     heads += ["of reading and adjusting", "peak before printing, GB", "peak, GB"]
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     with tempfile.TemporaryDirectory() as folder:

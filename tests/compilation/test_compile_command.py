@@ -295,7 +295,10 @@ def test_readings_that_give_no_point_are_listed_with_their_reasons(run: Path, tm
 def test_a_blunder_of_the_operator_shows_in_its_y_parallax(run: Path, tmp_path: Path) -> None:
     result = compiled(run, changed(tmp_path, ("  85.021980", "  85.221980")), tmp_path)
     assert "point 102 of model 2122 has a y-parallax of -1" in result.output
-    assert "Warnings" in (tmp_path / "changed.lst").read_text()
+    both = [str(tmp_path / f"changed.{kind}") for kind in ("lst", "json")]
+    assert "Warnings Of Run And Readings" in Path(both[0]).read_text()
+    compared = CliRunner().invoke(musat, ["diff", *both])
+    assert compared.exit_code == 0 and "not compared: Warnings" not in compared.output
 
 
 def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def test_lines_are_cut_where_no_photo_shows_them() -> None:
     [
         ([[-600.0, 905.0, -3.0]], "x and y exchanged"),
         ([[905.0 / 0.3048, 2200.0 / 0.3048, -3.0 / 0.3048]], "feet"),
-        ([[905.0, 0.0, 5000.0]], "depths positive down"),
+        ([[905.0, 0.0, 2900.0]], "depths positive down"),
     ],
 )
 def test_points_elsewhere_are_told_what_would_bring_them(points: list[list[float]], words: str) -> None:
@@ -298,6 +298,25 @@ def test_coordinates_go_by_other_names(record: Path, tmp_path: Path, names: str)
     result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "true.csv").read_text().startswith("x,y,z,depth [m]")
+
+
+@pytest.mark.parametrize("suffix", ["gpkg", "tif"])
+def test_results_state_the_system_that_was_named(record: Path, tmp_path: Path, suffix: str) -> None:
+    """A file in zone 20 that says zone 19, or nothing: it is read, and written, by the name that is right."""
+    import pyproj
+
+    _, apparent, _ = bottom_of(record, system_of("EPSG:26720", of_record(record).ellipsoid))  # type: ignore[arg-type]
+    for stated in (pyproj.CRS("EPSG:26719"), None):
+        layers: Layers = {"points": Points(xyz=apparent, crs=stated)}
+        if suffix == "tif":
+            west, south = np.rint(apparent[24, :2]).tolist()
+            bands = {"z": np.full((6, 8), -5.0)}
+            layers = {"grid": Grid(west=west, south=south, spacing=10.0, bands=bands, crs=stated)}
+        write_layers(tmp_path / f"a.{suffix}", layers)
+        result = corrected(record, tmp_path / f"a.{suffix}", tmp_path / f"t.{suffix}", "--crs", "EPSG:26720")
+        assert result.exit_code == 0, result.output
+        (true,) = read_layers(tmp_path / f"t.{suffix}").values()
+        assert true.crs == pyproj.CRS("EPSG:26720")
 
 
 def test_values_of_empty_posts_are_told(record: Path, tmp_path: Path) -> None:

@@ -154,6 +154,9 @@ def test_the_pace_of_a_profile_is_that_of_its_stages() -> None:
     assert time == pytest.approx(2.0 * (len(xy) - 1)) and part.turns == 2
     scale = 152.4 / 3012.0
     assert fastest == pytest.approx(180.0 / 2.0 * scale, rel=0.02)  # from X = 1050 m to 1230 m
+    ways = np.linalg.norm(np.diff(part.stages[np.argsort(part.time)], axis=0), axis=2)
+    assert ways[:, 0].max() != ways[:, 1].max()  # the bottom rises under the mark, and one stage goes farther
+    assert fastest == pytest.approx(ways.max() / 2.0, rel=1e-9)
     assert 15.0 * scale < mean < 30.0 * scale
 
 

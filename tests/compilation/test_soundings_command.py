@@ -147,10 +147,23 @@ def test_soundings_in_feet_are_named(run: Path, tmp_path: Path) -> None:
     assert "they look like feet" in (tmp_path / "s.soundings.lst").read_text()
 
 
+def exchanged() -> str:
+    """Return the soundings with latitudes for longitudes."""
+    return stage_readings.soundings().replace("name,lat,lon", "name,lon,lat", 1)
+
+
+def test_soundings_that_are_there_twice_are_told(run: Path, tmp_path: Path) -> None:
+    lines = stage_readings.soundings().splitlines(keepends=True)
+    result = compared(run, tmp_path, "".join([*lines, lines[5], lines[7]]))
+    name = lines[5].partition(",")[0]
+    assert result.exit_code == 0 and f"2 soundings are there already, {name} first" in result.output
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("x,y,depth\n1,2,3\n", (), "the job has lat and lon"),
+        ("x,y,depth\n1,2,3\n", (), "give the soundings in these, or name the system of x and y (--crs"),
+        (exchanged(), (), "of them would with lat and lon exchanged"),
         ("lat,lon,depth\n10,20,3\n", (), "no sounding meets the bottom: outside the surface"),
         (stage_readings.soundings(), ("--steepest", "0"), "the bottom is steeper there than the limit"),
     ],

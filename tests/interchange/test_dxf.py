@@ -12,7 +12,7 @@ import pytest
 
 from interchange.layer_samples import DIGIT, HEIGHTS, UTM, lines, points, same_twice
 from musatpy.errors import InterchangeError
-from musatpy.interchange import dxf
+from musatpy.interchange import dxf, dxf_tags
 
 ezdxf = pytest.importorskip("ezdxf")
 raw = pytest.importorskip("pyogrio.raw")
@@ -50,6 +50,69 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, crs: pyproj.CRS | None
     np.testing.assert_array_equal(drawn.closed, contours.closed)
     np.testing.assert_allclose(np.array(drawn.vertices), np.array(contours.vertices), rtol=0, atol=DIGIT)
     assert drawn.columns["layer"].values[0] == "CONTOURS_2_5"
+
+
+@pytest.mark.parametrize("release", ["R12", "R2000", "R2018"])
+def test_plain_drawings_are_read_as_ezdxf_has_them(
+    tmp_path: Path, release: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tag by tag and as objects: lines of every plain kind, closed, elevated, with names of other scripts."""
+    document = ezdxf.new(release)
+    space = document.modelspace()
+    for row, name in enumerate(("Tiefe_5", "HÖHE" if release != "R12" else "HOEHE", "0")):
+        at = {"layer": name, "color": row}
+        space.add_polyline3d([(row, 0, -1), (1, 1, -2), (2, 0.5, -3.25)], close=row == 1, dxfattribs=at)
+        space.add_polyline2d([(row, 0), (3, 1)], dxfattribs=at | {"elevation": (0, 0, -7)})
+        space.add_line((row, 0, -1), (1, 1, -2), dxfattribs=at)
+        space.add_point((1, 2, -3 - row), dxfattribs=at)
+        space.add_text("5", dxfattribs=at)
+        if release != "R12":
+            space.add_lwpolyline([(row, 0), (1, 1), (2, 0)], close=True, dxfattribs=at | {"elevation": -5})
+    document.saveas(tmp_path / "a.dxf")
+    dots, drawn = dxf.read(tmp_path / "a.dxf")
+    with monkeypatch.context() as patch:
+        patch.setattr(ezdxf, "readfile", None)
+        dxf.read(tmp_path / "a.dxf")  # without its objects
+    monkeypatch.setattr(dxf, "plain_entities", lambda *_: None)
+    other_dots, other_drawn = dxf.read(tmp_path / "a.dxf")
+    np.testing.assert_array_equal(dots.xyz, other_dots.xyz)
+    assert dots.columns["layer"].values.tolist() == other_dots.columns["layer"].values.tolist()
+    assert drawn.columns["layer"].values.tolist() == other_drawn.columns["layer"].values.tolist()
+    assert len(drawn.vertices) == (12 if release != "R12" else 9)
+    np.testing.assert_array_equal(drawn.closed, other_drawn.closed)
+    for line, other in zip(drawn.vertices, other_drawn.vertices, strict=True):
+        np.testing.assert_array_equal(line, other)
+
+
+@pytest.mark.parametrize("what", ["extruded", "paper", "block", "bent", "fitted", "binary"])
+def test_drawings_that_are_not_plain_go_through_ezdxf(tmp_path: Path, what: str) -> None:
+    """What tilts, hides, bends or stands in blocks is never read tag by tag."""
+    document = ezdxf.new("R2010")
+    space = document.modelspace()
+    space.add_polyline3d([(0, 0, -1), (1, 1, -2)])
+    points = [(0.0, 0.0), (1.0, 1.0), (2.0, 0.0)]
+    if what == "extruded":
+        space.add_lwpolyline(points, dxfattribs={"extrusion": (0, 0, -1), "elevation": 5})
+    elif what == "paper":
+        document.paperspace().add_polyline3d([(0, 0, -1), (1, 1, -2)])
+    elif what == "block":
+        document.blocks.new("B").add_line((0, 0, -1), (1, 1, -1))
+        space.add_blockref("B", (0, 0))
+    elif what == "bent":
+        space.add_polyline2d([(0, 0, 0, 0, 0.5), (1, 1, 0, 0, 0)], format="xyseb")
+    elif what == "fitted":
+        space.add_polyline3d([(0, 0, -1), (1, 1, -2)]).dxf.flags |= 2
+    document.saveas(tmp_path / "a.dxf", fmt="bin" if what == "binary" else "asc")
+    assert what == "binary" or dxf_tags.plain_entities(tmp_path / "a.dxf", "utf-8") is None
+    if what in ("block", "bent", "fitted"):
+        with pytest.raises(InterchangeError, match=r"of the kind (INSERT|POLYLINE with curves)"):
+            dxf.read(tmp_path / "a.dxf")
+        return
+    _, drawn = dxf.read(tmp_path / "a.dxf")
+    assert drawn.vertices[0].tolist() == [[0.0, 0.0, -1.0], [1.0, 1.0, -2.0]]
+    assert len(drawn.vertices) == (2 if what == "extruded" else 1)
+    if what == "extruded":  # x and z turned over
+        assert drawn.vertices[1].tolist() == [[0.0, 0.0, -5.0], [-1.0, 1.0, -5.0], [-2.0, 0.0, -5.0]]
 
 
 def drawing(path: Path, *kinds: str) -> Path:

@@ -14,6 +14,7 @@ import pytest
 from interchange.layer_samples import HEIGHTS, UTM, lines, points, same_twice
 from musatpy.errors import InterchangeError
 from musatpy.interchange import geopackage
+from musatpy.interchange.layers import LOCAL
 
 pyogrio = pytest.importorskip("pyogrio")
 shapely = pytest.importorskip("shapely")
@@ -74,6 +75,29 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, crs: pyproj.CRS | None
             np.testing.assert_array_equal(answer.closed, contours.closed)
             for read, line in zip(answer.vertices, contours.vertices, strict=True):
                 np.testing.assert_array_equal(read, line)
+
+
+def undefined(path: Path, number: int) -> Path:
+    """Write a layer whose system has the number of one that is not defined."""
+    geopackage.write(path, {"contours": lines()})
+    with closing(sqlite3.connect(path)) as database, database:
+        for table in ("gpkg_contents", "gpkg_geometry_columns"):
+            database.execute(f"UPDATE {table} SET srs_id = ?", (number,))
+    return path
+
+
+def test_undefined_systems_say_none(tmp_path: Path) -> None:
+    """OGC 12-128, 1.1.2: -1 is an undefined Cartesian system, 0 an undefined geographic one, on no ellipsoid."""
+    cartesian, geographic = undefined(tmp_path / "a.gpkg", -1), undefined(tmp_path / "b.gpkg", 0)
+    assert geopackage.read(cartesian).crs is None and geopackage.read(geographic).crs is None
+    assert geopackage.read(cartesian, crs=UTM).crs == UTM
+    degrees = pyproj.CRS("EPSG:4267")
+    assert geopackage.read(geographic, crs=degrees).crs == degrees
+    for other in (UTM, pyproj.CRS.from_wkt(LOCAL)):
+        with pytest.raises(
+            InterchangeError, match=r"layer contours: longitude and latitude of no datum \(srs_id 0\)"
+        ):
+            geopackage.read(geographic, crs=other)
 
 
 def test_layers_that_are_missing_or_not_named(tmp_path: Path) -> None:

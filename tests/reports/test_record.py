@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from altered import altered
 from json_schema import MANUAL, SCHEMA, load_schema, violations, with_table
 from musatpy.model import CoordinateSystem, RecordContent, Refraction
 from musatpy.reports import record_text
+from musatpy.reports.encoding import rounded
 from musatpy.reports.fields import Field, Rows
 from musatpy.reports.record import dumps, record, record_of, schema_text, texts_of
 from musatpy.statistics import Statistics
@@ -87,6 +91,35 @@ def test_coordinates_angles_and_covariances_are_whole_and_the_rest_has_twelve_di
     assert found == table.json(1)
     columns = table.schema()["properties"]
     assert columns["in m"]["digits"] == 12 and "digits" not in columns["in rad"]
+
+
+@given(
+    st.lists(st.floats(allow_nan=True) | st.floats(-1e6, 1e6), min_size=1, max_size=50), st.sampled_from([6, 9, 12])
+)
+def test_columns_are_rounded_to_their_digits(values, digits):
+    """A number next to a tie may go either way."""
+    found = rounded(np.array(values), digits)
+    for value, number in zip(values, found.tolist(), strict=True):
+        nearest = float(f"{value:.{digits}g}")
+        if math.isnan(value) or nearest == number:
+            assert math.isnan(value) == math.isnan(number)
+            continue
+        assert float(f"{number:.{digits}g}") == number
+        assert abs(number - value) == pytest.approx(abs(nearest - value), rel=1e-3)
+
+
+@pytest.mark.parametrize("package", [True, False])
+def test_with_and_without_a_package_the_numbers_are_the_same(monkeypatch, package):
+    """To the last bit, whichever way their exponents are written."""
+    if package:
+        pytest.importorskip("orjson")
+        monkeypatch.setattr(record_text, "_MANY", 0)
+    else:
+        monkeypatch.setattr(record_text, "_orjson", lambda: None)
+    for system, refraction in CASES[::3]:
+        statistics = Statistics(sample_solution(system, refraction))
+        text = "".join(texts_of(statistics))
+        assert json.loads(text) == json.loads(dumps(record_of(statistics)))
 
 
 def test_the_schema_says_the_digits_that_there_are():

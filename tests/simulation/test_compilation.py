@@ -76,6 +76,30 @@ def test_the_truth_comes_back_without_errors(exact: tuple[Simulation, Compiled])
     assert np.nanmin(result.gathered("depth")) < 3.0 and np.nanmax(result.gathered("depth")) > 28.0
 
 
+def test_raw_stages_come_back_by_their_interior_orientation(exact: tuple[Simulation, Compiled]) -> None:
+    """Marks without errors: what is left is the rounding of readings, half a nanometre at 1 to 20,000."""
+    simulation, result = simulated(raw=True), exact[1]
+    assert simulation.compiled is not None
+    stages = simulation.compiled.deck.stages.xy
+    # Plates lie 90 to 160 mm from the origin of the carrier, turned by any quarter of a turn.
+    assert (stages > -40.0).all() and np.abs(stages - result.deck.stages.xy).max() > 80.0
+    raw = compiled_of(simulation)
+    assert raw.reduced is not None and len(raw.reduced.plates) == 4
+    np.testing.assert_allclose(raw.deck.stages.xy, result.deck.stages.xy, rtol=0, atol=2e-6)
+    assert np.abs(errors(raw, simulation)).max() < 4e-4
+
+
+def test_a_grid_and_the_pace_of_profiles_are_asked_for() -> None:
+    simulation = simulated(grid=100.0, pace=2.0, readings=5, profiles=2)
+    assert simulation.compiled is not None
+    deck = simulation.compiled.deck
+    assert deck.grids.ids.tolist() == ["POSTS"] and deck.grids.spacing.tolist() == [100.0]
+    for name in ("P1", "P2"):
+        time = deck.stages.time[(deck.stages.ids == name) & (deck.stages.model == 0)]
+        np.testing.assert_allclose(np.diff(time), 2.0)
+    assert np.isnan(deck.stages.time[deck.stages.kind == "G"]).all()
+
+
 def test_refraction_shows_in_the_slope_of_differences(exact: tuple[Simulation, Compiled]) -> None:
     """b of true depth: of apparent depths a quarter (1 - 1 / n) and more to the corners, of true ones nothing."""
     simulation, result = exact
@@ -136,7 +160,7 @@ def test_the_command_writes_decks_that_read_back(tmp_path: Path) -> None:
     spec = tmp_path / "strip.toml"
     spec.write_text(
         "[job]\nsystem = 'LOCL'\n[water]\nlevel = 0.5\n[terrain]\nlevel = 20.0\n"
-        "[compilation]\npoints = 5\ndry = 2\nprofiles = 2\nreadings = 4\nsoundings = 3\n"
+        "[compilation]\npoints = 5\ndry = 2\nprofiles = 2\nreadings = 4\nsoundings = 3\npace = 1.5\n"
     )
     result = CliRunner().invoke(musat, ["simulate", str(spec), "-o", str(tmp_path)])
     assert result.exit_code == 0 and "readings" in result.output

@@ -64,13 +64,14 @@ class CompiledPassPoints(CompiledRows):
         Returns by how much the squares of all were still to fall by the last step.
         """
         at, stations, rows = self.measured(ground), self.stations(state), self.rows
-        water, known = self.water(state, at.ground), self.known(state, at.ground)
-        of_points, left = np.empty((2, len(self.sequence.point)))
+        water, known, left = (
+            self.water(state, ground),
+            self.known(state, ground),
+            np.empty(len(self.sequence.point)),
+        )
         self.of_parts(
             lambda part: self.conditions.settle(
-                part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, of_points, left
+                part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, squares, left
             )
         )
-        point = self.sequence.point[rows]
-        ground[point], squares[point] = at.ground[rows], of_points[rows]
         return float(left[rows].sum())

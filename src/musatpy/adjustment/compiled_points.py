@@ -48,6 +48,11 @@ def split(network: Network) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, .
     return tuple(plain), tuple(others)
 
 
+def plain(array: FloatArray) -> FloatArray:
+    """Return an array as kernels are compiled for: in the order of C, and writable."""
+    return np.require(array, requirements=["C", "W"])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spread:
     """Cofactors of k points (k, 3, 3) along east, north, up, and those of their images."""
@@ -84,20 +89,16 @@ class CompiledRows:
         """Return the results of `work` at all parts, in their order."""
         return list(side_by_side(work, self.parts, len(self.sequence.rays)))
 
-    @cached_property
-    def _images(self) -> tuple[FloatArray, FloatArray]:
-        """Measured images and weights (r, 2)."""
-        return self.network.xy[self.sequence.rays], self.network.weight[self.sequence.rays]
-
     def measured(self, ground: FloatArray) -> points.Measured:
         """Return the images of the points of the sequence, which are at `ground` (p, 3)."""
-        xy, weight = self._images
+        xy, weight = self.sequence.images(self.network.xy, self.network.weight)
         at: points.Measured = self.kernels.Measured(
+            point=self.sequence.point,
             start=self.sequence.start,
             photo=self.sequence.photo,
             xy=xy,
             weight=weight,
-            ground=ground[self.sequence.point],
+            ground=ground,
         )
         return at
 
@@ -106,7 +107,7 @@ class CompiledRows:
         kappa, network = state.attitude[:, 2], self.network
         turn = np.stack([np.cos(kappa), np.sin(kappa)], axis=1)
         arrays = (state.position, state.M, network.axes, turn, network.focal_length, network.principal_point)
-        stations: points.Stations = self.kernels.Stations(*(np.ascontiguousarray(array) for array in arrays))
+        stations: points.Stations = self.kernels.Stations(*(plain(array) for array in arrays))
         return stations
 
     @cached_property
@@ -116,10 +117,10 @@ class CompiledRows:
         wet = np.flatnonzero(self.network.refracted[sequence.rays])
         row = np.full(len(sequence.rays), -1)
         row[wet] = np.arange(len(wet))
-        return wet, np.searchsorted(sequence.start, wet, side="right") - 1, row
+        return wet, self.network.point[sequence.rays[wet]], row
 
     def water(self, state: State, ground: FloatArray) -> points.Water:
-        """Return the level water over points at `ground` (k, 3) of the sequence."""
+        """Return the level water over points that are at `ground` (p, 3)."""
         wet, point, row = self._wet
         network = self.network
         over = surface(
@@ -127,26 +128,28 @@ class CompiledRows:
         )
         water: points.Water = self.kernels.Water(
             row=row,
-            normal=np.ascontiguousarray(over.normal),
-            depth=np.ascontiguousarray(over.depth),
+            normal=plain(over.normal),
+            depth=plain(over.depth),
             refraction=float(state.index),
         )
         return water
 
     @cached_property
-    def _known_rows(self) -> IntArray:
+    def known_rows(self) -> IntArray:
+        """The rows of points of which something is known."""
         return self.sequence.rows(group for group in self.groups if group.known)
 
     def known(self, state: State, ground: FloatArray) -> points.Known:
-        """Return what is known of the points at `ground` (k, 3) of the sequence."""
-        rows = self._known_rows
+        """Return what is known of the points, which are at `ground` (p, 3)."""
+        rows = self.known_rows
+        point = self.sequence.point[rows]
         row = np.full(len(self.sequence.point), -1)
         row[rows] = np.arange(len(rows))
-        priors = prior_rows(self.network, state, self.sequence.point[rows], ground[rows])
+        priors = prior_rows(self.network, state, point, ground[point])
         weight = np.ascontiguousarray(priors.weight[:, :3])
         known: points.Known = self.kernels.Known(
             row=row,
-            axes=np.ascontiguousarray(priors.axes),
+            axes=plain(priors.axes),
             free=priors.free,
             weight=weight,
             pull=weight * priors.deviation[:, :3],
@@ -189,15 +192,13 @@ class CompiledFollow:
         """Set the points of `ground` (p, 3) where they are after a step (u,) of all unknowns from `state`."""
         kernels, sequence = self.rows.kernels, self.rows.sequence
         stations = step[: network.pattern.order].reshape(network.photos, -1)
-        change = np.empty((len(sequence.point), 3))
         self.rows.of_parts(
             lambda part: kernels.follow(
-                part.rows, self.at, self.stations, self.water, self.known, self.eliminated, stations, change
+                part.rows, self.at, self.stations, self.water, self.known, self.eliminated, stations, ground
             )
         )
-        rows = self.rows.rows
-        point = sequence.point[rows]
-        ground[point] = hold(network, point, state.ground[point] + change[rows])
+        known = sequence.point[self.rows.known_rows]
+        ground[known] = hold(network, known, ground[known])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -223,7 +224,7 @@ class CompiledPoints(CompiledRows):
         Without `matrix` to the right sides only.
         """
         at, stations = self.measured(state.ground), self.stations(state)
-        water, known = self.water(state, at.ground), self.known(state, at.ground)
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
         k = len(self.sequence.point)
         out = self.kernels.Eliminated(shift=np.empty((k, 3)), inverse=np.empty((k, 3, 3)))
 
@@ -240,10 +241,9 @@ class CompiledPoints(CompiledRows):
     def set_squares(self, state: State, squares: FloatArray) -> None:
         """Set the weighted squares (p,) of the points where they are."""
         at, stations = self.measured(state.ground), self.stations(state)
-        water, out = self.water(state, at.ground), np.empty(len(self.sequence.point))
-        self.of_parts(lambda part: self.kernels.squares(part.rows, at, stations, water, out))
-        squares[self.sequence.point[self.rows]] = out[self.rows]
-        known = self.sequence.point[self._known_rows]
+        water = self.water(state, state.ground)
+        self.of_parts(lambda part: self.kernels.squares(part.rows, at, stations, water, squares))
+        known = self.sequence.point[self.known_rows]
         priors = prior_rows(self.network, state, known, state.ground[known])
         squares[known] += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
 
@@ -264,9 +264,12 @@ class CompiledPoints(CompiledRows):
             kernels=kernels, network=network, groups=tuple(group for group in self.groups if not group.known)
         )
         at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
-        water, known = self.water(state, at.ground), self.known(state, at.ground)
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
         k, r = len(sequence.point), len(sequence.rays)
-        axes, pairs = np.ascontiguousarray(network.frame.axes(at.ground)), sequence.pairs
+        axes, pairs = (
+            plain(network.frame.axes(state.ground[sequence.point])),
+            sequence.pairs,
+        )
         point, image, covariance = np.empty((k, 3, 3)), np.empty((r, 2)), np.empty((r, 2, 3))
 
         def work(part: SequencePart) -> FloatArray:

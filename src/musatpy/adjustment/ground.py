@@ -229,9 +229,15 @@ def start_ground(network: Network, state: State) -> State:
     Points are the nearest to their rays; known components are put in; a single ray is cut at its known height, or
     at the mean height of the control.
     """
-    ground = state.ground.copy()
-    mean_height = _mean_height(network)
-    for group in network.groups:
+    from musatpy.adjustment.compiled_start import CompiledStart  # which is made of networks and their points
+
+    ground, compiled = state.ground.copy(), CompiledStart.of(network)
+    mean_height, groups = _mean_height(network), network.groups
+    if compiled is not None:
+        compiled.nearest(state, PARALLEL, ground)
+        groups, known = compiled.others, compiled.sequence.point[compiled.known_rows]
+        _set_level(network, known, ground[known], ground)
+    for group in groups:
         ground[group.point] = nearest_ground(network, state, group, mean_height)
     members = np.flatnonzero(network.priors.group >= 0)
     heights = network.frame.height(ground[members])
@@ -240,6 +246,19 @@ def start_ground(network: Network, state: State) -> State:
     total = np.bincount(network.priors.group[members], weights=heights, minlength=number)
     levels = np.divide(total, count, out=np.full(number, np.nan), where=count > 0)
     return replace(state, ground=ground, levels=levels)
+
+
+def parallel(network: Network, state: State) -> BoolArray:
+    """Return which pass points (p,) have rays that are as good as parallel."""
+    from musatpy.adjustment.compiled_start import CompiledStart  # which is made of networks and their points
+
+    compiled, out = CompiledStart.of(network), np.zeros(network.points, dtype=bool)
+    if compiled is not None:
+        out = compiled.nearest(state, PARALLEL, np.empty_like(state.ground))
+    for group in network.pass_groups if compiled is None else compiled.others:
+        _, direction = sightings.straight_rays(network, state, group.rays)
+        out[group.point] = intersection.widest_angle(direction) < PARALLEL
+    return out
 
 
 def level_start(network: Network, state: State) -> State:
@@ -253,21 +272,39 @@ def level_start(network: Network, state: State) -> State:
         known = np.isfinite(state.ground).all(axis=1)
         heights = network.frame.height(state.ground[known])
     height = float(np.nanmedian(heights))
-    ground = state.ground.copy()
-    for group in network.groups:
-        origin, direction = sightings.straight_rays(network, state, group.rays)
-        k, m = group.rays.shape
-        origin, direction = origin.reshape(-1, 3), direction.reshape(-1, 3)
-        cut = _cut(network, origin, _bent_down(network, origin, direction), np.full(k * m, height))
-        level = network.frame.level(cut.reshape(k, m, 3).mean(axis=1))
-        ground[group.point] = network.frame.from_level(_with_known(network, group.point, level))
+    from musatpy.adjustment.compiled_start import CompiledStart  # which is made of networks and their points
+
+    ground, compiled, groups = state.ground.copy(), CompiledStart.of(network), network.groups
+    if compiled is not None:
+        sequence, groups = compiled.sequence, compiled.others
+        cut = _level(network, state.position[sequence.photo], compiled.directions(state), height)
+        means = np.add.reduceat(cut, sequence.start[:-1]) / np.diff(sequence.start)[:, None]
+        _set_level(network, sequence.point[compiled.rows], means[compiled.rows], ground)
+    for group in groups:
+        cut = _level(network, *sightings.straight_rays(network, state, group.rays), height)
+        _set_level(network, group.point, cut.mean(axis=1), ground)
     return replace(state, ground=ground)
+
+
+def _level(network: Network, origin: FloatArray, direction: FloatArray, height: float) -> FloatArray:
+    """Return where rays (..., 3), none of them flat, reach a height."""
+    origin, direction, shape = origin.reshape(-1, 3), direction.reshape(-1, 3), origin.shape
+    return _cut(network, origin, _bent_down(network, origin, direction), np.full(len(origin), height)).reshape(
+        shape
+    )
+
+
+def _set_level(network: Network, point: IntArray, X: FloatArray, ground: FloatArray) -> None:
+    """Set points of `ground` (p, 3) to X (k, 3) with what is known of them."""
+    ground[point] = network.frame.from_level(_with_known(network, point, network.frame.level(X)))
 
 
 def _bent_down(network: Network, origin: FloatArray, direction: FloatArray) -> FloatArray:
     """Return the unit directions (k, 3) with those flatter than `_FLATTEST`, or upward, turned down to it."""
     up = network.frame.axes(origin)[..., 2, :]
     fall = -np.einsum("ki,ki->k", up, direction)[:, None]
+    if (fall >= _FLATTEST).all():
+        return direction
     across = direction + up * fall
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)  # a ray straight up has none
     return np.where(fall < _FLATTEST, np.sqrt(1.0 - _FLATTEST**2) * across - _FLATTEST * up, direction)
@@ -282,8 +319,7 @@ def nearest_ground(network: Network, state: State, group: PointGroup, mean_heigh
         ground = _cut(network, origin[:, 0], direction[:, 0], height)
     else:
         ground = intersection.nearest_point(origin, direction)
-    level = _with_known(network, group.point, network.frame.level(ground))
-    return network.frame.from_level(level)
+    return network.frame.from_level(_with_known(network, group.point, network.frame.level(ground)))
 
 
 def _cut(network: Network, origin: FloatArray, direction: FloatArray, height: FloatArray) -> FloatArray:

@@ -22,12 +22,10 @@ from musatpy.adjustment.network import (
 )
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.rank import describe_weakness
-from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.geometry.intersection import widest_angle
 from musatpy.model import (
     Block,
     CoordinateSystem,
@@ -251,11 +249,9 @@ def _require_control(block: Block) -> None:
 def _leave_out_parallel(block: Block, network: Network, state: State, part: Participation) -> Participation:
     """Return the participation without pass points whose rays are as good as parallel."""
     status, used, reasons = part.status.copy(), part.used.copy(), dict(part.reasons)
+    lost = ground_points.parallel(network, state) | ~np.isfinite(state.ground).all(axis=1)
     for group in network.pass_groups:
-        _, direction = straight_rays(network, state, group.rays)
-        angle = widest_angle(direction)
-        unknown = ~np.isfinite(state.ground[group.point]).all(axis=1)
-        for point in group.point[(angle < ground_points.PARALLEL) | unknown]:
+        for point in group.point[lost[group.point]]:
             status[point] = PointStatus.NOT_DETERMINED
             reasons[int(point)] = "its rays are parallel"
             used[block.plates.point == point] = False

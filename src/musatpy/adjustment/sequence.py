@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.arrays import IntArray
+from musatpy.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
@@ -39,6 +39,7 @@ class PointSequence:
     photo: IntArray  # (r,)
     pairs: points.Pairs
     first_pair: IntArray  # (n + 1,) of each photo in the pattern
+    _images: dict[str, FloatArray] = field(default_factory=dict, repr=False)  # that were asked for last
 
     @classmethod
     def of(cls, kernels: ModuleType, network: Network, groups: Iterable[PointGroup]) -> PointSequence:
@@ -62,6 +63,13 @@ class PointSequence:
         )
         kernels.find_pairs(start, photo, first, np.ascontiguousarray(pattern.pairs[:, 1]), pairs)
         return cls(point=point, row=row, start=start, rays=rays, photo=photo, pairs=pairs, first_pair=first)
+
+    def images(self, xy: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return those (r, 2) of the rays, of measured images and weights (m, 2): networks have these in common."""
+        for name, values in (("xy", xy), ("weight", weight)):
+            if self._images.get(f"all {name}") is not values:
+                self._images[f"all {name}"], self._images[name] = values, values[self.rays]
+        return self._images["xy"], self._images["weight"]
 
     def rows(self, groups: Iterable[PointGroup]) -> IntArray:
         """Return the rows of the points of groups, ascending."""

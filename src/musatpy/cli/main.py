@@ -28,6 +28,7 @@ COMMANDS = {
     "check": "musatpy.cli.check",
     "card": "musatpy.cli.card",
     "simulate": "musatpy.cli.simulate",
+    "explain": "musatpy.cli.explain",
     "compare": "musatpy.cli.compare",
     "audit": "musatpy.cli.audit",
     "diff": "musatpy.cli.diff",

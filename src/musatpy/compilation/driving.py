@@ -7,16 +7,28 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import Stages
+from musatpy.compilation.stereomodels import Stereomodel
 from musatpy.errors import CompilationError, Problem
+from musatpy.model import CoordinateSystem
 from musatpy.pointfiles.csv_tables import column_faults, names_of, number
+from musatpy.units import DEGREE
 
-COLUMNS = ("t", "X", "Y", "Z")
+IN_MODEL = ("t", "X", "Y", "Z")
+GEOGRAPHIC = ("t", "lat", "lon", "height")
 _MOST_CYCLES = 1e7  # two days at 50 Hz: more is another unit of time
+
+
+class Driver(Protocol):
+    """What turns marks into stages: a loop, with or without the steps back to raw readings."""
+
+    def stages(self, mark: FloatArray) -> Stages:
+        """Return the stages of marks (k, 3) in the model."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,20 +49,38 @@ class Driven:
     def speed(self) -> float:
         """Largest speed of a stage along an axis, mm/s."""
         change = np.abs(np.diff(self.xy, axis=0)).max(axis=(1, 2), initial=0.0)
-        return float((change / np.diff(self.t)).max(initial=0.0))
+        speed = change / np.diff(self.t)
+        return float(speed[np.isfinite(speed)].max(initial=0.0))
+
+    @property
+    def without(self) -> int:
+        """Cycles whose mark no reading of the stages shows."""
+        return int(np.count_nonzero(np.isnan(self.xy).any(axis=(1, 2))))
 
 
-def read_path(source: Path) -> FloatArray:
-    """Return the path (r, 4): time (s) and the mark in the model (m), of a file with the columns t, X, Y, Z.
+def columns_of(stereo: Stereomodel, *, of_job: bool) -> tuple[str, ...]:
+    """Return the columns of a path in the model, or in the system of the job."""
+    geographic = stereo.run.block.options.system is CoordinateSystem.GEOGRAPHIC
+    return GEOGRAPHIC if of_job and geographic else IN_MODEL
+
+
+def in_model(stereo: Stereomodel, path: FloatArray, columns: tuple[str, ...]) -> FloatArray:
+    """Return a path (r, 4) in the system of the job (degrees, m) as one in the model."""
+    unit = np.array([DEGREE, DEGREE, 1.0]) if columns == GEOGRAPHIC else np.ones(3)
+    return np.column_stack([path[:, 0], stereo.model(stereo.run.frame.working(path[:, 1:] * unit))])
+
+
+def read_path(source: Path, columns: tuple[str, ...] = IN_MODEL) -> FloatArray:
+    """Return the path (r, 4) of a file with these columns: time (s) and the mark.
 
     Raises `CompilationError` with every line that cannot be used, and `OSError`.
     """
     with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         header, *lines = list(csv.reader(file)) or [[]]
     names = names_of(",".join(header))
-    if faults := column_faults(names, COLUMNS, ()):
+    if faults := column_faults(names, columns, ()):
         raise CompilationError([Problem(file=str(source), line=1, message=message) for message in faults])
-    places = [[name.lower() for name in names].index(name.lower()) for name in COLUMNS]
+    places = [[name.lower() for name in names].index(name.lower()) for name in columns]
     rows: list[list[float]] = []
     problems = []
     for line, cells in enumerate(lines, 2):
@@ -58,7 +88,7 @@ def read_path(source: Path) -> FloatArray:
             continue
         values = [number(cells[place]) if place < len(cells) else math.nan for place in places]
         if not np.isfinite(values).all():
-            name = COLUMNS[int(np.argmin(np.isfinite(values)))]
+            name = columns[int(np.argmin(np.isfinite(values)))]
             problems.append(Problem(file=str(source), line=line, field=name, message=f"{name} is no number"))
         elif rows and values[0] <= rows[-1][0]:
             problems.append(Problem(file=str(source), line=line, field="t", message="time does not go on"))
@@ -70,7 +100,7 @@ def read_path(source: Path) -> FloatArray:
     return np.array(rows)
 
 
-def driven(loop: Loop, path: FloatArray, rate: float) -> Driven:
+def driven(loop: Driver, path: FloatArray, rate: float) -> Driven:
     """Return what driving a path (r, 4) does at so many cycles a second; between rows the mark goes straight.
 
     Raises `CompilationError` for a path of more than ten million cycles.
@@ -94,5 +124,5 @@ def driven_csv(result: Driven) -> str:
     """Return the stages of every cycle as comma-separated values."""
     lines = ["t,x1,y1,x2,y2"]
     rows = zip(result.t.tolist(), result.xy.reshape(-1, 4).tolist(), strict=True)
-    lines += [f"{t:.4f}," + ",".join(f"{value:.6f}" for value in xy) for t, xy in rows]
+    lines += [f"{t:.4f}," + ",".join(f"{v:.6f}" if v == v else "" for v in xy) for t, xy in rows]
     return "\n".join(lines) + "\n"

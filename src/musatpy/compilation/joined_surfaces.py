@@ -86,6 +86,11 @@ class Surface:
     reason: str = ""
     left_out: int = 0
 
+    @property
+    def angular(self) -> bool:
+        """Whether its job has latitude and longitude."""
+        return self.plan is not None
+
     def coordinates(self, xy: FloatArray, height: FloatArray) -> FloatArray:
         """Return coordinates (k, 3) of the job of places (k, 2) at heights (k,)."""
         places = np.column_stack([xy, height])

@@ -24,7 +24,7 @@ def require_model(correction: Correction, points: FloatArray) -> None:
     if not len(points):
         raise CompilationError([Problem(message="there is no height in it")])
     try:
-        if correction.shows(points).any():
+        if _near_ground(correction, points):
             return
         why = f"both photos show none of the {len(points)} points, taken as {correction.system.text}"
     except SystemsError as error:
@@ -59,9 +59,20 @@ def _ways(correction: Correction, points: FloatArray, middle: FloatArray) -> Ite
                 yield words
 
 
+def _near_ground(correction: Correction, points: FloatArray) -> bool:
+    """Tell whether both photos show one of the points, nearer to the origin in height than the stations are.
+
+    Raises `SystemsError` where the system does not reach.
+    """
+    stereo, frame = correction.stereo, correction.stereo.run.frame
+    height = frame.height(frame.from_level(correction.system.level(points)))
+    near = np.abs(height - frame.height(stereo.origin[None])) < stereo.height
+    return bool((correction.shows(points) & near).any())
+
+
 def _fits(correction: Correction, points: FloatArray) -> bool:
     try:
-        return bool(correction.shows(points).any())
+        return _near_ground(correction, points)
     except SystemsError:
         return False
 

@@ -49,14 +49,26 @@ def _draw(axes: Any, surface: Surface, lines: list[Contour], limits: tuple[float
         vmax=limits[1],
     )  # fmt: skip
     for line in lines:
-        axes.plot(*line.xy.T, color="0.15", linewidth=1.6 if line.index else 0.7)
+        axes.plot(*line.xy.T, color="0.15", linewidth=1.2 if line.index else 0.5)
         if line.index:
-            middle = line.xy[len(line.xy) // 2]
-            axes.annotate(f"{line.level:g}", middle, fontsize=8, ha="center", va="center", backgroundcolor="white")
-    axes.plot(*tin.xy.T, ".", color="tab:orange", markersize=3)
+            _label(axes, line)
+    axes.plot(*tin.xy.T, ".", color="tab:orange", markersize=2)
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")
     return shade
+
+
+def _label(axes: Any, line: Contour) -> None:
+    """Write the level of a contour along its middle."""
+    from matplotlib.patheffects import withStroke
+
+    middle = len(line.xy) // 2
+    way = line.xy[min(middle + 1, len(line.xy) - 1)] - line.xy[middle - 1]
+    turn = np.degrees(np.arctan2(way[1], way[0]))
+    axes.annotate(
+        f"{line.level:g}", line.xy[middle], fontsize=7, ha="center", va="center", zorder=4,
+        rotation=(turn + 90.0) % 180.0 - 90.0, path_effects=[withStroke(linewidth=2.0, foreground="white")],
+    )  # fmt: skip
 
 
 def _draw_models(axes: Any, compiled: Compiled, surface: Surface) -> None:
@@ -66,9 +78,11 @@ def _draw_models(axes: Any, compiled: Compiled, surface: Surface) -> None:
             continue
         stereo, photos = model.stereo, model.stereo.run.block.photos
         base = surface.places(photos.position[list(stereo.photos)][:, :2])
-        axes.plot(*base.T, "^-", color="0.3", markersize=7, linewidth=0.8)
+        axes.plot(*base.T, "^-", color="tab:red", markersize=7, linewidth=0.8, zorder=5)
         for row, place in zip(stereo.photos, base, strict=True):
-            axes.annotate(str(photos.ids[row]), place, textcoords="offset points", xytext=(4, 5), fontsize=8)
+            axes.annotate(
+                str(photos.ids[row]), place, textcoords="offset points", xytext=(4, 5), fontsize=8, zorder=5
+            )
         half = 0.5 * stereo.camera("format_size").min(axis=0) / stereo.camera("focal_length").mean() * stereo.height
         stations = stereo.stations[:, 0]
         west, east = stations.max() - half[0], stations.min() + half[0]

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.joined_surfaces import Surface
-from musatpy.errors import Problem, SoundingError
+from musatpy.compilation.raster_bottoms import RasterBottom
+from musatpy.errors import Problem, SoundingError, SystemsError
 from musatpy.soundings.differences import Differences
 from musatpy.soundings.sounding_files import Soundings
 from musatpy.surfaces.nearby import planes_at
-from musatpy.surfaces.tin import FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS
+from musatpy.surfaces.tin import EMPTY, FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, REASONS, SurfaceValues
 
 STEEP = "the bottom is steeper there than the limit"
 DRY = "dry: the bottom there is above the water"
 UNDATED = "its date is not known"
 _DRY = len(REASONS) + 1
-_RANK = np.argsort([OUTSIDE, FEW, LONG_EDGE, LAND, _DRY, INSIDE])  # of reasons of several surfaces the last counts
+_RANK = np.argsort(
+    [OUTSIDE, EMPTY, FEW, LONG_EDGE, LAND, _DRY, INSIDE]
+)  # of reasons of several surfaces the last counts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,12 +71,12 @@ class _Bottoms:
     reason: IntArray
 
 
-def sounded(surfaces: Sequence[Surface], soundings: Soundings, how: Matching) -> Sounded:
-    """Return soundings beside the surfaces of a compilation; where these overlap beside the surer one.
+def sounded(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, how: Matching) -> Sounded:
+    """Return soundings beside the surfaces of a compilation or a raster; where these overlap beside the surer one.
 
     Raises `SoundingError` where their coordinates are not of the kind of the job's.
     """
-    used = [surface for surface in surfaces if surface.tin is not None]
+    used = [surface for surface in surfaces if isinstance(surface, RasterBottom) or surface.tin is not None]
     at = _bottoms_at(used, soundings, how.radius)
     reasons = _reasons(at, soundings, how)
     met = np.setdiff1d(np.arange(len(soundings.depth)), list(reasons))
@@ -93,14 +97,15 @@ def sounded(surfaces: Sequence[Surface], soundings: Soundings, how: Matching) ->
     )
 
 
-def _bottoms_at(surfaces: Sequence[Surface], soundings: Soundings, radius: float) -> _Bottoms:
+def _bottoms_at(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, radius: float) -> _Bottoms:
     n = len(soundings.depth)
     depth, sigma, slope = np.full(n, np.nan), np.full(n, np.inf), np.full(n, np.nan)
     reason = np.full(n, OUTSIDE)
     for surface in surfaces:
-        if (surface.plan is not None) != soundings.angular:
-            needed = "lat and lon" if surface.plan is not None else "x and y"
-            raise SoundingError([Problem(message=f"the job has {needed}: give the soundings in these")])
+        if surface.angular != soundings.angular:
+            needed = "lat and lon" if surface.angular else "x and y"
+            named = ", or name the system of x and y (--crs EPSG:32620)" if surface.angular else ""
+            raise SoundingError([Problem(message=f"the job has {needed}: give the soundings in these{named}")])
         part = _bottom_at(surface, surface.places(soundings.place), radius)
         reason = np.where(_RANK[part.reason] > _RANK[reason], part.reason, reason)
         surer = (part.reason == INSIDE) & ~(part.sigma >= sigma)  # one without a sigma is better than none
@@ -108,8 +113,10 @@ def _bottoms_at(surfaces: Sequence[Surface], soundings: Soundings, radius: float
     return _Bottoms(depth=depth, sigma=sigma, slope=slope, reason=reason)
 
 
-def _bottom_at(surface: Surface, places: FloatArray, radius: float) -> _Bottoms:
-    """Return the bottom of a model at places (n, 2); it is dry where it is above the water of the nearest point."""
+def _bottom_at(surface: Surface | RasterBottom, places: FloatArray, radius: float) -> _Bottoms:
+    """Return a bottom at places (n, 2); that of a model is dry where it is above the water of the nearest point."""
+    if isinstance(surface, RasterBottom):
+        return _of(surface.at(places))
     from scipy.spatial import KDTree  # it takes long to load
 
     points = surface.points
@@ -120,12 +127,23 @@ def _bottom_at(surface: Surface, places: FloatArray, radius: float) -> _Bottoms:
         at = surface.tin.at(places)
     nearest = KDTree(points.xy).query(places)[1]
     dry = at.value < points.water[nearest]
-    return _Bottoms(
-        depth=at.value,
-        sigma=at.sigma,
-        slope=np.linalg.norm(at.gradient, axis=1),
-        reason=np.where(dry, _DRY, at.reason),
-    )
+    return _of(replace(at, reason=np.where(dry, _DRY, at.reason)))
+
+
+def _of(at: SurfaceValues) -> _Bottoms:
+    slope = np.asarray(np.linalg.norm(at.gradient, axis=1))
+    return _Bottoms(depth=at.value, sigma=at.sigma, slope=slope, reason=at.reason)
+
+
+def nowhere(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, compared: Sounded) -> SoundingError:
+    """Return the error of soundings none of which meets the bottom: why, and whether they would with x for y."""
+    why = next(iter(compared.reasons.values()), "there is no bottom")
+    turned, exchanged = replace(soundings, place=soundings.place[:, ::-1]), 0
+    with suppress(SystemsError):  # where a system does not reach
+        exchanged = len(sounded(surfaces, turned, Matching()).rows)
+    names = "lat and lon" if soundings.angular else "x and y"
+    hint = f". {exchanged} of them would with {names} exchanged" if exchanged else ""
+    return SoundingError([Problem(message=f"no sounding meets the bottom: {why}{hint}")])
 
 
 def _reasons(at: _Bottoms, soundings: Soundings, how: Matching) -> dict[int, str]:

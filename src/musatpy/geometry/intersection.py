@@ -7,6 +7,8 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.geometry.vectors import cross
 
+_SINGULAR = 1e-14  # smallest eigenvalue from which rays are not parallel
+
 
 def first_pair(P: FloatArray, u: FloatArray) -> FloatArray:
     """Return the point half-way between the first two rays, (..., 3). ETL-0306 (3.2)-(3.6), corrected.
@@ -33,7 +35,9 @@ def nearest_point(P: FloatArray, u: FloatArray) -> FloatArray:
     across = np.eye(3) - u[..., :, None] * u[..., None, :]
     N = across.sum(axis=-3)
     t = np.einsum("...mij,...mj->...i", across, P)
-    singular = np.linalg.eigvalsh(N)[..., 0] < 1e-14
+    # the determinant over the sum of the principal minors: about the smallest eigenvalue, where that is small
+    minors = sum(N[..., i, i] * N[..., j, j] - np.square(N[..., i, j]) for i, j in ((0, 1), (0, 2), (1, 2)))
+    singular = np.linalg.det(N) < _SINGULAR * minors
     N = np.where(singular[..., None, None], np.eye(3), N)
     X = np.linalg.solve(N, t[..., None])[..., 0]
     return np.where(singular[..., None], np.nan, X)

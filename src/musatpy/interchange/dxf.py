@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError, Problem
 from musatpy.files import write_file
+from musatpy.interchange.dxf_tags import Entity, first_comments, is_note, plain_entities
 from musatpy.interchange.layers import Column, Lines, Points, placed
 from musatpy.interchange.packages import fault, package, refuse, require_content, upsets
 
@@ -30,7 +31,6 @@ _DECIMALS = 4  # 0.1 mm
 _LONGEST = 31  # characters of the name of a layer in Release 12
 _COMMENT, _SHOWN = "999", 200  # group of comments, and characters of one
 _CRS, _HEIGHTS = "CRS ", "HEIGHTS "  # what comments begin with
-_NOTES = {"TEXT", "MTEXT", "ATTDEF", "DIMENSION", "LEADER", "MULTILEADER", "TOLERANCE", "VIEWPORT"}
 _FITTED = 6  # flags of polylines that are fitted curves
 _READ = "points, lines and polylines"
 
@@ -61,26 +61,37 @@ def read(path: Path, crs: pyproj.CRS | None = None, heights: str = "") -> tuple[
     `crs` and `heights` stand in for what no comment says. Raises `InterchangeError` with all that is wrong: curves
     and other entities that are neither, polylines without heights; `OSError`.
     """
-    ezdxf = package("ezdxf", _USE)
+    package("ezdxf", _USE)
     require_content(path)
     with upsets(path, "is no DXF file"):
-        entities = [entity for entity in ezdxf.readfile(path).modelspace() if entity.dxftype() not in _NOTES]
+        entities = _drawn(path)
         stated, words = _stated(path)
-    if problems := [*_strange(path, entities)]:
-        raise InterchangeError(problems)
-    dots = [entity for entity in entities if entity.dxftype() == "POINT"]
-    drawn = [entity for entity in entities if entity.dxftype() != "POINT"]
-    vertices, closed = [_vertices(entity) for entity in drawn], [_is_closed(entity) for entity in drawn]
-    xyz = np.array([tuple(dot.dxf.location) for dot in dots]).reshape(-1, 3)
-    if problems := [*_no_numbers(path, dots + drawn, [*xyz, *vertices]), *_without_heights(path, drawn, vertices)]:
+    if not entities:
+        raise refuse(path, "", "the drawing has none", _READ)
+    if problems := [*_no_numbers(path, entities), *_without_heights(path, entities)]:
         raise InterchangeError(problems)
     place: dict[str, Any] = {"crs": placed(stated or crs), "heights": words or heights}
-    lines = Lines.of_paths(
-        [np.concatenate([line, line[:1]]) if ring else line for line, ring in zip(vertices, closed, strict=True)],
-        columns=_layers(drawn),
-        **place,
-    )
-    return Points(xyz=xyz, columns=_layers(dots), **place), lines
+    dots = [entity for entity in entities if entity.kind == "POINT"]
+    lines = [entity for entity in entities if entity.kind != "POINT"]
+    xyz = np.concatenate([np.empty((0, 3)), *(dot.xyz for dot in dots)])
+    paths = [np.concatenate([line.xyz, line.xyz[:1]]) if line.closed else line.xyz for line in lines]
+    return Points(xyz=xyz, columns=_layers(dots), **place), Lines.of_paths(paths, columns=_layers(lines), **place)
+
+
+def _drawn(path: Path) -> list[Entity]:
+    """Return the points and lines of a drawing. Raises `InterchangeError` with all that is neither."""
+    ezdxf = package("ezdxf", _USE)
+    if not package("ezdxf.lldxf.validator", _USE).is_binary_dxf_file(path):
+        encoding = package("ezdxf.filemanagement", _USE).dxf_file_info(path).encoding
+        if (plain := plain_entities(path, encoding)) is not None:
+            return plain
+    entities = [entity for entity in ezdxf.readfile(path).modelspace() if not is_note(entity.dxftype())]
+    if problems := [*_strange(path, entities)]:
+        raise InterchangeError(problems)
+    return [
+        Entity(kind=entity.dxftype(), layer=entity.dxf.layer, xyz=_vertices(entity), closed=_is_closed(entity))
+        for entity in entities
+    ]
 
 
 def _comments(layer: Points | Lines) -> str:
@@ -95,7 +106,7 @@ def _comments(layer: Points | Lines) -> str:
 
 def _stated(path: Path) -> tuple[pyproj.CRS | None, str]:
     """Return the system and the words for heights that the comments of a drawing say."""
-    comments = [str(tag.value) for tag in package("ezdxf.comments", _USE).from_file(str(path))]
+    comments = first_comments(path)
     definition, words = (
         "".join(comment.removeprefix(begin) for comment in comments if comment.startswith(begin))
         for begin in (_CRS, _HEIGHTS)
@@ -138,12 +149,10 @@ def _layer_name(path: Path, text: str) -> str:
 
 
 def _strange(path: Path, entities: list[Any]) -> Iterator[Problem]:
-    """Yield what a drawing has that is neither point nor line, and that it has none."""
+    """Yield what a drawing has that is neither point nor line."""
     kinds = Counter((entity.dxf.layer, why) for entity in entities if (why := _reason(entity)))
     for (layer, kind), count in kinds.items():
         yield fault(path, f"layer {layer}", f"{count} of the kind {kind}", _READ)
-    if not entities:
-        yield fault(path, "", "the drawing has none", _READ)
 
 
 def _reason(entity: Any) -> str:
@@ -161,8 +170,10 @@ def _reason(entity: Any) -> str:
 
 
 def _vertices(entity: Any) -> FloatArray:
-    """Return the vertices (k, 3) of a line or polyline."""
+    """Return the vertices (k, 3) of a point, line or polyline."""
     kind = entity.dxftype()
+    if kind == "POINT":
+        return np.array([tuple(entity.dxf.location)])
     if kind == "LINE":
         return np.array([tuple(entity.dxf.start), tuple(entity.dxf.end)])
     places = entity.vertices_in_wcs() if kind == "LWPOLYLINE" else entity.points_in_wcs()
@@ -170,22 +181,23 @@ def _vertices(entity: Any) -> FloatArray:
 
 
 def _is_closed(entity: Any) -> bool:
-    return entity.dxftype() != "LINE" and bool(entity.is_closed)
+    return entity.dxftype() not in ("POINT", "LINE") and bool(entity.is_closed)
 
 
-def _no_numbers(path: Path, entities: list[Any], coordinates: list[FloatArray]) -> Iterator[Problem]:
-    for entity, xyz in zip(entities, coordinates, strict=True):
-        if not np.isfinite(xyz).all():
-            yield fault(path, f"layer {entity.dxf.layer}", "a coordinate is no number", "x, y and z")
+def _no_numbers(path: Path, entities: Sequence[Entity]) -> Iterator[Problem]:
+    for entity in entities:
+        if not np.isfinite(entity.xyz).all():
+            yield fault(path, f"layer {entity.layer}", "a coordinate is no number", "x, y and z")
 
 
-def _without_heights(path: Path, drawn: list[Any], vertices: list[FloatArray]) -> Iterator[Problem]:
+def _without_heights(path: Path, entities: Sequence[Entity]) -> Iterator[Problem]:
     """Yield a problem where all lines are at the height 0: that of 2-D drawings, in which none is given."""
-    if vertices and not any(line[:, 2].any() for line in vertices):
-        kinds = ", ".join(sorted({entity.dxftype() for entity in drawn}))
+    lines = [entity for entity in entities if entity.kind != "POINT"]
+    if lines and not any(line.xyz[:, 2].any() for line in lines):
+        kinds = ", ".join(sorted({line.kind for line in lines}))
         expected = "3-D polylines, or polylines with an elevation"
         yield fault(path, "", f"no line has a height (2-D): {kinds}", expected)
 
 
-def _layers(entities: list[Any]) -> dict[str, Column]:
-    return {"layer": Column.of(np.array([entity.dxf.layer for entity in entities], dtype=np.str_))}
+def _layers(entities: Sequence[Entity]) -> dict[str, Column]:
+    return {"layer": Column.of(np.array([entity.layer for entity in entities], dtype=np.str_))}

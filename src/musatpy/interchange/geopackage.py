@@ -23,7 +23,7 @@ from musatpy.interchange.packages import fault, package, refuse, require_content
 
 _USE = "GeoPackages need"
 _LAST_CHANGE = "1983-09-01T00:00:00.000Z"  # the month of ETL-0306: equal layers make equal files
-_CARTESIAN = -1  # number of the system of a local layer
+_CARTESIAN, _GEOGRAPHIC = -1, 0  # numbers of undefined systems: of local layers, of degrees without a datum
 _POINT, _LINE, _MANY_POINTS, _MANY_LINES = 0, 1, 4, 5  # numbers of kinds of geometry in shapely
 _SCHEMA = """
 CREATE TABLE gpkg_data_columns (
@@ -66,8 +66,9 @@ def write(path: Path, layers: Mapping[str, Points | Lines]) -> None:
 def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: str = "") -> Points | Lines:
     """Read a layer, the only one unless it is named; `crs` and `heights` stand in for what the file does not say.
 
-    Geometries of several parts become a point or a line each. Raises `InterchangeError` with all that is wrong;
-    `OSError`.
+    Undefined systems say none: a Cartesian one is local without `crs`; one of longitude and latitude takes a `crs`
+    that is geographic, and has degrees on no ellipsoid without it. Geometries of several parts become a point or a
+    line each. Raises `InterchangeError` with all that is wrong; `OSError`.
     """
     pyogrio, shapely = package("pyogrio", _USE), package("shapely", _USE)
     require_content(path)
@@ -75,7 +76,7 @@ def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: st
         names = [str(name) for name, _ in pyogrio.list_layers(path)]
         name = _layer_name(path, names, layer)
         meta, _, encoded, values = pyogrio.raw.read(path, layer=name)
-        units, description = _described(path, name)
+        units, description, srs = _described(path, name)
     fields = [str(field) for field in meta["fields"]]
     columns = {field: Column.of(value, units.get(field, "")) for field, value in zip(fields, values, strict=True)}
     with upsets(path, f"layer {name} cannot be read"):
@@ -84,7 +85,11 @@ def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: st
     parts, rows = shapely.get_parts(geometries, return_index=True)
     columns = {field: Column(values=column.values[rows], unit=column.unit) for field, column in columns.items()}
     xyz, index = shapely.get_coordinates(parts, include_z=True, return_index=True)
-    stated = pyproj.CRS.from_user_input(meta["crs"]) if meta["crs"] else crs
+    is_defined = bool(meta["crs"]) and srs not in (_CARTESIAN, _GEOGRAPHIC)
+    if srs == _GEOGRAPHIC and crs is not None and not crs.is_geographic:
+        found = "longitude and latitude of no datum (srs_id 0)"
+        raise refuse(path, f"layer {name}", found, "a geographic system, or coordinates of the one that is meant")
+    stated = pyproj.CRS.from_user_input(meta["crs"]) if is_defined else crs
     place: dict[str, Any] = {"crs": placed(stated), "heights": description or heights, "columns": columns}
     if shapely.get_type_id(parts[0]) == _POINT:
         return Points(xyz=xyz, **place)
@@ -145,16 +150,16 @@ def _describe(path: Path, layers: Mapping[str, Points | Lines]) -> None:
         )
 
 
-def _described(path: Path, name: str) -> tuple[dict[str, str], str]:
-    """Return the units of the columns of a layer, and its description."""
+def _described(path: Path, name: str) -> tuple[dict[str, str], str, int | None]:
+    """Return the units of the columns of a layer, its description, and the number of its system."""
     query = "SELECT column_name, description FROM gpkg_data_columns WHERE table_name = ?"
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
         tables = {row[0] for row in database.execute("SELECT name FROM sqlite_master")}
         rows = database.execute(query, (name,)).fetchall() if "gpkg_data_columns" in tables else []
-        contents = database.execute("SELECT description FROM gpkg_contents WHERE table_name = ?", (name,))
-        description = contents.fetchone()
+        contents = database.execute("SELECT description, srs_id FROM gpkg_contents WHERE table_name = ?", (name,))
+        description, srs = contents.fetchone() or ("", None)
     units = {field: text.removeprefix("unit: ") for field, text in rows if (text or "").startswith("unit: ")}
-    return units, (description[0] or "") if description else ""
+    return units, description or "", srs
 
 
 def _layer_name(path: Path, names: list[str], wanted: str) -> str:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -117,15 +117,21 @@ class Lens:
             xy,
         )
 
+    @cached_property
+    def _intervals(self) -> tuple[FloatArray, FloatArray]:
+        """Start and slope (t,) of the lines between radii: D = start + slope r, start 0 in the first."""
+        knots, values = np.concatenate([[0.0], self.radius]), np.concatenate([[0.0], self.radial])
+        slope = np.diff(values) / np.diff(knots)
+        return values[:-1] - slope * knots[:-1], slope
+
     def _table(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return D(r)/r and its derivative by q = r^2."""
         if not self.radius.size:
             return np.zeros_like(q), np.zeros_like(q)
-        knots, values = np.concatenate([[0.0], self.radius]), np.concatenate([[0.0], self.radial])
         # the interval of each radius; the last one goes on
-        i = np.clip(np.searchsorted(knots, np.sqrt(q).real, side="right") - 1, 0, len(knots) - 2)
-        slope = np.diff(values)[i] / np.diff(knots)[i]
-        start = values[i] - slope * knots[i]  # D = start + slope r; start is 0 in the first interval
+        starts, slopes = self._intervals
+        i = np.minimum(np.searchsorted(self.radius, np.sqrt(q).real, side="right"), len(starts) - 1)
+        start, slope = starts[i], slopes[i]
         r = np.sqrt(np.where(i > 0, q, 1.0))
         return slope + start / r, -0.5 * start / r**3
 

@@ -14,7 +14,7 @@ from musatpy.reports.columns import vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Schema, properties_of, same
 from musatpy.reports.job_record import ELLIPSOID
-from musatpy.reports.origin import Origin
+from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.reduction import reduction_sections
 from musatpy.reports.reduction_record import REDUCTION
@@ -68,13 +68,18 @@ MODELS: Each[Compiled, CompiledModel] = Each(
         Field("height", "number", "of the stations over the origin", lambda m: m.stereo.height, "m"),
         Field("scale", "number", "scale number of the photographs at the origin", lambda m: m.stereo.scale),
         Field("tides", "2 number?", "of the photos", lambda m: m.stereo.tides, "m"),
-        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m"),
-        Field("axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes),
+        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m", exact=True),
+        Field(
+            "axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes, exact=True,
+        ),
         Field(
             "origin_position", "3 number", "of the model axes, in the system of the job",
-            lambda m: m.stereo.run.frame.system(m.stereo.origin[None])[0], "rad, rad, m (GEOG) or m",
+            lambda m: m.stereo.run.frame.system(m.stereo.origin[None])[0], "rad, rad, m (GEOG) or m", exact=True,
         ),
-        Field("working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m"),
+        Field(
+            "working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m",
+            exact=True,
+        ),
         Field("points", "integer", "readings", lambda m: len(m.rows)),
         Field("compiled", "integer", "of these with a position", lambda m: len(m.rows) - len(m.points.reasons)),
         Field(
@@ -303,7 +308,8 @@ SHORE_TABLE: Report[Any] = Report(
         Column("Largest\nm", "F8.3", shows="largest"),
     ),
 )
-STATED = (MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
+WARNINGS = Mapped(title="Warnings Of Run And Readings", layout="texts", table="warnings")
+STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
 
 
 def sections_of(
@@ -337,7 +343,7 @@ def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequ
         MODEL_TABLE.section(compiled, _of_waves(compiled)),
         *([MOVED_TABLE.section(compiled)] if any(model.moved for model in compiled.models) else []),
         *([RECOVERED_TABLE.section((compiled, against))] if read else []),
-        *([Section(title="Warnings", lines=wrapped(warnings, lead="- "))] if warnings else []),
+        *([Section(title=WARNINGS.title, lines=wrapped(warnings, lead="- "))] if warnings else []),
     ]
 
 

@@ -37,8 +37,8 @@ POINTS: Rows[Compiled, Compiled] = Rows(
         Field(
             "apparent", "3 number?", "where the straight rays meet", lambda c: c.apparent, "rad, rad, m (GEOG) or m"
         ),
-        Field("model_position", "3 number?", "true, in the model", lambda c: c.in_models[0], "m"),
-        Field("model_apparent", "3 number?", "apparent, in the model", lambda c: c.in_models[1], "m"),
+        Field("model_position", "3 number?", "true, in the model", lambda c: c.in_models[0], "m", exact=True),
+        Field("model_apparent", "3 number?", "apparent, in the model", lambda c: c.in_models[1], "m", exact=True),
         Field("water_level", "number?", "mean of both photos, there", lambda c: c.gathered("water_level"), "m"),
         Field("depth", "number?", "below that", lambda c: c.gathered("depth"), "m"),
         Field("depth_sigma", "number?", "of the depth", lambda c: c.gathered("depth_sigma"), "m"),
@@ -55,17 +55,19 @@ POINTS: Rows[Compiled, Compiled] = Rows(
         Field("reason", "string?", "why it has no position", lambda c: c.reasons),
     ),
 )  # fmt: skip
-STATED_POINTS: Rows[Compiled, StatedPoints] = Rows(
+STATED_POINTS: Rows[Compiled, tuple[Compiled, StatedPoints]] = Rows(
     "points",
     "one row per reading; null where the system does not reach",
-    lambda c: c.answer,
+    lambda c: None if c.answer is None else (c, c.answer),
     (
-        Field("position", "3 number?", "true", lambda a: a.position, "that of the coordinates", exact=True),
+        Field("model", "string", "model id", lambda a: a[0].model_ids),
+        Field("point", "string", "point or feature", lambda a: a[0].deck.stages.ids[a[0].rows]),
+        Field("position", "3 number?", "true", lambda a: a[1].position, "that of the coordinates", exact=True),
         Field(
             "covariance",
             "3x3 number?",
             "of that",
-            lambda a: a.covariance,
+            lambda a: a[1].covariance,
             "that of the coordinates, squared",
             exact=True,
         ),
@@ -73,12 +75,12 @@ STATED_POINTS: Rows[Compiled, StatedPoints] = Rows(
             "apparent",
             "3 number?",
             "where straight rays meet",
-            lambda a: a.apparent,
+            lambda a: a[1].apparent,
             "that of the coordinates",
             exact=True,
         ),
     ),
-)
+)  # fmt: skip
 ANSWER: Group[Compiled, Compiled] = Group(
     "stated",
     "the points as the run states its answer (SYS OUT); null where that is in the system of the job",

@@ -12,15 +12,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.fortran import Edit, parse_edit, write_number
+from musatpy.reports.characters import Characters, blank, fixed, of_texts, strings, whole_numbers
 from musatpy.units import dms_from_radians
 
+MANY = 40  # values of a column, from which on they are edited at once
 _LEADING_ZERO = re.compile(r"(?<!\d)0(?=\.\d)")
 _SEXAGESIMAL = re.compile(r"S(\d+)\.(\d+)")
 
@@ -37,16 +41,48 @@ def edited(descriptor: str, values: Iterable[Any]) -> list[str]:
 
     Raises `FieldError` where `descriptor` is none.
     """
-    plain = values.tolist() if isinstance(values, np.ndarray) else list(values)
+    column = values if isinstance(values, np.ndarray) else list(values)
+    if len(column) >= MANY:
+        return strings(characters(descriptor, column))
+    one = _editing_of(descriptor)
+    return [one(value) for value in (column.tolist() if isinstance(column, np.ndarray) else column)]
+
+
+def characters(descriptor: str, values: Sequence[Any] | NDArray[Any]) -> Characters:
+    """Return the texts of `edited` as an array of characters (n, width), a whole column at once."""
+    width, one = field_width(descriptor), _editing_of(descriptor)
+    if descriptor.startswith("A"):
+        is_text = isinstance(values, np.ndarray) and values.dtype.kind == "U"
+        return of_texts(values if is_text else [one(value) for value in values], width)
+    table, done = _at_once(descriptor, np.asarray(values), width)
+    rows = np.flatnonzero(~done)
+    table[rows] = of_texts([one(value) for value in np.asarray(values)[rows].tolist()], width)
+    return table
+
+
+def _at_once(descriptor: str, values: NDArray[Any], width: int) -> tuple[Characters, BoolArray]:
+    """Return the characters of numbers (n,), and which of them (n,) are those that are wanted."""
     sexagesimal = _SEXAGESIMAL.fullmatch(descriptor)
     if sexagesimal:
-        return _angles(plain, int(sexagesimal[1]), int(sexagesimal[2]))
+        return _angles(values.astype(float), width, int(sexagesimal[2]))
+    edit = parse_edit(descriptor)
+    if edit.letter == "F":
+        return fixed(values.astype(float), width, edit.decimals)
+    if edit.letter == "I" and values.dtype.kind in "iu":
+        return whole_numbers(values, values < 0, width)
+    return blank(len(values), width), np.zeros(len(values), dtype=bool)
+
+
+@lru_cache
+def _editing_of(descriptor: str) -> Callable[[Any], str]:
+    """Return the function that edits one value; raises `FieldError` where `descriptor` is none."""
+    sexagesimal = _SEXAGESIMAL.fullmatch(descriptor)
+    if sexagesimal:
+        return partial(_angle, width=int(sexagesimal[1]), decimals=int(sexagesimal[2]))
     edit = parse_edit(descriptor)
     if edit.letter == "A":
-        return _at_once(f"%-{edit.width}.{edit.width}s", plain)
-    if edit.letter == "F":
-        return _fixed(plain, edit)
-    return [_number(value, edit) for value in plain]
+        return f"%-{edit.width}.{edit.width}s".__mod__
+    return partial(_number, edit=edit)
 
 
 def number_text(descriptor: str, value: float) -> str:
@@ -59,29 +95,6 @@ def prints_as_zero(descriptor: str, value: float) -> bool:
     return not re.search("[1-9*]", edited(descriptor, [value])[0])
 
 
-def _fixed(values: list[float], edit: Edit) -> list[str]:
-    """Edit by Fw.d: all at once, then one by one again what has no value or no room for a blank before it."""
-    zeros = "0" * edit.decimals
-    joined = _joined(f"%#{edit.width}.{edit.decimals}f", values)
-    joined = joined.replace(f"-0.{zeros}\0", f" 0.{zeros}\0")  # no sign of what rounds to zero
-    texts = joined.replace(" 0.", "  .").replace(" -0.", "  -.").split("\0")[:-1]
-    size, room = np.abs(np.array(values, dtype=float)), edit.width - edit.decimals
-    plain = size < (10.0 ** (room - 2) - 1.0 if edit.decimals and room > 3 else 0.0)
-    for row in np.flatnonzero(~plain).tolist():
-        texts[row] = _number(values[row], edit)
-    return texts
-
-
-def _at_once(template: str, values: list[Any]) -> list[str]:
-    """Return `template % value` of each value."""
-    return _joined(template, values).split("\0")[:-1]
-
-
-def _joined(template: str, values: list[Any]) -> str:
-    """Return `template % value` of each value and a null, in one operation: a large block has millions of them."""
-    return (template + "\0") * len(values) % tuple(values)
-
-
 @lru_cache(maxsize=4096)
 def _number(value: float, edit: Edit) -> str:
     return _without_zero(write_number(value, edit))
@@ -92,17 +105,24 @@ def _without_zero(text: str) -> str:
     return _LEADING_ZERO.sub("", text).rjust(len(text))
 
 
-def _angles(angles: list[float], width: int, decimals: int) -> list[str]:
+def _angle(angle: float, width: int, decimals: int) -> str:
     """Edit rad as degrees, minutes, seconds in fields of their own; the sign sits on the degrees, zero included."""
-    edit = Edit(letter="F", width=decimals + 4, decimals=decimals)
-    numbers = np.array(angles, dtype=float)
-    parts = dms_from_radians(np.where(np.isfinite(numbers), numbers, 0.0), decimals)
-    texts = []
-    for angle, d, m, s in zip(angles, *(part.tolist() for part in parts), strict=True):
-        if not math.isfinite(angle):
-            texts.append((" " if math.isnan(angle) else "*") * width)
-            continue
-        sign = "-" if math.copysign(1.0, d) < 0.0 and (d or m or s) else ""
-        text = f"{sign}{abs(d):.0f}{m:3.0f}{_number(s, edit)}"
-        texts.append(text.rjust(width) if len(text) <= width else "*" * width)
-    return texts
+    if not math.isfinite(angle):
+        return (" " if math.isnan(angle) else "*") * width
+    d, m, s = (float(part) for part in dms_from_radians(angle, decimals))
+    sign = "-" if math.copysign(1.0, d) < 0.0 and (d or m or s) else ""
+    text = f"{sign}{abs(d):.0f}{m:3.0f}{_number(s, Edit(letter='F', width=decimals + 4, decimals=decimals))}"
+    return text.rjust(width) if len(text) <= width else "*" * width
+
+
+def _angles(angles: FloatArray, width: int, decimals: int) -> tuple[Characters, BoolArray]:
+    """Return what `_angle` does of angles (n,) as characters, and which (n,) are done."""
+    finite = np.isfinite(angles)
+    degrees, minutes, seconds = dms_from_radians(np.where(finite, angles, 0.0), decimals)
+    negative = np.signbit(degrees) & ((degrees != 0.0) | (minutes != 0.0) | (seconds != 0.0))
+    last, done = fixed(seconds, decimals + 4, decimals)
+    if width < decimals + 8:  # no column for the degrees
+        return blank(len(angles), width), np.zeros(len(angles), dtype=bool)
+    first, fits = whole_numbers(degrees, negative, width - decimals - 7)
+    middle, _ = whole_numbers(minutes, np.zeros(len(angles), dtype=bool), 3)
+    return np.concatenate([first, middle, last], axis=1), finite & done & fits

@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from musatpy.arrays import FloatArray
+
 Json = Any
+_FACTORS = np.array([float(10**power) for power in range(23)])  # all powers of ten that a double holds exactly
+_LOWEST = -11  # exponent of the smallest numbers of twelve digits that these bring to whole ones
+_POWERS = np.array([float(f"1e{exponent}") for exponent in range(_LOWEST, 16)])
 Rows = list[dict[str, Json]]
 
 
@@ -23,14 +28,31 @@ def plain(values: NDArray[Any]) -> list[Json]:
     return list(values.tolist())
 
 
-def rounded(values: Any, digits: int | None) -> list[Json]:
-    """Return a column as nested lists, its numbers at so many significant digits; None: as they are."""
-    if digits is None or (isinstance(values, np.ndarray) and values.dtype.kind != "f"):
-        return plain(values) if isinstance(values, np.ndarray) else list(values)
+def rounded(values: Any, digits: int | None) -> Any:
+    """Return a column, an array or lists, with its numbers at so many significant digits; None: as they are."""
+    if digits is None:
+        return values
     if isinstance(values, np.ndarray):
-        texts = (f"%.{digits}g " * values.size) % tuple(values.ravel().tolist())
-        return plain(np.array(texts.split(), dtype=float).reshape(values.shape))
+        return _to_digits(values, digits) if values.dtype.kind == "f" else values
     return [_rounded(value, digits) for value in values]
+
+
+def _to_digits(values: FloatArray, digits: int) -> FloatArray:
+    """Return the doubles that are nearest to numbers of so many significant digits.
+
+    Those of usual size by a power of ten that a double holds exactly, so that the quotient is rounded but once; a
+    number within a unit of the sixteenth digit of a tie may go either way.
+    """
+    size = np.abs(values)
+    usual = (size >= _POWERS[0]) & (size < 10.0**digits)
+    exponent = (
+        np.searchsorted(_POWERS, np.where(usual, size, 1.0), side="right") - 1 + _LOWEST
+    )  # of the first digit
+    factor = _FACTORS[digits - 1 - exponent]
+    found = np.where(usual, np.rint(values * factor) / factor, values)
+    for place in zip(*np.nonzero(~usual & np.isfinite(values) & (values != 0.0)), strict=True):
+        found[place] = float(f"{values[place]:.{digits}g}")
+    return found
 
 
 def _rounded(value: Json, digits: int) -> Json:
@@ -52,4 +74,5 @@ def rows(**columns: NDArray[Any] | Sequence[Json]) -> Rows:
 
 def names(kind: type[IntEnum], values: Iterable[int]) -> list[str]:
     """Return the names of the members of an enumeration, in small letters."""
-    return [kind(int(value)).name.lower() for value in values]
+    members = {int(member): member.name.lower() for member in kind}
+    return [members[value] for value in np.asarray(values).tolist()]

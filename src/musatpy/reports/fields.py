@@ -128,7 +128,8 @@ class Rows(Node[Source], Generic[Source, Item]):
         return {"type": "object", "description": self.text, "columns": True, **fields}
 
     def json(self, source: Source) -> Json:
-        return {field.name: rounded(values, field.digits) for field, values in self.columns(source)}
+        columns = ((field.name, rounded(values, field.digits)) for field, values in self.columns(source))
+        return {name: plain(values) if isinstance(values, np.ndarray) else list(values) for name, values in columns}
 
     def columns(self, source: Source) -> Iterator[tuple[Field[Item], Any]]:
         """Yield the fields with their values, one per row, as arrays or lists."""

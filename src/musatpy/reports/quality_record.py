@@ -285,31 +285,36 @@ TESTS = Group[Statistics, Statistics](
 )
 
 
-def _of_kinds(statistics: Statistics, values: Callable[[Kind, IntArray], Sequence[Json]]) -> list[Json]:
-    """Return what `values` has for the rows of each kind of the observations, in their order."""
+def _of_kinds(
+    statistics: Statistics, of: IntArray, values: Callable[[Kind, IntArray], Sequence[Json]]
+) -> list[Json]:
+    """Return what `values` has for the observations of each kind, by their numbers `of` that it depends on.
+
+    It is asked but once for each of these numbers: most have several observations.
+    """
     kinds = statistics.quality.observed.kind
-    out: list[Json] = [None] * len(kinds)
+    out = np.empty(len(kinds), dtype=object)
     for kind in np.unique(kinds).tolist():
         rows = np.flatnonzero(kinds == kind)
-        for row, value in zip(rows.tolist(), values(KINDS[ObservationKind(kind)], rows), strict=True):
-            out[row] = value
-    return out
+        numbers, which = np.unique(of[rows], return_inverse=True)
+        found = values(KINDS[ObservationKind(kind)], numbers)
+        out[rows] = np.fromiter(found, dtype=object, count=len(numbers))[which]
+    return list(out.tolist())
 
 
 def _kinds(statistics: Statistics) -> list[str]:
-    return _of_kinds(statistics, lambda kind, rows: names(ObservationKind, [kind.kind]) * len(rows))
+    of = statistics.quality.observed.kind
+    return _of_kinds(statistics, of, lambda kind, _: names(ObservationKind, [kind.kind]))
 
 
 def _owners(statistics: Statistics) -> list[list[str]]:
-    observed = statistics.quality.observed
-    return _of_kinds(statistics, lambda kind, rows: kind.owners(statistics, observed.row[rows]))
+    of = statistics.quality.observed.row
+    return _of_kinds(statistics, of, lambda kind, rows: kind.owners(statistics, rows))
 
 
 def _components(statistics: Statistics) -> list[str]:
-    observed = statistics.quality.observed
-    return _of_kinds(
-        statistics, lambda kind, rows: [kind.components[number] for number in observed.component[rows].tolist()]
-    )
+    of = statistics.quality.observed.component
+    return _of_kinds(statistics, of, lambda kind, numbers: [kind.components[number] for number in numbers.tolist()])
 
 
 OBSERVATIONS = Rows[Statistics, Statistics](

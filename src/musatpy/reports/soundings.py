@@ -48,7 +48,7 @@ MATCHING: Group[Sounded, Matching] = Group(
     lambda s: s.how,
     (
         Field("radius", "number?", "of points whose plane is the bottom; null: triangles", _radius, "m"),
-        Field("datum", "number", "of the soundings below that of the deck", unit="m"),
+        Field("datum", "number", "of the soundings below that of the bottom", unit="m"),
         Field("datum_sigma", "number", "of that", unit="m"),
         Field("sigma", "number", "of soundings whose file has none", unit="m"),
         Field("plan_sigma", "number", "of the places of soundings", unit="m"),
@@ -153,17 +153,18 @@ SHARE_TABLE: Report[Any] = Report(
 STATED = (SAMPLE_TABLE, SHARE_TABLE)
 
 
-def record_of(compared: Sounded, compiled: Compiled) -> dict[str, Json]:
-    """Return the record of a comparison."""
+def record_of(compared: Sounded, compiled: Compiled | None) -> dict[str, Json]:
+    """Return the record of a comparison with what was compiled, None for a raster."""
     nodes = {node.name: node.json(compared) for node in RECORD}
-    return {"soundings_version": _VERSION, **nodes, "point_orders": point_orders(compiled)}
+    orders: Json = {} if compiled is None else dict(point_orders(compiled))
+    return {"soundings_version": _VERSION, **nodes, "point_orders": orders}
 
 
 def schema() -> Schema:
     """Return the JSON Schema of the record."""
     version: Field[Sounded] = Field("soundings_version", "const", "of this schema", choices=(_VERSION,))
     orders: Field[Sounded] = Field(
-        "point_orders", "map", "compiled points by the order of S-44 that their sigmas meet"
+        "point_orders", "map", "compiled points by the order of S-44 that their sigmas meet; none of a raster"
     )
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -184,8 +185,8 @@ def point_orders(compiled: Compiled) -> dict[str, int]:
     return dict(zip(names, counts.tolist(), strict=True))
 
 
-def sections_of(compared: Sounded, compiled: Compiled) -> list[Section]:
-    """Return what the listing says, section by section."""
+def sections_of(compared: Sounded, compiled: Compiled | None) -> list[Section]:
+    """Return what the listing says, section by section; `compiled` is None for a raster."""
     line, warning = regression(compared.differences), scale_warning(compared.differences)
     blunders = compared.differences.part(compared.differences.blunders)
     named = [
@@ -195,8 +196,9 @@ def sections_of(compared: Sounded, compiled: Compiled) -> list[Section]:
     lost: dict[str, int] = {}
     for reason in compared.reasons.values():
         lost[reason] = lost.get(reason, 0) + 1
+    how = labelled(_matching(compared.how, is_raster=compiled is None))
     sections = [
-        Section(title="How The Soundings Are Held Against The Bottom", lines=labelled(_matching(compared.how))),
+        Section(title="How The Soundings Are Held Against The Bottom", lines=how),
         SAMPLE_TABLE.section(compared),
     ]
     if warning:
@@ -210,10 +212,9 @@ def sections_of(compared: Sounded, compiled: Compiled) -> list[Section]:
         }
         sections.append(Section(title="Regression: Difference = a + b Depth", lines=labelled(lines)))
     sections.append(SHARE_TABLE.section(compared))
-    met = {name: f"{count} points" for name, count in point_orders(compiled).items()}
-    sections.append(
-        Section(title="Orders Of S-44 Met By The Sigmas Of The Points", lines=[*labelled(met), "", f"{source()}."])
-    )
+    met = ["Not known: a raster has no sigmas of places."] if compiled is None else _orders_met(compiled)
+    title = "Orders Of S-44 Met By The Sigmas Of The Points"
+    sections.append(Section(title=title, lines=[*met, "", f"{source()}."]))
     if named:
         more = len(blunders.names) - len(named)
         tail = [f"and {more} more"] if more > 0 else []
@@ -224,12 +225,16 @@ def sections_of(compared: Sounded, compiled: Compiled) -> list[Section]:
     return sections
 
 
-def _matching(how: Matching) -> dict[str, str]:
+def _orders_met(compiled: Compiled) -> list[str]:
+    return labelled({name: f"{count} points" for name, count in point_orders(compiled).items()})
+
+
+def _matching(how: Matching, is_raster: bool) -> dict[str, str]:
     """Return in words how soundings are held against a bottom."""
     planes = f"planes of points within {how.radius:g} m" if np.isfinite(how.radius) else "triangles"
     return {
-        "Bottom": planes,
-        "Datum of the soundings below that of the deck, m": f"{how.datum:.3f}, sigma {how.datum_sigma:.3f}",
+        "Bottom": "posts of a raster" if is_raster else planes,
+        "Datum of the soundings below the bottom's, m": f"{how.datum:.3f}, sigma {how.datum_sigma:.3f}",
         "Sigma of depths without one, m": f"{how.sigma:.3f}",
         "Sigma of places, m": f"{how.plan_sigma:.2f}",
         "Steepest slope": f"{how.steepest:g}" if np.isfinite(how.steepest) else "any",
@@ -237,8 +242,6 @@ def _matching(how: Matching) -> dict[str, str]:
     }
 
 
-def listing_of(compared: Sounded, compiled: Compiled) -> str:
-    """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
-    title = compiled.deck.titles[0] if compiled.deck.titles else ""
-    heading, caution = f"MUSATPY  SOUNDINGS  {title:<60.60}", compiled.run.caution
-    return print_titled(heading, sections_of(compared, compiled), caution)
+def listing_of(compared: Sounded, compiled: Compiled | None, title: str, caution: str) -> str:
+    """Return the listing of a comparison, on pages of 60 lines of 132 columns, `caution` on each."""
+    return print_titled(f"MUSATPY  SOUNDINGS  {title:<60.60}", sections_of(compared, compiled), caution)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import accumulate, chain
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.reports.editing import edited, field_width, prints_as_zero
+from musatpy.reports.characters import blank, strings
+from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
 from musatpy.reports.fields import Each, Group, Rows
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Cells, Section
@@ -20,6 +22,8 @@ Source = TypeVar("Source")
 
 # What headings call a unit -> that unit in units of the record, which has mm on the plate and rad.
 PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}
+_GAP = "  "  # between columns
+_ROWS = 20_000  # that are edited at a time
 _RECORDED = {"um": "mm", "arc sec": "rad", "degrees": "rad"}
 _UNITS = frozenset({*_RECORDED.values(), "m", "s", "m/s", "unit", "mm/unit", "deg", "gon", "sigmas"})
 
@@ -99,23 +103,45 @@ class Table(Generic[Source]):
             for row, line in zip(rows, [""] * (height - len(lines)) + lines, strict=True):
                 left = column.edit.startswith("A")
                 row.append(line.ljust(column.width) if left else line.rjust(column.width))
-        rule = "  ".join("-" * column.width for column in self.columns)
+        rule = _GAP.join("-" * column.width for column in self.columns)
         return (*(_join(row) for row in rows), rule)
 
     def lines(self, source: Source) -> list[str]:
         """Return one printed line per row of `source`."""
-        texts = [self._texts(column, source) for column in self.columns]
-        return [_join(row) for row in zip(*texts, strict=True)]
+        columns = [self._values(column, source) for column in self.columns]
+        count = len(columns[0])
+        if count < MANY:
+            texts = [self._texts(*pair) for pair in zip(self.columns, columns, strict=True)]
+            return [_join(row) for row in zip(*texts, strict=True)]
+        chunks = (slice(start, start + _ROWS) for start in range(0, count, _ROWS))
+        return list(chain.from_iterable(self._lines([values[rows] for values in columns]) for rows in chunks))
 
     def text(self, source: Source) -> list[str]:
         """Return the heading lines, and below them those of the rows."""
         return [*self.head(), *self.lines(source)]
 
+    def _lines(self, columns: Sequence[Any]) -> list[str]:
+        """Return one printed line per row of columns of values."""
+        ends = list(accumulate(column.width + len(_GAP) for column in self.columns))
+        table = blank(len(columns[0]), ends[-1])
+        for column, values, end in zip(self.columns, columns, ends, strict=True):
+            if len(values) != len(table):
+                raise ValueError(f"the column {column.heading} has {len(values)} values, the first {len(table)}")
+            printed = characters(column.edit, values)
+            start = end - len(_GAP) - (column.width if column.edit.startswith("A") else printed.shape[1])
+            table[:, start : start + printed.shape[1]] = printed
+        return [line.rstrip() for line in strings(table)]
+
     @staticmethod
-    def _texts(column: Column[Source], source: Source) -> list[str]:
+    def _values(column: Column[Source], source: Source) -> Any:
         if column.values is None:
             raise ValueError(f"the column {column.heading} has no values without its report")
-        texts = edited(column.edit, column.values(source))
+        values = column.values(source)
+        return values if isinstance(values, np.ndarray) else list(values)
+
+    @staticmethod
+    def _texts(column: Column[Source], values: Any) -> list[str]:
+        texts = edited(column.edit, values)
         if field_width(column.edit) == column.width:
             return texts
         if column.edit.startswith("A"):
@@ -239,7 +265,7 @@ class Report(Generic[Source]):
 
 
 def _join(cells: Iterable[str]) -> str:
-    return "  ".join(cells).rstrip()
+    return _GAP.join(cells).rstrip()
 
 
 def worst_first(badness: FloatArray, *, lines: int = 1) -> IntArray:

@@ -17,8 +17,10 @@ from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import (
+    IN_PROFILE,
     Compilation,
     ContourSpec,
+    GridSpecs,
     ProfileSpecs,
     SoundingDatum,
     StageReadings,
@@ -27,6 +29,7 @@ from musatpy.model.compilation import (
 from musatpy.model.tables import empty, stacked
 from musatpy.simulation.compilation_keys import CompilationKeys
 from musatpy.simulation.flight import FlightPlan, TrueFlight
+from musatpy.simulation.raw_stages import read_raw
 from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.terrain import Ground
 from musatpy.simulation.true_images import project
@@ -121,7 +124,10 @@ class _Scene:
             profiles=self._profiles(len(pairs)),
             datum=SoundingDatum(name="LEVEL", height=self._level),
             contours=ContourSpec(interval=self.keys.contours),
+            grids=self._grid(),
         )
+        if self.keys.raw:
+            deck = read_raw(deck, self.spec, self.flight.ids, self.keys.pointing, self.draws)
         wet = np.concatenate([read.submerged for read in models])
         tide = np.concatenate(
             [
@@ -228,6 +234,26 @@ class _Scene:
             submerged=read.submerged,
             xy=np.round(xy, 6),
             sigma=np.full(len(read.ids), np.nan),
+            time=self._times(read.kind),
+        )
+
+    def _times(self, kind: TextArray) -> FloatArray:
+        """Return the times (k,) of readings, those of profiles one after the other; NaN of others."""
+        in_profile = kind == IN_PROFILE
+        count = np.cumsum(in_profile) - 1.0
+        return np.where(in_profile & (self.keys.pace > 0.0), self.keys.pace * count, np.nan)
+
+    def _grid(self) -> GridSpecs:
+        """Return the grid of posts over all of the bottom, none where the spec asks for none."""
+        if not self.keys.grid:
+            return empty(GridSpecs)
+        corner = np.full((1, 2), np.nan)
+        return GridSpecs(
+            ids=np.array(["POSTS"]),
+            collocated=np.array([False]),
+            spacing=np.array([self.keys.grid]),
+            first=corner,
+            second=corner,
         )
 
     def _parallax(self, number: int, read: _Read) -> FloatArray:

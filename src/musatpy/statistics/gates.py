@@ -169,9 +169,9 @@ def ground_heights(statistics: Statistics) -> FloatArray:
     block, solution = statistics.block, statistics.solution
     height = elevations(block, solution.points.position)[block.plates.point]
     known = solution.plates.triangulated & np.isfinite(height)
-    medians = np.full(len(block.photos.ids), np.nan)
+    medians, heights = np.full(len(block.photos.ids), np.nan), height[known]
     for photo, rows in _by_group(block.plates.photo[known]):
-        medians[photo] = np.median(height[known][rows])
+        medians[photo] = np.median(heights[rows])
     return medians
 
 

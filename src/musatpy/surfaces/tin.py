@@ -10,11 +10,12 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SurfaceError
 
-INSIDE, OUTSIDE, LONG_EDGE, LAND, FEW = range(5)
+INSIDE, OUTSIDE, LONG_EDGE, LAND, FEW, EMPTY = range(6)
 REASONS = {
     OUTSIDE: "outside the surface",
     LONG_EDGE: "an edge of the surface there is too long",
     LAND: "land, between points of the shoreline",
+    EMPTY: "the raster is empty there",
     FEW: "too few points within the radius, or to one side",
 }
 _FLAT = 1e-9  # of the extent along: points on a line have no triangles

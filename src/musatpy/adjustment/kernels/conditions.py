@@ -81,9 +81,10 @@ def _ray(p: int, r: int, k: int, at: Measured, stations: Stations, of: Condition
     """Set the adjusted image r of a point, its ray k, and the partials of this: `collinearity.ray_partials`."""
     n = at.photo[r]
     cosine, sine, f = stations.turn[n, 0], stations.turn[n, 1], stations.focal_length[n]
-    v0 = at.ground[p, 0] - stations.position[n, 0]
-    v1 = at.ground[p, 1] - stations.position[n, 1]
-    v2 = at.ground[p, 2] - stations.position[n, 2]
+    g = at.point[p]
+    v0 = at.ground[g, 0] - stations.position[n, 0]
+    v1 = at.ground[g, 1] - stations.position[n, 1]
+    v2 = at.ground[g, 2] - stations.position[n, 2]
     scale = -f / (stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2)
     x = scale * (stations.M[n, 0, 0] * v0 + stations.M[n, 0, 1] * v1 + stations.M[n, 0, 2] * v2)
     y = scale * (stations.M[n, 1, 0] * v0 + stations.M[n, 1, 1] * v1 + stations.M[n, 1, 2] * v2)
@@ -307,11 +308,11 @@ def settle(
 ) -> None:  # fmt: skip
     """Take points of which nothing is known to the optimum of their images, in `at.ground`: `ground.settle_group`.
 
-    Sets their weighted squares (k,), and by how much (k,) these were still to fall by the last step.
+    Sets their weighted squares, rows of (g,), and by how much (k,) these were still to fall by the last step.
     """
     room, best, step = room_for(at.start, rows), np.empty(3), np.empty(3)
     for p in rows:
-        least, gain, fall, tried = np.inf, 0.0, 0.0, 0
+        least, gain, fall, tried, g = np.inf, 0.0, 0.0, 0, at.point[p]
         step[0], step[1], step[2] = 0.0, 0.0, 0.0
         while tried < steps:
             objective = point_normals(p, at, stations, water, known, ridge, False, room)
@@ -324,8 +325,8 @@ def settle(
                 gain = fall
             step[0], step[1], step[2] = x, y, z
             for i in range(3):
-                best[i] = best[i] if worse else at.ground[p, i]
-                at.ground[p, i] = best[i] + step[i]
+                best[i] = best[i] if worse else at.ground[g, i]
+                at.ground[g, i] = best[i] + step[i]
             tried = steps if max(abs(x), abs(y), abs(z)) < limit else tried + 1
-        squares[p] = max(least - gain, 0.0)
+        squares[g] = max(least - gain, 0.0)
         left[p] = fall

@@ -36,11 +36,12 @@ class Stations(NamedTuple):
 class Measured(NamedTuple):
     """k points one after the other, and their r images: those of point p are `start[p]` to `start[p + 1]`."""
 
+    point: IntArray  # (k,) rows of the ground
     start: IntArray  # (k + 1,)
     photo: IntArray  # (r,)
     xy: FloatArray  # (r, 2) mm
     weight: FloatArray  # (r, 2) 1/mm2
-    ground: FloatArray  # (k, 3) working
+    ground: FloatArray  # (g, 3) working
 
 
 class Water(NamedTuple):
@@ -251,12 +252,12 @@ def _images(
 
     The partials by the point are along the axes of what is known of it, zero by what is held.
     """
-    seen, row = True, known.row[p]
+    seen, row, g = True, known.row[p], at.point[p]
     for r in range(at.start[p], at.start[p + 1]):
         n, k, w = at.photo[r], r - at.start[p], water.row[r]
-        v0 = at.ground[p, 0] - stations.position[n, 0]
-        v1 = at.ground[p, 1] - stations.position[n, 1]
-        v2 = at.ground[p, 2] - stations.position[n, 2]
+        v0 = at.ground[g, 0] - stations.position[n, 0]
+        v1 = at.ground[g, 1] - stations.position[n, 1]
+        v2 = at.ground[g, 2] - stations.position[n, 2]
         seen &= stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2 < 0.0
         room.vector[0], room.vector[1], room.vector[2] = v0, v1, v2
         if w >= 0:
@@ -407,7 +408,7 @@ def follow(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, of: Eliminated, step: FloatArray,
     out: FloatArray,
 ) -> None:  # fmt: skip
-    """Set the steps (k, 3) of points, working axes, in a step (n, q) of their stations: `collinear.Follow`."""
+    """Set where points are, rows of out (g, 3), after a step (n, q) of their stations: `collinear.GroupFollow`."""
     room = room_for(at.start, rows)
     for p in rows:
         for i in range(3):
@@ -427,22 +428,26 @@ def follow(
             x -= of.inverse[p, 0, i] * room.rhs[i]
             y -= of.inverse[p, 1, i] * room.rhs[i]
             z -= of.inverse[p, 2, i] * room.rhs[i]
+        g = at.point[p]
         for i in range(3):
+            along = x if i == 0 else y if i == 1 else z
             if row >= 0:
-                out[p, i] = known.axes[row, 0, i] * x + known.axes[row, 1, i] * y + known.axes[row, 2, i] * z
-            else:
-                out[p, i] = x if i == 0 else y if i == 1 else z
+                along = known.axes[row, 0, i] * x + known.axes[row, 1, i] * y + known.axes[row, 2, i] * z
+            out[g, i] = at.ground[g, i] + along
 
 
 @compiled
 def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out: FloatArray) -> None:
-    """Set the weighted squares (k,) of the images of points, infinite behind a camera: `ground.point_squares`."""
+    """Set the weighted squares of the images of points, rows of out (g,), infinite behind a camera.
+
+    `ground.point_squares`.
+    """
     room, M, X, P = room_for(at.start, rows[:0]), stations.M, at.ground, stations.position
     for p in rows:
-        total = 0.0
+        total, g = 0.0, at.point[p]
         for r in range(at.start[p], at.start[p + 1]):
             n = at.photo[r]
-            v0, v1, v2 = X[p, 0] - P[n, 0], X[p, 1] - P[n, 1], X[p, 2] - P[n, 2]
+            v0, v1, v2 = X[g, 0] - P[n, 0], X[g, 1] - P[n, 1], X[g, 2] - P[n, 2]
             if not M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0:
                 total = np.inf
             if water.row[r] >= 0:
@@ -453,4 +458,4 @@ def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out:
                 image = scale * (M[n, c, 0] * v0 + M[n, c, 1] * v1 + M[n, c, 2] * v2)
                 off = image + stations.principal_point[n, c] - at.xy[r, c]
                 total += off * off * at.weight[r, c]
-        out[p] = total if total < np.inf else np.inf
+        out[g] = total if total < np.inf else np.inf

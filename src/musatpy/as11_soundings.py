@@ -1,0 +1,115 @@
+"""Soundings of a file held against a bottom: that of a deck, or a raster (`musat as11 compare-soundings`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from musatpy.as11_runs import compiled_deck, run_of
+from musatpy.compilation.compiled import Compiled
+from musatpy.compilation.joined_surfaces import Surface, surfaces_of
+from musatpy.compilation.raster_bottoms import RasterBottom, read_raster_bottom
+from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
+from musatpy.errors import CompilationError, Problem
+from musatpy.files import write_files
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.reports import soundings as report
+from musatpy.reports.record import dumps
+from musatpy.soundings.differences import scale_warning
+from musatpy.soundings.pictures import difference_picture
+from musatpy.soundings.sounding_files import Soundings, read_soundings
+
+_RASTERS = (".tif", ".tiff")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Bottom:
+    """What soundings are held against: a bottom, and how it came about; not compiled where it is a raster."""
+
+    surfaces: Sequence[Surface | RasterBottom]
+    ellipsoid: Ellipsoid | None
+    compiled: Compiled | None
+    title: str
+    caution: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoundingOutputs:
+    """Where a comparison goes: listing, record and, if it is wanted, picture."""
+
+    listing: Path
+    record: Path
+    picture: Path | None = None
+
+
+def compare_soundings(
+    run: Path,
+    bottom: Path,
+    source: Path,
+    outputs: SoundingOutputs,
+    how: Matching,
+    *,
+    crs: str = "",
+    anyway: bool = False,
+) -> tuple[Sounded, list[str]]:
+    """Hold the soundings of a file against the bottom of a deck or of a raster, and write the comparison.
+
+    Returns it and warnings. Raises `ProblemsError` where a file cannot be used and where no sounding meets the
+    bottom, and `OSError`; then nothing is written.
+    """
+    of = _bottom(run, bottom, how, anyway)
+    read = read_soundings(source, of.ellipsoid, crs=crs, dated=how.not_before is not None)
+    compared = sounded(of.surfaces, read, how)
+    if not len(compared.rows):
+        raise nowhere(of.surfaces, read, compared)
+    text = report.listing_of(compared, of.compiled, of.title, of.caution)
+    files = {
+        outputs.listing: text.encode(),
+        outputs.record: dumps(report.record_of(compared, of.compiled)).encode(),
+    }
+    if outputs.picture is not None:
+        title = f"{source.name} and the bottom of {bottom.name}"
+        files[outputs.picture] = difference_picture(compared.differences, compared.xy, title)
+    write_files(files)
+    return compared, list(_warnings(compared, read))
+
+
+def _bottom(run: Path, bottom: Path, how: Matching, anyway: bool) -> _Bottom:
+    """Return the bottom of a deck compiled on a run, or of a raster in a system of its job."""
+    if bottom.suffix.lower() not in _RASTERS:
+        compiled, _ = compiled_deck(run, bottom, anyway)
+        titles = compiled.deck.titles
+        return _Bottom(
+            surfaces=surfaces_of(compiled)[0],
+            ellipsoid=compiled.run.ellipsoid,
+            compiled=compiled,
+            title=titles[0] if titles else "",
+            caution=compiled.run.caution,
+        )
+    if np.isfinite(how.radius):
+        raise CompilationError(
+            [Problem(file=str(bottom), message="--radius goes with points, and this is a raster")]
+        )
+    triangulation = run_of(run, anyway)
+    return _Bottom(
+        surfaces=[read_raster_bottom(bottom, triangulation.ellipsoid)],
+        ellipsoid=triangulation.ellipsoid,
+        compiled=None,
+        title=bottom.name.upper(),
+        caution=triangulation.caution,
+    )
+
+
+def _warnings(compared: Sounded, soundings: Soundings) -> Iterator[str]:
+    """Yield what is odd about soundings: a scale, and those that are there twice."""
+    if warning := scale_warning(compared.differences):
+        yield warning
+    rows = np.column_stack([soundings.place, soundings.depth])
+    _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
+    twice = len(rows) - len(first)
+    if twice:
+        name = soundings.names[first[count > 1].min()]
+        yield f"{twice} soundings are there already, {name} first: each counts as often as it is there"

@@ -1,0 +1,118 @@
+"""The bottom as a raster of depths, such as corrections and grids of posts leave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.errors import CompilationError, Problem, SystemsError
+from musatpy.geometry.crs import system_of
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.systems import System
+from musatpy.interchange import geotiff
+from musatpy.interchange.layers import LOCAL, Posts
+from musatpy.surfaces.tin import EMPTY, INSIDE, OUTSIDE, SurfaceValues
+
+_DEPTH, _SIGMA = "depth", "sigma"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RasterBottom:
+    """Depths and sigmas (rows, columns) m at posts, NaN where there are none.
+
+    system: of the posts, None of a local job; metres (2,): those of a unit of x and y. Places on it are metres from
+    its south-western post.
+    """
+
+    posts: Posts
+    depth: FloatArray
+    sigma: FloatArray
+    system: System | None
+    metres: FloatArray
+
+    @property
+    def angular(self) -> bool:
+        """Whether its job has latitude and longitude."""
+        return self.system is not None
+
+    def places(self, coordinates: FloatArray) -> FloatArray:
+        """Return the places (k, 2) of latitudes and longitudes (k, 2) rad or, of a local job, x and y (m)."""
+        xy = coordinates
+        if self.system is not None:
+            level = np.column_stack([coordinates, np.zeros(len(coordinates))])
+            xy = self.system.coordinates(level)[:, :2]
+        return np.asarray((xy - [self.posts.west, self.posts.south]) * self.metres)
+
+    def at(self, places: FloatArray) -> SurfaceValues:
+        """Return the bottom at places (k, 2), bilinear between posts; sigmas are as good as those of the posts."""
+        rows, columns = self.posts.shape
+        step = self.posts.spacing * self.metres
+        node = places / step
+        low = np.clip(np.floor(node).astype(np.int64), 0, [columns - 2, rows - 2])
+        (u, v), (column, row) = (node - low).T, low.T
+        corners = [(row, column), (row, column + 1), (row + 1, column), (row + 1, column + 1)]
+        weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v]
+        d00, d01, d10, d11 = (self.depth[corner] for corner in corners)
+        value = sum(weight * self.depth[corner] for weight, corner in zip(weights, corners, strict=True))
+        sigma = sum(weight * self.sigma[corner] for weight, corner in zip(weights, corners, strict=True))
+        east = ((1.0 - v) * (d01 - d00) + v * (d11 - d10)) / step[0]
+        north = ((1.0 - u) * (d10 - d00) + u * (d11 - d01)) / step[1]
+        outside = (node < 0.0).any(axis=1) | (node > [columns - 1, rows - 1]).any(axis=1)
+        reason = np.where(outside, OUTSIDE, np.where(np.isfinite(value), INSIDE, EMPTY))
+        known = reason == INSIDE
+        return SurfaceValues(
+            value=np.where(known, value, np.nan),
+            gradient=np.where(known[:, None], np.column_stack([east, north]), np.nan),
+            sigma=np.where(known, sigma, np.nan),
+            reason=reason,
+        )
+
+
+def read_raster_bottom(source: Path, job: Ellipsoid | None) -> RasterBottom:
+    """Return the bands `depth` and `sigma` of a raster, on the ellipsoid of a job: None for a local one.
+
+    Without the band `sigma` depths are without error. Raises `CompilationError` for a raster that has no depths or
+    is not in a system of the job, `InterchangeError` and `OSError`.
+    """
+    import pyproj
+
+    with geotiff.opened(source, pyproj.CRS.from_wkt(LOCAL)) as raster:
+        posts, names = raster.posts, raster.names
+        if _DEPTH not in names:
+            raise _refused(source, f"it has no band {_DEPTH} but {', '.join(names)}")
+        if min(posts.shape) < 2:
+            raise _refused(source, "a bottom has two rows and columns at least")
+        depth, sigma = (
+            raster.rows(name, 0, posts.shape[0]) if name in names else None for name in (_DEPTH, _SIGMA)
+        )
+    assert depth is not None
+    if (posts.crs is None) != (job is None):
+        stated = "no coordinate system" if posts.crs is None else f"the system {posts.crs.name}"
+        raise _refused(
+            source, f"it has {stated}, and the job {'a local one' if job is None else 'one of the globe'}"
+        )
+    system, metres = None, np.ones(2)
+    if posts.crs is not None and job is not None:
+        try:
+            system = system_of(posts.crs.to_wkt(), job)
+        except SystemsError as error:
+            raise _refused(source, error.problems[0].message) from error
+        metres = _metres(posts, system, job)
+    sigma = np.zeros(depth.shape) if sigma is None else sigma
+    return RasterBottom(posts=posts, depth=depth, sigma=sigma, system=system, metres=metres)
+
+
+def _metres(posts: Posts, system: System, job: Ellipsoid) -> FloatArray:
+    """Return how many metres (2,) a unit of x and y is in the middle of posts."""
+    rows, columns = posts.shape
+    middle = np.array([posts.west, posts.south, 0.0]) + posts.spacing * np.array([columns - 1, rows - 1, 0]) / 2.0
+    beside = middle + posts.spacing * np.eye(3)[:2]
+    places = job.geocentric(system.level(np.vstack([middle, beside])))
+    return np.asarray(np.linalg.norm(places[1:] - places[0], axis=1) / posts.spacing)
+
+
+def _refused(source: Path, message: str) -> CompilationError:
+    return CompilationError([Problem(file=str(source), message=message)])

@@ -1,0 +1,200 @@
+"""Soundings beside rasters of depths: planes, empty posts, systems; and what refraction does to an old raster."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+from click.testing import CliRunner, Result
+from scipy.interpolate import LinearNDInterpolator
+
+from musatpy.arrays import FloatArray
+from musatpy.as11_runs import compiled_deck
+from musatpy.cli.main import main as musat
+from musatpy.compilation.raster_bottoms import read_raster_bottom
+from musatpy.compilation.sounded import Matching, sounded
+from musatpy.errors import CompilationError
+from musatpy.geometry.crs import system_of
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.interchange.any_file import write_layers
+from musatpy.interchange.layers import Grid
+from musatpy.soundings.sounding_files import Soundings
+from musatpy.surfaces.tin import EMPTY, INSIDE, OUTSIDE, REASONS
+from musatpy.units import DEGREE
+
+WGS84 = Ellipsoid("", 6378137.0, 298.257223563)
+EAST, NORTH = 290000.0, 2030000.0
+CORNER = np.array([EAST, NORTH])
+SLOPE = np.array([0.1, -0.04])
+
+
+def raster(path: Path, crs: pyproj.CRS | None, **bands: FloatArray) -> Path:
+    """Write a plane, 10 m deep in the corner, posts every 5 m over 100 m, with a sigma of .2 m."""
+    x, y = np.meshgrid(np.arange(0.0, 101.0, 5.0), np.arange(0.0, 101.0, 5.0))
+    depth = 10.0 + SLOPE[0] * x + SLOPE[1] * y
+    depth[10, 10] = np.nan
+    values = bands or {"depth": depth, "sigma": np.full(depth.shape, 0.2)}
+    write_layers(path, {"grid": Grid(west=EAST, south=NORTH, spacing=5.0, bands=values, crs=crs)})
+    return path
+
+
+def test_a_plane_is_exact_between_posts(tmp_path: Path) -> None:
+    bottom = read_raster_bottom(raster(tmp_path / "a.tif", None), None)
+    draws = np.random.default_rng(2).uniform(0.0, 100.0, (2000, 2))
+    at = bottom.at(bottom.places(draws + CORNER))
+    empty = (np.abs(draws - 50.0) < 5.0).all(axis=1)
+    assert 0 < empty.sum() < 50 and (at.reason == np.where(empty, EMPTY, INSIDE)).all()
+    good = ~empty
+    np.testing.assert_allclose(at.value[good], 10.0 + draws[good] @ SLOPE, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(at.gradient[good], np.tile(SLOPE, (good.sum(), 1)), rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(at.sigma[good], 0.2)
+    beside = bottom.at(np.array([[-0.1, 50.0], [50.0, 100.1], [100.0, 100.0], [0.0, 0.0]]))
+    assert beside.reason.tolist() == [OUTSIDE, OUTSIDE, INSIDE, INSIDE]
+    assert beside.value[3] == pytest.approx(10.0) and np.isnan(beside.value[0])
+
+
+@pytest.mark.parametrize("definition", ["EPSG:32620", "EPSG:4326"])
+def test_soundings_find_their_places_on_the_globe(tmp_path: Path, definition: str) -> None:
+    """On the map, and in degrees: slopes are by metres, so the error of a place counts alike."""
+    crs, zone = pyproj.CRS(definition), system_of("EPSG:32620", WGS84)
+    grid = {"west": EAST, "south": NORTH, "spacing": 5.0}
+    if definition == "EPSG:4326":
+        grid = {"west": -64.99, "south": 18.34, "spacing": 5e-5}
+    x, y = np.meshgrid(np.arange(21.0), np.arange(21.0))
+    bands = {"depth": 10.0 + 0.5 * y, "sigma": np.full(x.shape, 0.2)}
+    write_layers(tmp_path / "a.tif", {"grid": Grid(**grid, bands=bands, crs=crs)})
+    bottom = read_raster_bottom(tmp_path / "a.tif", WGS84)
+    if definition == "EPSG:4326":
+        place = np.array([[18.34 + 5e-5 * 7.0, -64.99 + 5e-5 * 3.5]]) * DEGREE
+        north = pyproj.Geod(ellps="WGS84").inv(-64.99, 18.34, -64.99, 18.34005)[2]
+    else:
+        place = zone.level(np.array([[EAST + 17.5, NORTH + 35.0, 0.0]]))[:, :2]
+        # 5 m on the map are 5 m over its scale, by .05 %, on the ellipsoid.
+        north = 5.0
+    soundings = Soundings(
+        names=np.array(["A"]), place=place, angular=True, depth=np.array([13.0]), sigma=np.array([0.1]),
+        date=np.array(["NaT"], dtype="datetime64[D]"),
+    )  # fmt: skip
+    compared = sounded([bottom], soundings, Matching(plan_sigma=2.0))
+    assert compared.differences.difference[0] == pytest.approx(0.5, abs=1e-6)
+    expected = np.sqrt(0.2**2 + 0.1**2 + (2.0 * 0.5 / north) ** 2)
+    assert compared.differences.sigma[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_reasons_of_a_raster_are_told(tmp_path: Path) -> None:
+    bottom = read_raster_bottom(raster(tmp_path / "a.tif", None), None)
+    soundings = Soundings(
+        names=np.array(["A", "B", "C"]), angular=False, depth=np.full(3, 10.0), sigma=np.full(3, np.nan),
+        place=np.array([[50.0, 50.0], [500.0, 0.0], [20.0, 20.0]]) + CORNER,
+        date=np.array(["NaT"] * 3, dtype="datetime64[D]"),
+    )  # fmt: skip
+    compared = sounded([bottom], soundings, Matching())
+    assert compared.reasons == {0: REASONS[EMPTY], 1: REASONS[OUTSIDE]} and compared.rows.tolist() == [2]
+
+
+@pytest.mark.parametrize(
+    ("write", "job", "message"),
+    [
+        (lambda path: raster(path, None, z=np.zeros((3, 3))), None, "it has no band depth but z"),
+        (lambda path: raster(path, None, depth=np.zeros((1, 3))), None, "two rows and columns"),
+        (lambda path: raster(path, None), WGS84, "it has no coordinate system, and the job one of the globe"),
+        (lambda path: raster(path, pyproj.CRS("EPSG:32620")), None, "and the job a local one"),
+        (lambda path: raster(path, pyproj.CRS("EPSG:26720")), WGS84, "no datum is shifted"),
+    ],
+)
+def test_rasters_that_are_no_bottom(
+    tmp_path: Path, write: Callable[[Path], Path], job: Ellipsoid | None, message: str
+) -> None:
+    path = write(tmp_path / "a.tif")
+    with pytest.raises(CompilationError, match=message) as caught:
+        read_raster_bottom(path, job)
+    assert caught.value.problems[0].file == str(path)
+
+
+SPEC = """title = ["AN OLD RASTER"]
+seed = 3
+[job]
+system = "GEOG"
+ellipsoid = "wgs84"
+centre = [18.3, -64.9]
+[flight]
+photos = 2
+height = 2400.0
+[water]
+level = 0.0
+[terrain]
+level = 20.0
+[[shoal]]
+share = 0.5
+depth = [1.0, 20.0]
+[points]
+per_site = 6
+[[control]]
+kind = "full"
+number = 12
+sigma = 0.02
+error = 0.02
+[measurement]
+noise = 2.0
+sigma = 2.0
+[compilation]
+points = 5000
+dry = 0
+profiles = 0
+pointing = 2.0
+depth = [1.0, 25.0]
+wavelength = 2000.0
+soundings = 800
+sounding_error = 0.1
+"""
+
+
+def compare(folder: Path, bottom: str, *options: str) -> tuple[Result, dict[str, object]]:
+    words = ["as11", "compare-soundings", "old.json", bottom, "old.soundings.csv", "-o", "out", *options]
+    result = CliRunner().invoke(musat, words)
+    path = folder / "out/old.soundings.soundings.json"
+    return result, json.loads(path.read_text()) if path.exists() else {}
+
+
+@pytest.mark.slow
+def test_refraction_shows_in_the_depths_of_an_old_raster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A raster compiled in air and corrected, both beside soundings with noise: b of -.25 to -.31, and none.
+
+    Its apparent points are those of readings that Fermat's principle has traced. It is the half of the model along
+    the base: towards the corners of a wide-angle plate refraction takes more. The bottom is rough, so that depths
+    are not those of places.
+    """
+    monkeypatch.chdir(tmp_path)
+    Path("old.toml").write_text(SPEC)
+    for words in (["simulate", "old.toml"], ["run", "-q", "old.crd"]):
+        assert CliRunner().invoke(musat, words).exit_code == 0
+    compiled, _ = compiled_deck(Path("old.json"), Path("old.compilation.crd"))
+    zone, frame = system_of("EPSG:32620", WGS84), compiled.run.frame
+    apparent = zone.coordinates(frame.level(frame.working(compiled.gathered("apparent"))))
+    low, high = apparent.min(axis=0), apparent.max(axis=0)
+    low[1], high[1] = 0.75 * low[1] + 0.25 * high[1], 0.25 * low[1] + 0.75 * high[1]
+    x, y = np.arange(low[0], high[0], 15.0), np.arange(low[1], high[1], 15.0)
+    posts = np.stack(np.meshgrid(x, y), axis=-1)
+    height = LinearNDInterpolator(apparent[:, :2], apparent[:, 2])(posts)
+    old: dict[str, FloatArray] = {"height": height, "depth": -height, "sigma": np.full(height.shape, 0.3)}
+    crs = pyproj.CRS("EPSG:32620")
+    write_layers(Path("old.tif"), {"grid": Grid(west=x[0], south=y[0], spacing=15.0, bands=old, crs=crs)})
+    words = ["as11", "correct", "old.json", "1", "2", "old.tif", "-o", "true.tif", "--band", "height"]
+    assert CliRunner().invoke(musat, words).exit_code == 0
+    slopes = {}
+    for name in ("old", "true"):
+        result, record = compare(tmp_path, f"{name}.tif", "--plots")
+        assert result.exit_code == 0, result.output
+        slopes[name] = record["regression"]["b"]  # type: ignore[index]
+        assert (
+            record["point_orders"] == {}
+            and "posts of a raster" in Path("out/old.soundings.soundings.lst").read_text()
+        )
+    assert -0.31 < slopes["old"] < -0.25 and abs(slopes["true"]) < 0.01
+    assert Path("out/old.soundings.soundings.png").read_bytes().startswith(b"\x89PNG")
+    result, _ = compare(tmp_path, "true.tif", "--radius", "20")
+    assert result.exit_code == 1 and "--radius goes with points" in result.output
