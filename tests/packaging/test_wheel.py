@@ -72,7 +72,9 @@ def test_every_file_is_in_the_wheel(wheel):
     formats = {f"musatpy/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("card_formats/*/*.toml")}
     modules = {path.relative_to(ROOT / "src").as_posix() for path in ROOT.glob("src/musatpy/**/*.py")}
     assert len(formats) >= 18
-    assert formats | modules <= names
+    templates = {path.relative_to(ROOT / "src").as_posix() for path in ROOT.glob("src/musatpy/page/templates/*")}
+    assert len(templates) >= 5
+    assert formats | modules | templates <= names
     examples = {f"musatpy/examples/{file}" for one in examples_of(ROOT / "fixtures") for file in one["files"]}
     assert len(examples) > 15
     assert {name for name in names if name.startswith("musatpy/examples/")} == {*examples, EXAMPLES}
