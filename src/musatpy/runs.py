@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, numerics
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
+from musatpy.memory import give_back
 from musatpy.model import Block, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
@@ -103,7 +104,7 @@ def run_deck(
     deck = Path(deck)
     check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     begin(progress, "reading")
-    checked = checked_deck(deck, family, settings=settings)
+    checked = _checked(deck, family, settings)
     if (block := checked.block) is None:
         return _unusable(deck, checked.problems)
     if on_read is not None:
@@ -111,8 +112,8 @@ def run_deck(
     solution, problems = _adjusted(checked, block, progress)
     if solution is None:
         return _unusable(deck, problems)
-    folder = _folder(deck, out_dir)
-    listing, place = (folder / f"{deck.stem}.{ending}" for ending in ("lst", "json"))
+    listing, place = output_paths(deck, out_dir)
+    folder = listing.parent
     edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
     punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
     try:
@@ -120,12 +121,14 @@ def run_deck(
             begin(progress, "statistics")
             statistics = Statistics(solution)
             sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
-            text = printed(statistics, sections, carriage_control=carriage_control, date=date).encode()
+            pages = map(str.encode, printed(statistics, sections, carriage_control=carriage_control, date=date))
             tables = _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
+            del sections  # they are gone when they are printed
         begin(progress, "record")
         recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
+        files: dict[Path, bytes | Iterable[bytes]] = {listing: pages, **recorded, **tables, **edited, **punched}
         with numerics("the record of the solution"):  # made while it is written
-            write_files({listing: text, **recorded, **tables, **edited, **punched}, () if recorded else (place,))
+            write_files(files, outdated=() if recorded else (place,))
     except ProblemsError as error:
         return _unusable(deck, (*error.problems, *problems))
     return RunResult(
@@ -139,6 +142,12 @@ def run_deck(
         edited=next(iter(edited), None),
         punched=tuple(punched),
     )
+
+
+def _checked(deck: Path, family: Family | None, settings: Sequence[Setting]) -> CheckedDeck:
+    """Return a deck with its problems; its cards only where the reduction of raw plates may have more to say."""
+    checked = checked_deck(deck, family, settings=settings)
+    return checked if checked.block is None or checked.block.raw else replace(checked, draft=None)
 
 
 def _warnings(deck: Path, *notes: str) -> Iterator[Problem]:
@@ -163,6 +172,7 @@ def _adjusted(
         return None, (*deck.plate_problems(error.refusals, error.by_heights), *deck.problems)
     except ProblemsError as error:
         return None, (*error.problems, *deck.problems)
+    give_back()
     if solution.reduced is None or not solution.reduced.refusals:
         return solution, deck.problems
     left_out = {photo: f"left out: {why}" for photo, why in solution.reduced.refusals.items()}

@@ -25,6 +25,11 @@ class Shown:
     gis: bool = False
     crs: str = ""
 
+    @property
+    def anything(self) -> bool:
+        """True where something is wanted."""
+        return self != Shown()
+
 
 def check_packages(wanted: Shown) -> None:
     """Raise `MusatError` where a package is missing, or PROJ does not know the system."""

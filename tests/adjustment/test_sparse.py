@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
+from musatpy.adjustment import threads
 from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, factorise
 
 
@@ -124,3 +127,22 @@ def test_places_make_the_factor_cheaper() -> None:
         return sum(p**3 // 3 + p * p * b + p * b * b for p, b in sizes)
 
     assert operations(Pattern.of(count, 6, cliques, place)) < 0.7 * operations(Pattern.of(count, 6, cliques))
+
+
+def test_factor_and_inverse_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit by bit: every front is worked at by one thread, its children added in their order."""
+    rng = np.random.default_rng(5)
+    count, cliques, place = placed_cliques(12, 30, rng)
+    blocks = matrix_on(Pattern.of(count, 6, cliques), cliques, rng)
+    monkeypatch.setattr(threads, "_FEWEST", 0)
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    found = []
+    for most in (1, 3):
+        monkeypatch.setattr(threads, "_MOST", most)
+        pattern = Pattern.of(count, 6, cliques, place)
+        subtrees, top = pattern.shares
+        assert len(subtrees) > 4 and sum(len(part) for part in subtrees) + len(top) == len(pattern.fronts)
+        factor = factorise(pattern, blocks)
+        found.append((factor.solve(np.ones(6 * count)), factor.selected_inverse()))
+    for a, b in zip(*found, strict=True):
+        np.testing.assert_array_equal(a, b)

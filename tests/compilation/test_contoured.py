@@ -81,6 +81,21 @@ def test_what_lies_past_an_end_is_left_out_and_has_no_area() -> None:
     assert forward.most == pytest.approx(10.0) and compared.areas[0].area == pytest.approx(200.0)
 
 
+def test_contours_of_other_places_are_no_partners() -> None:
+    """Of two contours of a depth, one 10 m beside that of the surface and one 35 m, the first is within 20 m."""
+    both = others((5.0, [(60.0, -10.0), (60.0, 60.0)]), (5.0, [(85.0, -10.0), (85.0, 60.0)]))
+    bottom = surface(np.concatenate([patch(0.0, 40.0)]))
+    whole, near = contoured([bottom], both), contoured([bottom], both, farthest=20.0)
+    assert [row.beyond for row in whole.distances] == [0.0, 0.0]
+    assert whole.distances[1].most > 30.0
+    forward, backward = near.distances
+    assert (forward.length, backward.length) == pytest.approx((40.0, 40.0), abs=1.0)
+    assert backward.beyond == pytest.approx(40.0, abs=1.0) and backward.most == pytest.approx(10.0)
+    assert near.areas[0].area == pytest.approx(400.0, rel=0.02)
+    none = contoured([bottom], both, farthest=5.0)
+    assert not none.distances and none.areas[0].reason == PAST_ENDS
+
+
 def test_reasons() -> None:
     bottom = surface(np.concatenate([patch(0.0, 40.0), patch(60.0, 100.0, 30.0)]), longest=15.0)
     lines = others(

@@ -16,6 +16,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LOOP, PRINTED = "compilation/test_loop.py", "compilation/test_printed.py"
 POINTS, COMPILE = "compilation/test_true_points.py", "compilation/test_compile_command.py"
+PAIRS = "compilation/test_pair_points.py"
 WAVES = "compilation/test_runs_with_waves.py"
 CHAINS, VIEWS = "compilation/test_stage_chains.py", "compilation/test_views_of_points.py"
 LAGS, SCANS, LEVELS = "surfaces/test_lags.py", "compilation/test_profile_scans.py", "compilation/test_levels.py"
@@ -25,12 +26,12 @@ DIFFERENCES, AGAINST = "soundings/test_differences.py", "compilation/test_agains
 MUTATIONS = [
     # the loop
     ("compilation/stereomodels.py", "tilt @ self.run.frame", "-tilt @ self.run.frame", LOOP),
-    ("compilation/loop.py", "by_ground @ self.stereo.axes.T", "by_ground @ self.stereo.axes", LOOP),
+    ("compilation/loop.py", "by_v @ stereo.axes @ by_mark", "by_v @ by_mark", WAVES),
     ("compilation/loop.py", "xy[active] - now.xy", "now.xy - xy[active]", LOOP),
-    ("compilation/loop.py", "over.depth, index", "over.depth, 1.333", LOOP),
-    ("compilation/loop.py", "_STILL = 1e-7", "_STILL = 1e-2", LOOP),
-    ("compilation/loop.py", "np.tile(self.stereo.photos", "np.tile(self.stereo.photos[::-1]", WAVES),
-    ("compilation/loop.py", "np.tile(tides", "np.tile(tides[::-1]", WAVES),
+    ("compilation/loop.py", "Water(index=stereo.index", "Water(index=1.333", LOOP),
+    ("compilation/loop.py", "_STILL = 1e-7", "_STILL = 1e-2", WAVES),
+    ("compilation/loop.py", "np.tile(stereo.photos", "np.tile(stereo.photos[::-1]", WAVES),
+    ("compilation/loop.py", "np.tile(stereo.tides", "np.tile(stereo.tides[::-1]", WAVES),
     ("compilation/triangulation.py", "sea.trains.with_values(adjusted).surface", "sea.surface", WAVES),
     ("compilation/true_points.py", "participation(block), run.sea", "participation(block), None", WAVES),
     ("compilation/true_points.py", "and run.sea.considered", "and not run.sea.considered", WAVES),
@@ -91,14 +92,36 @@ MUTATIONS = [
     ("compilation/printed.py", "(c3 - 0.5", "(c3 + 0.5", PRINTED),
     ("compilation/printed.py", "local[:, 2] -= height", "local[:, 2] += height", PRINTED),
     ("compilation/printed.py", "model.tides.mean()", "model.tides.max()", PRINTED),
-    ("compilation/errors_of_pairs.py", "row % 2 == 0", "row % 2 == 1 and row < 3", POINTS),
-    ("compilation/errors_of_pairs.py", " = run.pairs.cov", " = -run.pairs.cov", POINTS),
-    ("compilation/errors_of_pairs.py", "1.0 / network.weight", "2.0 / network.weight", POINTS),
-    ("compilation/errors_of_pairs.py", "off = -np.einsum", "off = np.einsum", POINTS),
+    ("compilation/errors_of_pairs.py", "row % 2 == 0", "row % 2 == 1 and row < 3", PAIRS),
+    ("compilation/errors_of_pairs.py", "= covariance\n", "= -covariance\n", POINTS),
+    ("compilation/errors_of_pairs.py", "1.0 / network.weight", "2.0 / network.weight", PAIRS),
+    ("compilation/errors_of_pairs.py", "off = -np.einsum", "off = np.einsum", PAIRS),
+    ("compilation/errors_of_pairs.py", "np.argmax(piece", "np.argmin(piece", PAIRS),
+    # many points of a pair
+    ("compilation/pair_images.py", "v=e * (H * t) - u * H", "v=e * (H * t) + u * H", PAIRS),
+    ("compilation/pair_images.py", "(self.Q_h - self.Q_H)", "(self.Q_h + self.Q_H)", PAIRS),
+    ("compilation/pair_images.py", "Q_n=t * g", "Q_n=-t * g", PAIRS),
+    ("compilation/pair_images.py", "(self.ratio - 1.0) * up", "self.ratio * up", PAIRS),
+    ("compilation/pair_images.py", "+ self.Q_H * along", "- self.Q_H * along", PAIRS),
+    ("compilation/pair_images.py", "up + self.Q_h * along", "up - self.Q_h * along", PAIRS),
+    ("compilation/pair_images.py", "side.M[2] @ X < side", "side.M[2] @ X > side", PAIRS),
+    ("compilation/pair_errors.py", "by_angle[:2] - ratio", "by_angle[:2] + ratio", PAIRS),
+    ("compilation/pair_errors.py", "- dot(by_station, cross(omega", "+ dot(by_station, cross(omega", PAIRS),
+    ("compilation/pair_errors.py", "turning + by_level", "turning - by_level", PAIRS),
+    ("compilation/pair_errors.py", "depth -= 2.0", "depth += 2.0", PAIRS),
+    ("compilation/pair_errors.py", "share = 0.5 *", "share = 1.0 *", PAIRS),
+    ("compilation/pair_errors.py", "levels[np.maximum(group, 0)]", "levels[np.maximum(group[::-1], 0)]", PAIRS),
+    ("compilation/pair_errors.py", "np.swapaxes(out[:2, 2:], 0, 1)", "out[:2, 2:]", PAIRS),
+    ("compilation/pair_errors.py", "np.square(null) / weight", "np.square(null) * weight", PAIRS),
+    ("compilation/pair_errors.py", "parallax=-einsum", "parallax=einsum", PAIRS),
+    ("compilation/pair_errors.py", "X, off = X + move", "X, off = X - move", PAIRS),
+    ("compilation/pair_points.py", "& ~near)", ")", PAIRS),
+    ("compilation/loop.py", "over.depth > 0.0", "over.depth > 9.0", LOOP),
+    ("compilation/loop.py", "+ slope @ stereo.origin", "- slope @ stereo.origin", PAIRS),
     ("compilation/errors_of_differences.py", "(c, t, -1.0), (t, c, -1.0)", "(c, t, 1.0), (t, c, 1.0)", AGAINST),
     ("compilation/errors_of_differences.py", "(2.0 * t.alone if", "(0.0 * t.alone if", AGAINST),
     # the datum
-    ("compilation/compiled.py", "self.datum.height - frame.height", "-frame.height", COMPILE),
+    ("compilation/compiled.py", "self.datum.over(self.gathered(\"position\")) - self", "-self", COMPILE),
     ("compilation/compiled.py", "np.hypot(self.sigma[:, 2], self.datum.sigma)", "self.sigma[:, 2]", COMPILE),
     ("compilation/sounded.py", "soundings.depth[met] + how.datum", "soundings.depth[met] - how.datum",
      "compilation/test_sounded.py"),

@@ -162,6 +162,15 @@ def test_a_dataset_has_units_and_meanings():
     assert np.isnan(dataset.adjusted_water_tilt_sigma).all()
 
 
+@pytest.mark.slow
+def test_a_dataset_survives_its_file(tmp_path):
+    import xarray
+
+    dataset = to_xarray(solution_of(DECKS[1]))
+    dataset.to_netcdf(tmp_path / "run.nc", engine="scipy")
+    assert xarray.load_dataset(tmp_path / "run.nc", engine="scipy").identical(dataset)
+
+
 def test_lists_of_different_lengths_end_in_nothing():
     block = read_deck(FIXTURES / DECKS[0])
     groups = block.equal_elevations

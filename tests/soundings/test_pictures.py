@@ -35,7 +35,13 @@ def test_lines_and_dots_stand_where_the_numbers_say() -> None:
     assert label == f"{line.a:+.3f} m {line.b:+.4f} x depth" and line.a > 0.1 > -0.04 > line.b
     assert sum(bar.get_height() for bar in by_size.patches) == 59
     shoaler, deeper = on_map.collections
-    assert (shoaler.get_label(), deeper.get_label()) == ("compiled shoaler", "compiled deeper")
+    low, high = shoaler.get_clim()
+    assert low == -high and 0.5 < high < 1.0 and deeper.get_clim() == (low, high)  # zero is the pale middle
+    named = [line for line in on_map.lines if line.get_label().startswith("compiled")]
+    assert {line.get_label(): line.get_marker() for line in named} == {
+        "compiled shoaler": "^",
+        "compiled deeper": "v",
+    }
     np.testing.assert_array_equal(deeper.get_offsets(), xy[1:][differences.difference[1:] > 0.0])
     assert (shoaler.get_array() <= 0.0).all() and len(shoaler.get_offsets()) + len(deeper.get_offsets()) == 59
 

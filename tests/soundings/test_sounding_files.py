@@ -33,7 +33,9 @@ def test_soundings_are_read_by_their_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no columns lat and lon"),
+        ("", "the file is empty"),
+        ("\n\n", "the file is empty"),
+        ("a,b\n", "no columns lat and lon"),
         ("x,y\n1,2\n", "no column depth or height"),
         ("x;y;depth\n1;2;3\n", "semicolons"),
         ("x,y,depth\n", "no sounding"),

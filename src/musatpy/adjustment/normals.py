@@ -85,10 +85,10 @@ class NormalMatrix(Bordered):
         split, count = len(self.border), self.pattern.count
         photo, level = x[:split].reshape(count, -1, x.shape[1]), x[split:]
         i, j = self.pattern.pairs.T
-        out = np.zeros_like(photo)
-        np.add.at(out, i, self.blocks @ photo[j])
+        out = self.pattern.firsts.sums(self.blocks @ photo[j])
         off = i != j
-        np.add.at(out, j[off], np.swapaxes(self.blocks[off], 1, 2) @ photo[i[off]])
+        seconds = self.pattern.seconds
+        out[seconds.rows] += seconds.sums(np.swapaxes(self.blocks[off], 1, 2) @ photo[i[off]])
         top = out.reshape(split, -1) + self.border @ level
         return np.concatenate([top, self.border.T @ x[:split] + self.corner @ level])
 
@@ -298,7 +298,7 @@ def factorised(matrix: NormalMatrix, damping: float = 0.0) -> Factor | None:
     scaled = matrix.scaled(scale).damped(damping)
     try:
         sparse = factorise(scaled.pattern, scaled.blocks)
-        solved = sparse.solve(scaled.border)
+        solved = sparse.solve(scaled.border) if scaled.border.size else scaled.border
         corner = cho_factor(scaled.corner - scaled.border.T @ solved, lower=True)
     except (NotPositiveDefiniteError, LinAlgError):
         return None

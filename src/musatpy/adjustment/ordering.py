@@ -171,9 +171,12 @@ def _sides(blocks: IntArray, i: IntArray, j: IntArray, place: FloatArray) -> Int
     """
     least = int(np.ceil(_LEAST_PART * len(blocks)))
     best, sides = np.inf, np.zeros(len(blocks), dtype=np.int64)
+    reached = place.copy()
+    if len(i):
+        start = np.flatnonzero(np.diff(i, prepend=-1))  # the pairs are sorted by i
+        reached[i[start]] = np.maximum(place[i[start]], np.maximum.reduceat(place[j], start))
     for axis in range(place.shape[1]):
-        along, farthest = place[:, axis], place[:, axis].copy()
-        np.maximum.at(farthest, i, along[j])
+        along, farthest = place[:, axis], reached[:, axis]
         ordered, reach = np.sort(along[blocks]), np.sort(farthest[blocks])
         cuts = np.arange(least, len(blocks) - least + 1)
         cuts = cuts[ordered[cuts - 1] < ordered[cuts]]  # equal places stay on one side

@@ -8,6 +8,7 @@ follow from root to leaves without any others (Takahashi 1973). No matrix of the
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +17,10 @@ import numpy as np
 from scipy.linalg import blas, lapack
 
 from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_of
+from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray
+
+_SHARES = 8  # of the work, which a subtree has one of at most: fewer are left unequal, more leave much above them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,6 +87,16 @@ class Pattern:
         return np.searchsorted(self.keys, i * self.count + j)
 
     @cached_property
+    def firsts(self) -> Runs:
+        """How what pairs have adds to their first blocks: all of them, as each meets itself."""
+        return Runs.of(self.pairs[:, 0])
+
+    @cached_property
+    def seconds(self) -> Runs:
+        """How what pairs of two blocks have adds to the second ones."""
+        return Runs.of(self.pairs[self.pairs[:, 0] != self.pairs[:, 1], 1])
+
+    @cached_property
     def _runs(self) -> dict[tuple[int, bytes], tuple[Runs, Runs]]:
         return {}
 
@@ -125,6 +139,23 @@ class Pattern:
         return tuple(_plans(self))
 
     @cached_property
+    def shares(self) -> tuple[list[range], list[int]]:
+        """Subtrees of the fronts that threads can work at side by side, and the fronts above them."""
+        work = np.array([plan.own * (plan.blocks * self.size) ** 2 for plan in self.plan], dtype=float)
+        first = np.arange(len(self.plan))  # front of each subtree: it is numbered before its root
+        for i, plan in enumerate(self.plan):
+            for child, _ in plan.children:
+                first[i] = min(first[i], first[child])
+                work[i] += work[child]
+        largest = work[[plan.parent < 0 for plan in self.plan]].sum() / _SHARES
+        roots = [
+            i
+            for i, plan in enumerate(self.plan)
+            if work[i] <= largest and (plan.parent < 0 or work[plan.parent] > largest)
+        ]
+        return [range(int(first[i]), i + 1) for i in roots], np.flatnonzero(work > largest).tolist()
+
+    @cached_property
     def eliminated(self) -> IntArray:
         """(v size,) the unknowns in the order of their elimination."""
         return _expand(np.concatenate([front.own for front in self.fronts]), self.size)
@@ -165,7 +196,8 @@ def _plans(pattern: Pattern) -> Iterator[FrontPlan]:
         place[front.blocks] = np.arange(len(front.blocks))
         entries = order[cut[number] : cut[number + 1]]
         i, j = place[pattern.pairs[entries]].T
-        children = ((child, _runs(place[fronts[child].boundary], size)) for child in front.children)
+        own = len(front.own)
+        children = ((child, _runs(place[fronts[child].boundary], own, size)) for child in front.children)
         yield FrontPlan(
             own=len(front.own) * size,
             blocks=len(front.blocks),
@@ -181,11 +213,14 @@ def _plans(pattern: Pattern) -> Iterator[FrontPlan]:
         start += len(front.own) * size
 
 
-def _runs(place: IntArray, size: int) -> tuple[tuple[int, int, int], ...]:
-    """Return the runs of places that follow one another: first, last, and the first place, in unknowns."""
+def _runs(place: IntArray, own: int, size: int) -> tuple[tuple[int, int, int], ...]:
+    """Return the runs of places that follow one another: first, last, and the first place, in unknowns.
+
+    None has places before and behind `own`.
+    """
     if not len(place):
         return ()
-    cut = np.flatnonzero(np.diff(place) != 1) + 1
+    cut = np.flatnonzero((np.diff(place) != 1) | (place[1:] == own)) + 1
     first, last = np.concatenate([[0], cut]), np.concatenate([cut, [len(place)]])
     return tuple(zip((first * size).tolist(), (last * size).tolist(), (place[first] * size).tolist(), strict=True))
 
@@ -231,19 +266,24 @@ class SparseFactor:
         out = np.empty((len(pattern.pairs), size, size))
         whole: dict[int, FloatArray] = {}  # inverse of the fronts whose children still need it
         waiting = [len(plan.children) for plan in pattern.plan]
-        for i in range(len(pattern.plan) - 1, -1, -1):
-            plan = pattern.plan[i]
-            above = None if plan.parent < 0 else whole[plan.parent]
-            Z = self._inverse(i, above)
-            if above is not None:
-                waiting[plan.parent] -= 1
-                if waiting[plan.parent] == 0:
-                    del whole[plan.parent]
-            if plan.children:
-                whole[i] = Z
-            blocks = Z.reshape(plan.blocks, size, plan.blocks, size)[plan.row, :, plan.column, :]
-            out[plan.entries] = np.swapaxes(blocks, 1, 2)  # of the upper half, as pairs are
-            out[plan.entries[plan.turned]] = blocks[plan.turned]
+
+        def invert(fronts: range | list[int]) -> None:
+            for i in reversed(fronts):
+                plan = pattern.plan[i]
+                Z = self._inverse(i, None if plan.parent < 0 else whole[plan.parent])
+                if plan.parent >= 0:
+                    waiting[plan.parent] -= 1
+                    if waiting[plan.parent] == 0:
+                        del whole[plan.parent]
+                if plan.children:
+                    whole[i] = Z
+                blocks = Z.reshape(plan.blocks, size, plan.blocks, size)[plan.row, :, plan.column, :]
+                out[plan.entries] = np.swapaxes(blocks, 1, 2)  # of the upper half, as pairs are
+                out[plan.entries[plan.turned]] = blocks[plan.turned]
+
+        subtrees, top = pattern.shares
+        invert(top)
+        deque(side_by_side(invert, subtrees, pattern.order), maxlen=0)
         return out
 
     def _inverse(self, i: int, above: FloatArray | None) -> FloatArray:
@@ -266,41 +306,54 @@ class SparseFactor:
 
 
 def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
-    """Return the factor of the matrix with blocks `values` (e, size, size).
+    """Return the factor of the matrix with blocks `values` (e, size, size), the same whatever the threads.
 
     Raises `NotPositiveDefiniteError`.
     """
-    diagonal: list[FloatArray] = []
-    below: list[FloatArray] = []
+    diagonal: dict[int, FloatArray] = {}
+    below: dict[int, FloatArray] = {}
     updates: dict[int, FloatArray] = {}
-    for i, plan in enumerate(pattern.plan):
-        F = _assembled(plan, pattern.size, values, updates).T  # in the order of FORTRAN, its lower half
-        p = plan.own
-        L11, failed = lapack.dpotrf(F[:p, :p], lower=1, clean=0)
-        if failed:
-            raise NotPositiveDefiniteError(pattern.fronts[i].own)
-        diagonal.append(L11)
-        L21 = blas.dtrsm(1.0, L11, F[p:, :p], side=1, lower=1, trans_a=1) if len(F) > p else np.zeros((0, p))
-        below.append(L21)
-        if len(L21):
-            updates[i] = blas.dsyrk(-1.0, L21, beta=1.0, c=F[p:, p:], lower=1).T
-    return SparseFactor(pattern=pattern, own=tuple(diagonal), below=tuple(below))
+
+    def eliminate(fronts: range | list[int]) -> None:
+        for i in fronts:
+            own, left = _assembled(pattern.plan[i], pattern.size, values, updates)
+            F, p = own.T, len(own)  # in the order of FORTRAN, its lower half
+            diagonal[i], failed = lapack.dpotrf(F[:p], lower=1, clean=0)
+            if failed:
+                raise NotPositiveDefiniteError(pattern.fronts[i].own)
+            below[i] = np.zeros((0, p))
+            if len(left):
+                below[i] = blas.dtrsm(1.0, diagonal[i], F[p:], side=1, lower=1, trans_a=1)
+                updates[i] = blas.dsyrk(-1.0, below[i], beta=1.0, c=left.T, lower=1, overwrite_c=1).T
+
+    subtrees, top = pattern.shares
+    deque(side_by_side(eliminate, subtrees, pattern.order), maxlen=0)
+    eliminate(top)
+    numbers = range(len(pattern.plan))
+    return SparseFactor(
+        pattern=pattern, own=tuple(diagonal[i] for i in numbers), below=tuple(below[i] for i in numbers)
+    )
 
 
-def _assembled(plan: FrontPlan, size: int, values: FloatArray, updates: dict[int, FloatArray]) -> FloatArray:
-    """Return the upper half of a front (b size, b size), what its children leave added."""
-    U = np.zeros((plan.blocks * size, plan.blocks * size))
+def _assembled(
+    plan: FrontPlan, size: int, values: FloatArray, updates: dict[int, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the upper half of a front, what its children leave added: own rows (p, n), others (n - p, n - p)."""
+    p, n = plan.own, plan.blocks * size
+    own, left = np.zeros((p, n)), np.zeros((n - p, n - p))
     entering = values[plan.entries]
     entering[plan.turned] = np.swapaxes(entering[plan.turned], 1, 2)
-    U.reshape(plan.blocks, size, plan.blocks, size)[plan.column, :, plan.row, :] = entering
+    own.reshape(p // size, size, plan.blocks, size)[plan.column, :, plan.row, :] = entering
     for child, runs in plan.children:
         if not runs:
             continue
         update = updates.pop(child)
         for number, (first, last, at) in enumerate(runs):
+            rows, offset = (own, 0) if at < p else (left, p)
             for start, end, to in runs[number:]:
-                U[at : at + last - first, to : to + end - start] += update[first:last, start:end]
-    return U
+                place = rows[at - offset : at - offset + last - first, to - offset : to - offset + end - start]
+                place += update[first:last, start:end]
+    return own, left
 
 
 def _expand(blocks: IntArray, size: int) -> IntArray:

@@ -17,6 +17,12 @@ from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_ove
 @out_option
 @anyway_option
 @click.option("--datum", type=float, default=0.0, help="How far the datum of CONTOURS is below the deck's, m.")
+@click.option(
+    "--farthest",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=None,
+    help="Contours farther than that, m, are of other places.",
+)
 @click.option("--crs", default="", help="Coordinate system of a file that says none: EPSG:32620.")
 @click.option("--layer", default="", help="Layer of a GeoPackage that has several.")
 @click.option("--depths", is_flag=True, help="Third coordinates are depths, positive down, and no heights.")
@@ -27,6 +33,7 @@ def command(
     out_dir: Path | None,
     anyway: bool,
     datum: float,
+    farthest: float | None,
     crs: str,
     layer: str,
     depths: bool,
@@ -36,6 +43,8 @@ def command(
     CONTOURS is a DXF, GeoJSON, GeoPackage, CSV or XYZ file. Its depths are those of its column depth, or heights
     with the opposite sign. The listing goes to CONTOURS.contours.lst, the record to CONTOURS.contours.json.
     """
+    import math
+
     from musatpy.as11_runs import compiled_deck
     from musatpy.compilation.bottom import bottom_of
     from musatpy.compilation.contoured import contoured
@@ -53,7 +62,7 @@ def command(
     bottom = bottom_of(result)
     levels = {line.level for sheet in bottom.sheets for line in sheet.contours.lines} if bottom else set()
     surfaces = bottom.surfaces if bottom else surfaces_of(result)[0]
-    compared = contoured(surfaces, other, datum, sorted(levels))
+    compared = contoured(surfaces, other, datum, sorted(levels), math.inf if farthest is None else farthest)
     partners = {row.depth for row in compared.distances}
     if not partners:
         why = next((row.reason for row in compared.areas), "there is no bottom")

@@ -11,12 +11,35 @@ from musatpy.cli.messages import complain_of, tell
 from musatpy.cli.options import formats_option
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from musatpy.formats.cards.spec import Family
 
 
+def _cards_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
+    """Return the cards that a shell may complete a text to, with their titles."""
+    from click.shell_completion import CompletionItem
+
+    cards = [card for family in _families(ctx.params.get("formats_dir")) for card in family.cards.values()]
+    fitting = [card for card in cards if card.mnemonic.startswith(text.upper())]
+    return [CompletionItem(card.mnemonic, help=card.title) for card in fitting]
+
+
+def _values_beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
+    """Return the fields of the card, and behind the sign of equality the words that a field may have."""
+    from click.shell_completion import CompletionItem
+
+    families = _families(ctx.params.get("formats_dir"))
+    cards = [family.cards.get((ctx.params.get("name") or "").upper()) for family in families]
+    fields = [field for card in cards if card is not None for field in card.fields]
+    words = [f"{field.name}={word}" for field in fields for word in field.allowed]
+    known = words if "=" in text else [f"{field.name}=" for field in fields]
+    return [CompletionItem(one) for one in known if one.startswith(text)]
+
+
 @click.command(name="card", short_help="Explain cards; make one of names and values.")
-@click.argument("name", metavar="[CARD]", required=False)
-@click.argument("values", metavar="[FIELD=VALUE...]", nargs=-1)
+@click.argument("name", metavar="[CARD]", required=False, shell_complete=_cards_beginning)
+@click.argument("values", metavar="[FIELD=VALUE...]", nargs=-1, shell_complete=_values_beginning)
 @formats_option
 @click.pass_context
 def command(ctx: click.Context, name: str | None, values: tuple[str, ...], formats_dir: Path | None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.decks import sizes_of
+from musatpy.cli.decks import sizes_of, source_of
 from musatpy.cli.messages import count_of, name_of, tell
 from musatpy.cli.options import decks_argument, formats_option, set_option, settings_for
 from musatpy.errors import of_each_kind
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def command(
     ctx: click.Context, decks: tuple[Path, ...], formats_dir: Path | None, settings: tuple[str, ...]
 ) -> None:
-    """Print every problem of each DECK, with ruler and carets, and how many there are.
+    """Print every problem of each DECK (- is the standard input), with ruler and carets, and how many there are.
 
     Exit status: 0 no errors (there may be warnings), 1 errors.
     """
@@ -36,7 +36,7 @@ def command(
     instead = settings_for(settings, family)
     usable = True
     for deck in decks:
-        block, problems = check_deck(deck, family, settings=instead)
+        block, problems = check_deck(source_of(deck), family, settings=instead)
         for problem in of_each_kind(problems):
             tell(problem.render())
         tell(f"{name_of(deck)}: {_verdict(block, problems)}")

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from musatpy.cli.messages import complain, count_of, name_of, tell
-from musatpy.errors import DeckError, Problem, of_each_kind
+import click
+
+from musatpy.cli.messages import complain, count_of, name_of
+from musatpy.errors import DeckError, Problem, of_each_kind, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -16,13 +20,21 @@ if TYPE_CHECKING:
     from musatpy.model import Block
 
 
+STREAM = Path("-")  # as a deck: the standard input; as an output: the standard output
+
+
+def source_of(deck: Path) -> Path | bytes:
+    """Return where a deck is read from: its path, or of `-` the bytes of the standard input."""
+    return sys.stdin.buffer.read() if deck == STREAM else deck
+
+
 def read_for_editing(decks: Iterable[Path], family: Family) -> list[Block]:
     """Return the blocks of decks, which may lack a datum. Raises `DeckError` with every error of all of them."""
     from musatpy.formats.musat import check_deck
 
     blocks, errors = [], []
     for deck in decks:
-        block, problems = check_deck(deck, family, for_run=False)
+        block, problems = check_deck(source_of(deck), family, for_run=False)
         errors += [problem for problem in problems if problem.severity == "error"]
         if block is not None:
             blocks.append(block)
@@ -45,7 +57,8 @@ def sizes_of(block: Block) -> list[str]:
 def write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Family, report: str) -> None:
     """Write the deck of a block, and print the report of the editing, what is in the deck, and what it lacks.
 
-    The deck has `titles` where there are any, else those of the block. Raises `DeckError` where it cannot be
+    The deck has `titles` where there are any, else those of the block; `-` goes to stdout, and what is said to
+    stderr. Raises `DeckError` where it cannot be
     written or would contradict itself; nothing is written and printed then.
     """
     from musatpy.files import write_files
@@ -58,12 +71,16 @@ def write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Fami
     again, problems = check_deck(data, family, for_run=False)
     if again is None:
         raise DeckError(_of(path, problems))
-    write_files({path: data})
-    tell(report, nl=False)
+    if path == STREAM:
+        click.echo(data, nl=False)
+    else:
+        write_files({path: data})
+    about = partial(click.echo, err=path == STREAM)  # of what stands on stdout itself
+    about(printable(report), nl=False)
     _, of_a_run = check_deck(data, family)
     missing = [problem for problem in _of(path, of_a_run) if problem.severity == "error"]
     warnings = count_of(len(of_a_run) - len(missing), "warning")
-    tell(f"{name_of(path)}: {', '.join(sizes_of(again))}; {warnings} of musat check")
+    about(printable(f"{name_of(path)}: {', '.join(sizes_of(again))}; {warnings} of musat check"))
     for problem in of_each_kind(missing):
         complain(f"{problem.headline()}: it cannot be run yet")
 

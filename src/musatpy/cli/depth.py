@@ -125,7 +125,9 @@ def picture(picture: Path, depth: float, step: float, **given: Any) -> None:
 @index_options
 @camera_options
 @columns_option
-@click.option("--jobs", type=click.IntRange(min=1), help="Processes; as many as there are cores where not given.")
+@click.option(
+    "-j", "--jobs", type=click.IntRange(min=1), help="Processes; as many as there are cores where not given."
+)
 @quiet_option
 def correct(
     points: Path, out: Path, stations: Path, columns: tuple[str, ...], jobs: int | None, quiet: bool, **given: Any

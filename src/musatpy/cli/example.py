@@ -5,15 +5,28 @@ from __future__ import annotations
 import os
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import NamedPath
 
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+
+def _beginning(ctx: click.Context, param: click.Parameter, text: str) -> list[CompletionItem]:
+    """Return the examples that a shell may complete a text to."""
+    from click.shell_completion import CompletionItem
+
+    from musatpy.examples import examples
+
+    return [CompletionItem(one.name, help=one.title) for one in examples().values() if one.name.startswith(text)]
+
 
 @click.command(name="example", short_help="Write an example to begin with.")
-@click.argument("name", metavar="[NAME]", required=False)
+@click.argument("name", metavar="[NAME]", required=False, shell_complete=_beginning)
 @click.option(
     "-o",
     "--out",

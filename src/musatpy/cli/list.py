@@ -22,7 +22,7 @@ from musatpy.errors import printable
 def command(decks: tuple[Path, ...], as_json: bool, few: int, formats_dir: Path | None) -> None:
     """List photos, rays, overlaps, control and submerged points of each DECK, which need not be ready for a run.
 
-    Exit status: 0, or 1 where a deck cannot be read.
+    A DECK - is the standard input. Exit status: 0, or 1 where a deck cannot be read.
     """
     import json
 

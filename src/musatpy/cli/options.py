@@ -155,7 +155,7 @@ deck_option = click.option(
     metavar="OUT",
     required=True,
     type=NamedPath(),
-    help="The deck to be written.",
+    help="The deck to be written; - is the standard output.",
 )
 titles_option = click.option(
     "--title",

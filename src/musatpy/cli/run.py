@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import datetime
 import importlib.util
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from musatpy.cli.decks import STREAM
 from musatpy.cli.live_line import LiveLine
 from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, on_terminal
 from musatpy.cli.options import (
@@ -68,14 +71,18 @@ def command(
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
 
-    Exit status: 0 all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an
-    answer is rejected (with --strict: or doubtful).
+    A DECK - is the standard input; its listing goes to the standard output, or with -o to stdin.lst. Exit status: 0
+    all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an answer is rejected
+    (with --strict: or doubtful).
     """
     from musatpy.model import RecordContent
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
     wanted = shown_of(given)
     punch, punch_family = punch_of(formats_dir, given)
+    more = punch_edits or given["csv"] or punch or wanted.anything
+    if STREAM in decks and out_dir is None and (len(decks) > 1 or more):
+        raise click.UsageError("- with other decks, or with files besides the listing, needs -o")
     try:
         check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
     except MusatError as error:
@@ -93,8 +100,36 @@ def command(
         record=RecordContent(record or "full"),
         **{name: given[name] for name in ("carriage_control", "brief", "csv", "strict")},
     )
-    statuses = [_status_of(deck, run, wanted, quiet) for deck in decks]
+    statuses = [
+        _filtered(run, wanted, out_dir, quiet) if deck == STREAM else _status_of(deck, run, wanted, quiet)
+        for deck in decks
+    ]
     ctx.exit(ExitStatus.worst(statuses))
+
+
+def _filtered(run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None, quiet: bool) -> ExitStatus:
+    """Run the deck of the standard input; without a folder its listing goes to stdout, what is said to stderr."""
+    from tempfile import TemporaryDirectory  # rarely needed
+
+    from musatpy.runs import ExitStatus
+
+    with TemporaryDirectory() as folder:
+        deck = Path(folder, "stdin.crd")
+        deck.write_bytes(sys.stdin.buffer.read())
+        try:
+            result = run(deck, **({"out_dir": Path(folder)} if out_dir is None else {}))
+        except OSError as error:
+            complain_of_error(error)
+            return ExitStatus.UNUSABLE
+        problems = tuple(
+            replace(one, file=str(STREAM)) if one.file == str(deck) else one for one in result.problems
+        )
+        listing = result.listing
+        if listing is not None and out_dir is None:
+            click.echo(listing.read_bytes(), nl=False)
+            result = replace(result, listing=STREAM)
+        _tell(replace(result, deck=STREAM, problems=problems), quiet, err=out_dir is None)
+        return result.status if show(result, wanted, quiet) else ExitStatus.UNUSABLE
 
 
 def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: bool) -> ExitStatus:
@@ -116,8 +151,8 @@ def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: 
     return result.status
 
 
-def _tell(result: RunResult, quiet: bool) -> None:
-    """Print problems to stderr and, unless `quiet`, the summary to stdout."""
+def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
+    """Print problems to stderr and, unless `quiet`, the summary to stdout; or to stderr too."""
     complain_of(result.problems)
     solution, verdict = result.solution, result.verdict
     if solution is None or verdict is None or result.listing is None:
@@ -138,11 +173,13 @@ def _tell(result: RunResult, quiet: bool) -> None:
             f"{count_of(len(solution.iterations), 'iteration')}, water passes: {len(solution.passes)}, "
             f"{'' if solution.kernels == 'numpy' else f'{solution.kernels} kernels, '}"
             f"listing {name_of(result.listing)}"
-            f"{_punched(result.punched)}"
+            f"{_punched(result.punched)}",
+            err=err,
         )
         if solution.edited is not None:
             punched = f", edited deck {name_of(result.edited)}" if result.edited else ""
-            click.echo(f"{name_of(result.deck)}: {count_of(len(solution.findings), 'blunder')} found{punched}")
+            found = count_of(len(solution.findings), "blunder")
+            click.echo(f"{name_of(result.deck)}: {found} found{punched}", err=err)
 
 
 def _would_gain(solution: Solution) -> bool:

@@ -18,7 +18,7 @@ from musatpy.surfaces.tin import INSIDE, Tin
 COMPILED, OTHER = "compiled", "other"  # whose contours are sampled
 NOT_IN_OTHER = "the other source has no contour of it"
 NOT_ON_IT = "no contour of the other source lies on the surface"
-PAST_ENDS = "the contours lie past the ends of each other"
+PAST_ENDS = "the contours lie past the ends of each other, or too far"
 NO_BOTTOM = "the surface has no contour of it"
 _LEVEL_DECIMALS = 3  # mm
 
@@ -27,9 +27,9 @@ _LEVEL_DECIMALS = 3  # mm
 class ContourDistance:
     """How far contours of a depth, those `of` a source, lie from those of the other, over a length, m.
 
-    beyond (m): the length that lies past open ends of the other contours, and does not count. mean, rms and most
-    (95 % do not exceed it) are of distances, m. Times the slope of the bottom these are depths: compiled less the
-    other.
+    beyond (m): the length that lies past open ends of the other contours or too far, and does not count. mean, rms
+    and most (95 % do not exceed it) are of distances, m. Times the slope of the bottom these are depths: compiled
+    less the other.
     """
 
     surface: int
@@ -71,12 +71,17 @@ class Contoured:
 
 
 def contoured(
-    surfaces: Sequence[Surface], other: ContourLines, datum: float = 0.0, levels: Sequence[float] = ()
+    surfaces: Sequence[Surface],
+    other: ContourLines,
+    datum: float = 0.0,
+    levels: Sequence[float] = (),
+    farthest: float = np.inf,
 ) -> Contoured:
     """Return contours of surfaces beside others whose datum is `datum` (m) below that of the surfaces.
 
-    `levels` are depths whose contours are wanted of both. Raises `SoundingError` where coordinates are not of the
-    kind of the job's, `InterchangeError` without shapely, `MusatError` without matplotlib.
+    Places `farthest` (m) from each other are no partners. `levels` are depths whose contours are wanted of both.
+    Raises `SoundingError` where coordinates are not of the kind of the job's, `InterchangeError` without shapely,
+    `MusatError` without matplotlib.
     """
     depth = np.round(other.depth + datum, _LEVEL_DECIMALS)
     wanted = sorted({*depth.tolist(), *np.round(levels, _LEVEL_DECIMALS).tolist()})
@@ -91,14 +96,14 @@ def contoured(
         places = [surface.places(line) for line in other.places]
         for level in wanted:
             partners = [places[row] for row in np.flatnonzero(depth == level).tolist()]
-            area, ways = _of_level(number, surface.tin, level, partners)
+            area, ways = _of_level(number, surface.tin, level, partners, farthest)
             areas.append(area)
             distances += ways
     return Contoured(distances=tuple(distances), areas=tuple(areas))
 
 
 def _of_level(
-    surface: int, tin: Tin, level: float, others: Sequence[FloatArray]
+    surface: int, tin: Tin, level: float, others: Sequence[FloatArray], farthest: float
 ) -> tuple[ContourArea, list[ContourDistance]]:
     """Return the area between contours of a depth, and their distances both ways; or the reason for none."""
     none = ContourArea(surface=surface, depth=level)
@@ -109,11 +114,11 @@ def _of_level(
         within = tin.z.min() < level < tin.z.max()
         span = f"the surface goes from {tin.z.min():.2f} to {tin.z.max():.2f} m"
         return replace(none, reason=NO_BOTTOM if within else span), []
-    backward = offsets(others, compiled)
+    backward = offsets(others, compiled, farthest)
     backward = backward.part(tin.at(backward.xy).reason == INSIDE)
     if not len(backward.xy):
         return replace(none, reason=NOT_ON_IT), []
-    forward = offsets(compiled, others)
+    forward = offsets(compiled, others, farthest)
     distances = [
         _distance(surface, level, name, tin, samples)
         for name, samples in ((COMPILED, forward), (OTHER, backward))

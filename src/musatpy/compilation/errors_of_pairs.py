@@ -51,7 +51,8 @@ def y_parallax(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray]:
     N, E = piece.E.normals, piece.E
     k, m = piece.group.rays.shape
     a = _left_null(N.B.reshape(k, 2 * m, 3)).reshape(k, m, 2)
-    size = np.linalg.norm(a[:, 1], axis=1) * np.where(a[:, 1, 1] < 0.0, -1.0, 1.0)
+    right = int(np.argmax(piece.group.rays[0])) if k else 1  # those of the left photo come first
+    size = np.linalg.norm(a[:, right], axis=1) * np.where(a[:, right, 1] < 0.0, -1.0, 1.0)
     a /= size[:, None, None]
     off = -np.einsum("kma,kma->k", a, N.residual)
     by_station = np.einsum("kma,kmaq->kmq", a, N.images.by_station).reshape(k, -1)

@@ -12,13 +12,29 @@ from enum import StrEnum
 
 import numpy as np
 
-from musatpy.adjustment.water_surface import surface
 from musatpy.adjustment.wavy_water import WorkingSea
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.compilation.pair_images import (
+    APART,
+    AT_REST,
+    Pair,
+    Side,
+    Vertical,
+    Water,
+    chunks,
+    curvature,
+    inverse,
+    look,
+    met,
+    sight,
+    size,
+    step,
+    sunk,
+    water_over,
+)
 from musatpy.compilation.stereomodels import Stereomodel
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry import collinearity
-from musatpy.refraction import flat
 
 _STEPS = 60
 _STILL = 1e-7  # m; what is left after a step of this size is rounding
@@ -48,66 +64,135 @@ class Loop:
 
     stereo: Stereomodel
     drive: Drive = Drive.TRUE
-    camera: FloatArray = field(init=False)  # (2, 3) working
-    turn: FloatArray = field(init=False)  # (2, 3, 3) working axes to photo
-    focal_length: FloatArray = field(init=False)  # (2,) mm
-    principal_point: FloatArray = field(init=False)  # (2, 2) mm
-    slope: FloatArray = field(init=False)  # (3,) of the water, working
-    sea: WorkingSea | None = field(init=False)  # waves on it
+    pair: Pair = field(init=False)  # in the model
+    sea: WorkingSea | None = field(init=False)  # waves on its water
 
     def __post_init__(self) -> None:
-        stereo, water = self.stereo, self.stereo.run.block.water
-        if self.drive is Drive.TRUE and (water is None or not np.isfinite(stereo.tides).all()):
+        run, tides = self.stereo.run, self.stereo.tides
+        if self.drive is Drive.TRUE and (run.block.water is None or not np.isfinite(tides).all()):
             raise CompilationError([Problem(message="true marks need water with a tide at both photos: drive AIR")])
-        for name, value in (
-            ("camera", stereo.working(stereo.stations)),
-            ("turn", stereo.rotation @ stereo.axes),
-            ("focal_length", stereo.camera("focal_length")),
-            ("principal_point", stereo.camera("principal_point")),
-            ("slope", stereo.water_slope),
-            ("sea", None if stereo.run.sea is None else WorkingSea.of(stereo.run.sea, stereo.run.frame).known),
-        ):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "pair", _pair(self.stereo))
+        object.__setattr__(self, "sea", None if run.sea is None else WorkingSea.of(run.sea, run.frame).known)
 
     def stages(self, mark: FloatArray) -> Stages:
         """Return the stages of marks (k, 3) in the model, with their partials.
 
         Raises `AdjustmentError` where a ray cannot be followed through waves.
         """
-        ground = np.repeat(self.stereo.working(mark)[:, None], 2, axis=1)
-        v, by_ground = ground - self.camera, np.broadcast_to(np.eye(3), (*ground.shape, 3))
-        if self.drive is Drive.TRUE:
-            bent = self._incidence(ground)
-            v, by_ground = bent.v.reshape(v.shape), bent.by_ground.reshape(by_ground.shape)
-        xy, by_v = collinearity.image_by_vector(v, self.turn, self.focal_length, self.principal_point)
-        return Stages(xy=xy, by_mark=by_v @ by_ground @ self.stereo.axes.T)
-
-    def _incidence(self, ground: FloatArray) -> flat.Incidence:
-        """Return the incidence points of marks (k, 2, 3) at the exposures of both photos."""
-        camera, tides, index = np.broadcast_to(self.camera, ground.shape), self.stereo.tides, self.stereo.index
-        if self.sea is None:
-            over = surface(self.stereo.run.frame, self.slope, tides, ground)
-            return flat.incidence(camera, ground, over.normal, over.depth, index)
-        photo, tide = np.tile(self.stereo.photos, len(ground)), np.tile(tides, len(ground))
-        return self.sea.incidence(photo, camera.reshape(-1, 3), ground.reshape(-1, 3), tide, index)
+        if self.drive is Drive.TRUE and self.sea is not None:
+            return self._through_waves(self.sea, mark)
+        out = Stages(xy=np.empty((len(mark), 2, 2)), by_mark=np.empty((len(mark), 2, 2, 3)))
+        for rows in chunks(len(mark)):
+            X = np.ascontiguousarray(mark[rows].T)
+            vertical = self._vertical(X) if self.drive is Drive.TRUE else None
+            for number, side in enumerate(self.pair.sides):
+                xy, by_mark = self._images(side, X, vertical)
+                out.xy[rows, number], out.by_mark[rows, number] = xy.T, by_mark.transpose(2, 0, 1)
+        return out
 
     def mark(self, xy: FloatArray) -> FloatArray:
-        """Return the marks (k, 3) in the model of stages (k, 2, 2) mm: the least squares of their coordinates.
+        """Return the marks (k, 3) in the model of stages (k, 2, 2) mm: the least squares of their coordinates."""
+        out, left = np.empty((len(xy), 3)), np.ones(len(xy), dtype=bool)
+        if self.drive is Drive.AIR or self.sea is None:
+            for rows in chunks(len(xy)):
+                with np.errstate(all="ignore"):  # of rays that do not meet: these marks are not clear
+                    X, clear = self._clear_marks(np.ascontiguousarray(xy[rows].reshape(-1, 4).T))
+                out[rows], left[rows] = X.T, ~clear
+        out[left] = self._approached(xy[left])
+        return out
 
-        A mark on the water line, from whose either side the other is nearer, is approached by ever shorter steps.
+    def _vertical(self, X: FloatArray) -> Vertical:
+        """Return the vertical of marks (3, c), in the model."""
+        up, height = self.stereo.run.frame.vertical(self.stereo.working(X.T))
+        return self.stereo.axes @ up.T, np.ascontiguousarray(height)
+
+    def _images(self, side: Side, X: FloatArray, vertical: Vertical | None) -> tuple[FloatArray, FloatArray]:
+        """Return the images (2, c) of marks (3, c) on a side, and their partials (2, 3, c).
+
+        True marks have their vertical: those below the water are refracted.
+        """
+        if vertical is None:
+            of = sight(side, X)
+            return of.xy, of.by_point
+        over, index = water_over(self.pair.water, side.tide, X, *vertical), self.pair.water.index
+        wet = over.depth > 0.0
+        if wet.all():
+            of = sight(side, X, over, index)
+            return of.xy, of.by_point
+        xy, by_mark = self._images(side, X, None)
+        if wet.any():
+            of = sight(side, X[:, wet], over.part(wet), index)
+            xy[:, wet], by_mark[..., wet] = of.xy, of.by_point
+        return xy, by_mark
+
+    def _clear_marks(self, xy: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return the marks (3, c) of stages (4, c), and which are clear: at rest, not on the water line."""
+        pair, weight = self.pair, np.ones_like(xy)
+        X, last, sine2 = met(pair, xy, weight)
+        clear = (last < AT_REST) & (sine2 > APART) & pair.seen(X)
+        if self.drive is Drive.AIR:
+            return X, clear
+        up, height = self._vertical(X)
+        under = pair.gaps(X, height) > 0.0
+        wet = np.flatnonzero(clear & under.all(axis=0))
+        xy, weight = xy[:, wet], weight[:, wet]
+        true = sunk(pair, xy, weight, X[:, wet], (up[:, wet], height[wet]))
+        vertical = self._vertical(true)
+        at = look(pair, xy, true, vertical)
+        move = step(inverse(at.B, weight), at, weight)
+        X[:, wet] = true + move
+        clear &= ~under.any(axis=0) | under.all(axis=0)
+        clear[wet] &= (size(move) < AT_REST) & (pair.gaps(true, vertical[1]) > AT_REST).all(axis=0)
+        return X, clear
+
+    def _approached(self, xy: FloatArray) -> FloatArray:
+        """Return the marks (k, 3) of stages, step by step.
+
+        One on the water line, from whose either side the other is nearer, is approached by ever shorter steps.
         """
         mark, active = self.stereo.apparent(xy), np.arange(len(xy))
         factor, last = np.ones(len(xy)), np.full(len(xy), np.inf)
         for _ in range(_STEPS):
+            if not len(active):
+                break
             now = self.stages(mark[active])
             B, v = now.by_mark.reshape(-1, 4, 3), (xy[active] - now.xy).reshape(-1, 4, 1)
             Bt = np.swapaxes(B, 1, 2)
-            step = np.linalg.solve(Bt @ B, Bt @ v)[..., 0] * factor[active, None]
-            mark[active] += step
-            size = np.abs(step).max(axis=1)
-            factor[active] *= np.where(size > 0.5 * last[active], 0.5, 1.0)
-            last[active] = size
-            active = active[size > _STILL]
-            if not len(active):
-                break
+            move = np.linalg.solve(Bt @ B, Bt @ v)[..., 0] * factor[active, None]
+            mark[active] += move
+            length = np.abs(move).max(axis=1)
+            factor[active] *= np.where(length > 0.5 * last[active], 0.5, 1.0)
+            last[active] = length
+            active = active[length > _STILL]
         return mark
+
+    def _through_waves(self, sea: WorkingSea, mark: FloatArray) -> Stages:
+        """Return the stages of true marks through the waves at the exposures of both photos."""
+        stereo, count = self.stereo, len(mark)
+        ground, camera = (
+            np.repeat(stereo.working(mark), 2, axis=0),
+            np.tile(stereo.working(stereo.stations), (count, 1)),
+        )
+        photo, tide = np.tile(stereo.photos, count), np.tile(stereo.tides, count)
+        bent = sea.incidence(photo, camera, ground, tide, stereo.index)
+        v, by_mark = bent.v.reshape(-1, 2, 3) @ stereo.axes.T, bent.by_ground.reshape(-1, 2, 3, 3) @ stereo.axes.T
+        focal_length, principal_point = stereo.camera("focal_length"), stereo.camera("principal_point")
+        xy, by_v = collinearity.image_by_vector(v, stereo.rotation, focal_length, principal_point)
+        return Stages(xy=xy, by_mark=by_v @ stereo.axes @ by_mark)
+
+
+def _pair(stereo: Stereomodel) -> Pair:
+    """Return the pair of a model, in its axes."""
+    slope = stereo.water_slope
+    left, right = (
+        Side(
+            station=stereo.stations[number],
+            M=stereo.rotation[number],
+            focal_length=float(stereo.camera("focal_length")[number]),
+            principal_point=stereo.camera("principal_point")[number],
+            tide=float(stereo.tides[number] + slope @ stereo.origin),
+        )
+        for number in range(2)
+    )
+    level = Water(index=stereo.index, slope=stereo.axes @ slope, curvature=curvature(stereo.run.frame))
+    return Pair(sides=(left, right), water=level)

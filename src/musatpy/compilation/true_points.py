@@ -23,6 +23,8 @@ from musatpy.adjustment.water_surface import is_considered
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.errors_of_pairs import joint_covariances, y_parallax
+from musatpy.compilation.pair_errors import PairErrors
+from musatpy.compilation.pair_points import put_clear_points
 from musatpy.compilation.parts import in_parts
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.geometry.collinearity import in_front
@@ -33,6 +35,10 @@ from musatpy.model import Block, PlateMeasurements, Points
 _TURNS = 8  # times that rays may change between wet and dry
 PARALLEL_RAYS, BEHIND = "its rays are parallel", "its rays meet behind a camera"
 NOT_FOLLOWED = "its rays cannot be followed through the water"
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "position": (3,), "covariance": (3, 3), "apparent": (3,), "water_level": (), "depth": (), "depth_sigma": (),
+    "incidence": (), "residual": (2, 2), "y_parallax": (), "y_parallax_sigma": (),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,15 +79,18 @@ class TruePoints:
     wet: BoolArray
     reasons: dict[int, str]
 
+    @classmethod
+    def nothing(cls, count: int) -> TruePoints:
+        """Return points of which nothing is known, not even why."""
+        columns = {name: np.full((count, *shape), np.nan) for name, shape in _SHAPES.items()}
+        return cls(**columns, wet=np.zeros((count, 2), dtype=bool), reasons={})
+
     def among(self, rows: IntArray, count: int, without: dict[int, str]) -> TruePoints:
         """Return the points as `rows` of `count`; others have no position, and reasons of their own."""
-        columns: dict[str, FloatArray] = {}
-        for name, values in vars(self).items():
-            if name != "reasons":
-                columns[name] = np.full((count, *values.shape[1:]), False if values.dtype == bool else np.nan)
-                columns[name][rows] = values
-        reasons = {int(rows[row]): why for row, why in self.reasons.items()}
-        return replace(self, **columns, reasons=reasons | without)  # type: ignore[arg-type]
+        out = self.nothing(count)
+        out.put(rows, self)
+        out.reasons.update(without)
+        return out
 
     def put(self, rows: IntArray, others: TruePoints) -> None:
         """Take others as `rows`."""
@@ -100,12 +109,17 @@ class TruePoints:
 
 
 def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
-    """Return the points of readings on two photos (rows) of a run."""
-    if run.sea is None:
-        return _at_once(run, photos, readings)
-    count, none = len(readings.ids), np.zeros(0, dtype=np.int64)
-    out = _at_once(run, photos, readings.part(none)).among(none, count, {})
-    for rows, points in in_parts(lambda rows: _at_once(run, photos, readings.part(rows)), np.arange(count)):
+    """Return the points of readings on two photos (rows) of a run.
+
+    Through still water those that are clear come from the pair as a whole, all others from their own rays.
+    """
+    count = len(readings.ids)
+    out, left = TruePoints.nothing(count), np.ones(count, dtype=bool)
+    if run.sea is None and count:
+        _, network, state = network_of(run, photos, readings.part(np.zeros(1, dtype=np.int64)))
+        errors = PairErrors.of(network, state, photos, joint_covariances(run, network))
+        left = put_clear_points(out, errors, run.frame, readings)
+    for rows, points in in_parts(lambda some: from_rays(run, photos, readings.part(some)), np.flatnonzero(left)):
         if points is None:
             out.reasons[int(rows[0])] = NOT_FOLLOWED
         else:
@@ -113,7 +127,7 @@ def true_points(run: Triangulation, photos: tuple[int, int], readings: Readings)
     return out
 
 
-def _at_once(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
+def from_rays(run: Triangulation, photos: tuple[int, int], readings: Readings) -> TruePoints:
     """Return the points of readings. Raises `AdjustmentError` where one cannot be followed through waves."""
     block, measured, state = network_of(run, photos, readings)
     submerged = readings.submerged

@@ -41,8 +41,12 @@ class Frame(ABC):
         """Return working coordinates of level ones."""
 
     @abstractmethod
+    def axes_at(self, level: ArrayLike) -> FloatArray:
+        """Return (..., 3, 3): rows east, north, up at level coordinates, in working axes."""
+
     def axes(self, working: ArrayLike) -> FloatArray:
-        """Return (..., 3, 3): rows east, north, up at working positions, in working axes."""
+        """Return the same at working positions."""
+        return self.axes_at(self.level(working))
 
     def height(self, working: ArrayLike) -> FloatArray:
         """Return the height (...) above the ellipsoid, or Z."""
@@ -50,7 +54,8 @@ class Frame(ABC):
 
     def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the direction up (..., 3) and the height (...) at working positions, in working axes."""
-        return self.axes(working)[..., 2, :], self.height(working)
+        level = self.level(working)  # once for both
+        return self.axes_at(level)[..., 2, :], level[..., 2]
 
 
 def middle_of(stations: FloatArray) -> FloatArray:
@@ -73,8 +78,8 @@ class LocalFrame(Frame):
     def from_level(self, level: ArrayLike) -> FloatArray:
         return self.working(level)
 
-    def axes(self, working: ArrayLike) -> FloatArray:
-        shape = np.asarray(working).shape[:-1]
+    def axes_at(self, level: ArrayLike) -> FloatArray:
+        shape = np.asarray(level).shape[:-1]
         return np.broadcast_to(np.eye(3), (*shape, 3, 3))
 
 
@@ -91,12 +96,8 @@ class GeocentricFrame(Frame):
     def from_level(self, level: ArrayLike) -> FloatArray:
         return self.ellipsoid.geocentric(level) - self.origin
 
-    def axes(self, working: ArrayLike) -> FloatArray:
-        return self.ellipsoid.frame(self.level(working))
-
-    def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        level = self.level(working)  # once for both
-        return self.ellipsoid.frame(level)[..., 2, :], level[..., 2]
+    def axes_at(self, level: ArrayLike) -> FloatArray:
+        return self.ellipsoid.frame(level)
 
 
 class GeographicFrame(GeocentricFrame):

@@ -23,7 +23,7 @@ DISTANCES: Each[Contoured, ContourDistance] = Each(
         Field("depth", "number", "below the datum", unit="m"),
         Field("of", "string", "source whose contours are sampled"),
         Field("length", "number", "of the contours", unit="m"),
-        Field("beyond", "number", "length past open ends of the other, left out", unit="m"),
+        Field("beyond", "number", "length past open ends of the other or too far, left out", unit="m"),
         Field("mean", "number", "of the distances", unit="m"),
         Field("rms", "number", "of the distances", unit="m"),
         Field("most", "number", "distance that 95 % do not exceed", unit="m"),

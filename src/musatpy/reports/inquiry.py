@@ -242,7 +242,7 @@ def _neighbours(about: About) -> Iterator[str]:
     def numbers(heading: str, edit: str, values: FloatArray) -> Column[About]:
         return Column(heading, edit, lambda a: values[shown])
 
-    wet = () if about.is_photo else (numbers("Depth\nm", "F8.3", around.depth),)
+    wet = (numbers("Depth\nm", "F8.3", around.depth),) if np.isfinite(around.depth[shown]).any() else ()
     yield from Table(
         (
             Column(what[:-1], "A8", lambda a: around.ids[shown]),

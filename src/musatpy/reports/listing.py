@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from musatpy.model import Solution
 from musatpy.reports import (
@@ -27,7 +27,7 @@ from musatpy.reports import (
     titles,
     waves_page,
 )
-from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
+from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, page_texts
 from musatpy.statistics import Statistics
 
 REPORTS = (
@@ -78,7 +78,7 @@ def listing_of(
 ) -> str:
     """Return `listing` of a solution whose statistics exist already; `on_report` is called before each report."""
     sections = sections_of(statistics, brief=brief, on_report=on_report)
-    return printed(statistics, sections, carriage_control=carriage_control, date=date)
+    return "".join(printed(statistics, sections, carriage_control=carriage_control, date=date))
 
 
 def sections_of(
@@ -99,10 +99,10 @@ def sections_of(
 
 def printed(
     statistics: Statistics, sections: Sequence[Section], *, carriage_control: bool, date: datetime.date | None
-) -> str:
-    """Return the listing with these sections."""
+) -> Iterator[str]:
+    """Return the listing with these sections, page by page."""
     header = _header(statistics, date)
-    return print_pages(_pages(statistics, sections), header, carriage_control=carriage_control)
+    return page_texts(_pages(statistics, sections), header, carriage_control=carriage_control)
 
 
 def _header(statistics: Statistics, date: datetime.date | None) -> Callable[[int], str]:

@@ -71,15 +71,20 @@ def print_pages(
     With `carriage_control`, ASA characters stand in column 1 (`1` new page, `0` after a blank line, `-` after two,
     blank next line) and the text from column 2 on; otherwise a form feed starts every page but the first.
     """
-    lines: list[str] = []
+    return "".join(page_texts(pages, header, carriage_control=carriage_control, caution=caution))
+
+
+def page_texts(
+    pages: Sequence[Sequence[str]], header: Callable[[int], str], *, carriage_control: bool, caution: str = ""
+) -> Iterator[str]:
+    """Yield the text of `print_pages` page by page."""
     for number, body in enumerate(pages, start=1):
         page = [header(number), f"*** {caution.upper()} ***" if caution else "", *body]
         if carriage_control:
-            lines += _with_control(page)
-        else:
-            feed = "\f" if number > 1 else ""
-            lines += [feed + page[0], *page[1:]]
-    return "\n".join(lines) + "\n"
+            page = list(_with_control(page))
+        elif number > 1:
+            page[0] = "\f" + page[0]
+        yield "\n".join(page) + "\n"
 
 
 def print_titled(title: str, sections: Sequence[Section], caution: str = "") -> str:

@@ -22,7 +22,7 @@ _SAME = 1e-6  # m, of ends that join
 class Offsets:
     """n samples xy (n, 2) m of lines, each for an interval (n,) m, and their nearest places (n, 2) on others.
 
-    beyond (n,): the nearest place is an open end of the other line, and the sample lies past it, without a partner.
+    beyond (n,): without a partner, past an open end of the other line, which is the nearest place, or too far.
     """
 
     xy: FloatArray
@@ -42,10 +42,13 @@ class Offsets:
         )
 
 
-def offsets(lines: Sequence[FloatArray], others: Sequence[FloatArray], step: float = _STEP) -> Offsets:
+def offsets(
+    lines: Sequence[FloatArray], others: Sequence[FloatArray], farthest: float = np.inf, step: float = _STEP
+) -> Offsets:
     """Return how lines, each (k, 2) m, lie from others; a closed one ends where it begins.
 
-    The samples are the middles of intervals of `step` at most. Raises `InterchangeError` without shapely.
+    The samples are the middles of intervals of `step` at most; others `farthest` (m) away are no partners. Raises
+    `InterchangeError` without shapely.
     """
     shapely = package("shapely", "distances of contours need")
     parts = [_samples(line, step) for line in lines]
@@ -55,12 +58,10 @@ def offsets(lines: Sequence[FloatArray], others: Sequence[FloatArray], step: flo
     _, segment = tree.query_nearest(shapely.points(xy), all_matches=False)
     along = end[segment] - start[segment]
     t = np.sum((xy - start[segment]) * along, axis=1) / np.sum(np.square(along), axis=1)
-    return Offsets(
-        xy=xy,
-        interval=interval,
-        nearest=start[segment] + np.clip(t, 0.0, 1.0)[:, None] * along,
-        beyond=((t < 0.0) & at_start[segment]) | ((t > 1.0) & at_end[segment]),
-    )
+    nearest = start[segment] + np.clip(t, 0.0, 1.0)[:, None] * along
+    past_end = ((t < 0.0) & at_start[segment]) | ((t > 1.0) & at_end[segment])
+    too_far = np.linalg.norm(nearest - xy, axis=1) > farthest
+    return Offsets(xy=xy, interval=interval, nearest=nearest, beyond=past_end | too_far)
 
 
 def area_between(forward: Offsets, backward: Offsets) -> float:

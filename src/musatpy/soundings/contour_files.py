@@ -16,6 +16,7 @@ from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange import dxf, geojson, geopackage, xyz
 from musatpy.interchange.layers import Lines, Points
+from musatpy.interchange.packages import require_content
 from musatpy.pointfiles.csv_tables import ENCODING, common_name, names_of
 from musatpy.soundings.job_places import crs_named, job_places
 from musatpy.units import DEGREE
@@ -56,6 +57,7 @@ def read_contours(
         ".xyz": lambda: _Content(lines=_joined(source, xyz.read(source), _LINE_OF_XYZ), depths=depths),
     }
     reader = readers.get(source.suffix.lower())
+    require_content(source)
     if reader is None:
         raise _refused(source, f"contours are read from {', '.join(readers)}, not from '{source.suffix}'")
     content = reader()

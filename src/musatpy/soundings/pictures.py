@@ -13,8 +13,8 @@ from musatpy.soundings.differences import Differences, regression
 _WIDTH, _HEIGHT = 16.0, 5.2  # inches
 _LEAST_BINS, _MOST_BINS = 8, 60
 _DOTS = 24.0  # points squared, of a marker
-_SHADES = "cividis"  # alike to every eye, and in print
-_EXTREMES = (2.0, 98.0)  # percentiles of the differences that have shades of their own
+_SHADES = "PuOr"  # two sides of a pale zero, alike to every eye
+_MOST = 98.0  # percentile of the sizes of differences that have shades of their own
 
 
 def difference_picture(differences: Differences, xy: FloatArray, title: str) -> bytes:
@@ -71,15 +71,24 @@ def _draw_histogram(axes: Any, differences: Differences, blunders: BoolArray) ->
 
 def _draw_map(figure: Any, axes: Any, difference: FloatArray, xy: FloatArray, blunders: BoolArray) -> None:
     """Draw differences in their places; triangles point up where the compiled bottom is shoaler, else down."""
-    low, high = np.percentile(difference[~blunders], _EXTREMES)
+    most = max(float(np.percentile(np.abs(difference[~blunders]), _MOST)), 1e-9)
     shade = None
     for rows, marker, label in (
         (~blunders & (difference <= 0.0), "^", "compiled shoaler"),
         (~blunders & (difference > 0.0), "v", "compiled deeper"),
     ):
         shade = axes.scatter(
-            *xy[rows].T, c=difference[rows], marker=marker, s=_DOTS, cmap=_SHADES, vmin=low, vmax=high, label=label
+            *xy[rows].T,
+            c=difference[rows],
+            marker=marker,
+            s=_DOTS,
+            cmap=_SHADES,
+            vmin=-most,
+            vmax=most,
+            edgecolors="0.4",
+            linewidths=0.3,
         )
+        axes.plot([], [], marker, color="0.5", markersize=5, label=label)  # the legend has no shade
     if blunders.any():
         axes.plot(*xy[blunders].T, "x", color="black", markersize=7, label="blunders")
     figure.colorbar(shade, ax=axes, label="compiled less sounded, m", extend="both")

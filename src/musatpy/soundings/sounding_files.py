@@ -89,7 +89,9 @@ def _of_las(source: Path, dated: bool) -> Soundings:
 def _of_csv(source: Path, dated: bool) -> Soundings:
     with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         records = list(_records(csv.reader(file)))
-    first, header = records[0] if records else (1, [])
+    if not records:
+        raise SoundingError([Problem(file=str(source), message="the file is empty")])
+    first, header = records[0]
     names = [common_name(name) for name in header]
     wanted, faults = _columns(names)
     if dated and _DATE not in names:
