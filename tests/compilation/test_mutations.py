@@ -124,7 +124,7 @@ MUTATIONS = [
     ("compilation/errors_of_differences.py", "(c, t, -1.0), (t, c, -1.0)", "(c, t, 1.0), (t, c, 1.0)", AGAINST),
     ("compilation/errors_of_differences.py", "(2.0 * t.alone if", "(0.0 * t.alone if", AGAINST),
     # the datum
-    ("compilation/compiled.py", "self.datum.height - frame.height", "-frame.height", COMPILE),
+    ("compilation/compiled.py", "self.datum.over(self.gathered(\"position\")) - self", "-self", COMPILE),
     ("compilation/compiled.py", "np.hypot(self.sigma[:, 2], self.datum.sigma)", "self.sigma[:, 2]", COMPILE),
     ("compilation/sounded.py", "soundings.depth[met] + how.datum", "soundings.depth[met] - how.datum",
      "compilation/test_sounded.py"),
