@@ -81,7 +81,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "runs": {"memory", "model", "formats", "pipeline", "statistics", "comparison", "inquiry", "reports", "jobs"},
     "as11_corrections": {"as11_runs", "compilation", "geometry", "interchange"},
-    "as11_soundings": {"as11_runs", "compilation", "geometry", "reports", "soundings"},
+    "as11_comparisons": {"as11_runs", "compilation", "geometry", "reports", "soundings"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "plots", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},
     "plots": {  # of depth, the system of a record; of reports, the schemas of records
@@ -107,7 +107,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "runs",
         "orient_runs",
         "as11_corrections",
-        "as11_soundings",
+        "as11_comparisons",
         "as11_runs",
         "compilation",
         "soundings",

@@ -146,6 +146,13 @@ def test_files_in_the_system_of_the_job_are_read_by_other_programs(run: Path, tm
     np.testing.assert_allclose(np.array(cloud["depth_sigma"]), np.where(wet, sigma, np.nan), rtol=1e-6)
     crs, _, moved = features(tmp_path / "st_thomas_as11.points.geojson")
     assert crs == "EPSG:4326"
+    # S-44, 6.1.0: order 2 within 1 m and 2.3 % of the depth in height; in plan all are. Nothing is better here
+    # than 1a/1b, .5 m and 1.3 %.
+    up = 1.96 * np.hypot([row["sigma"][2] for row in known], 0.05)  # and the datum
+    depth = np.array([row["datum_depth"] or 0.0 for row in known])
+    second, first = up <= np.hypot(1.0, 0.023 * depth), up <= np.hypot(0.5, 0.013 * depth)
+    expected = np.where(wet, np.where(first, "1a/1b", np.where(second, "2", "none")), "")
+    assert packed["s44_order"].tolist() == expected.tolist()
     shift = np.abs(moved - lat_lon[:, ::-1])
     assert (shift < 0.003).all() and (shift > 1e-5).any(axis=1).all()  # 200 m at most, 1 m at least: another datum
     _, lines, _ = features(tmp_path / "st_thomas_as11.contours.geojson")
