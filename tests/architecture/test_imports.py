@@ -93,11 +93,12 @@ MAY_IMPORT: dict[str, set[str]] = {
         "pointfiles",
         "reports",
     },
+    "page": {"model", "statistics", "reports", "listings", "soundings", "plots"},
     "gis": {"geometry", "depth", "interchange", "plots"},  # of plots, tables and footprints
-    "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis"},
+    "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis", "page"},
     "listings": {"reports", "geometry"},
     "examples": set(),
-    "campaign": {"model", "formats", "jobs", "runs", "listings"},
+    "campaign": {"model", "formats", "jobs", "runs", "listings", "page", "shown_runs"},
     "cli": {
         "campaign",
         "examples",
@@ -113,6 +114,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "simulation",
         "jobs",
         "reports",
+        "page",
         "listings",
         "depth",
         "sea",
