@@ -103,3 +103,16 @@ def test_the_wheel_runs_a_deck(unpacked, tmp_path):
     assert "ACCEPTED" in ran.stdout
     assert (tmp_path / "st_thomas.lst").read_bytes() == deck.with_suffix(".lst").read_bytes()
     assert json.loads((tmp_path / "st_thomas.json").read_text())["solution"]["converged"] is True
+
+
+@pytest.mark.slow
+def test_a_stranger_has_a_page_from_the_wheel(unpacked, tmp_path):
+    """With nothing but the wheel: an example, an option changed by its name, a page to open."""
+    main = "from musatpy.cli.main import main; main()"
+    made = run(unpacked, main, "example", "st_thomas", "-o", str(tmp_path))
+    assert made.returncode == 0, made.stderr
+    deck = tmp_path / "st_thomas.crd"
+    ran = run(unpacked, main, "run", str(deck), "--set", "OPT.program=IIIA", "--html", "-o", str(tmp_path / "out"))
+    assert ran.returncode == 0, ran.stderr
+    page = (tmp_path / "out" / "st_thomas.html").read_text()
+    assert "MUSAT-IIIA aerotriangulation" in page and "OPT.program=IIIA" in page and "<figure" in page

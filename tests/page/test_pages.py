@@ -111,6 +111,12 @@ def test_the_flight(page):
     assert [row["Rays"] for row in page.rows("Rays To Ground Points")] == ["2", "3"]
 
 
+def test_who_moved_most_is_not_named_where_the_movement_shows_zeros(page):
+    _, *rows = page.tables["Iterations"]
+    assert {row[3] for row in rows if float(row[2]) == 0.0} == {""}
+    assert {row[3] for row in rows if float(row[2]) > 0.0} <= {"21", "22", "23"}
+
+
 def test_every_link_leads_somewhere_and_ids_are_single(page):
     assert len(page.links) > 15
     assert {link.removeprefix("#") for link in page.links} <= set(page.ids)

@@ -50,7 +50,7 @@ class Shown:
         if not rows:
             return None
         columns = [column for column in _columns(self.report, system_of(tables)) if self._is_shown(column, rows[0])]
-        cells = [self._cells(column, rows) for column in columns]
+        cells = _without_rounding(columns, [self._cells(column, rows) for column in columns])
         kept = [
             n for n, (column, texts) in enumerate(zip(columns, cells, strict=True)) if column.is_id or any(texts)
         ]
@@ -121,6 +121,23 @@ class Shown:
         if origin.angles and re.fullmatch(origin.angles, str(next(iter(row.values())))):
             return PRINTED["arc sec"]
         return column.unit
+
+
+def _without_rounding(columns: Sequence[Column[Any]], cells: list[list[str]]) -> list[list[str]]:
+    """Return cells, blank those that name whose number it is where the number shows no digit but zeros.
+
+    Which one it is, is then rounding error, and another on each machine.
+    """
+    places = {_heading(column): n for n, column in enumerate(columns)}
+    others = [
+        places.get(column.origin.unless) if column.origin and column.origin.unless else None for column in columns
+    ]
+    return [
+        texts
+        if n is None
+        else [text if re.search("[1-9]", of) else "" for text, of in zip(texts, cells[n], strict=True)]
+        for texts, n in zip(cells, others, strict=True)
+    ]
 
 
 def tables_of(shown: Iterable[Shown], tables: Tables) -> Iterator[PageTable]:
