@@ -115,7 +115,7 @@ class CompiledRows:
         """The wet rays (w,) of the sequence, their points (w,), and the row (r,) of each ray among them, or -1."""
         sequence = self.sequence
         wet = np.flatnonzero(self.network.refracted[sequence.rays])
-        row = np.full(len(sequence.rays), -1, dtype=np.int32)
+        row = np.full(len(sequence.rays), -1)
         row[wet] = np.arange(len(wet))
         return wet, self.network.point[sequence.rays[wet]], row
 
