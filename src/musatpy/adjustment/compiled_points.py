@@ -156,22 +156,28 @@ class CompiledRows:
         )
         return known
 
-    def add(self, normals: NormalEquations, work: Callable[[SequencePart, points.Sums], Result]) -> list[Result]:
-        """Let `work` add the parts to the normal equations, each to sums of its own; return its results."""
+    def add(
+        self, normals: NormalEquations, matrix: bool, work: Callable[[SequencePart, points.Sums], Result]
+    ) -> list[Result]:
+        """Let `work` add the parts to the normal equations, each to sums of its own; return its results.
+
+        Without `matrix` it adds to the right sides only.
+        """
         blocks, rhs = normals.sums
 
         def added(part: SequencePart) -> tuple[points.Sums, Result]:
             if part is self.parts[0]:
                 sums = self.kernels.Sums(first=0, blocks=blocks, rhs=rhs)
             else:
-                own = np.zeros((part.last - part.first, *blocks.shape[1:]))
+                own = np.zeros((part.last - part.first if matrix else 0, *blocks.shape[1:]))
                 sums = self.kernels.Sums(first=part.first, blocks=own, rhs=np.zeros_like(rhs))
             return sums, work(part, sums)
 
         results = []
         for part, (sums, result) in zip(self.parts, self.of_parts(added), strict=True):
             if part is not self.parts[0]:
-                blocks[part.first : part.last] += sums.blocks
+                if matrix:
+                    blocks[part.first : part.last] += sums.blocks
                 rhs += sums.rhs
             results.append(result)
         return results
@@ -234,7 +240,7 @@ class CompiledPoints(CompiledRows):
             )
             return gain
 
-        gain = sum(self.add(normals, work))
+        gain = sum(self.add(normals, matrix, work))
         follow = CompiledFollow(rows=self, eliminated=out, stations=stations, at=at, water=water, known=known)
         return follow, gain
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -93,8 +93,10 @@ class Pattern:
 
     @cached_property
     def seconds(self) -> Runs:
-        """How what pairs of two blocks have adds to the second ones."""
-        return Runs.of(self.pairs[self.pairs[:, 0] != self.pairs[:, 1], 1])
+        """How what pairs of two blocks have adds to the second ones; what those of one have is left."""
+        apart = np.flatnonzero(self.pairs[:, 0] != self.pairs[:, 1])
+        runs = Runs.of(self.pairs[apart, 1])
+        return replace(runs, order=apart[runs.order])
 
     @cached_property
     def _runs(self) -> dict[tuple[int, bytes], tuple[Runs, Runs]]:
