@@ -6,7 +6,6 @@ fault: a run that ends in "unexpected", or calls an answer good that cannot be o
 
 from __future__ import annotations
 
-import json
 import re
 import signal
 import sys
@@ -24,6 +23,7 @@ import numpy as np
 from click.testing import CliRunner
 
 from musatpy.cli.main import main as musat
+from record_rows import read_rows
 
 ROOT = Path(__file__).parents[1]
 FIXTURES = ROOT / "fixtures"
@@ -325,7 +325,7 @@ def run(seed: int, folder: Path) -> Run:
     record = folder / "job.json"
     grade = ""
     if record.exists():
-        values = json.loads(record.read_text())
+        values = read_rows(record)
         grade = values["verdict"]["grade"]
         if grade in ("ACCEPTED", "DOUBTFUL"):
             faults += absurdities(values)

@@ -15,7 +15,7 @@ from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.file_places import places_of
 from musatpy.compilation.joined_surfaces import Of
 from musatpy.compilation.loop import Loop
-from musatpy.compilation.profiles import CompiledProfile, profiles_of, scans_of
+from musatpy.compilation.profiles import CompiledProfile, oddities, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.stage_chains import RawLoop, chain_of
@@ -81,7 +81,9 @@ def compile_deck(
     against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
     profiles = profiles_of(result)
     scans = scans_of(result, profiles)
-    warnings = (*(text for part in against for text in part.warnings()), *result.warnings())
+    drawn = [text for bottom in bottoms for text in bottom.warnings(result.deck.grids.ids.tolist())]
+    of_points = (text for part in against for text in part.warnings())
+    warnings = (*of_points, *result.warnings(), *oddities(profiles, scans), *drawn)
     sections = compilation.sections_of(result, against, profiles, scans, bottoms, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
     text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)

@@ -35,9 +35,18 @@ def new_figure(width: float, height: float) -> Any:
     return check_matplotlib()(figsize=(width, height), layout="constrained")
 
 
+def lay_out(figure: Any) -> None:
+    """Lay a figure out once for all: while it is saved this would be done, and all be drawn, twice."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
 def png(figure: Any) -> bytes:
     """Return the figure as a PNG file, without date and version: the same figure gives the same bytes."""
     buffer = BytesIO()
+    lay_out(figure)
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
     return buffer.getvalue()
 
@@ -65,6 +74,7 @@ def svg(figure: Any, salt: str) -> bytes:
     from matplotlib import rc_context
 
     text = StringIO()
+    lay_out(figure)
     with rc_context({"svg.hashsalt": salt, "svg.fonttype": "none"}):
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     short = _TAG.sub(lambda tag: _DIGITS.sub(r"\1", tag[0]), text.getvalue())

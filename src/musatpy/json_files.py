@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from functools import cache
 from itertools import chain, islice
 from pathlib import Path
@@ -30,10 +30,11 @@ _LARGEST = 1e150  # number of a record: its square is one too
 
 def read_json(path: Path) -> Any:
     """Return what a JSON file says. Raises `RecordError` where it is none, or a number is not finite; `OSError`."""
-    return _loaded(path, parse_float=_finite, parse_int=_whole)
+    return read_json_file(path, parse_float=_finite, parse_int=_whole)
 
 
-def _loaded(path: Path, **hooks: Any) -> Any:
+def read_json_file(path: Path, **hooks: Any) -> Any:
+    """Return what a JSON file says; numbers beyond all limits are left to who reads on. Raises as `read_json`."""
     try:
         return json.loads(path.read_bytes(), parse_constant=_finite, **hooks)
     except UnicodeDecodeError as error:
@@ -66,8 +67,34 @@ def read_record(
     `RecordError` with the places where it is not as it should be, `OSError`.
     `schema`: that of the record of something else than a run, whose first field is its version, and `what` that is.
     """
-    record = _loaded(path)
+    record = read_json_file(path)
     schema = _schema() if schema is None else schema
+    by_rows = _is_by_rows(record, schema, path, what)
+    wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
+    return _wanted_of(record, wanted, schema, path, by_rows=by_rows)
+
+
+def known_of(
+    record: Any, path: Path, needs: Needs, leave: Container[str] = (), *, schema: Schema | None = None
+) -> dict[str, Any]:
+    """Return what a record, the content of a file, has of what a schema knows: tables as columns.
+
+    Only `needs` must be there: what else is missing, fields of tables too, is missing in what is returned, as of
+    records of earlier versions; fields to `leave` are not looked at. The schema is that of runs where none is
+    given. Raises `RecordError` as `read_record` does.
+    """
+    schema = _schema() if schema is None else schema
+    by_rows = _is_by_rows(record, schema, path, "run")
+    version = next(iter(schema["properties"]))
+    fields = {
+        name: _loose(of, needs.get(name, ())) for name, of in schema["properties"].items() if name not in leave
+    }
+    wanted = {"type": "object", "required": list(needs), "properties": {**fields, version: {"type": "string"}}}
+    return _wanted_of(record, wanted, schema, path, by_rows=by_rows)
+
+
+def _is_by_rows(record: Any, schema: Schema, path: Path, what: str) -> bool:
+    """Tell whether tables of a record are lists of rows; raises `RecordError` for a version that is not read."""
     key = next(iter(schema["properties"]))
     ours = str(schema["properties"][key]["const"])
     version = record.get(key) if isinstance(record, dict) else None
@@ -77,7 +104,13 @@ def read_record(
     if not by_rows and version.split(".")[0] != ours.split(".")[0]:
         message = f"is a record of schema {version}, and this program reads {_BY_ROWS}.x and {ours}"
         raise RecordError([Problem(file=str(path), field=key, message=message)])
-    wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
+    return by_rows
+
+
+def _wanted_of(
+    record: dict[str, Any], wanted: Schema, schema: Schema, path: Path, *, by_rows: bool
+) -> dict[str, Any]:
+    """Return what is wanted of a record; raises `RecordError` with the places where it is not as it should be."""
     said = _with_rows(wanted) if by_rows else wanted
     if not _fits([record], said):
         left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
@@ -88,6 +121,15 @@ def read_record(
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
     return dict(_in_columns(found, wanted)) if by_rows else found
+
+
+def _loose(schema: Schema, required: Sequence[str] = ()) -> Schema:
+    """Return a schema of which no more is required than these fields."""
+    schema = _resolved(schema)
+    if "properties" in schema:
+        fields = {name: _loose(of) for name, of in schema["properties"].items()}
+        return {**schema, "required": list(required), "properties": fields}
+    return {**schema, "items": _loose(schema["items"], required)} if "items" in schema else schema
 
 
 def _with_rows(schema: Schema) -> Schema:

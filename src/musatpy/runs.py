@@ -165,6 +165,7 @@ def _adjusted(
     deck: CheckedDeck, block: Block, progress: Progress | None
 ) -> tuple[Solution | None, tuple[Problem, ...]]:
     """Return the solution of the block of a deck, None where there is none, and all problems, those of it first."""
+    give_back()
     try:
         with numerics("the job"):
             solution = adjust(block, progress)

@@ -1,4 +1,4 @@
-"""What a run can leave besides listing and record for people to look at: pictures, and layers of a map."""
+"""What a run can leave besides listing and record for people to look at: pictures, a page, and layers of a map."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from musatpy.canvas import check_matplotlib
 from musatpy.errors import numerics
 from musatpy.files import write_files
+from musatpy.reports.encoding import number
 from musatpy.reports.record import record_of
 from musatpy.runs import RunResult
 from musatpy.statistics import Statistics
@@ -22,6 +23,7 @@ class Shown:
     """Which of these are wanted, and the system of layers: that of the job where it is empty."""
 
     plots: bool = False
+    html: bool = False
     gis: bool = False
     crs: str = ""
 
@@ -35,6 +37,10 @@ def check_packages(wanted: Shown) -> None:
     """Raise `MusatError` where a package is missing, or PROJ does not know the system."""
     if wanted.plots:
         check_matplotlib()
+    if wanted.html:
+        from musatpy.page.rendering import check_packages as check_page_packages
+
+        check_page_packages()
     if wanted.gis:
         from musatpy.geometry.projected import crs_of
         from musatpy.interchange.packages import package
@@ -56,6 +62,33 @@ def draw_run(result: RunResult) -> Drawn:
     files, sentences, reasons = pictures_of(tables, GALLERY, stem)
     write_files(files)
     return Drawn(files=tuple(files), sentences=tuple(sentences), reasons=reasons)
+
+
+def write_page(result: RunResult) -> Path:
+    """Write the page of a run beside its listing, and return where it is: that of its record, with its deck.
+
+    Raises `MusatError` without jinja2 or matplotlib, and `OSError`.
+    """
+    from musatpy.page.records import LEFT, page_of_tables
+    from musatpy.reports.record import tables
+
+    stem = _stem(result)
+    names = {node.name for node in tables()} - LEFT
+    place = stem.with_name(f"{stem.name}.html")
+    files = [file for file in (result.record, result.deck) if file is not None and file.is_file()]
+    write_files({place: page_of_tables(_tables(result, names), files).encode()})
+    return place
+
+
+def check_point_rms(result: RunResult) -> tuple[int, tuple[float | None, ...] | None]:
+    """Return the check points of a run, as many as the component with most has, and their RMS (m) by component.
+
+    None of a component that none has; without any, None in place of them.
+    """
+    assert result.solution is not None
+    components = Statistics(result.solution).check_points.statistics
+    count = max(component.size for component in components)
+    return count, tuple(number(component.rms) for component in components) if count else None
 
 
 def write_layers(result: RunResult, crs: str = "") -> tuple[list[Path], list[str]]:

@@ -20,10 +20,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pyproj
 
+from musatpy import read_deck
 from musatpy.arrays import FloatArray
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.raster_bottoms import RasterBottom
 from musatpy.compilation.run_records import of_record
+from musatpy.compilation.stage_chains import RawLoop, chain_of
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.geometry.crs import system_of
@@ -33,7 +35,7 @@ from musatpy.refraction.flat import air_tangent
 from musatpy.surfaces.tin import Tin
 
 ROOT = Path(__file__).parents[2]
-DECK = ROOT / "fixtures/st_thomas/st_thomas.crd"
+DECK, RAW = ROOT / "fixtures/st_thomas/st_thomas.crd", ROOT / "fixtures/st_thomas_raw/st_thomas_raw.crd"
 WAVES = ROOT / "fixtures/waves/strip.crd"
 POSTS, POINTS, BATCH, FEW, CYCLES, TURNS = 10_000_000, 2_000_000, 100_000, 5000, 3000, 7
 _MUSAT = [sys.executable, "-m", "musatpy"]
@@ -74,16 +76,22 @@ def measured(*arguments: str) -> tuple[list[str], str]:
     return lines, f"{wall:.1f} s, {cpu:.1f} s CPU, at most {int(peak.split()[1]) / 1024:.0f} MB"
 
 
-def loop_cycle(stereo: Stereomodel) -> None:
-    """Print the time of a cycle of the loop: one mark, both stages."""
-    loop, marks = Loop(stereo=stereo), places(CYCLES)
-    spent = []
+def loop_cycles(stereo: Stereomodel) -> None:
+    """Print the time of a cycle of the loop: one mark, both stages; and of raw ones, by the steps of a raw deck."""
+    loop = Loop(stereo=stereo)
+    cycle("loop, a cycle", loop)
+    cycle("loop, a cycle of raw stages", RawLoop(loop=loop, chain=chain_of(read_deck(RAW), "21", "22")))
+
+
+def cycle(name: str, loop: Loop | RawLoop) -> None:
+    """Print the time of a cycle."""
+    marks, spent = places(CYCLES), []
     for mark in marks:
         start = time.perf_counter()
         loop.stages(mark[None])
         spent.append(time.perf_counter() - start)
     median, most = np.quantile(spent, [0.5, 0.99])
-    print(f"loop, a cycle: median {1e3 * median:.3f} ms, 99 % within {1e3 * most:.3f} ms (asked: 1 ms)")
+    print(f"{name}: median {1e3 * median:.3f} ms, 99 % within {1e3 * most:.3f} ms (asked: 1 ms)")
 
 
 def batches(stereo: Stereomodel) -> None:
@@ -196,7 +204,7 @@ def main() -> None:
         subprocess.run([*_MUSAT, "run", "-q", str(DECK), "-o", str(folder)], check=True)
         record = folder / "st_thomas.json"
         stereo = set_up(of_record(record), "21", "22")
-        loop_cycle(stereo)
+        loop_cycles(stereo)
         batches(stereo)
         through_waves(folder)
         posts, points = (int(given) for given in [*sys.argv[1:], *map(str, (POSTS, POINTS)[len(sys.argv) - 1 :])])

@@ -4,7 +4,7 @@
 
 Every run is in a process of its own, as is what it is measured by: reading the deck and adjusting it, alone.
 Kernels are loaded before, by a small block. Targets: a run of 1,000 photos in no more than 2.2 times the CPU
-seconds of reading and adjusting, 5,000 photos within 0.9 GB, a record of at most six times the bytes of the deck.
+seconds of reading and adjusting, 5,000 photos within 0.9 GB, a record of six times the bytes of the deck.
 """
 
 from __future__ import annotations

@@ -49,9 +49,27 @@ class Truth:
     ground: np.ndarray  # (p, 3) m
 
 
-def make_block(photos: int, *, submerged: float = 0.0, seed: int = 1, program: Program = Program.IIIA) -> Block:
+def make_block(
+    photos: int,
+    *,
+    submerged: float = 0.0,
+    seed: int = 1,
+    program: Program = Program.IIIA,
+    images: int = IMAGES,
+    gruber: bool = False,
+    corners: bool = False,
+) -> Block:
     """Return the block of `simulated` without its truth."""
-    return simulated(photos, submerged=submerged, seed=seed, program=program)[0]
+    block, _ = simulated(
+        photos,
+        submerged=submerged,
+        seed=seed,
+        program=program,
+        images=images,
+        gruber=gruber,
+        corners=corners,
+    )
+    return block
 
 
 def simulated(
@@ -61,10 +79,15 @@ def simulated(
     seed: int = 1,
     program: Program = Program.IIIA,
     depth: float = 12.0,
+    images: int = IMAGES,
+    gruber: bool = False,
+    corners: bool = False,
 ) -> tuple[Block, Truth]:
     """Return a local block of vertical photos with a share of submerged points, 10 um noise and fixed control.
 
-    The first stations are 10 m, the attitudes 0.5 degrees off. The sea is `depth` m deep at most.
+    The first stations are 10 m, the attitudes 0.5 degrees off. The sea is `depth` m deep at most. Points lie
+    anywhere, so many `images` on a photo, or near the positions of von Gruber; fixed control is under every fourth
+    photo, or at the `corners` only.
     """
     rng = np.random.default_rng(seed)
     strips = max(1, round(np.sqrt(photos * BASE / SPACING)))
@@ -75,8 +98,10 @@ def simulated(
     station = np.column_stack([grid, np.full(photos, HEIGHT)]) + rng.normal(0.0, 15.0, (photos, 3))
     attitude = rng.normal(0.0, 0.8 * DEGREE, (photos, 3))
     low, high = grid.min(axis=0) - 0.45 * FOOTPRINT, grid.max(axis=0) + 0.45 * FOOTPRINT
-    count = int(IMAGES / FOOTPRINT**2 * np.prod(high - low) * 1.05)
-    ground = np.column_stack([rng.uniform(low, high, (count, 2)), rng.uniform(5.0, 60.0, count)])
+    count = int(images / FOOTPRINT**2 * np.prod(high - low) * 1.05)
+    place = _gruber(grid, images, rng) if gruber else rng.uniform(low, high, (count, 2))
+    count = len(place)
+    ground = np.column_stack([place, rng.uniform(5.0, 60.0, count)])
     wet = rng.random(count) < submerged
     ground[wet, 2] = -rng.uniform(1.0, depth, wet.sum())
     photo, point, xy = _measured(station, attitude, ground, wet)
@@ -87,7 +112,7 @@ def simulated(
     row = number[point] >= 0
     photo, point, xy = photo[row], number[point[row]], xy[row] + rng.normal(0.0, SIGMA, (int(row.sum()), 2))
     ground, wet = ground[kept], wet[kept]
-    control = _control_points(ground, wet, grid)
+    control = _control_points(ground, wet, grid[:0] if corners else grid[::4], grid)
     block = Block(
         titles=("BENCHMARK",),
         options=Options(
@@ -138,6 +163,16 @@ def simulated(
     return block, Truth(station=station, attitude=attitude, ground=ground)
 
 
+def _gruber(grid: np.ndarray, images: int, rng: np.random.Generator) -> np.ndarray:
+    """Return the places of points beside and between the photos of a grid, so many images on each."""
+    corner, last = grid.min(axis=0), grid.max(axis=0)
+    along = np.arange(corner[0] - BASE, last[0] + 1.5 * BASE, BASE)
+    across = np.arange(corner[1] - 0.5 * SPACING, last[1] + 0.75 * SPACING, 0.5 * SPACING)
+    places = np.stack(np.meshgrid(along, across), axis=-1).reshape(-1, 2)
+    places = np.repeat(places, max(1, images // 9), axis=0)
+    return places + rng.normal(0.0, 0.02 * FOOTPRINT, places.shape)
+
+
 def _measured(
     station: np.ndarray, attitude: np.ndarray, ground: np.ndarray, wet: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -154,11 +189,11 @@ def _measured(
     return photo[inside], point[inside], xy[inside]
 
 
-def _control_points(ground: np.ndarray, wet: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Return dry points near the corners of the block and to every fourth photo."""
+def _control_points(ground: np.ndarray, wet: np.ndarray, near: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Return dry points at the corners of a grid of photos, and those near to places."""
     dry = np.flatnonzero(~wet)
     middle = grid.mean(axis=0)
     corners = [[x, y] for x in (grid[:, 0].min(), grid[:, 0].max()) for y in (grid[:, 1].min(), grid[:, 1].max())]
     spread = np.array(corners) + 0.3 * FOOTPRINT * np.sign(np.array(corners) - middle + 1e-9)
-    _, found = cKDTree(ground[dry, :2]).query(np.vstack([grid[::4], spread]))
+    _, found = cKDTree(ground[dry, :2]).query(np.vstack([near, spread]))
     return np.unique(dry[found])

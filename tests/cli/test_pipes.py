@@ -42,7 +42,7 @@ def test_problems_of_a_deck_from_stdin_name_it_so():
     assert musat("run", "-", input=b"").exit_code == 1
 
 
-@pytest.mark.parametrize("more", [["--csv"], ["--punch", "result"], ["--punch-edits"], [str(DECK)]])
+@pytest.mark.parametrize("more", [["--csv"], ["--gis"], ["--punch", "result"], ["--punch-edits"], [str(DECK)]])
 def test_what_stdout_cannot_hold_needs_a_folder(more):
     ran = musat("run", "-", *more, input=DATA)
     assert ran.exit_code == 2 and "- with other decks, or with files besides the listing, needs -o" in ran.stderr

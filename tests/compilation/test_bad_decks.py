@@ -14,7 +14,10 @@ from click.testing import CliRunner, Result
 
 import stage_readings
 from musatpy.cli.main import main as musat
-from musatpy.formats.compilation_deck import compilation_bytes
+from musatpy.compilation.run_records import of_record
+from musatpy.errors import DeckError
+from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
+from musatpy.model import CoordinateSystem
 from record_rows import read_rows, with_columns
 
 FIXTURES, DECK = stage_readings.FIXTURES, stage_readings.DECK
@@ -70,8 +73,8 @@ PRE = "PRE NS       2122     M  0.000000    0.000000    100.000000  100.000000"
         (PRF, PRF.replace(" N ", "   "), "PRF.start: its ends stand on no PRE card"),
         (PRF, f"{PRF}LZ", "PRF.zig: a single line (scan L) has none"),
         (PRF, f"{PRF}X   0.0", "PRF.spacing: not greater than zero"),
-        (PRF, f"{PRF}\n{PRE}", "PRF.end: its ends stand on a PRE card too"),
-        (PRF, f"{PRF}\n{PRE.replace('NS', 'XX')}", "PRE.profile: there is no PRF card of this profile"),
+        (PRF, f"{PRE}\n{PRF}", "PRF.end: its ends stand on a PRE card too"),
+        (PRF, f"{PRE.replace('NS', 'XX')}\n{PRF}", "PRE.profile: there is no PRF card of this profile"),
         (GRD, "GRD BAY        100.00  18.32700000             ", "a grid has both corners, or none"),
         (CIN, f"{CIN}\n{CIN}", "changed.crd:4 col 33 CIN.of: a second card of contours of this kind"),
         (CIN, "CIN          5   600.0    20.0", "CIN.interval: neither an interval nor a CIL card"),
@@ -121,7 +124,8 @@ def test_decks_of_nothing_are_refused(run: Path, tmp_path: Path, contents: str) 
 
 
 def test_index_and_ellipsoid_of_the_run_may_be_said_again(run: Path, tmp_path: Path) -> None:
-    assert compiled(run, changed(tmp_path, ("END", "WTR 1.340000\nELL clrk66\nEND"))).exit_code == 0
+    deck = changed(tmp_path, ("END", "WTR 1.340000\nELL clrk66\nEND"))
+    assert not read_compilation(deck, of_record(run).block)[1]
 
 
 def in_model(change: Callable[[np.ndarray], np.ndarray]) -> bytes:
@@ -135,9 +139,9 @@ def in_model(change: Callable[[np.ndarray], np.ndarray]) -> bytes:
     ("change", "said"),
     [
         (lambda xy: xy[::-1], "left and right were exchanged"),
-        (lambda xy: 1e3 * xy, "they were in micrometres (factor 0.001)"),
         (lambda xy: xy / 25.4, "they were in inches (factor 25.4)"),
-        (lambda xy: xy[:, ::-1], "x and y were exchanged"),
+        pytest.param(lambda xy: 1e3 * xy, "they were in micrometres (factor 0.001)", marks=pytest.mark.slow),
+        pytest.param(lambda xy: xy[:, ::-1], "x and y were exchanged", marks=pytest.mark.slow),
     ],
 )
 def test_slips_of_a_whole_model_are_named_and_refused(
@@ -180,6 +184,16 @@ def test_a_base_along_the_vertical_is_told_at_its_card(run: Path, tmp_path: Path
     result = compiled(above, changed(tmp_path))
     message = "MDL.right: model 2122: photos 21 and 22 have no base across the vertical: "
     assert result.exit_code == 1 and message in result.output
+
+
+def test_places_by_two_coordinates_of_a_geocentric_job_are_refused(run: Path, tmp_path: Path) -> None:
+    block = of_record(run).block
+    geocentric = replace(block, options=replace(block.options, system=CoordinateSystem.GEOCENTRIC))
+    ends = PRE.replace("2122     M", "2122     J")
+    deck = changed(tmp_path, (PRF, f"{ends}\n{PRF.replace(' N ', '   ').replace(' S ', '   ')}"))
+    with pytest.raises(DeckError) as error:
+        read_compilation(deck, geocentric)
+    assert [(fault.card, fault.field) for fault in error.value.problems] == [("PRE", "system"), ("GRD", "first_1")]
 
 
 def test_land_below_the_water_is_told(run: Path, tmp_path: Path) -> None:

@@ -146,6 +146,13 @@ def test_files_in_the_system_of_the_job_are_read_by_other_programs(run: Path, tm
     np.testing.assert_allclose(np.array(cloud["depth_sigma"]), np.where(wet, sigma, np.nan), rtol=1e-6)
     crs, _, moved = features(tmp_path / "st_thomas_as11.points.geojson")
     assert crs == "EPSG:4326"
+    # S-44, 6.1.0: order 2 within 1 m and 2.3 % of the depth in height; in plan all are. Nothing is better here
+    # than 1a/1b, .5 m and 1.3 %.
+    up = 1.96 * np.hypot([row["sigma"][2] for row in known], 0.05)  # and the datum
+    depth = np.array([row["datum_depth"] or 0.0 for row in known])
+    second, first = up <= np.hypot(1.0, 0.023 * depth), up <= np.hypot(0.5, 0.013 * depth)
+    expected = np.where(wet, np.where(first, "1a/1b", np.where(second, "2", "none")), "")
+    assert packed["s44_order"].tolist() == expected.tolist()
     shift = np.abs(moved - lat_lon[:, ::-1])
     assert (shift < 0.003).all() and (shift > 1e-5).any(axis=1).all()  # 200 m at most, 1 m at least: another datum
     _, lines, _ = features(tmp_path / "st_thomas_as11.contours.geojson")
@@ -232,7 +239,8 @@ def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: P
 def test_a_profile_whose_end_has_no_position_says_why(run: Path, tmp_path: Path) -> None:
     row = next(line for line in stage_readings.DECK.read_text().splitlines() if line[4:22] == "2122     N        ")
     deck = changed(tmp_path, (row, f"{row[:24]} 194.000000{row[35:]}"))
-    assert compiled(run, deck, tmp_path).exit_code == 0
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0 and "profile NS of model 2122: its end N has no position" in result.output
     assert "its end N has no position in the model" in (tmp_path / "changed.lst").read_text()
 
 
@@ -242,8 +250,12 @@ def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
     kept = [line for line in kept if not line.startswith("PRF SLOPE")]
     deck = tmp_path / "changed.crd"
     deck.write_text("\n".join(kept) + "\n")
-    assert compiled(run, deck, tmp_path).exit_code == 0
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0 and "model 2223 has no surface of depths: no point of it" in result.output
     assert "no point of it has a position" in (tmp_path / "changed.lst").read_text()
+    deck.write_text("\n".join(line for line in kept if line[22:24] not in ("GB", "PB") and line[:3] != "PRF"))
+    result = compiled(run, deck, tmp_path)
+    assert result.exit_code == 0 and "grid BAY has no posts: there is no surface" in result.output
 
 
 def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:

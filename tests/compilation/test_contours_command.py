@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
@@ -83,6 +84,19 @@ def test_a_shift_of_the_depths_shows_in_the_depths(run: Path, tmp_path: Path) ->
         assert row["mean_depth"] == pytest.approx(-0.2, abs=0.02)  # of triangles with other slopes
     reasons = {row["reason"] for row in record["areas"]}
     assert reasons == {"", "the other source has no contour of it"}
+
+
+def test_contours_of_a_raster_lie_beside_those_of_the_true_bottom(run: Path, tmp_path: Path) -> None:
+    """The grid of posts of the deck: its contours are those of the triangles, but for the posts' spacing."""
+    (tmp_path / "s.csv").write_text(stage_readings.contours())
+    means = []
+    for bottom in (stage_readings.DECK, run.parent / "st_thomas_as11.BAY.tif"):
+        words = ["as11", "compare-contours", str(run), str(bottom), str(tmp_path / "s.csv"), "--farthest", "60"]
+        result = CliRunner().invoke(musat, words)
+        assert result.exit_code == 0, result.output
+        rows = read_rows(tmp_path / "s.contours.json")["distances"]
+        means.append([row["mean"] for row in rows if row["depth"] == 10.0])
+    np.testing.assert_allclose(means[1], means[0], rtol=0.3)  # the grid does not reach as far
 
 
 def test_contours_without_a_partner_are_refused(run: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -108,6 +109,16 @@ def test_a_cloud_keeps_what_its_points_have(record: Path, tmp_path: Path) -> Non
     found = laspy.read(tmp_path / "true.las")
     for name in ("intensity", "gps_time", "classification", "swath"):
         np.testing.assert_array_equal(found[name], np.array(cloud[name])[kept])
+    data = (tmp_path / "true.las").read_bytes()  # and as LAS 1.4 R15 has it: points of 30 bytes, then their own
+    (start,), (length,), (count,) = (
+        struct.unpack_from(*at) for at in (("<I", data, 96), ("<H", data, 105), ("<Q", data, 247))
+    )
+    assert (length, count) == (30 + 2 + 5 * 4, 490)
+    scale, offset = np.array(struct.unpack_from("<6d", data, 131)).reshape(2, 3)
+    rows = np.array([struct.unpack_from("<3i", data, start + length * row) for row in range(count)])
+    np.testing.assert_allclose(rows * scale + offset, found.xyz, rtol=0.0, atol=1e-9)
+    depths = [struct.unpack_from("<f", data, start + length * row + 32)[0] for row in range(count)]
+    np.testing.assert_array_equal(depths, found["depth"])
     table(tmp_path / "a.csv", points[kept])
     assert corrected(record, tmp_path / "a.csv", tmp_path / "true.csv").exit_code == 0
     rows = xyz.read(tmp_path / "true.csv")

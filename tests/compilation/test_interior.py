@@ -98,6 +98,16 @@ def test_the_command_lists_what_the_reduction_did(tmp_path: Path) -> None:
     assert not list(violations(with_columns(record, schema()), schema(), schema()))
 
 
+def test_models_set_up_without_readings_have_the_residuals_of_their_marks(run: Triangulation) -> None:
+    """The officer measures the marks first: plates without points are listed as those with points are."""
+    lines = [line for line in deck().decode().splitlines() if not line.startswith("STG")]
+    contents, _ = read_compilation("\n".join([*lines, ""]).encode(), run.block)
+    alone, full = (refined_stages(given)[1] for given in (contents, read_compilation(deck(), run.block)[0]))
+    assert alone is not None and full is not None and [plate.photo for plate in alone.plates] == ["21", "22"]
+    for plate, other in zip(alone.plates, full.plates, strict=True):
+        np.testing.assert_array_equal(plate.residuals, other.residuals)
+
+
 def test_readings_on_a_refused_plate_have_no_point(run: Triangulation) -> None:
     # Half a millimetre on one mark of photo 22; the run goes on without the plate.
     card = next(line for line in deck().decode().splitlines() if line.startswith("FMS 22") and line[13:15] == "1 ")

@@ -21,6 +21,9 @@ WAVES = "compilation/test_runs_with_waves.py"
 CHAINS, VIEWS = "compilation/test_stage_chains.py", "compilation/test_views_of_points.py"
 LAGS, SCANS, LEVELS = "surfaces/test_lags.py", "compilation/test_profile_scans.py", "compilation/test_levels.py"
 POSTS = "surfaces/test_grid_contours.py"
+CORRECTING, STREAMS = "compilation/test_correcting.py", "compilation/test_correction_streams.py"
+FIELDS, BOTTOMS = "compilation/test_correction_fields.py", "compilation/test_raster_bottoms.py"
+RASTERS = "compilation/test_raster_contours.py"
 DIFFERENCES, AGAINST = "soundings/test_differences.py", "compilation/test_against_run.py"
 
 MUTATIONS = [
@@ -72,6 +75,8 @@ MUTATIONS = [
     ("compilation/profiles.py", "off = sign * (xy", "off = (xy", SCANS),
     ("compilation/profiles.py", "+ sign * number * spacing", "- sign * number * spacing", SCANS),
     ("compilation/profiles.py", "1 if line.line % 2 else -1", "-1 if line.line % 2 else 1", SCANS),
+    ("compilation/profiles.py", "station[last] - self.profile.station[first]",
+     "station[first] - self.profile.station[last]", SCANS),
     ("compilation/profiles.py", "axis=2).max(axis=1)", "axis=2).min(axis=1)", SCANS),
     ("formats/compilation_deck.py", "int(first) - 1 + known", "int(first) + known - 2", SCANS),
     # levels and the datum in a grid
@@ -119,7 +124,7 @@ MUTATIONS = [
     ("compilation/errors_of_differences.py", "(c, t, -1.0), (t, c, -1.0)", "(c, t, 1.0), (t, c, 1.0)", AGAINST),
     ("compilation/errors_of_differences.py", "(2.0 * t.alone if", "(0.0 * t.alone if", AGAINST),
     # the datum
-    ("compilation/compiled.py", "self.datum.height - frame.height", "-frame.height", COMPILE),
+    ("compilation/compiled.py", "self.datum.over(self.gathered(\"position\")) - self", "-self", COMPILE),
     ("compilation/compiled.py", "np.hypot(self.sigma[:, 2], self.datum.sigma)", "self.sigma[:, 2]", COMPILE),
     ("compilation/sounded.py", "soundings.depth[met] + how.datum", "soundings.depth[met] - how.datum",
      "compilation/test_sounded.py"),
@@ -142,6 +147,24 @@ MUTATIONS = [
     ("soundings/s44.py", "np.hypot(self.a, self.b", "np.hypot(self.b, self.a", DIFFERENCES),
     ("soundings/s44.py", "self.c + self.e", "self.c - self.e", DIFFERENCES),
     ("soundings/s44.toml", "b = 0.0075", "b = 0.0085", DIFFERENCES),
+    # old compilations, rasters and files
+    ("compilation/correction_rasters.py", "place[active] -= gap", "place[active] += gap", CORRECTING),
+    ("compilation/correction_rasters.py", "_TURNS = 3", "_TURNS = 1", CORRECTING),
+    ("compilation/correction_rasters.py", "+ posts.spacing * low", "+ posts.spacing * first", STREAMS),
+    ("compilation/correction_rasters.py", "if not outside:", "if True:", STREAMS),
+    ("compilation/correction_fields.py", "_FADED = 1e-2", "_FADED = 30.0", FIELDS),
+    ("compilation/misplaced_points.py", "(longitude + 180.0)", "(longitude + 160.0)", CORRECTING),
+    ("compilation/raster_bottoms.py", "(d01 - d00) + v", "(d00 - d01) + v", BOTTOMS),
+    ("compilation/raster_bottoms.py", "/ step[1]", "/ self.posts.spacing", BOTTOMS),
+    ("compilation/raster_bottoms.py", "u * (1.0 - v), (1.0 - u) * v", "(1.0 - u) * v, u * (1.0 - v)", BOTTOMS),
+    ("compilation/raster_contours.py", "wish.datum - values", "values - wish.datum", RASTERS),
+    ("compilation/raster_contours.py", "heights = datum - levels", "heights = datum + levels", RASTERS),
+    ("compilation/contoured.py", "-1.0 if of == OTHER", "1.0 if of == OTHER", "compilation/test_contoured.py"),
+    ("soundings/contour_distances.py", "> farthest", "< farthest", "compilation/test_contoured.py"),
+    ("interchange/dxf_tags.py", "xyz[:, 2] = elevation", "xyz[:, 2] = -elevation", "interchange/test_dxf.py"),
+    ("interchange/dxf_tags.py", "230: 1.0}", "230: -1.0}", "interchange/test_dxf.py"),
+    ("interchange/geotiff.py", "rows - last", "first", "interchange/test_geotiff.py"),
+    ("interchange/geotiff.py", "(dataset.height - 0.5)", "dataset.height", "interchange/test_geotiff.py"),
 ]  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from json_schema import violations
 from musatpy.arrays import FloatArray
 from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.profiles import profiles_of, scans_of
+from musatpy.compilation.profiles import oddities, profiles_of, scans_of
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.reports.compilation import schema
 from stage_readings import FIXTURES, compilation
@@ -131,6 +131,18 @@ def test_the_lag_of_a_mark_that_is_read_to_and_fro() -> None:
     assert scan.lag_time == pytest.approx(0.3, rel=0.03)
     (still,) = scans_of(result, profiles_of(deck_of(to_and_fro(), *SCAN)))
     assert still.lag is not None and abs(still.lag.length) < 0.05
+
+
+def test_lines_that_were_read_the_other_way_are_told() -> None:
+    """By their times: the card says that the second and the fourth were read from their ends."""
+    result = deck_of(to_and_fro(zigzag=False), *SCAN)
+    lines = profiles_of(result)
+    (said,) = oddities(lines, scans_of(result, lines))
+    assert said == "profile A of model 1: lines 2, 4 were read the other way than a zigzag has them"
+    right = deck_of(to_and_fro(), *SCAN)
+    assert not list(oddities(profiles_of(right), scans_of(right, profiles_of(right))))
+    untimed = deck_of(to_and_fro(zigzag=False), *SCAN, times=False)
+    assert not list(oddities(profiles_of(untimed), scans_of(untimed, profiles_of(untimed))))
 
 
 def test_a_line_without_readings_is_told_and_a_scan_without_all_its_lines_has_no_lag() -> None:

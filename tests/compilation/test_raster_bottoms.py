@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,15 @@ from scipy.interpolate import LinearNDInterpolator
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import compiled_deck
 from musatpy.cli.main import main as musat
+from musatpy.compilation.contoured import NOT_IN_OTHER, contoured
 from musatpy.compilation.raster_bottoms import read_raster_bottom
 from musatpy.compilation.sounded import Matching, sounded
-from musatpy.errors import CompilationError
+from musatpy.errors import CompilationError, SoundingError
 from musatpy.geometry.crs import system_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
+from musatpy.soundings.contour_files import ContourLines
 from musatpy.soundings.sounding_files import Soundings
 from musatpy.surfaces.tin import EMPTY, INSIDE, OUTSIDE, REASONS
 from musatpy.units import DEGREE
@@ -96,11 +99,32 @@ def test_reasons_of_a_raster_are_told(tmp_path: Path) -> None:
     assert compared.reasons == {0: REASONS[EMPTY], 1: REASONS[OUTSIDE]} and compared.rows.tolist() == [2]
 
 
+@pytest.mark.parametrize("crs", [None, pyproj.CRS("EPSG:32620")])
+def test_contours_of_a_raster_beside_others(tmp_path: Path, crs: pyproj.CRS | None) -> None:
+    """A plane that falls to the east by a tenth; others have its contour of 12.1 m 3 m farther: .3 m less deep."""
+    x, _ = np.meshgrid(np.arange(0.0, 101.0, 5.0), np.arange(0.0, 101.0, 5.0))
+    job = WGS84 if crs else None
+    bottom = read_raster_bottom(raster(tmp_path / "a.tif", crs, depth=10.0 + 0.1 * x), job)
+    line = np.array([[EAST + 24.0, NORTH - 10.0, 0.0], [EAST + 24.0, NORTH + 110.0, 0.0]])
+    places = system_of("EPSG:32620", WGS84).level(line)[:, :2] if crs else line[:, :2]
+    lines = ContourLines(places=(places, places), angular=crs is not None, depth=np.array([12.1, 30.0]))
+    compared = contoured([bottom], lines, levels=[15.0])
+    forward, backward = compared.distances
+    assert (forward.length, forward.mean, backward.mean) == pytest.approx((100.0, 3.0, 3.0), rel=1e-3)
+    assert (forward.mean_depth, backward.mean_depth) == pytest.approx((0.3, 0.3), rel=1e-3)
+    assert {row.depth: row.reason for row in compared.areas} == {
+        12.1: "", 15.0: NOT_IN_OTHER, 30.0: "the surface goes from 10.00 to 20.00 m",
+    }  # fmt: skip
+    with pytest.raises(SoundingError, match="give the contours in these"):
+        contoured([bottom], replace(lines, angular=crs is None))
+
+
 @pytest.mark.parametrize(
     ("write", "job", "message"),
     [
         (lambda path: raster(path, None, z=np.zeros((3, 3))), None, "it has no band depth but z"),
         (lambda path: raster(path, None, depth=np.zeros((1, 3))), None, "two rows and columns"),
+        (lambda path: raster(path, None, depth=np.full((3, 3), np.nan)), None, "all of its posts are empty"),
         (lambda path: raster(path, None), WGS84, "it has no coordinate system, and the job one of the globe"),
         (lambda path: raster(path, pyproj.CRS("EPSG:32620")), None, "and the job a local one"),
         (lambda path: raster(path, pyproj.CRS("EPSG:26720")), WGS84, "no datum is shifted"),

@@ -161,6 +161,26 @@ def test_a_deck_that_cannot_be_a_run_is_refused_with_its_reasons(runs: Path, tmp
     assert "Traceback" not in result.output
 
 
+def test_photos_of_a_punched_deck_that_share_no_point_make_no_model(runs: Path, tmp_path: Path) -> None:
+    lines = [line for line in (runs / "st_thomas.pun").read_text().splitlines() if not line.startswith("PLT 21")]
+    deck = tmp_path / "apart.pun"
+    deck.write_text("\n".join(lines) + "\n")
+    result = invoked("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
+    assert result.exit_code == 1 and "MDL.right: model 2122: photos 21 and 22 share no point" in result.output
+
+
+def test_photos_of_a_punched_deck_without_points_must_overlap(runs: Path, tmp_path: Path) -> None:
+    """Photo 21 a tenth of a degree farther west, 10 km; from corner to corner they show some 5 km."""
+    lines = (runs / "result.pun").read_text().splitlines()
+    row = next(number for number, line in enumerate(lines) if line.startswith("STA 21"))
+    assert "-64 56" in lines[row]
+    lines[row] = lines[row].replace("-64 56", "-65  2")
+    deck = tmp_path / "apart.pun"
+    deck.write_text("\n".join(lines) + "\n")
+    result = invoked("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
+    assert result.exit_code == 1 and "photos 21 and 22 do not overlap: 1199" in result.output
+
+
 def test_points_are_compared_with_those_of_the_run(runs: Path, tmp_path: Path) -> None:
     """The lengths are those of the differences; the record obeys its schema; the audit finds nothing."""
     result = invoked("as11", "compare-points", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)

@@ -85,6 +85,21 @@ def test_standard_errors_to_expect_are_those_of_the_normal_case() -> None:
     np.testing.assert_allclose(expected.points.depth[deep], 30.0, rtol=0, atol=1e-6)
 
 
+def test_a_model_without_water_stands_on_the_mean_ground() -> None:
+    """Points at 40 and 60 m: the model begins at 50 m, and that is where errors are expected."""
+    wet = pair(_H, _BASE)
+    dry = replace(wet.block, water=None, photos=replace(wet.block.photos, tide=np.full(2, np.nan)))
+    points = np.array([[700.0, 100.0, 40.0], [1100.0, -200.0, 60.0], [np.nan] * 3])
+    run = with_points(replace(wet, block=dry), points)
+    expected = set_up_of(run).expected
+    assert set_up(run, "1", "2").height == pytest.approx(_H - 50.0, abs=1e-9)
+    middle = (np.abs(expected.place) < 1.0).all(axis=1)
+    scale = (_H - 50.0) / _F
+    assert middle.sum() == 1 and (expected.depth == 0.0).all()
+    up = np.sqrt(2.0) * (_H - 50.0) / _BASE * scale * _POINTING
+    assert expected.sigma[middle, 2] == pytest.approx(up, rel=1e-6)
+
+
 @pytest.mark.parametrize("sphere", [False, True])
 def test_axes_of_a_model_take_places_there_and_back(sphere: bool) -> None:
     stereo = set_up(pair(_H, _BASE, sphere=sphere), "1", "2")

@@ -73,6 +73,19 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, crs: pyproj.CRS | None
         np.testing.assert_array_equal(answer.bands[name], values)
 
 
+def test_rows_are_counted_from_the_south(tmp_path: Path) -> None:
+    """Read and written in pieces; rasterio has the northern row first."""
+    given = grid()
+    with geotiff.written(tmp_path / "a.tif", given.posts, {"depth": "m", "sigma": ""}) as writer:
+        for first, last in ((4, 7), (0, 3), (3, 4)):
+            writer.put(first, {name: values[first:last] for name, values in given.bands.items()})
+    with rasterio.open(tmp_path / "a.tif") as dataset:
+        np.testing.assert_array_equal(dataset.read(1)[::-1], given.bands["depth"])
+        np.testing.assert_array_equal(dataset.read(2)[::-1], given.bands["sigma"])
+    with geotiff.opened(tmp_path / "a.tif") as raster:
+        np.testing.assert_array_equal(raster.rows("sigma", 1, 5), given.bands["sigma"][1:5])
+
+
 def raster(path: Path, crs: str | None, transform: tuple[float, ...], **others: Any) -> Path:
     profile = {"driver": "GTiff", "width": 3, "height": 2, "count": 1, "dtype": "int16", "nodata": -99}
     profile |= {"crs": crs, "transform": rasterio.Affine(*transform)} | others

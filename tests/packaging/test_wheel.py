@@ -72,7 +72,9 @@ def test_every_file_is_in_the_wheel(wheel):
     formats = {f"musatpy/{path.relative_to(ROOT).as_posix()}" for path in ROOT.glob("card_formats/*/*.toml")}
     modules = {path.relative_to(ROOT / "src").as_posix() for path in ROOT.glob("src/musatpy/**/*.py")}
     assert len(formats) >= 18
-    assert formats | modules <= names
+    templates = {path.relative_to(ROOT / "src").as_posix() for path in ROOT.glob("src/musatpy/page/templates/*")}
+    assert len(templates) >= 5
+    assert formats | modules | templates <= names
     examples = {f"musatpy/examples/{file}" for one in examples_of(ROOT / "fixtures") for file in one["files"]}
     assert len(examples) > 15
     assert {name for name in names if name.startswith("musatpy/examples/")} == {*examples, EXAMPLES}
@@ -101,3 +103,16 @@ def test_the_wheel_runs_a_deck(unpacked, tmp_path):
     assert "ACCEPTED" in ran.stdout
     assert (tmp_path / "st_thomas.lst").read_bytes() == deck.with_suffix(".lst").read_bytes()
     assert json.loads((tmp_path / "st_thomas.json").read_text())["solution"]["converged"] is True
+
+
+@pytest.mark.slow
+def test_a_stranger_has_a_page_from_the_wheel(unpacked, tmp_path):
+    """With nothing but the wheel: an example, an option changed by its name, a page to open."""
+    main = "from musatpy.cli.main import main; main()"
+    made = run(unpacked, main, "example", "st_thomas", "-o", str(tmp_path))
+    assert made.returncode == 0, made.stderr
+    deck = tmp_path / "st_thomas.crd"
+    ran = run(unpacked, main, "run", str(deck), "--set", "OPT.program=IIIA", "--html", "-o", str(tmp_path / "out"))
+    assert ran.returncode == 0, ran.stderr
+    page = (tmp_path / "out" / "st_thomas.html").read_text()
+    assert "MUSAT-IIIA aerotriangulation" in page and "OPT.program=IIIA" in page and "<figure" in page

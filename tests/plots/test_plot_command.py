@@ -165,6 +165,8 @@ def test_a_compilation_has_pictures_of_its_own(record: Path, tmp_path: Path) -> 
     for name in ("depths", "sigmas", "profile", "corrections", "parallaxes"):
         assert (tmp_path / f"st_thomas_as11.{name}.svg").read_text().startswith("<?xml")
     assert "below MLLW" in result.output
+    job = json.loads((tmp_path / "st_thomas_as11.json").read_text())["job"]
+    assert job["ellipsoid"] == {"name": "clrk66", "semi_major_axis": None, "inverse_flattening": None}
     words = ["--only", "profile", "--soundings", stage_readings.SOUNDINGS, "--datum", "-0.15"]
     result = plot(tmp_path / "st_thomas_as11.json", *words)
     assert result.exit_code == 0 and " soundings within " in result.output

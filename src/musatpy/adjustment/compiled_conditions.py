@@ -56,7 +56,7 @@ class CompiledPassPoints(CompiledRows):
         def work(part: Part, sums: points.Sums) -> None:
             self.conditions.add_conditions(part.rows, at, stations, sequence.pairs, matrix, sums)
 
-        self.add(normals, work)
+        self.add(normals, matrix, work)
 
     def settle(self, state: State, ground: FloatArray, squares: FloatArray) -> float:
         """Take the points to their optimum: set `ground` (p, 3) and their `squares` (p,).

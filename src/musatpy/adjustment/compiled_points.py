@@ -156,22 +156,28 @@ class CompiledRows:
         )
         return known
 
-    def add(self, normals: NormalEquations, work: Callable[[SequencePart, points.Sums], Result]) -> list[Result]:
-        """Let `work` add the parts to the normal equations, each to sums of its own; return its results."""
+    def add(
+        self, normals: NormalEquations, matrix: bool, work: Callable[[SequencePart, points.Sums], Result]
+    ) -> list[Result]:
+        """Let `work` add the parts to the normal equations, each to sums of its own; return its results.
+
+        Without `matrix` it adds to the right sides only.
+        """
         blocks, rhs = normals.sums
 
         def added(part: SequencePart) -> tuple[points.Sums, Result]:
             if part is self.parts[0]:
                 sums = self.kernels.Sums(first=0, blocks=blocks, rhs=rhs)
             else:
-                own = np.zeros((part.last - part.first, *blocks.shape[1:]))
+                own = np.zeros((part.last - part.first if matrix else 0, *blocks.shape[1:]))
                 sums = self.kernels.Sums(first=part.first, blocks=own, rhs=np.zeros_like(rhs))
             return sums, work(part, sums)
 
         results = []
         for part, (sums, result) in zip(self.parts, self.of_parts(added), strict=True):
             if part is not self.parts[0]:
-                blocks[part.first : part.last] += sums.blocks
+                if matrix:
+                    blocks[part.first : part.last] += sums.blocks
                 rhs += sums.rhs
             results.append(result)
         return results
@@ -234,7 +240,7 @@ class CompiledPoints(CompiledRows):
             )
             return gain
 
-        gain = sum(self.add(normals, work))
+        gain = sum(self.add(normals, matrix, work))
         follow = CompiledFollow(rows=self, eliminated=out, stations=stations, at=at, water=water, known=known)
         return follow, gain
 
@@ -265,33 +271,30 @@ class CompiledPoints(CompiledRows):
         )
         at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
         water, known = self.water(state, state.ground), self.known(state, state.ground)
-        k, r = len(sequence.point), len(sequence.rays)
-        axes, pairs = (
-            plain(network.frame.axes(state.ground[sequence.point])),
-            sequence.pairs,
-        )
-        point, image, covariance = np.empty((k, 3, 3)), np.empty((r, 2)), np.empty((r, 2, 3))
+        k, d, rays = len(sequence.point), len(network.photo), sequence.rays
+        axes, pairs = plain(network.frame.axes(state.ground[sequence.point])), sequence.pairs
+        point, image, covariance = np.empty((k, 3, 3)), np.full((d, 2), np.nan), np.empty((d, 2, 3))
 
         def work(part: SequencePart) -> FloatArray:
             of_part = np.zeros_like(diagonal.stations)
-            out = spreading.Spread(axes=axes, point=point, image=image, covariance=covariance, diagonal=of_part)
+            out = spreading.Spread(
+                rays=rays, axes=axes, point=point, image=image, covariance=covariance, diagonal=of_part
+            )
             spreading.spread(part.rows, at, stations, water, known, RIDGE, pairs, cofactors.blocks, out)
             return of_part
 
         for of_part in loose.of_parts(work):
             diagonal.stations += of_part
-        rows = loose.rows
-        chosen = np.zeros(k, dtype=bool)
-        chosen[rows] = True
-        chosen = np.repeat(chosen, np.diff(sequence.start))
-        rays = sequence.rays[chosen]
+        rows, mine = loose.rows, np.zeros(network.points, dtype=bool)
+        mine[sequence.point[rows]] = True
+        images = np.sort(rays[mine[network.point[rays]]])
         part = Part(
             kind=ObservationKind.PLATE,
-            row=np.repeat(rays, 2),
-            component=np.tile(np.arange(2), len(rays)),
-            residual=residual[rays].reshape(-1),
-            weight=at.weight[chosen].reshape(-1),
-            cofactor=image[chosen].reshape(-1),
-            covariance=covariance[chosen].reshape(-1, 3),
+            row=np.repeat(images, 2),
+            component=np.tile(np.arange(2), len(images)),
+            residual=residual[images].reshape(-1),
+            weight=network.weight[images].reshape(-1),
+            cofactor=image[images].reshape(-1),
+            covariance=covariance[images].reshape(-1, 3),
         )
         return Spread(point=sequence.point[rows], points=point[rows], images=part)

@@ -47,8 +47,7 @@ def kept_movement(step: FloatArray, network: Network) -> float:
 def direct_rows(network: Network, state: State) -> Iterator[tuple[Kind, Rows]]:
     """Yield the observations of every kind that has any."""
     for kind in DIRECT:
-        rows = kind.rows(network, state)
-        if len(rows.row):
+        if kind.takes_part(network) and len((rows := kind.rows(network, state)).row):
             yield kind, rows
 
 

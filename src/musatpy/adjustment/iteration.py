@@ -149,7 +149,7 @@ def iterate(
             line = problem.renewed(state, kept)
             accepted = _step(problem, state, line, 0.0, factor)
         if accepted is None:
-            kept = None
+            kept = factor = None  # which makes room for the next
             line = problem.linearise(state)
             if not line.matrix.sensible():
                 return Outcome(state=before, last_step=step, failure=_LOST, lost=True)

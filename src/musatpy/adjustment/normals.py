@@ -86,9 +86,8 @@ class NormalMatrix(Bordered):
         photo, level = x[:split].reshape(count, -1, x.shape[1]), x[split:]
         i, j = self.pattern.pairs.T
         out = self.pattern.firsts.sums(self.blocks @ photo[j])
-        off = i != j
         seconds = self.pattern.seconds
-        out[seconds.rows] += seconds.sums(np.swapaxes(self.blocks[off], 1, 2) @ photo[i[off]])
+        out[seconds.rows] += seconds.sums(np.swapaxes(self.blocks, 1, 2) @ photo[i])
         top = out.reshape(split, -1) + self.border @ level
         return np.concatenate([top, self.border.T @ x[:split] + self.corner @ level])
 

@@ -79,13 +79,13 @@ def _name_direction(direction: FloatArray, name: Callable[[int], str]) -> str:
 
 def unknown_name(network: Network, block: Block) -> Callable[[int], str]:
     """Return what names the unknowns of the normal equations of a block."""
-    q = network.pattern.size
+    q, split, photos = network.pattern.size, network.pattern.order, block.photos.ids.tolist()
     rest = network.border.names(block.points.ids.tolist())
 
     def name(unknown: int) -> str:
-        if unknown < q * network.photos:
-            return f"photo {block.photos.ids[unknown // q]} {PARAMETERS[unknown % q]}"
-        return rest[unknown - q * network.photos]
+        if unknown < split:
+            return f"photo {photos[unknown // q]} {PARAMETERS[unknown % q]}"
+        return rest[unknown - split]
 
     return name
 

@@ -75,7 +75,11 @@ def _ordered(parts: list[Part]) -> tuple[IntArray, IntArray, IntArray, FloatArra
     row = np.concatenate([part.row for part in parts])
     component = np.concatenate([part.component for part in parts])
     weight = np.concatenate([part.weight for part in parts])
-    order = np.lexsort((component, row, kind))
+    if not len(kind):
+        return kind, row, component, weight, row
+    # one key for all three, smallest values first: runs that are sorted already cost little
+    rows, components = int(row.max()) + 1, int(component.max()) + 1
+    order = np.argsort((kind * rows + row) * components + component, kind="stable")
     return kind, row, component, weight, order[weight[order] > 0.0]
 
 

@@ -229,6 +229,8 @@ def _stranded(block: Block, network: Network, state: State, points: GroundPoints
 
     A point without a sigma is told of wherever it stands above the water.
     """
+    if not block.points.bathymetric.any():
+        return ()
     height, water = heights_and_water(network, state)
     rays = np.flatnonzero(block.points.bathymetric[network.point] & (height > water))
     highest = np.full(network.points, -np.inf)

@@ -59,7 +59,7 @@ class PointSequence:
         first = np.searchsorted(pattern.pairs[:, 0], np.arange(pattern.count + 1))
         pairs = kernels.Pairs(
             start=np.empty(len(point) + 1, dtype=np.int64),
-            slot=np.empty(int(np.sum(size * (size + 1) // 2)), dtype=np.int64),
+            slot=np.empty(int(np.sum(size * (size + 1) // 2)), dtype=np.int32),
         )
         kernels.find_pairs(start, photo, first, np.ascontiguousarray(pattern.pairs[:, 1]), pairs)
         return cls(point=point, row=row, start=start, rays=rays, photo=photo, pairs=pairs, first_pair=first)

@@ -8,6 +8,7 @@ the stations by back substitution.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -41,6 +42,10 @@ class Simultaneous:
     def _others(self) -> tuple[PointGroup, ...]:
         """The points that compiled kernels do not eliminate."""
         return self.network.groups if self.network.compiled is None else self.network.compiled.others
+
+    @cached_property
+    def _redundancy(self) -> int:
+        return redundancy(self.network)
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
@@ -78,7 +83,7 @@ class Simultaneous:
             objective=self.evaluate(state, follows),
             context=follows,
             of_points=of_points,
-            redundancy=redundancy(network),
+            redundancy=self._redundancy,
             renewable=network.photos > LARGE,
         )
 

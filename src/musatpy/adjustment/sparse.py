@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -93,8 +93,10 @@ class Pattern:
 
     @cached_property
     def seconds(self) -> Runs:
-        """How what pairs of two blocks have adds to the second ones."""
-        return Runs.of(self.pairs[self.pairs[:, 0] != self.pairs[:, 1], 1])
+        """How what pairs of two blocks have adds to the second ones; what those of one have is left."""
+        apart = np.flatnonzero(self.pairs[:, 0] != self.pairs[:, 1])
+        runs = Runs.of(self.pairs[apart, 1])
+        return replace(runs, order=apart[runs.order])
 
     @cached_property
     def _runs(self) -> dict[tuple[int, bytes], tuple[Runs, Runs]]:
@@ -218,11 +220,13 @@ def _runs(place: IntArray, own: int, size: int) -> tuple[tuple[int, int, int], .
 
     None has places before and behind `own`.
     """
-    if not len(place):
-        return ()
-    cut = np.flatnonzero((np.diff(place) != 1) | (place[1:] == own)) + 1
-    first, last = np.concatenate([[0], cut]), np.concatenate([cut, [len(place)]])
-    return tuple(zip((first * size).tolist(), (last * size).tolist(), (place[first] * size).tolist(), strict=True))
+    places, runs = place.tolist(), []
+    first = 0
+    for last in range(1, len(places) + 1):
+        if last == len(places) or places[last] != places[last - 1] + 1 or places[last] == own:
+            runs.append((first * size, last * size, places[first] * size))
+            first = last
+    return tuple(runs)
 
 
 class NotPositiveDefiniteError(Exception):

@@ -41,6 +41,10 @@ class Triangulation:
         """The pass points that compiled kernels work at, None where numpy does all."""
         return CompiledPassPoints.of(self.network)
 
+    @cached_property
+    def _redundancy(self) -> int:
+        return redundancy(self.network)
+
     def linearise(self, state: State) -> Linearisation:
         """Return the reduced normal equations of stations and levels at `state`."""
         return self._linearised(state, None)
@@ -76,7 +80,7 @@ class Triangulation:
             objective=self.evaluate(state, scale),
             context=scale,
             of_points=state.unsettled,
-            redundancy=redundancy(network),
+            redundancy=self._redundancy,
             renewable=network.photos > LARGE and self.options.weights is Weights.FULL,
         )
 

@@ -87,6 +87,8 @@ def best_line(
     stations had followed; `cofactors` returns those of the adjustment that led to `state`. Where the height of the
     water is unknown, or waves go on it, nothing can be held on its line, and such a point rests as it is.
     """
+    if not bathymetric.any():
+        return line
     fixed = network.water.unknown or network.sea is not None
     height, water = heights_and_water(network, state)
     present, _ = refracted(network, line, state)

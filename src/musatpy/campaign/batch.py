@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from musatpy.campaign.batch_index import index_page
 from musatpy.campaign.batch_jobs import OUT_OF_MEMORY, Job, Outcome, State
 from musatpy.campaign.batch_summary import summary_json
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
@@ -62,6 +63,7 @@ class BatchResult:
     outcomes: tuple[Outcome, ...]
     seconds: float
     summary: Path | None  # where the summary is; None: it could not be written
+    index: Path | None = None  # where the index page is; None: there is none
     notes: tuple[str, ...] = ()  # what else is to be told: locks taken over, a state that could not be kept
     interrupted: bool = False
     strict: bool = False  # doubtful answers are not to be used
@@ -119,6 +121,7 @@ def run_batch(
             outcomes=tuple(batch.outcomes.get(n, Outcome(state=State.NOT_RUN)) for n in range(len(plan.jobs))),
             seconds=round(time.monotonic() - start, 3),
             summary=plan.folder / f"{plan.name}.json",
+            index=plan.index,
             notes=tuple(dict.fromkeys([*locks.taken_over, *batch.notes])),
             interrupted=interrupted,
             strict=strict,
@@ -130,11 +133,15 @@ def _summarized(result: BatchResult) -> BatchResult:
     """Write the summary; where that is not possible the result says so."""
     assert result.summary is not None
     text = summary_json(result.jobs, result.outcomes, result.seconds, result.status)
+    files = {result.summary: text.encode()}
+    if result.index is not None:
+        folder, name = result.index.parent, result.index.stem
+        files = {result.index: index_page(name, folder, result.jobs, result.outcomes), **files}
     try:
-        write_files({result.summary: text.encode()})
+        write_files(files)
     except OSError as error:
         note = f"the summary cannot be written: {error.filename or result.summary}: {error.strerror or error}"
-        return replace(result, summary=None, notes=(*result.notes, note))
+        return replace(result, summary=None, index=None, notes=(*result.notes, note))
     return result
 
 
@@ -165,7 +172,8 @@ class _Batch:
                 self.end(n, Outcome(state=State.FAILED, message=_words(error)))
         jobs = [job for n, job in enumerate(self.plan.jobs) if n not in self.outcomes]
         summary = self.plan.folder / f"{self.plan.name}.json"
-        remove_leftovers([summary, self.ledger.path, *(path for job in jobs for path in job.outputs())])
+        index = [] if self.plan.index is None else [self.plan.index]
+        remove_leftovers([summary, *index, self.ledger.path, *(path for job in jobs for path in job.outputs())])
         for n, job in enumerate(self.plan.jobs):
             if n not in self.outcomes and not again and (outcome := self.ledger.finished(job)) is not None:
                 self.end(n, outcome)

@@ -68,6 +68,7 @@ class JobOptions:
     settings: tuple[str, ...] = key((), "fields of cards, as `--set` has them", name="set")
     carriage_control: bool = key(False)
     brief: bool = key(False)
+    html: bool = key(False)
     record: str | None = key(None, "`full`, `tables` or `none`")
     punch_edits: bool = key(False)
     punch: str | None = key(None, "`restart` or `result`")
@@ -184,13 +185,14 @@ class Job:
     def outputs(self) -> tuple[Path, ...]:
         """Return the files that the job may leave; raises `MusatError` for options that contradict."""
         arguments = self.options.arguments()
-        return output_paths(
+        paths = output_paths(
             self.deck,
             self.out,
             punch_edits=self.options.punch_edits,
             punch=arguments["punch"] is not None,
             punch_family=arguments["punch_family"],
         )
+        return (*paths, self.folder / f"{self.deck.stem}.html") if self.options.html else paths
 
     def inputs(self, names: Iterable[str] = ()) -> dict[str, str]:
         """Return the hashes of what is read besides the deck: its card formats, and geoid models by these names.
@@ -229,6 +231,8 @@ class Outcome:
     points: int | None = None
     plates: int | None = None  # plate measurements
     sigma0: float | None = None
+    check_points: int | None = None  # as many as its components have at most; None: not known
+    check_rms: tuple[float | None, ...] | None = None  # m, of their components; None where there are none
     iterations: int | None = None
     water_passes: int | None = None
     message: str = ""  # why it failed, did not converge, is rejected or doubtful

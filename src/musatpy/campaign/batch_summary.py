@@ -12,7 +12,7 @@ import musatpy
 from musatpy.campaign.batch_jobs import Job, Outcome, State
 from musatpy.runs import ExitStatus
 
-SCHEMA_VERSION = "1.0"
+SCHEMA_VERSION = "1.1"
 _HEADINGS = ("Deck", "State", "Photos", "Points", "Sigma0", "Iterations", "Seconds")
 _NAME_WIDTH = 60
 

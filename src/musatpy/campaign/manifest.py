@@ -31,6 +31,11 @@ class Plan:
     folder: Path
     name: str  # of the summary, without its ending
 
+    @property
+    def index(self) -> Path | None:
+        """Where the index page goes, None where no job has a page."""
+        return self.folder / f"{self.name}.html" if any(job.options.html for job in self.jobs) else None
+
 
 def plan_of(sources: Sequence[Path], out: Path | None = None, options: JobOptions | None = None) -> Plan:
     """Return the jobs of a manifest, or of decks, folders of decks and globs.
@@ -104,7 +109,8 @@ def _common(decks: Iterable[Path]) -> Path:
 
 def _plan(jobs: Iterable[Job], folder: Path, name: str) -> Plan:
     plan = Plan(jobs=tuple(dict.fromkeys(jobs)), folder=folder, name=name)
-    check_jobs(plan.jobs, also=(plan.folder / f"{plan.name}.json",))
+    summary = plan.folder / f"{plan.name}.json"
+    check_jobs(plan.jobs, also=(summary,) if plan.index is None else (summary, plan.index))
     return plan
 
 

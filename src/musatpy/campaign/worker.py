@@ -26,6 +26,7 @@ from musatpy.errors import MusatError
 from musatpy.formats.musat import geoid_files
 from musatpy.model import Block, Iteration
 from musatpy.runs import RunResult, run_deck
+from musatpy.shown_runs import check_point_rms, write_page
 
 Tell = Callable[[dict[str, Any]], None]
 _WORKING_MEMORY = 40 << 20  # bytes, a little more than OpenBLAS takes
@@ -139,13 +140,17 @@ def _run(
     if result.solution is None or result.verdict is None:
         errors = sum(problem.severity == "error" for problem in result.problems)
         return outcome | {"message": "1 error" if errors == 1 else f"{errors} errors"}
+    page = write_page(result) if job.options.html else None
+    check_points, check_rms = check_point_rms(result)
     return outcome | {
         "fingerprint": job.fingerprint(known["deck_sha256"], known["inputs"]),
         "sigma0": float(result.solution.sigma0),
+        "check_points": check_points,
+        "check_rms": check_rms,
         "iterations": len(result.solution.iterations),
         "water_passes": len(result.solution.passes),
         "message": "; ".join(reason.text for reason in result.verdict.reasons),
-        "outputs": _hashes(job, result),
+        "outputs": _hashes(job, result, page),
     }
 
 
@@ -165,7 +170,7 @@ def check_kind(deck: Path) -> None:
             raise MusatError(f"{deck}: not a file that can be read again")
 
 
-def _hashes(job: Job, result: RunResult) -> dict[str, str]:
+def _hashes(job: Job, result: RunResult, page: Path | None) -> dict[str, str]:
     """Return the hashes of the files that a run left, by their names in the folder of the job."""
-    paths = (result.listing, result.record, result.edited, *result.punched)
+    paths = (result.listing, result.record, page, result.edited, *result.punched)
     return {os.path.relpath(path, job.folder): sha256_of(path) for path in paths if path is not None}

@@ -55,7 +55,7 @@ def command(
     """
     import math
 
-    from musatpy.as11_soundings import SoundingOutputs, compare_soundings
+    from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
     from musatpy.compilation.sounded import Matching
     from musatpy.soundings.differences import samples
 

@@ -34,6 +34,7 @@ _IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the sa
     help="Run the jobs by the workers of a Dask scheduler, such as tcp://host:8786.",
 )
 @record_option
+@click.option("--html", is_flag=True, help="A page of each job too, and an index page of all (musat-batch.html).")
 @click.option("--again", is_flag=True, help="Run finished jobs again too.")
 @click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no table; messages of errors only.")
@@ -47,6 +48,7 @@ def command(
     processes: int | None,
     address: str | None,
     record: str | None,
+    html: bool,
     again: bool,
     strict: bool,
     quiet: bool,
@@ -62,15 +64,19 @@ def command(
     from musatpy.campaign.manifest import ManifestError, plan_of
     from musatpy.cli.live import Display
     from musatpy.errors import MusatError
+    from musatpy.page.rendering import check_packages
 
     if address is not None and processes is not None:
         raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
     try:
-        plan = plan_of(sources, out_dir, JobOptions(formats=formats_dir, settings=settings, record=record))
+        options = JobOptions(formats=formats_dir, settings=settings, record=record, html=html)
+        plan = plan_of(sources, out_dir, options)
     except ManifestError:
         raise
     except MusatError as error:
         raise click.UsageError(str(error)) from error
+    if plan.index is not None:
+        check_packages()
     workers = contextlib.nullcontext() if address is None else cluster(address)
     with ended_by_signals(), workers as executor:
         watch = None if quiet else Display()
@@ -131,4 +137,5 @@ def _tell(result: BatchResult) -> None:
 
     tell(table(result.jobs, result.outcomes), nl=False)
     summary = f"; summary {name_of(result.summary)}" if result.summary else ""
-    tell(f"{verdict(result.outcomes)}{summary}")
+    index = f", index {name_of(result.index)}" if result.index else ""
+    tell(f"{verdict(result.outcomes)}{summary}{index}")

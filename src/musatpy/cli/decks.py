@@ -8,10 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
-from musatpy.cli.messages import complain, count_of, name_of
-from musatpy.errors import DeckError, Problem, of_each_kind, printable
+from musatpy.cli.messages import complain, count_of, name_of, tell, tell_file
+from musatpy.errors import DeckError, Problem, of_each_kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -58,8 +56,8 @@ def write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Fami
     """Write the deck of a block, and print the report of the editing, what is in the deck, and what it lacks.
 
     The deck has `titles` where there are any, else those of the block; `-` goes to stdout, and what is said to
-    stderr. Raises `DeckError` where it cannot be
-    written or would contradict itself; nothing is written and printed then.
+    stderr. Raises `DeckError` where it cannot be written or would contradict itself; nothing is written and printed
+    then.
     """
     from musatpy.files import write_files
     from musatpy.formats.musat import check_deck, deck_bytes
@@ -72,15 +70,15 @@ def write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Fami
     if again is None:
         raise DeckError(_of(path, problems))
     if path == STREAM:
-        click.echo(data, nl=False)
+        tell_file(data)
     else:
         write_files({path: data})
-    about = partial(click.echo, err=path == STREAM)  # of what stands on stdout itself
-    about(printable(report), nl=False)
+    about = partial(tell, err=path == STREAM)  # of what stands on stdout itself
+    about(report, nl=False)
     _, of_a_run = check_deck(data, family)
     missing = [problem for problem in _of(path, of_a_run) if problem.severity == "error"]
     warnings = count_of(len(of_a_run) - len(missing), "warning")
-    about(printable(f"{name_of(path)}: {', '.join(sizes_of(again))}; {warnings} of musat check"))
+    about(f"{name_of(path)}: {', '.join(sizes_of(again))}; {warnings} of musat check")
     for problem in of_each_kind(missing):
         complain(f"{problem.headline()}: it cannot be run yet")
 

@@ -30,6 +30,7 @@ COMMANDS = {
     "simulate": "musatpy.cli.simulate",
     "explain": "musatpy.cli.explain",
     "compare": "musatpy.cli.compare",
+    "report": "musatpy.cli.report",
     "audit": "musatpy.cli.audit",
     "diff": "musatpy.cli.diff",
     "convert": "musatpy.cli.convert",

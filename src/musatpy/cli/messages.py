@@ -17,9 +17,14 @@ _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red
 _COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
 
 
-def tell(text: str, *, nl: bool = True) -> None:
-    """Print a text to stdout."""
-    click.echo(printable(text), nl=nl)
+def tell(text: str, *, nl: bool = True, err: bool = False) -> None:
+    """Print a text to stdout, or to stderr."""
+    click.echo(printable(text), nl=nl, err=err)
+
+
+def tell_file(content: bytes) -> None:
+    """Print a file to stdout as it is."""
+    click.echo(content, nl=False)
 
 
 def tell_escaped(text: str) -> None:

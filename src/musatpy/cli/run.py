@@ -15,7 +15,15 @@ import click
 
 from musatpy.cli.decks import STREAM
 from musatpy.cli.live_line import LiveLine
-from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, on_terminal
+from musatpy.cli.messages import (
+    complain,
+    complain_of,
+    complain_of_error,
+    count_of,
+    name_of,
+    on_terminal,
+    tell_file,
+)
 from musatpy.cli.options import (
     decks_argument,
     formats_option,
@@ -126,7 +134,7 @@ def _filtered(run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None
         )
         listing = result.listing
         if listing is not None and out_dir is None:
-            click.echo(listing.read_bytes(), nl=False)
+            tell_file(listing.read_bytes())
             result = replace(result, listing=STREAM)
         _tell(replace(result, deck=STREAM, problems=problems), quiet, err=out_dir is None)
         return result.status if show(result, wanted, quiet) else ExitStatus.UNUSABLE

@@ -1,4 +1,4 @@
-"""The options of `musat run` for what people look at: pictures, and layers for GIS."""
+"""The options of `musat run` for what people look at: pictures, a page, and layers for GIS."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 shown_options = options_of(
     click.option("--plots", is_flag=True, help="The pictures of 'musat plot' too (NAME.plan.svg, ...)."),
+    click.option("--html", is_flag=True, help="The page of 'musat report' too (NAME.html)."),
     click.option("--gis", is_flag=True, help="Stations, points, observations for GIS too (NAME.gpkg, GeoJSON)."),
     click.option("--crs", default="", help="With --gis: their system, on the ellipsoid of the job: EPSG:4267."),
 )
@@ -25,7 +26,7 @@ def shown_of(given: dict[str, Any]) -> Shown:
     """Return what options want, taken from all that is given. Raises `click.UsageError` where it cannot be had."""
     from musatpy.shown_runs import Shown, check_packages
 
-    wanted = Shown(**{name: given.pop(name) for name in ("plots", "gis", "crs")})
+    wanted = Shown(**{name: given.pop(name) for name in ("plots", "html", "gis", "crs")})
     if wanted.crs and not wanted.gis:
         raise click.UsageError("--crs goes with --gis")
     try:
@@ -40,7 +41,7 @@ def show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     if result.listing is None or not wanted.anything:
         return True
     from musatpy.plots.tables import NothingToShowError
-    from musatpy.shown_runs import draw_run, write_layers
+    from musatpy.shown_runs import draw_run, write_layers, write_page
 
     name, done = name_of(result.deck), True
     try:
@@ -50,6 +51,10 @@ def show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
                 complain(f"{name}: no {picture}: {reason}")
             if drawn.files and not quiet:
                 tell(f"{name}: {count_of(len(drawn.files), 'picture')}, {name_of(drawn.files[0])} the first")
+        if wanted.html:
+            page = write_page(result)
+            if not quiet:
+                tell(f"{name}: page {name_of(page)}")
         if wanted.gis:
             files, refused = write_layers(result, wanted.crs)
             for reason in refused:

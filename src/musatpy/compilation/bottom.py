@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -49,6 +49,17 @@ class Bottom:
         """The surfaces with their names: numbers, those of heights behind an H."""
         letter = "H" if self.of is Of.HEIGHT else ""
         return [(f"{letter}{number}", surface) for number, surface in enumerate(self.surfaces, 1)]
+
+    def warnings(self, grids: Iterable[str]) -> Iterator[str]:
+        """Yield what of the surfaces and of `grids`, by name, that were asked for there is not, and why."""
+        for _, surface in self.named:
+            if surface.tin is None:
+                names = ", ".join(surface.models)
+                who = f"models {names} have" if len(surface.models) > 1 else f"model {names} has"
+                yield f"{who} no surface of {self.of}s: {surface.reason}"
+        for grid in grids:
+            if self.of is Of.DEPTH and grid not in [found.name for found in self.grids]:
+                yield f"grid {grid} has no posts: there is no surface"
 
     def vertices(self, sheet: Sheet, line: Contour, datum: Datum) -> FloatArray:
         """Return the vertices (k, 3) of a contour in the system of the job."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.joined_surfaces import Surface
+from musatpy.compilation.raster_bottoms import RasterBottom
 from musatpy.errors import Problem, SoundingError
 from musatpy.soundings.contour_distances import Offsets, area_between, largest_of_most, offsets
 from musatpy.soundings.contour_files import ContourLines
@@ -71,13 +72,13 @@ class Contoured:
 
 
 def contoured(
-    surfaces: Sequence[Surface],
+    surfaces: Sequence[Surface | RasterBottom],
     other: ContourLines,
     datum: float = 0.0,
     levels: Sequence[float] = (),
     farthest: float = np.inf,
 ) -> Contoured:
-    """Return contours of surfaces beside others whose datum is `datum` (m) below that of the surfaces.
+    """Return contours of surfaces, or of a raster, beside others whose datum is `datum` (m) below theirs.
 
     Places `farthest` (m) from each other are no partners. `levels` are depths whose contours are wanted of both.
     Raises `SoundingError` where coordinates are not of the kind of the job's, `InterchangeError` without shapely,
@@ -88,39 +89,43 @@ def contoured(
     distances: list[ContourDistance] = []
     areas: list[ContourArea] = []
     for number, surface in enumerate(surfaces, 1):
-        if surface.tin is None:
+        bottom = surface if isinstance(surface, RasterBottom) else surface.tin
+        if bottom is None:
             continue
-        if (surface.plan is not None) != other.angular:
-            needed = "lat and lon" if surface.plan is not None else "x and y"
+        if surface.angular != other.angular:
+            needed = "lat and lon" if surface.angular else "x and y"
             raise SoundingError([Problem(message=f"the job has {needed}: give the contours in these")])
         places = [surface.places(line) for line in other.places]
         for level in wanted:
             partners = [places[row] for row in np.flatnonzero(depth == level).tolist()]
-            area, ways = _of_level(number, surface.tin, level, partners, farthest)
+            area, ways = _of_level(number, bottom, level, partners, farthest)
             areas.append(area)
             distances += ways
     return Contoured(distances=tuple(distances), areas=tuple(areas))
 
 
 def _of_level(
-    surface: int, tin: Tin, level: float, others: Sequence[FloatArray], farthest: float
+    surface: int, bottom: Tin | RasterBottom, level: float, others: Sequence[FloatArray], farthest: float
 ) -> tuple[ContourArea, list[ContourDistance]]:
     """Return the area between contours of a depth, and their distances both ways; or the reason for none."""
     none = ContourArea(surface=surface, depth=level)
     if not others:
         return replace(none, reason=NOT_IN_OTHER), []
-    compiled = [line.xy for line in contours(tin, [level]).lines]
+    if isinstance(bottom, RasterBottom):
+        compiled, (low, high) = bottom.lines(level), bottom.limits
+    else:
+        compiled = [line.xy for line in contours(bottom, [level]).lines]
+        low, high = float(bottom.z.min()), float(bottom.z.max())
     if not compiled:
-        within = tin.z.min() < level < tin.z.max()
-        span = f"the surface goes from {tin.z.min():.2f} to {tin.z.max():.2f} m"
-        return replace(none, reason=NO_BOTTOM if within else span), []
+        span = f"the surface goes from {low:.2f} to {high:.2f} m"
+        return replace(none, reason=NO_BOTTOM if low < level < high else span), []
     backward = offsets(others, compiled, farthest)
-    backward = backward.part(tin.at(backward.xy).reason == INSIDE)
+    backward = backward.part(bottom.at(backward.xy).reason == INSIDE)
     if not len(backward.xy):
         return replace(none, reason=NOT_ON_IT), []
     forward = offsets(compiled, others, farthest)
     distances = [
-        _distance(surface, level, name, tin, samples)
+        _distance(surface, level, name, bottom, samples)
         for name, samples in ((COMPILED, forward), (OTHER, backward))
         if not samples.beyond.all()
     ]
@@ -131,10 +136,10 @@ def _of_level(
     return replace(none, area=area, width=area / length), distances
 
 
-def _distance(surface: int, level: float, of: str, tin: Tin, samples: Offsets) -> ContourDistance:
+def _distance(surface: int, level: float, of: str, bottom: Tin | RasterBottom, samples: Offsets) -> ContourDistance:
     good = samples.part(~samples.beyond)
     weight, distance = good.interval, good.distance
-    depth = _as_depths(tin, good, -1.0 if of == OTHER else 1.0)
+    depth = _as_depths(bottom, good, -1.0 if of == OTHER else 1.0)
     sloping = np.isfinite(depth)  # a sample at the very edge may be beside the surface
     depth, of_depth = depth[sloping], weight[sloping]
     known = len(depth) > 0
@@ -153,13 +158,13 @@ def _distance(surface: int, level: float, of: str, tin: Tin, samples: Offsets) -
     )
 
 
-def _as_depths(tin: Tin, samples: Offsets, sign: float) -> FloatArray:
+def _as_depths(bottom: Tin | RasterBottom, samples: Offsets, sign: float) -> FloatArray:
     """Return distances (n,) times the slope of the surface: positive where it is deeper than the other source says.
 
     `sign` is 1 for samples of the surface's own contours. Where the other contour lies on their deeper side, the
     surface has passed the depth there already.
     """
-    gradient = tin.at(samples.xy).gradient
+    gradient = bottom.at(samples.xy).gradient
     towards_other = sign * (samples.nearest - samples.xy)
     deeper = np.sign(np.sum(gradient * towards_other, axis=1))
     return np.asarray(deeper * np.linalg.norm(gradient, axis=1) * samples.distance)

@@ -14,6 +14,7 @@ from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.datums import Datum
 from musatpy.compilation.grids import PostGrid
 from musatpy.compilation.joined_surfaces import Of
+from musatpy.compilation.point_orders import orders_of_points
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import system_of
 from musatpy.geometry.plan import Plan
@@ -131,6 +132,7 @@ def _columns(compiled: Compiled, known: Any) -> dict[str, Column]:
         "submerged": (compiled.submerged.astype(int), ""),
         "depth": (np.where(compiled.submerged, depth, np.nan), "m"),
         "depth_sigma": (np.where(compiled.submerged, sigma, np.nan), "m"),
+        "s44_order": (orders_of_points(compiled), ""),
         "sigma_east": (compiled.sigma[:, 0], "m"),
         "sigma_north": (compiled.sigma[:, 1], "m"),
         "sigma_up": (compiled.sigma[:, 2], "m"),

@@ -72,6 +72,15 @@ class CompiledProfile:
         return float(time[-1] - time[0]), float(way.sum() / (time[-1] - time[0])), float(speed.max())
 
     @property
+    def heading(self) -> float:
+        """1 of a line that was read towards its end by the times of its first and last reading, -1 back, else 0."""
+        known = np.flatnonzero(np.isfinite(self.time))
+        if self.profile is None or len(known) < 2:
+            return 0.0
+        first, last = known[self.time[known].argmin()], known[self.time[known].argmax()]
+        return float(np.sign(self.profile.station[last] - self.profile.station[first]))
+
+    @property
     def turns(self) -> int:
         """How often the mark went back along the line, by the times of its readings."""
         if self.profile is None:
@@ -108,6 +117,24 @@ def profiles_of(compiled: Compiled) -> list[CompiledProfile]:
     return [line for row in range(len(compiled.deck.profiles.ids)) for line in _lines_of(compiled, row)]
 
 
+def oddities(profiles: list[CompiledProfile], scans: list[ProfileScan]) -> Iterator[str]:
+    """Yield which profiles there are not, and why, and lines that were read the other way than their card says."""
+    for part in profiles:
+        if part.reason:
+            line = f", line {part.line}" if part.line > 1 else ""
+            yield f"profile {part.name}{line} of model {part.model}: {part.reason}"
+    for scan in (scan for scan in scans if scan.zigzag):
+        other = [str(line.line) for line in scan.lines if line.heading * direction_of(line) < 0.0]
+        if other:
+            lines = f"line {other[0]} was" if len(other) == 1 else f"lines {', '.join(other)} were"
+            yield f"profile {scan.name} of model {scan.model}: {lines} read the other way than a zigzag has them"
+
+
+def direction_of(line: CompiledProfile) -> int:
+    """Return 1 of a line that a zigzag has towards its end, -1 of one that it has back."""
+    return 1 if line.line % 2 else -1
+
+
 def scans_of(compiled: Compiled, profiles: list[CompiledProfile]) -> list[ProfileScan]:
     """Return the scans of a deck with their lines."""
     specs, found = compiled.deck.profiles, []
@@ -116,7 +143,7 @@ def scans_of(compiled: Compiled, profiles: list[CompiledProfile]) -> list[Profil
         lines = tuple(line for line in profiles if (line.name, line.model) == (name, model) and line.line)
         zigzag, good = bool(specs.zigzag[row]), [line for line in lines if line.profile is not None]
         whole = len(good) == len(lines) and zigzag
-        direction = np.array([1 if line.line % 2 else -1 for line in good])
+        direction = np.array([direction_of(line) for line in good])
         along = [line.profile for line in good if line.profile is not None]
         found.append(
             ProfileScan(

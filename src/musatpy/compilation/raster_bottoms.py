@@ -14,6 +14,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import System
 from musatpy.interchange import geotiff
 from musatpy.interchange.layers import LOCAL, Posts
+from musatpy.surfaces.grid_contours import grid_contours
 from musatpy.surfaces.tin import EMPTY, INSIDE, OUTSIDE, SurfaceValues
 
 _DEPTH, _SIGMA = "depth", "sigma"
@@ -70,6 +71,16 @@ class RasterBottom:
             reason=reason,
         )
 
+    def lines(self, level: float) -> list[FloatArray]:
+        """Return the contours of a depth, each (k, 2) places. Raises `MusatError` where contourpy is missing."""
+        drawn = grid_contours(self.depth, (0.0, 0.0), 1.0, [level])
+        return [line.xy * self.posts.spacing * self.metres for line in drawn.lines]
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and greatest depth, m."""
+        return float(np.nanmin(self.depth)), float(np.nanmax(self.depth))
+
 
 def read_raster_bottom(source: Path, job: Ellipsoid | None) -> RasterBottom:
     """Return the bands `depth` and `sigma` of a raster, on the ellipsoid of a job: None for a local one.
@@ -89,6 +100,8 @@ def read_raster_bottom(source: Path, job: Ellipsoid | None) -> RasterBottom:
             raster.rows(name, 0, posts.shape[0]) if name in names else None for name in (_DEPTH, _SIGMA)
         )
     assert depth is not None
+    if not np.isfinite(depth).any():
+        raise _refused(source, "all of its posts are empty")
     if (posts.crs is None) != (job is None):
         stated = "no coordinate system" if posts.crs is None else f"the system {posts.crs.name}"
         raise _refused(

@@ -118,9 +118,9 @@ def _expected(model: CompiledModel) -> Expected:
 
 
 def _below_water(model: CompiledModel, xy: FloatArray, depth: FloatArray) -> FloatArray:
-    """Return places (g, 3) of the model at X, Y (g, 2) and depths (g,) below the mean water of its photos."""
+    """Return places (g, 3) of the model at X, Y (g, 2) and depths (g,) below its water, or its mean ground."""
     stereo, frame = model.stereo, model.stereo.run.frame
-    level = float(stereo.tides.mean()) if np.isfinite(stereo.tides).all() else 0.0
+    level = float(frame.height(stereo.origin[None])[0])
     place = np.column_stack([xy, np.zeros(len(xy))])
     for _ in range(2):  # the water bends away from the model by metres, and its vertical by milliradians
         place[:, 2] += level - depth - frame.height(stereo.working(place))

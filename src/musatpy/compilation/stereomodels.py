@@ -20,8 +20,8 @@ _LEAST_BASE = 0.01  # of the flying height, across the vertical
 class Stereomodel:
     """Model axes: X along the base of photos left and right (rows of the run), Z up at the origin, metres.
 
-    `origin` (3,) working, the middle of the footprint of the base on the water, or at height 0 of a run without
-    water. axes (3, 3): X, Y, Z of the model as rows in working axes.
+    `origin` (3,) working, the middle of the footprint of the base on the water, or on the mean ground of a run
+    without water. axes (3, 3): X, Y, Z of the model as rows in working axes.
     """
 
     run: Triangulation
@@ -119,7 +119,7 @@ def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
     stations = frame.working(photos.position[rows])
     level = frame.level(stations.mean(axis=0))
     tides = photos.tide[rows]
-    level[2] = tides.mean() if np.isfinite(tides).all() else 0.0
+    level[2] = tides.mean() if np.isfinite(tides).all() else _mean_ground(run)
     origin = frame.from_level(level)
     up = frame.axes(origin)[2]
     base = stations[1] - stations[0]
@@ -128,11 +128,29 @@ def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:
     if np.linalg.norm(along) < _LEAST_BASE * abs(height):
         message = f"photos {left} and {right} have no base across the vertical: {np.linalg.norm(along):.2f} m"
         raise CompilationError([Problem(message=message)])
-    met = np.sort(run.pairs.photo, axis=1)
-    if len(met) and not (met == sorted(rows)).all(axis=1).any():  # a punched deck does not know
+    met, plates = np.sort(run.pairs.photo, axis=1), run.block.plates
+    if len(met):
+        share = bool((met == sorted(rows)).all(axis=1).any())
+    elif len(plates.photo):  # a punched deck, whose points have no covariances
+        share = bool(np.intersect1d(*(plates.point[plates.photo == row] for row in rows)).size)
+    else:  # it has no points: photos that look down show no farther than their corners
+        cameras = photos.camera[rows]
+        half = 0.5 * np.linalg.norm(run.block.cameras.format_size[cameras], axis=1)
+        reach = float(np.sum(half / run.block.cameras.focal_length[cameras])) * abs(height)
+        if np.linalg.norm(along) > reach:
+            message = f"photos {left} and {right} do not overlap: {np.linalg.norm(along):.0f} m of base"
+            raise CompilationError([Problem(message=f"{message}, and they show {reach:.0f} m")])
+        share = True
+    if not share:
         raise CompilationError([Problem(message=f"photos {left} and {right} share no point of the run")])
     x = along / np.linalg.norm(along)
     return Stereomodel(run=run, left=rows[0], right=rows[1], origin=origin, axes=np.stack([x, np.cross(up, x), up]))
+
+
+def _mean_ground(run: Triangulation) -> float:
+    """Return the mean height (m) of the points of a run, 0 of one without any."""
+    known = run.position[np.isfinite(run.position).all(axis=1)]
+    return float(run.frame.height(run.frame.working(known)).mean()) if len(known) else 0.0
 
 
 def faults_of_pair(run: Triangulation, left: str, right: str) -> list[tuple[str, str]]:

@@ -65,6 +65,8 @@ def cross_checks(deck: CardDeck, run: Block | None, model_faults: ModelFaults | 
     yield from _readings(deck)
     yield from _of_run(deck, run)
     yield from _datum(deck, run)
+    if run is not None and run.options.system is CoordinateSystem.GEOCENTRIC:
+        yield from _geocentric(deck)
 
 
 def _models(deck: CardDeck, model_faults: ModelFaults | None) -> Iterator[Problem]:
@@ -263,6 +265,15 @@ def _datum(deck: CardDeck, run: Block | None) -> Iterator[Problem]:
             Geoid(name)
         except ProblemsError as error:
             yield problem(deck, table, row, "geoid", error.problems[0].message)
+
+
+def _geocentric(deck: CardDeck) -> Iterator[Problem]:
+    """Yield places by two coordinates of a geocentric job, which has three."""
+    grids, ends = cards_of(deck, "GRD"), cards_of(deck, "PRE")
+    for row in np.flatnonzero(np.isfinite(numbers(grids, CORNERS)).any(axis=1)).tolist():
+        yield problem(deck, grids, row, "first_1", "X and Y of a geocentric job are no place: leave corners blank")
+    for row in np.flatnonzero(text(ends, "system") == "J").tolist():
+        yield problem(deck, ends, row, "system", "X and Y of a geocentric job are no place: give the model's")
 
 
 def repeated(columns: Sequence[TextArray]) -> list[int]:

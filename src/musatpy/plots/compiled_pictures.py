@@ -36,14 +36,14 @@ class CompiledDepths:
 def compiled_depths(tables: Tables) -> CompiledDepths:
     """Return the depths of a compilation. Raises `NothingToShowError` where there are none."""
     block, points = point_map(tables), part(tables, "points")
-    depth = numbers(points, "datum_depth")
+    depth, kind = numbers(points, "datum_depth"), texts(points, "class")
     rows = np.isfinite(depth) & np.isfinite(block.places).all(axis=1)
     if not rows.any():
         raise NothingToShowError("no compiled point has a place and a depth")
     return CompiledDepths(
         block=block,
         ids=texts(points, "point")[rows],
-        kind=texts(points, "class")[rows],
+        kind=np.where(np.isin(kind, list(_CLASSES)), kind, "G")[rows],
         places=block.places[rows],
         depth=depth[rows],
         datum=str(part(tables, "job").get("datum") or "the height 0 of the job"),

@@ -56,9 +56,12 @@ def rendered(picture: Picture[Any], tables: Tables) -> tuple[str, bytes] | None:
     matplotlib is missing.
     """
     figure = picture.draw(tables)
-    if figure is None:
-        return None
-    return ("svg", svg(figure, picture.name)) if marks(figure) <= MOST_MARKS else ("png", small_png(figure))
+    return None if figure is None else file_of(figure, picture.name)
+
+
+def file_of(figure: Any, name: str) -> tuple[str, bytes]:
+    """Return the suffix and the bytes of a figure, whose ids have a name, as `rendered` does."""
+    return ("svg", svg(figure, name)) if marks(figure) <= MOST_MARKS else ("png", small_png(figure))
 
 
 def marks(figure: Any) -> int:

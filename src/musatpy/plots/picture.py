@@ -41,6 +41,17 @@ class Picture(Generic[N]):
             return None
         return self.figure(content)
 
+    def drawn(self, tables: Tables) -> tuple[Any, str] | None:
+        """Return figure and sentence of one look at the numbers, None where there is nothing to show.
+
+        Raises `MusatError` where matplotlib is missing.
+        """
+        try:
+            content = self._numbers(tables)
+        except NothingToShowError:
+            return None
+        return self.figure(content), self.words(content)
+
     def sentence(self, tables: Tables) -> str:
         """Return what the picture says, in numbers: also its alternative text. Of none, the reason."""
         try:

@@ -112,7 +112,7 @@ def _system_and_middle(tables: Tables) -> tuple[System, FloatArray]:
         raise NothingToShowError("no station has a position")
     try:
         return job_system(tables), np.median(level_positions(tables, positions), axis=0)
-    except (SystemsError, ValueError) as error:
+    except (SystemsError, ValueError, TypeError, KeyError) as error:
         raise NothingToShowError(f"the system of the job cannot be had: {error}") from error
 
 

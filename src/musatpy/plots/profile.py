@@ -186,7 +186,7 @@ def _own_line(tables: Tables, bottom: BottomPoints, wet: FloatArray) -> Line:
 def _axis(name: str, places: FloatArray, wet: FloatArray) -> Line:
     """Return the line of best fit of places (n, 2), from the first to the last of the points (m, 2) beside it."""
     middle = np.median(places, axis=0)
-    axis = np.linalg.svd(places - middle)[2][0] if len(places) > 1 else np.array([1.0, 0.0])
+    axis = np.linalg.svd(places - middle, full_matrices=False)[2][0] if len(places) > 1 else np.array([1.0, 0.0])
     axis = axis if axis @ (places[-1] - places[0]) >= 0.0 else -axis
     s, across = (wet - middle) @ axis, np.abs((wet - middle) @ [-axis[1], axis[0]])
     reach = float(np.ptp((places - middle) @ axis))

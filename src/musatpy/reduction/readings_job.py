@@ -33,7 +33,8 @@ def reduce(block: Block) -> tuple[Block, Reduced]:
     done = replace(done, reduction=None, comparator=None, cross_measurements=empty(CrossMeasurements))
     done = replace(done, fiducial_measurements=empty(FiducialMeasurements))
     good = np.array([plate.refusal is None or not len(plate.ids) for plate in reductions], dtype=bool)
-    return _with_photos(done, good), Reduced(given=block, plates=tuple(_plate(plate) for plate in measured))
+    told = [plate for plate in reductions if len(plate.ids) or len(plate.mark_means.ids)]
+    return _with_photos(done, good), Reduced(given=block, plates=tuple(_plate(plate) for plate in told))
 
 
 def _with_photos(block: Block, wanted: BoolArray) -> Block:

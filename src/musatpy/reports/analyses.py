@@ -15,7 +15,7 @@ from musatpy.reports.table import Column, Report, key
 from musatpy.statistics import Analysis, Statistics
 
 _LABEL_WIDTH, _CELL_WIDTH = 36, 18
-_EDITS = {"rad": "S16.3", "m": "F16.2"}
+EDITS = {"rad": "S16.3", "m": "F16.2"}
 _HEADINGS = {"X": "X (M)", "Y": "Y (M)", "Z": "Z (M)", "Elevation": "Elev. (M)"}
 _HEADINGS |= {"East": "East (M)", "North": "North (M)", "Up": "Up (M)"}
 
@@ -82,7 +82,7 @@ def analysis_section(layout: Layout, statistics: Statistics, *, new_page: bool =
 
 
 def laid_out(
-    analysis: Analysis, title: str, runs: Sequence[str], row: str, edits: Mapping[str, str] = _EDITS
+    analysis: Analysis, title: str, runs: Sequence[str], row: str, edits: Mapping[str, str] = EDITS
 ) -> Section:
     """Return an analysis as Table 6-1 has it, with the lines below its title that say which run it was."""
     titles = [title, *runs]

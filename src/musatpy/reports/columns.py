@@ -46,7 +46,8 @@ def position_columns(shows: str, decimals: int, values: Values | None = None) ->
     """Return the columns of positions (n, 3) in the job's system, metres with `decimals`."""
     angular = vector(_GEOGRAPHIC, ("S16.5", "S16.5", f"F11.{decimals}"), values, shows=shows)
     plane = vector(("X\nm", "Y\nm", "Z\nm"), (f"F15.{decimals}",) * 3, values, shows=shows)
-    return Choice((angular, plane), lambda s: angular if is_geographic(s) else plane)
+    metric = (CoordinateSystem.LOCAL, CoordinateSystem.GEOCENTRIC)
+    return Choice((angular, plane), lambda s: angular if is_geographic(s) else plane, metric)
 
 
 def attitude_columns(shows: str, decimals: int) -> Columns:
@@ -68,7 +69,11 @@ def metric_columns(
         return Column(heading, edit, None if values is None else lambda s: values(s)[:, axis], part)
 
     enu, xyz = (tuple(component(names, axis) for axis in range(3)) for names in _METRIC)
-    return Choice((enu, xyz), lambda s: xyz if tuple(metric_components(s.block)) == _METRIC[1] else enu)
+    return Choice(
+        (enu, xyz),
+        lambda s: xyz if tuple(metric_components(s.block)) == _METRIC[1] else enu,
+        (CoordinateSystem.LOCAL,),
+    )
 
 
 def attitude_sigma_columns(shows: str) -> Columns:

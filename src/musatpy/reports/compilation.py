@@ -13,6 +13,7 @@ from musatpy.reports import compilation_bottom, compilation_points, compilation_
 from musatpy.reports.columns import vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Schema, properties_of, same
+from musatpy.reports.job_record import ELLIPSOID
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.reduction import reduction_sections
@@ -41,6 +42,7 @@ JOB: Group[Compiled, Compiled] = Group(
     (
         Field("titles", "* string", "titles of the deck", lambda c: c.deck.titles),
         Field("system", "string", "coordinate system of the run", lambda c: c.run.block.options.system),
+        Group("ellipsoid", ELLIPSOID.text, lambda c: c.run.block.ellipsoid, ELLIPSOID.fields, optional=True),
         Field("caution", "string?", "to be known of the run, on every page", lambda c: c.run.caution or None),
         Field("index", "number?", "refractive index of the water", lambda c: _index(c)),
         Field("datum", "string?", "sounding datum", lambda c: c.deck.datum.name if c.deck.datum else None),

@@ -107,7 +107,7 @@ def in_system(place: Choice[Any]) -> Choice[Any]:
     def of(compiled: Compiled) -> tuple[Column[Any], ...]:
         return angular if compiled.run.block.options.system == CoordinateSystem.GEOGRAPHIC else plane
 
-    return Choice(place.variants, of)
+    return replace(place, of=of)
 
 
 POINT_TABLE: Report[Any] = Report(

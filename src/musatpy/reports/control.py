@@ -16,7 +16,7 @@ from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.quality import TEST_LIMIT
 
-_NOTE = (
+NOTE = (
     f"*  A component fails its own test: its residual is beyond {TEST_LIMIT:.2f} of the standard deviations of "
     "that residual. Blank: not given, or nothing else checks it."
 )
@@ -55,7 +55,7 @@ def sections(statistics: Statistics) -> list[Section]:
     sections = []
     if len(_control_rows(statistics)):
         worst = worst_first(np.nan_to_num(np.abs(_tests(statistics)), nan=-1.0).max(axis=1)).tolist()
-        sections.append(RESIDUALS.section(statistics, ["", *wrapped([_NOTE])], new_page=True, worst=worst))
+        sections.append(RESIDUALS.section(statistics, ["", *wrapped([NOTE])], new_page=True, worst=worst))
     if len(_check_rows(statistics)):
         worst = worst_first(statistics.check_test.squares).tolist()
         sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -210,18 +211,16 @@ def _between(title: str, table: result_record.Table, ends: str, heading: str, wh
 def _places(shows: str, values: Values) -> Choice[Statistics]:
     """Return the columns of coordinates in the words of the deck."""
     native = position_columns(shows, 4, values)
-    return Choice(
-        native.variants,
-        lambda s: native.of(s) if s.given_words is None else place_columns(s.given_words, values, 4),
+    return replace(
+        native, of=lambda s: native.of(s) if s.given_words is None else place_columns(s.given_words, values, 4)
     )
 
 
 def _sigmas(shows: str, values: Values) -> Choice[Statistics]:
     """Return the columns of the sigmas of coordinates in the words of the deck."""
     native = metric_columns(shows, "Sigma ", values)
-    return Choice(
-        native.variants,
-        lambda s: native.of(s) if s.given_words is None else place_sigma_columns(s.given_words, values),
+    return replace(
+        native, of=lambda s: native.of(s) if s.given_words is None else place_sigma_columns(s.given_words, values)
     )
 
 

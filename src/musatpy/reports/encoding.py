@@ -45,11 +45,10 @@ def _to_digits(values: FloatArray, digits: int) -> FloatArray:
     """
     size = np.abs(values)
     usual = (size >= _POWERS[0]) & (size < 10.0**digits)
-    exponent = (
-        np.searchsorted(_POWERS, np.where(usual, size, 1.0), side="right") - 1 + _LOWEST
-    )  # of the first digit
-    factor = _FACTORS[digits - 1 - exponent]
-    found = np.where(usual, np.rint(values * factor) / factor, values)
+    numbers = np.where(usual, values, 1.0)
+    first = np.searchsorted(_POWERS, np.abs(numbers), side="right") - 1 + _LOWEST  # exponents of the first digits
+    factor = _FACTORS[digits - 1 - first]
+    found = np.where(usual, np.rint(numbers * factor) / factor, values)
     for place in zip(*np.nonzero(~usual & np.isfinite(values) & (values != 0.0)), strict=True):
         found[place] = float(f"{values[place]:.{digits}g}")
     return found

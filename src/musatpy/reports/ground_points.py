@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from musatpy.arrays import IntArray
@@ -36,8 +38,8 @@ GROUND_POINTS: Report[Statistics] = Report(
         Column("Bath", "A4", shows=Origin(field="bathymetric", true="B")),
         Column("Status", "A14", shows="status"),
         Column("Rays", "I4", shows="rays"),
-        Choice(_POSITION.variants, lambda s: _in_words(s, _POSITION, 0)),
-        Choice(_SIGMAS.variants, lambda s: _in_words(s, _SIGMAS, 1)),
+        replace(_POSITION, of=lambda s: _in_words(s, _POSITION, 0)),
+        replace(_SIGMAS, of=lambda s: _in_words(s, _SIGMAS, 1)),
     ),
 )
 NO_PART = Mapped(

@@ -32,8 +32,9 @@ _SUMMARY = {
     "Weighted sum of squares": Origin(field="solution.sum_of_squares"),
     "Sigma0 (standard deviation of unit weight)": Origin(field="solution.sigma0"),
 }
+SUMMARY = Mapped(title="Solution Summary", layout="labels", columns=_SUMMARY)
 STATED = (
-    Mapped(title="Solution Summary", layout="labels", columns=_SUMMARY),
+    SUMMARY,
     Mapped(title=answer.ALL_REASONS, layout="texts", table="verdict.reasons", also=("verdict.notes",)),
     PLATE_RESIDUALS,
     Mapped(title="Warnings", layout="texts", table="solution.warnings"),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from musatpy.compilation.point_orders import order_names, orders_of_points
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
 from musatpy.reports.pages import Section, print_titled
@@ -20,7 +21,7 @@ from musatpy.soundings.differences import (
     samples,
     scale_warning,
 )
-from musatpy.soundings.s44 import NO_ORDER, orders_met, source, survey_orders
+from musatpy.soundings.s44 import source
 
 if TYPE_CHECKING:
     from musatpy.compilation.compiled import Compiled
@@ -177,12 +178,8 @@ def schema() -> Schema:
 
 def point_orders(compiled: Compiled) -> dict[str, int]:
     """Return how many submerged points meet each order by their own sigmas, as the strictest."""
-    depth, covariance = compiled.datum_depth[0], compiled.gathered("covariance").copy()
-    covariance[:, 2, 2] += compiled.datum.sigma**2
-    rows = compiled.submerged & np.isfinite(depth)
-    names = [*(order.name for order in survey_orders()), NO_ORDER]
-    counts = np.bincount(orders_met(depth[rows], covariance[rows]), minlength=len(names))
-    return dict(zip(names, counts.tolist(), strict=True))
+    orders = orders_of_points(compiled)
+    return {name: int(np.count_nonzero(orders == name)) for name in order_names()}
 
 
 def sections_of(compared: Sounded, compiled: Compiled | None) -> list[Section]:

@@ -22,6 +22,7 @@ Source = TypeVar("Source")
 
 # What headings call a unit -> that unit in units of the record, which has mm on the plate and rad.
 PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}
+SEXAGESIMAL = "D  M  S"  # how headings of degrees, minutes and seconds begin
 _GAP = "  "  # between columns
 _ROWS = 20_000  # that are edited at a time
 _RECORDED = {"um": "mm", "arc sec": "rad", "degrees": "rad"}
@@ -58,19 +59,24 @@ class Column(Generic[Source]):
         return PRINTED.get((origin.unit if origin else "") or self.heading.split("\n")[-1], 1.0)
 
     @property
+    def named(self) -> tuple[str, str]:
+        """Its heading in one line, and the unit that its numbers are printed in: `East`, `m`; empty without one."""
+        *words, last = self.heading.split("\n")
+        name, _, inside = last.rpartition(" ")
+        if words and last.startswith(SEXAGESIMAL):
+            return " ".join(words).strip(), SEXAGESIMAL
+        if words and _RECORDED.get(last, last) in _UNITS:
+            return " ".join(words).strip(), last
+        if self.unit != 1.0 and inside in _RECORDED:  # `RMS x um`
+            return " ".join([*words, name]).strip(), inside
+        return " ".join((*words, last)).strip(), ""
+
+    @property
     def head(self) -> str:
         """Its heading in one line, with the unit of the record in brackets: `East (m)`."""
-        *words, last = self.heading.split("\n")
-        if last.startswith("D  M  S"):
-            last = "rad"
-        unit = _RECORDED.get(last, last)
-        name, _, inside = unit.rpartition(" ")
-        if words and unit in _UNITS:
-            return f"{' '.join(words).strip()} ({unit})"
-        if self.unit != 1.0 and inside in _RECORDED:  # `RMS x um`
-            unit, words = _RECORDED[inside], [*words, name]
-            return f"{' '.join(words).strip()} ({unit})"
-        return " ".join((*words, last)).strip()
+        words, unit = self.named
+        unit = "rad" if unit == SEXAGESIMAL else _RECORDED.get(unit, unit)
+        return f"{words} ({unit})" if unit else words
 
 
 def key(
@@ -86,6 +92,7 @@ class Choice(Generic[Source]):
 
     variants: Sequence[tuple[Column[Source], ...]]
     of: Callable[[Source], tuple[Column[Source], ...]]
+    second_in: tuple[str, ...] = ()  # coordinate systems in which the second variant stands, not the first
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,12 +85,10 @@ _COUNTS: dict[str, tuple[Origin, Callable[[Block], int]]] = {  # in the record, 
     "Height differences": (Origin(count=True, field="height_differences"), lambda b: b.height_differences.count),
 }
 _LEFT_OUT = ("Distances", "Height differences")  # where there are none
-STATED = (
-    Mapped(title="Options", layout="labels", columns=_LIMITS),
-    Mapped(
-        title="Size Of The Job", layout="labels", columns={label: origin for label, (origin, _) in _COUNTS.items()}
-    ),
+SIZE = Mapped(
+    title="Size Of The Job", layout="labels", columns={label: origin for label, (origin, _) in _COUNTS.items()}
 )
+STATED = (Mapped(title="Options", layout="labels", columns=_LIMITS), SIZE)
 
 
 def sections(statistics: Statistics) -> list[Section]:

@@ -26,10 +26,11 @@ from musatpy.arrays import FloatArray, IntArray
 class Spread(NamedTuple):
     """How errors spread to k points and their r images."""
 
-    axes: FloatArray  # (k, 3, 3) along which they are told
+    rays: IntArray  # (r,) rows of the images
+    axes: FloatArray  # (k, 3, 3) along which the points are told
     point: FloatArray  # (k, 3, 3) cofactors of the points
-    image: FloatArray  # (r, 2) cofactors of the adjusted images
-    covariance: FloatArray  # (r, 2, 3) of the positions and the adjusted images
+    image: FloatArray  # (d, 2) cofactors of the adjusted images
+    covariance: FloatArray  # (d, 2, 3) of the positions and the adjusted images
     diagonal: FloatArray  # (n, q) of the normal equations before points are eliminated, to which is added
 
 
@@ -99,9 +100,10 @@ def _set_images(
                     by_point += room.B[k, c, j] * room.N[j, i]
                 total += room.B[k, c, i] * (by_point - 2.0 * by_station)
                 room.vector[i] = (by_point - by_station) * root
-            out.image[r, c] = total * root * root
+            row = out.rays[r]
+            out.image[row, c] = total * root * root
             for i in range(3):
-                out.covariance[r, c, i] = (
+                out.covariance[row, c, i] = (
                     out.axes[p, i, 0] * room.vector[0]
                     + out.axes[p, i, 1] * room.vector[1]
                     + out.axes[p, i, 2] * room.vector[2]

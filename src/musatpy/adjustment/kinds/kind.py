@@ -67,6 +67,10 @@ class Kind:
     direct = True
     searched = True  # the search for blunders can take single observations out
 
+    def takes_part(self, network: Network) -> bool:
+        """Return whether there may be observations in `rows` that have a weight."""
+        return True
+
     def rows(self, network: Network, state: State) -> Rows:
         """Return the observations that take part."""
         raise NotImplementedError

@@ -64,6 +64,10 @@ class MeasuredKind(Kind):
         out[known] = self.model(network, ends[known], np.zeros((*ends[known].shape, 3)))[0]
         return out
 
+    def takes_part(self, network: Network) -> bool:
+        """Return whether any of the table takes part."""
+        return len(network.measured[self.observed].row) > 0
+
     def rows(self, network: Network, state: State) -> Rows:
         """Return the observations that take part."""
         of, ground = network.measured[self.observed], state.ground[network.measured[self.observed].point]

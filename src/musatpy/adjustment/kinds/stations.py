@@ -27,6 +27,10 @@ class StationKind(Kind):
         """Return adjusted minus given (n, 3)."""
         raise NotImplementedError
 
+    def takes_part(self, network: Network) -> bool:
+        """Return whether any station is observed."""
+        return bool(getattr(network, self.attribute).any())
+
     def rows(self, network: Network, state: State) -> Rows:
         """Return the observations of all photos."""
         photo, component = np.divmod(np.arange(3 * network.photos), 3)

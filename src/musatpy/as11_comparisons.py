@@ -1,4 +1,7 @@
-"""Soundings of a file held against a bottom: that of a deck, or a raster (`musat as11 compare-soundings`)."""
+"""Soundings or contours of a file held against a bottom: that of a deck, or a raster.
+
+`musat as11 compare-soundings` and `compare-contours`.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,19 @@ from pathlib import Path
 import numpy as np
 
 from musatpy.as11_runs import compiled_deck, run_of
+from musatpy.compilation.bottom import bottom_of
 from musatpy.compilation.compiled import Compiled
+from musatpy.compilation.contoured import Contoured, contoured
 from musatpy.compilation.joined_surfaces import Surface, surfaces_of
 from musatpy.compilation.raster_bottoms import RasterBottom, read_raster_bottom
 from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
-from musatpy.errors import CompilationError, Problem
+from musatpy.errors import CompilationError, Problem, SoundingError
 from musatpy.files import write_files
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.reports import contour_comparison
 from musatpy.reports import soundings as report
 from musatpy.reports.record import dumps
+from musatpy.soundings.contour_files import read_contours
 from musatpy.soundings.differences import scale_warning
 from musatpy.soundings.pictures import difference_picture
 from musatpy.soundings.sounding_files import Soundings, read_soundings
@@ -34,6 +41,12 @@ class _Bottom:
     compiled: Compiled | None
     title: str
     caution: str
+
+    @property
+    def levels(self) -> list[float]:
+        """Depths whose contours the deck asks for."""
+        bottom = None if self.compiled is None else bottom_of(self.compiled)
+        return sorted({line.level for sheet in bottom.sheets for line in sheet.contours.lines} if bottom else ())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +73,11 @@ def compare_soundings(
     Returns it and warnings. Raises `ProblemsError` where a file cannot be used and where no sounding meets the
     bottom, and `OSError`; then nothing is written.
     """
-    of = _bottom(run, bottom, how, anyway)
+    if np.isfinite(how.radius) and bottom.suffix.lower() in _RASTERS:
+        raise CompilationError(
+            [Problem(file=str(bottom), message="--radius goes with points, and this is a raster")]
+        )
+    of = _bottom(run, bottom, anyway)
     read = read_soundings(source, of.ellipsoid, crs=crs, dated=how.not_before is not None)
     compared = sounded(of.surfaces, read, how)
     if not len(compared.rows):
@@ -77,7 +94,37 @@ def compare_soundings(
     return compared, list(_warnings(compared, read))
 
 
-def _bottom(run: Path, bottom: Path, how: Matching, anyway: bool) -> _Bottom:
+def compare_contours(
+    run: Path,
+    bottom: Path,
+    source: Path,
+    outputs: tuple[Path, Path],
+    *,
+    datum: float = 0.0,
+    farthest: float = np.inf,
+    crs: str = "",
+    layer: str = "",
+    depths: bool = False,
+    anyway: bool = False,
+) -> Contoured:
+    """Hold contours of the bottom of a deck, or of a raster, against the lines of a file; write listing and record.
+
+    Raises `ProblemsError` where a file cannot be used and where no contour has a partner, and `OSError`; then
+    nothing is written.
+    """
+    of = _bottom(run, bottom, anyway)
+    other = read_contours(source, of.ellipsoid, crs=crs, layer=layer, depths=depths)
+    compared = contoured(of.surfaces, other, datum, of.levels, farthest)
+    if not compared.distances:
+        why = next((row.reason for row in compared.areas), "there is no bottom")
+        raise SoundingError([Problem(file=str(source), message=f"no contour has a partner: {why}")])
+    text = contour_comparison.listing_of(compared, of.title, of.caution)
+    values = dumps(contour_comparison.record_of(compared))
+    write_files(dict(zip(outputs, (text.encode(), values.encode()), strict=True)))
+    return compared
+
+
+def _bottom(run: Path, bottom: Path, anyway: bool) -> _Bottom:
     """Return the bottom of a deck compiled on a run, or of a raster in a system of its job."""
     if bottom.suffix.lower() not in _RASTERS:
         compiled, _ = compiled_deck(run, bottom, anyway)
@@ -88,10 +135,6 @@ def _bottom(run: Path, bottom: Path, how: Matching, anyway: bool) -> _Bottom:
             compiled=compiled,
             title=titles[0] if titles else "",
             caution=compiled.run.caution,
-        )
-    if np.isfinite(how.radius):
-        raise CompilationError(
-            [Problem(file=str(bottom), message="--radius goes with points, and this is a raster")]
         )
     triangulation = run_of(run, anyway)
     return _Bottom(

@@ -1,0 +1,66 @@
+"""From the record of a run or of a compilation, a file or in memory, to its page."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from musatpy.errors import Problem, RecordError
+from musatpy.json_files import known_of, read_json_file
+from musatpy.page.compilation_page import compilation_page
+from musatpy.page.rendering import check_packages, html_of
+from musatpy.page.run_page import run_page
+from musatpy.plots.tables import Tables
+from musatpy.reports import compilation
+
+_OF_COMPILATION = "compilation_version"
+_RUN_NEEDS = {
+    "options": ("program", "system", "refraction", "plate_sigma"),
+    "solution": ("converged", "sigma0", "degrees_of_freedom"),
+    "stations": ("photo", "camera", "position"),
+    "points": ("point", "bathymetric", "status", "rays", "position"),
+}
+# Of the record of a run, what no page shows.
+LEFT = frozenset({"station_pairs", "level_pairs", "fiducial_measurements", "cross_measurements"})
+_COMPILATION_NEEDS = {
+    "job": ("titles", "system", "index", "datum", "datum_height", "datum_sigma"),
+    "models": ("model", "y_parallax"),
+    "points": ("model", "point", "submerged", "datum_depth", "datum_depth_sigma", "covariance", "reason"),
+}
+
+
+def page_of_record(path: Path, inputs: Iterable[Path] = ()) -> str:
+    """Return the page of the record of a run or a compilation as HTML: of this version, or of an earlier one.
+
+    It states the SHA-256 of the record, and of `inputs`, files that the run has read. Raises `RecordError` for a
+    file that is no such record, `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
+    """
+    check_packages()
+    return page_of_tables(tables_of_record(path), [path, *inputs])
+
+
+def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
+    """Return the page of tables, in the shape of `musatpy.json_files.read_record`, with the SHA-256 of files.
+
+    Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
+    """
+    page = compilation_page if _OF_COMPILATION in tables else run_page
+    return html_of(page(tables, {file.name: _sha256(file) for file in files}))
+
+
+def tables_of_record(path: Path) -> dict[str, Any]:
+    """Return what the record of a run or a compilation has; raises as `page_of_record`."""
+    record = read_json_file(path)
+    if isinstance(record, dict) and _OF_COMPILATION in record:
+        return known_of(record, path, _COMPILATION_NEEDS, schema=compilation.schema())
+    if not isinstance(record, dict) or "schema_version" not in record:
+        message = "is neither the record of a run nor that of a compilation"
+        raise RecordError([Problem(file=str(path), message=message)])
+    return known_of(record, path, _RUN_NEEDS, LEFT)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

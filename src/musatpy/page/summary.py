@@ -1,0 +1,209 @@
+"""The top of the page of a run: the verdict with its reasons and likely causes, and the numbers that count most."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from musatpy.model import Cause, CauseKind, Grade, Refraction
+from musatpy.page.accuracy import Depths, Sample, axes_of, depths_of, root_mean_squares, samples
+from musatpy.page.analysis_tables import ORDERS, SAMPLES
+from musatpy.page.cells import count_of, number_text
+from musatpy.page.parts import Chapter, Fact, Facts, Page, PagePicture, PageTable, Reason, Texts
+from musatpy.page.stated import row_of
+from musatpy.plots.tables import Tables, flags, part, texts
+from musatpy.reports.answer import USE
+from musatpy.reports.titles import REFRACTION
+from musatpy.soundings.s44 import NO_ORDER
+from musatpy.statistics.hidden import FAR
+from musatpy.units import MICROMETRE
+
+_CAUSES = 5
+_ENOUGH = 0.95  # share of the points that meet an order, from which on it is that of the run
+
+
+def top_of(tables: Tables, chapters: Sequence[Chapter]) -> Page:
+    """Return the page of a run with these chapters, in which its reasons find what they are about."""
+    verdict, program = part(tables, "verdict"), part(tables, "options").get("program", "")
+    grade = str(verdict.get("grade") or _grade_without_verdict(tables))
+    titles = [" ".join(title.split()) for title in tables.get("titles") or ()]
+    reasons = verdict.get("reasons") or {}
+    rows = [row_of(reasons, n) for n in range(len(reasons.get("text", ())))]
+    places = anchors(chapters)
+    return Page(
+        title=titles[0] if titles else "Aerotriangulation",
+        lines=[*titles[1:], f"MUSAT-{program} aerotriangulation. {_what(tables)}"],
+        grade=grade,
+        use=USE[Grade(grade)],
+        reasons=[
+            Reason(grade=row["grade"], text=row["text"], link=_found(places, str(row["section"]))) for row in rows
+        ],
+        causes=_causes(tables) if rows else (),
+        notes=verdict.get("notes") or (),
+        figures=Facts(facts=_figures(tables, places), large=True),
+        chapters=chapters,
+    )
+
+
+def anchors(chapters: Sequence[Chapter]) -> dict[str, str]:
+    """Return the anchors of all that chapters have, by its title."""
+    found: dict[str, str] = {}
+    for chapter in chapters:
+        found[chapter.title] = chapter.anchor
+        for piece in chapter.parts:
+            if isinstance(piece, PageTable | Texts | PagePicture) and piece.anchor:
+                found.setdefault(piece.title, piece.anchor)
+    return found
+
+
+def _found(places: Mapping[str, str], section: str) -> str:
+    """Return the anchor of the table whose title begins as a section of the listing does, empty without one."""
+    return next((anchor for title, anchor in places.items() if section and title.startswith(section)), "")
+
+
+def _grade_without_verdict(tables: Tables) -> str:
+    """Return the grade of a record of the time before verdicts: it says no more than whether the run converged."""
+    return Grade.DOUBTFUL if part(tables, "solution").get("converged") else Grade.FAILED
+
+
+def _what(tables: Tables) -> str:
+    points = part(tables, "points")
+    wet = int(flags(points, "bathymetric", 1).sum())
+    photos = len(texts(part(tables, "stations"), "photo"))
+    refraction = REFRACTION[Refraction(part(tables, "options")["refraction"])]
+    return (
+        f"{count_of(photos, 'photo')}, {count_of(len(points.get('point', ())), 'ground point')} "
+        f"({wet:,} submerged), {count_of(_images(tables), 'image')}. Refraction: {refraction}."
+    )
+
+
+def _images(tables: Tables) -> int:
+    """Return the number of plate measurements; of a record without them that of those with a residual."""
+    plates = part(tables, "plates")
+    if plates:
+        return len(plates["photo"])
+    return int(part(tables, "plate_statistics").get("total_count", [0])[-1])
+
+
+def _causes(tables: Tables) -> list[str]:
+    """Return the likely causes in words; of one group those after the first begin with `or`."""
+    table = part(tables, "causes")
+    rows = [row_of(table, n) for n in range(min(_CAUSES, len(table.get("cause", ()))))]
+    found, groups = [], set()
+    for row in rows:
+        lead = "or: " if row["group"] in groups else ""
+        groups.add(row["group"])
+        size = tuple(math.nan if value is None else value for value in row["size"])
+        cause = Cause(
+            kind=CauseKind(row["cause"]),
+            cards=tuple(row["cards"]),
+            photos=tuple(row["photos"]),
+            points=tuple(row["points"]),
+            component=row["component"],
+            size=size,
+            unit=row["unit"],
+            advice=row["advice"],
+        )
+        found.append(f"{lead}{cause}")
+    return found
+
+
+def _figures(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
+    found, depths = samples(tables), depths_of(tables)
+    facts = [_sigma0(tables, places), *_plates(tables, places)]
+    facts += [_rms(tables, found, what, places) for what in ("Control", "Check points")]
+    facts += [_depths(depths, places), *_s44(depths, places), *_hidden(tables, places), _blunders(tables, places)]
+    return [fact for fact in facts if fact.value]
+
+
+def _sigma0(tables: Tables, places: Mapping[str, str]) -> Fact:
+    solution, test = part(tables, "solution"), part(tables, "tests").get("sigma0")
+    detail = f"{solution.get('degrees_of_freedom', 0):,} degrees of freedom"
+    if test and test["low"] is not None and part(tables, "options").get("plate_sigma_is") != "GUESS":
+        low, high = (number_text(math.sqrt(test[name]), 3) for name in ("low", "high"))
+        detail = f"by chance {low} to {high} (95 %)" + ("" if test["accepted"] else ": outside")
+    value = number_text(solution.get("sigma0"), 4) or "not finite"
+    return Fact(label="Sigma0", value=value, detail=detail, link=_found(places, "Statistics: Sigma0"))
+
+
+def _plates(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
+    statistics = part(tables, "plate_statistics")
+    count, rms = (statistics.get(name, [0])[0] for name in ("total_count", "total_rms"))
+    if not count:
+        return []
+    value = " and ".join(number_text(axis / MICROMETRE, 2) for axis in rms)
+    detail = f"{count:,} images that took part"
+    link = _found(places, "Plate Residuals Of The Job")
+    return [Fact(label="RMS of plate residuals, x and y", value=f"{value} µm", detail=detail, link=link)]
+
+
+def _rms(tables: Tables, found: Sequence[Sample], what: str, places: Mapping[str, str]) -> Fact:
+    own = root_mean_squares(found, what)
+    names = [name for name in (*axes_of(tables), "Depth") if name in own]
+    value = ", ".join(number_text(own[name].rms, 3) for name in names)
+    sizes = sorted({own[name].size for name in names})
+    least = f"{sizes[0]:,} to " if len(sizes) > 1 else ""
+    return Fact(
+        label=f"RMS of {'control residuals' if what == 'Control' else 'check points'}, {', '.join(names)}",
+        value=f"{value} m" if value else "",
+        detail=f"{least}{count_of(sizes[-1], 'point')} in each component" if sizes else "",
+        link=_found(places, SAMPLES),
+    )
+
+
+def _depths(depths: Depths, places: Mapping[str, str]) -> Fact:
+    sigma, depth = depths.sigma[np.isfinite(depths.sigma)], depths.depth[np.isfinite(depths.depth)]
+    if not len(sigma) or not len(depth):
+        return Fact(label="", value="")
+    return Fact(
+        label="Sigma of depths, median",
+        value=f"{np.median(sigma):.3f} m",
+        detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m deep",
+        link=_found(places, "Depths Of Bathymetric Points"),
+    )
+
+
+def _s44(depths: Depths, places: Mapping[str, str]) -> list[Fact]:
+    count = int(depths.ranked.sum())
+    if not count:
+        return []
+    best = next((order for order, met in depths.shares() if met >= _ENOUGH * count), NO_ORDER)
+    exclusive, met = depths.shares()[0]
+    return [
+        Fact(
+            label="Order of S-44 that 95 % of the depths meet",
+            value=best,
+            detail=f"{exclusive}: {met:,} of {count:,} points",
+            link=_found(places, ORDERS),
+        )
+    ]
+
+
+def _hidden(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
+    table: Any = part(tables, "tests").get("hidden_errors") or {}
+    weak = table.get("weak", ())
+    if not len(weak):
+        return []
+    return [
+        Fact(
+            label="Points weakly checked",
+            value=f"{sum(weak):,} of {len(weak):,}",
+            detail=f"an undetected error may move them by more than {FAR:.0f} sigmas",
+            link=_found(places, "Statistics: Points That Undetected"),
+        )
+    ]
+
+
+def _blunders(tables: Tables, places: Mapping[str, str]) -> Fact:
+    editing = part(tables, "options").get("editing", "NONE")
+    actions = Counter(part(tables, "findings").get("action", ()))
+    if editing == "NONE":
+        return Fact(label="Blunders", value="not looked for")
+    detail = ", ".join(f"{action} {count}" for action, count in actions.items()) or "none were found"
+    return Fact(
+        label="Blunders", value=f"{sum(actions.values()):,}", detail=detail, link=_found(places, "Blunders Found")
+    )

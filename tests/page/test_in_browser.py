@@ -1,0 +1,176 @@
+"""Pages with their pictures in a browser without a network: requests, console, axe, keyboard, widths, paper.
+
+They need Chromium, and axe-core by the variable AXE_CORE, a path of axe.min.js; .ci/run sees to both.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from musatpy.as11_runs import compile_deck
+from musatpy.page.index_page import JobRow, index_html
+from musatpy.page.records import page_of_record
+from page.browser import browser, chromium
+from page.pages import ROOT, ST_THOMAS, written
+
+AXE = os.environ.get("AXE_CORE", "")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(chromium() is None, reason="no Chromium here"),
+]
+_RUN = (
+    "axe.run(document, {resultTypes: ['violations']}).then(found => JSON.stringify(found.violations.map("
+    "one => [one.id, one.impact, one.nodes.map(node => node.html.slice(0, 200))])))"
+)
+_OPEN_ALL = "document.querySelectorAll('details').forEach(one => one.open = true)"
+_WIDTH = "document.documentElement.scrollWidth"
+_FOCUSED = (
+    "(() => { const one = document.activeElement, box = one.closest('.scroll');"
+    " return [one.tagName, one.parentElement && one.parentElement.open === false,"
+    " box === one ? (box.getAttribute('aria-labelledby') || '') : '']})()"
+)
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory):
+    """Pages of a run, of a compilation, of a run that is rejected, and the index of a batch."""
+    folder = tmp_path_factory.mktemp("pages")
+    record = written(folder)
+    compiled = compile_deck(record, ROOT / "fixtures" / "st_thomas_as11" / "st_thomas_as11.crd", folder)
+    second = next(path for path in compiled.files if path.suffix == ".json")
+    rejected = folder / "rejected.json"
+    content = json.loads(record.read_text())
+    reason = {"grade": "REJECTED", "concern": "sigma0", "text": "sigma0 is 9", "section": "Statistics: Sigma0"}
+    reasons = content["verdict"]["reasons"]
+    content["verdict"] |= {"grade": "REJECTED"}
+    content["verdict"]["reasons"] = {k: [v] for k, v in reason.items()} if isinstance(reasons, dict) else [reason]
+    rejected.write_text(json.dumps(content))
+    rows = [
+        JobRow(
+            name=f"decks/{state}.crd", state=state, photos=3, points=22, sigma0=1.0, check_points=2,
+            check_rms=(0.1, 0.2, 0.3), message="why " * 30, links=(("page", "a.html"), ("listing", "a.lst")),
+        )
+        for state in ("accepted", "doubtful", "rejected", "not converged", "not run", "crashed")
+    ]  # fmt: skip
+    pages = {"run": page_of_record(record), "compilation": page_of_record(second)}
+    pages |= {"rejected": page_of_record(rejected), "index": index_html("Campaign", rows)}
+    for name, html in pages.items():
+        (folder / f"{name}.html").write_text(html)
+    return {name: folder / f"{name}.html" for name in pages}
+
+
+@pytest.fixture(scope="module")
+def tab():
+    with browser() as tab:
+        yield tab
+
+
+NAMES = ("run", "compilation", "rejected", "index")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_request_and_no_word_on_the_console(tab, places, name):
+    tab.open(places[name].as_uri())
+    tab.evaluate(_OPEN_ALL)
+    assert tab.said() == []
+
+
+def test_the_browser_would_tell(tab, tmp_path):
+    """A page that asks for something, and says something, is noticed: the test before this can fail."""
+    page = tmp_path / "asks.html"
+    page.write_text("<img src='http://127.0.0.1:9/x.png'><script>console.log('here')</script>")
+    tab.open(page.as_uri())
+    assert {"Network.requestWillBeSent", "Runtime.consoleAPICalled"} <= {event["method"] for event in tab.said()}
+
+
+@pytest.mark.skipif(not AXE, reason="AXE_CORE names no axe.min.js")
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [1400, 320])
+@pytest.mark.parametrize("name", NAMES)
+def test_axe_finds_nothing(tab, places, name, width, dark):
+    tab.dark(dark)
+    tab.open(places[name].as_uri(), width)
+    tab.evaluate(f"{Path(AXE).read_text()}; 0")
+    assert json.loads(tab.evaluate(_RUN)) == []
+    tab.evaluate(_OPEN_ALL)
+    assert json.loads(tab.evaluate(_RUN)) == []
+    tab.dark(False)
+
+
+@pytest.mark.skipif(not AXE, reason="AXE_CORE names no axe.min.js")
+def test_axe_would_find_a_table_without_heads(tab, tmp_path):
+    page = tmp_path / "bad.html"
+    page.write_text("<html><body><img src='data:,'><p style='color: #aaa'>pale</p></body></html>")
+    tab.open(page.as_uri())
+    tab.evaluate(f"{Path(AXE).read_text()}; 0")
+    assert {"image-alt", "color-contrast", "html-has-lang"} <= {one[0] for one in json.loads(tab.evaluate(_RUN))}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_tab_and_enter_reach_every_table(tab, places, name):
+    tab.open(places[name].as_uri())
+    wanted = set(
+        tab.evaluate("[...document.querySelectorAll('.scroll')].map(x => x.getAttribute('aria-labelledby'))")
+    )
+    reached = set()
+    for _ in range(400):
+        tab.tab()
+        tag, is_closed, region = tab.evaluate(_FOCUSED)
+        if tag == "BODY":
+            break
+        if tag == "SUMMARY" and is_closed:
+            tab.enter()
+        reached |= {region} - {""}
+    assert wanted and reached == wanted
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_wider_than_a_small_screen(tab, places, name):
+    tab.open(places[name].as_uri(), 320)
+    tab.evaluate(_OPEN_ALL)
+    assert tab.evaluate(_WIDTH) == 320
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_paper_shows_folded_tables_and_cuts_none(tab, places, name):
+    tab.send("Emulation.setEmulatedMedia", media="print")
+    tab.open(places[name].as_uri(), 703)  # A4 less its margins, in pixels of 1/96 inch
+    tables = tab.evaluate(
+        "[...document.querySelectorAll('table')].map(one => [one.caption || one.getAttribute('aria-labelledby'),"
+        " one.getBoundingClientRect().right, one.getBoundingClientRect().height])"
+    )
+    tab.send("Emulation.setEmulatedMedia", media="")
+    assert tables
+    for title, right, height in tables:
+        assert height > 10.0, f"{title} is folded"
+        assert right <= 703.5, f"{title} is cut"
+    assert tab.pdf()[:5] == b"%PDF-"
+
+
+def test_the_same_record_gives_the_same_bytes_and_not_many(places, tmp_path):
+    """Twice in processes of their own, with other hashes of texts; 0.4 MB at most."""
+    record = places["run"].with_name("job.json")
+    pages = []
+    for seed in ("1", "2"):
+        out = tmp_path / f"{seed}.html"
+        command = [sys.executable, "-c", "from musatpy.cli.main import main; main()", "report", "-q", str(record)]
+        subprocess.run([*command, "-o", str(out)], check=True, env={**os.environ, "PYTHONHASHSEED": seed})
+        pages.append(out.read_bytes())
+    assert pages[0] == pages[1] == places["run"].read_bytes()
+    assert len(pages[0]) <= 400_000
+    assert pages[0].count(b"<figure ") >= 8
+
+
+def test_a_run_makes_the_same_page_in_one_go(tmp_path):
+    main = [sys.executable, "-c", "from musatpy.cli.main import main; main()"]
+    subprocess.run([*main, "run", str(ST_THOMAS), "-o", str(tmp_path), "--html", "-q"], check=True)
+    page = tmp_path / "st_thomas.html"
+    first = page.read_bytes()
+    subprocess.run([*main, "report", "-q", str(page.with_suffix(".json")), "--input", str(ST_THOMAS)], check=True)
+    assert page.read_bytes() == first

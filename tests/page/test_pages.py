@@ -1,0 +1,262 @@
+"""What stands on the page of a run, against the record and against numbers found another way."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from musatpy.errors import MusatError, RecordError
+from musatpy.page import rendering
+from musatpy.page.records import page_of_record
+from musatpy.units import ARC_SECOND, DEGREE
+from page.pages import EARLIER, ROOT, ST_THOMAS, Reader, earlier_record, read, record, record_text, written
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(autouse=True)
+def _without_pictures(monkeypatch):
+    """Pictures take most of the time, and have tests of their own."""
+    monkeypatch.setattr("musatpy.page.run_page.GALLERY", ())
+
+
+@pytest.fixture
+def page(tmp_path):
+    return read(written(tmp_path))
+
+
+def numbers(rows, head):
+    return np.array([float(row[head]) for row in rows if row[head]])
+
+
+def test_the_verdict_stands_first(page):
+    before, _, after = page.text.partition("ACCEPTED")
+    assert "Accuracy" not in before and "no test speaks against it" in after[:60]
+
+
+def test_control_and_check_points_against_the_cards_and_the_record(page):
+    control = record()["control"]
+    difference, used = (np.array(control[name], dtype=float) for name in ("difference", "used"))
+    check = np.array([kind == "check" for kind in control["kind"]])
+    rows = page.rows("Control And Check Points: Adjusted Minus Given")
+    for axis, name in enumerate(("East", "North", "Up")):
+        for what, chosen in (("Control", ~check & (used[:, axis] > 0)), ("Check points", check)):
+            values = difference[chosen, axis]
+            (row,) = (row for row in rows if (row["Points"], row["Component"]) == (what, name))
+            assert int(row["Number"]) == len(values)
+            assert float(row["RMS m"]) == pytest.approx(np.sqrt(np.mean(values**2)), abs=5.1e-4)
+            assert float(row["Mean m"]) == pytest.approx(values.mean(), abs=5.1e-4)
+            assert abs(float(row["Maximum m"])) == pytest.approx(np.abs(values).max(), abs=5.1e-4)
+
+
+def test_rows_are_those_of_the_record_the_worst_first(page):
+    rows = page.rows("Statistics: Observations, The Worst First")
+    tests = np.abs(numbers(rows, "Test value"))
+    given = np.array(record()["observations"]["test"], dtype=float)
+    known = np.sort(np.abs(given[~np.isnan(given)]))[::-1]
+    np.testing.assert_allclose(tests, known[: len(tests)], atol=5.1e-3)  # two decimals
+    assert {row["Unit"] for row in rows} <= {"µm", "m", "″"}
+    assert float(rows[0]["Sigma"]) == 5.0  # um, of the option card
+    assert "20 of 112 rows" in page.text
+
+
+def test_angles_read_back_to_their_printed_digit(page):
+    rows = page.rows("Adjusted Exposure Stations: Positions")
+    given = dict(zip(record()["stations"]["photo"], record()["stations"]["position"], strict=True))
+    assert len(rows) == 3
+    for row in rows:
+        for axis, head in enumerate(("Latitude ° ′ ″", "Longitude ° ′ ″")):
+            d, m, s = (float(part) for part in re.findall(r"-?[\d.]+", row[head]))
+            angle = (abs(d) + m / 60.0 + s / 3600.0) * DEGREE * (-1.0 if row[head].startswith("-") else 1.0)
+            assert angle == pytest.approx(given[row["Photo"]][axis], abs=0.51e-5 * ARC_SECOND)
+        assert float(row["Elevation m"]) == pytest.approx(given[row["Photo"]][2], abs=5.1e-4)
+
+
+def test_what_refraction_changed(page):
+    points = record()["bathymetric_points"]
+    depth, straight = (np.array(points[name], dtype=float) for name in ("depth", "depth_no_refraction"))
+    found = re.search(r"deeper by ([\d.]+) m in the mean, by ([\d.]+) m at most \(point (\w+)\)", page.text)
+    assert float(found[1]) == pytest.approx((depth - straight).mean(), abs=5.1e-3)
+    assert float(found[2]) == pytest.approx((depth - straight).max(), abs=5.1e-3)
+    assert found[3] == points["point"][int((depth - straight).argmax())]
+    # in plan: positions less their components along the vertical, from geocentric coordinates
+    moved = np.subtract(points["refraction"], points["no_refraction"])
+    up = np.array(points["no_refraction"]) / np.linalg.norm(points["no_refraction"], axis=1)[:, None]
+    plan = np.linalg.norm(moved - np.sum(moved * up, axis=1)[:, None] * up, axis=1)
+    mean = float(re.search(r"moved them in plan by ([\d.]+) m", page.text)[1])
+    assert mean == pytest.approx(plan.mean(), abs=0.02)  # the geocentric vertical is .2 degrees off the normal
+
+
+def test_orders_of_s44_against_the_standard(page):
+    """IHO S-44, edition 6.1.0, table 1: sqrt(a^2 + (b d)^2) at 95 %, here 1.96 sigma of the height."""
+    points = record()["points"]
+    wet = dict(zip(points["point"], points["covariance"], strict=True))
+    bathymetric = record()["bathymetric_points"]
+    met = 0
+    for name, depth in zip(bathymetric["point"], bathymetric["depth"], strict=True):
+        covariance = np.array(wet[name])
+        up, plan = 1.96 * np.sqrt(covariance[2, 2]), 2.448 * np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1])
+        met += up <= np.hypot(0.5, 0.013 * max(depth, 0.0)) and plan <= 5.0 + 0.05 * max(depth, 0.0)
+    row = next(row for row in page.rows("Orders Of S-44 Met By The Depths") if row["Order"] == "1a/1b")
+    assert int(row["Points that meet it"]) == met
+    assert float(row["Share %"]) == pytest.approx(100.0 * met / len(bathymetric["point"]), abs=0.051)
+
+
+def test_the_flight(page):
+    assert page.fact("Flying height over the ground") == "2378 m" or "2378 m" in page.text
+    assert "1 : 15,600" in page.text  # 2378 m / 152.25 mm
+    assert [row["Rays"] for row in page.rows("Rays To Ground Points")] == ["2", "3"]
+
+
+def test_who_moved_most_is_not_named_where_the_movement_shows_zeros(page):
+    _, *rows = page.tables["Iterations"]
+    assert {row[3] for row in rows if float(row[2]) == 0.0} == {""}
+    assert {row[3] for row in rows if float(row[2]) > 0.0} <= {"21", "22", "23"}
+
+
+def test_every_link_leads_somewhere_and_ids_are_single(page):
+    assert len(page.links) > 15
+    assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
+    assert len(page.ids) == len(set(page.ids))
+
+
+def test_nothing_is_asked_of_a_network(tmp_path):
+    html = page_of_record(written(tmp_path))
+    reader = Reader(html)
+    names = {tag for tag, _ in reader.tags}
+    assert not names & {"script", "iframe", "object", "embed", "form", "base"}
+    policies = [given["content"] for tag, given in reader.tags if tag == "meta" and "http-equiv" in given]
+    assert policies == ["default-src 'none'; img-src data:; style-src 'unsafe-inline'"]
+    outside = [given.get(name) for _, given in reader.tags for name in ("src", "href", "srcset") if given.get(name)]
+    assert all(place.startswith(("#", "data:")) for place in outside)
+    assert not [name for _, given in reader.tags for name in given if name.startswith("on")]
+
+
+def test_tables_have_heads_with_scope_and_are_reached_by_keyboard(page):
+    heads = [given for tag, given in page.tags if tag == "th"]
+    assert heads and all(given.get("scope") in ("row", "col") for given in heads)
+    regions = [given for tag, given in page.tags if tag == "div" and given.get("role") == "region"]
+    tables = [given for tag, given in page.tags if tag == "table"]
+    assert len(regions) == len(tables) > 10
+    assert all(given.get("tabindex") == "0" and given["aria-labelledby"] in page.ids for given in regions)
+
+
+def test_names_are_escaped(tmp_path):
+    rows = json.loads(record_text())
+    rows["titles"] = [HOSTILE, "\x1b[31m \u202e"]
+    rows["stations"]["photo"] = [HOSTILE, "22", '"><b>']
+    rows["points"]["point"][0] = HOSTILE
+    rows["solution"]["warnings"] = [HOSTILE]
+    html = page_of_record(written(tmp_path, json.dumps(rows)))
+    reader = Reader(html)
+    assert not [tag for tag, _ in reader.tags if tag in ("img", "b")]
+    assert reader.text.count(HOSTILE) > 4
+    assert "\x1b" not in html and "\u202e" not in html
+
+
+def test_a_record_of_an_earlier_schema_gives_the_same_page(tmp_path):
+    assert EARLIER.exists()
+    now = read(written(tmp_path)).text
+    then = read(earlier_record(tmp_path)).text
+    different = [pair for pair in zip(now.splitlines(), then.splitlines(), strict=True) if pair[0] != pair[1]]
+    assert len(different) == 2  # the schema, and the hash of the record
+    assert "2.0" in different[0][0] and "1.10" in different[0][1] and "SHA-256" in different[1][0]
+
+
+def test_fields_that_a_record_lacks_are_left_out(tmp_path):
+    whole = record()
+    kept = {name: whole[name] for name in ("schema_version", "options", "solution", "stations", "points")}
+    kept["stations"] = {name: whole["stations"][name] for name in ("photo", "camera", "position")}
+    reader = read(written(tmp_path, json.dumps(kept)))
+    assert "DOUBTFUL" in reader.text  # of the time before verdicts
+    assert [row["Photo"] for row in reader.rows("Adjusted Exposure Stations: Positions")] == ["21", "22", "23"]
+    assert "Sigma East m" not in reader.tables["Adjusted Exposure Stations: Positions"][0]
+    assert "No control point or check point" in reader.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", [name for name in record() if name not in ("schema_version", "options", "solution")]
+)
+def test_any_table_may_be_missing_or_is_asked_for(tmp_path, name):
+    kept = record()
+    del kept[name]
+    path = written(tmp_path, json.dumps(kept))
+    if name in ("stations", "points"):
+        with pytest.raises(RecordError, match=f"{name}: is missing"):
+            page_of_record(path)
+    else:
+        assert "Adjusted Exposure Stations" in read(path).text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is no JSON"),
+        ("[1, 2]", "is neither the record of a run nor that of a compilation"),
+        ('{"schema_version": "9.0"}', "is a record of schema 9.0, and this program reads"),
+        ('{"schema_version": "2.0"}', "options: is missing"),
+        ('{"compilation_version": "2.0"}', "job: is missing"),
+    ],
+)
+def test_what_is_no_record_is_refused(tmp_path, text, message):
+    with pytest.raises(RecordError, match=re.escape(message)):
+        page_of_record(written(tmp_path, text))
+
+
+def test_a_wrong_value_is_named_with_its_place(tmp_path):
+    wrong = record()
+    wrong["stations"]["position_sigma"][1] = "far"
+    with pytest.raises(RecordError, match=r"stations.position_sigma\[1\]: expected 3 numbers.*found \"far\""):
+        page_of_record(written(tmp_path, json.dumps(wrong)))
+
+
+def test_an_unconverged_run_says_so_with_the_place_of_its_reason(tmp_path):
+    page = read(written(tmp_path, record_text(ST_THOMAS, "FULL      20  20", "FULL       1   1")))
+    assert "FAILED" in page.text and "not converged, not to be used" in page.text
+    assert "limits not reached in 1 iteration" in page.text
+
+
+def test_a_run_without_water_or_dry_points(tmp_path):
+    dry = record()
+    dry["points"]["bathymetric"] = [False] * len(dry["points"]["point"])
+    dry["bathymetric_points"] = {name: [] for name in dry["bathymetric_points"]}
+    dry["adjusted_water"] = dry["water"] = None
+    dry["plates"]["refraction"] = [[0.0, 0.0]] * len(dry["plates"]["photo"])
+    page = read(written(tmp_path, json.dumps(dry)))
+    assert "(0 submerged)" in page.text and "What Refraction Changed" not in page.text
+    wet = record()
+    wet["points"]["bathymetric"] = [True] * len(wet["points"]["point"])
+    assert "(22 submerged)" in read(written(tmp_path, json.dumps(wet))).text
+
+
+def test_positions_in_the_output_system(tmp_path):
+    text = record_text(ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd")
+    stated = json.loads(text)["stated"]
+    rows = read(written(tmp_path, text)).rows("Adjusted Exposure Stations: In The Output System")
+    heads = list(rows[0])
+    assert heads[:3] == ["Photo", "E US survey foot", "N US survey foot"]
+    assert heads[7:] == ["Convergence", "Scale along meridian", "Scale along parallel"]
+    scales = [[float(row[head]) for head in heads[8:]] for row in rows]
+    np.testing.assert_allclose(scales, stated["stations"]["scale"], atol=5.1e-8)
+    shown = np.array([[float(row[head]) for head in heads[1:7]] for row in rows])
+    np.testing.assert_allclose(shown[:, :3], stated["stations"]["position"], atol=5.1e-4)
+    variance = np.diagonal(np.array(stated["stations"]["covariance"]), axis1=1, axis2=2)[:, :3]
+    np.testing.assert_allclose(shown[:, 3:], np.sqrt(variance), atol=5.1e-4)
+
+
+def test_columns_of_a_local_job(tmp_path):
+    local = ROOT / "fixtures" / "verdict" / "iiia_false_minimum.crd"
+    page = read(written(tmp_path, record_text(local)))
+    assert page.tables["Adjusted Exposure Stations: Positions"][0][2:5] == ["X m", "Y m", "Z m"]
+    assert "Sigma X m" in page.tables["Adjusted Ground Points"][0]
+
+
+@pytest.mark.parametrize("missing", ["jinja2", "matplotlib"])
+def test_a_missing_package_is_named_with_its_pip_line(monkeypatch, tmp_path, missing):
+    monkeypatch.setattr(rendering.importlib.util, "find_spec", lambda name: None if name == missing else name)
+    with pytest.raises(MusatError, match=rf"pages need {missing}: pip install 'musatpy\[report\]'"):
+        page_of_record(written(tmp_path))
