@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,14 @@ from click.testing import CliRunner, Result
 
 import stage_readings
 from json_schema import violations
+from musatpy import read_deck
 from musatpy.as11_runs import run_of
 from musatpy.cli.main import main as musat
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
+from musatpy.compilation.triangulation import Triangulation, of_block
 from musatpy.compilation.true_points import Readings, true_points
+from musatpy.model import Program, WaterLevel
 from musatpy.reports import run_comparison
 from record_rows import read_rows, with_columns
 
@@ -106,6 +110,46 @@ def test_sigmas_from_a_punched_deck_are_those_of_the_pointing(runs: Path, tmp_pa
     covariance = true_points(run, stereo.photos, readings).covariance[0]
     turned = stereo.axes @ run.frame.axes(stereo.working(mark))[0].T
     assert np.allclose(np.sqrt(np.diagonal(turned @ covariance @ turned.T)), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("level", [WaterLevel.ONE, WaterLevel.PHOTO])
+def test_sigmas_on_the_water_cards_of_a_punched_deck_are_in_those_of_points(level: WaterLevel) -> None:
+    """By what a point moves by when the tides and the index are others: together, or each tide by itself."""
+    block = read_deck(DECK)
+    assert block.water is not None
+    block = replace(
+        block,
+        photos=replace(block.photos, tide_sigma=np.full(len(block.photos.ids), 0.2)),
+        water=replace(block.water, sigma=0.01),
+        options=replace(block.options, program=Program.IIIA, water_level=level),
+    )
+    run, readings = of_block(block), one_reading(of_block(block))
+
+    def at(tides: list[float], index: float) -> np.ndarray:
+        moved = replace(
+            run.block,
+            photos=replace(run.block.photos, tide=run.block.photos.tide + np.array([*tides, 0.0])),
+            water=replace(run.block.water, index=1.34 + index),
+        )
+        points = true_points(replace(run, block=moved), (0, 1), readings)
+        return run.frame.working(points.position)[0]
+
+    def by(tides: list[float], index: float) -> np.ndarray:
+        return (at(tides, index) - at([-t for t in tides], -index)) / 2.0
+
+    together = level is WaterLevel.ONE
+    steps = [([0.2, 0.2], 0.0)] if together else [([0.2, 0.0], 0.0), ([0.0, 0.2], 0.0)]
+    errors = np.stack([by(*step) for step in (*steps, ([0.0, 0.0], 0.01))])
+    axes = run.frame.axes(at([0.0, 0.0], 0.0))
+    found, exact = (true_points(of, (0, 1), readings).covariance[0] for of in (run, replace(run, water=None)))
+    np.testing.assert_allclose(found - exact, axes @ errors.T @ errors @ axes.T, rtol=1e-3, atol=1e-6)
+    assert found[2, 2] > 1.1 * exact[2, 2]
+
+
+def one_reading(run: Triangulation) -> Readings:
+    """Return the reading of a submerged point on the first two photos."""
+    xy = Loop(stereo=set_up(run, *run.block.photos.ids[:2].tolist())).stages(np.array([[300.0, -900.0, -12.0]])).xy
+    return Readings(ids=np.array(["A"]), submerged=np.array([True]), xy=xy, sigma=np.full((1, 2, 2), 0.005))
 
 
 def test_a_deck_that_cannot_be_a_run_is_refused_with_its_reasons(runs: Path, tmp_path: Path) -> None:

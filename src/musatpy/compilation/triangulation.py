@@ -7,15 +7,29 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment.network import job_frame
+from musatpy.adjustment.building import build_network
+from musatpy.adjustment.considered import extended
+from musatpy.adjustment.network import job_frame, participation
+from musatpy.adjustment.unknowns import initial_state
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, CompilationError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.systems import Geocentric, Geographic, System
-from musatpy.model import Block, LevelPairs, Solution, StationPairs, SystemSpec, Water, WaterPrecision
-from musatpy.model.waves import known_waves
+from musatpy.model import (
+    Block,
+    LevelPairs,
+    Program,
+    Refraction,
+    Solution,
+    StationPairs,
+    SystemSpec,
+    Treatment,
+    Water,
+    WaterLevel,
+    WaterPrecision,
+)
 
 UNCONVERGED = "the run has not converged"
 PUNCHED = "from a punched deck: sigmas are those of stages and water alone"
@@ -147,13 +161,15 @@ def of_solution(solution: Solution, sea: Sea | None = None) -> Triangulation:
 
 
 def of_block(block: Block) -> Triangulation:
-    """Return the triangulation of a punched deck: stations, water and control as they stand there, without error.
+    """Return the triangulation of a punched deck: stations and control as they stand there, without error.
 
-    Raises `CompilationError` with every photo that has no position or attitude.
+    So does its water, whose sigmas on the cards are those of errors that are not adjusted (`considered`). Raises
+    `CompilationError` with every photo that has no position or attitude.
     """
+    block = _with_known_water(block)
     photos, sea, faults = block.photos, None, []
     try:
-        sea = waves_of_run(replace(block, waves=known_waves(block.waves)), None)
+        sea = waves_of_run(block, None)
     except CompilationError as error:
         faults += [problem.message for problem in error.problems]
     for values, what in ((photos.position, "position"), (photos.attitude, "attitude")):
@@ -179,7 +195,7 @@ def of_block(block: Block) -> Triangulation:
         covariance=np.zeros((len(photos.ids), 6, 6)),
         pairs=StationPairs(photo=np.empty((0, 2), dtype=np.int64), covariance=np.empty((0, 6, 6))),
         levels=None,
-        water=None,
+        water=_water_of_cards(block, sea),
         position=position,
         point_covariance=np.full((count, 3, 3), np.nan),
         triangulated=block.plates.triangulated,
@@ -188,6 +204,45 @@ def of_block(block: Block) -> Triangulation:
         sea=sea,
         stated=block.answer_in,
         caution=PUNCHED,
+    )
+
+
+def _with_known_water(block: Block) -> Block:
+    """Return a block that adjusts no water; tides that had a correction in common have an error in common."""
+    options, photos = block.options, block.photos
+    nothing = np.full(len(photos.ids), "")
+    group, day = {
+        WaterLevel.ONE: (np.full(len(photos.ids), "ONE"), nothing),
+        WaterLevel.DAY: (nothing, photos.tide_day),
+        WaterLevel.GROUP: (photos.tide_group, nothing),
+        WaterLevel.PHOTO: (nothing, nothing),
+    }.get(options.water_level, (photos.tide_group, photos.tide_day))
+    return replace(
+        block,
+        photos=replace(photos, tide_group=group, tide_day=day),
+        options=replace(
+            options,
+            program=Program.IIA,
+            refraction=Refraction.RIGOROUS,
+            water_level=WaterLevel.KNOWN,
+            water_tilt=Treatment.KNOWN,
+            water_index=Treatment.KNOWN,
+        ),
+    )
+
+
+def _water_of_cards(block: Block, sea: Sea | None) -> WaterPrecision | None:
+    """Return the variances of the water of a block that adjusts none of it, by the sigmas on its cards."""
+    network = build_network(block, job_frame(block), participation(block), sea)
+    wide = extended(block, network, initial_state(network))
+    count = len(wide.sigma)
+    if not count:
+        return None
+    return WaterPrecision(
+        names=tuple(wide.names),
+        covariance=np.diag(np.square(wide.sigma)),
+        stations=np.zeros((len(block.photos.ids), 6, count)),
+        levels=np.empty((0, count)),
     )
 
 
