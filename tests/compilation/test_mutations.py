@@ -5,6 +5,7 @@ A change that no test of its room notices has no test.
 
 from __future__ import annotations
 
+import compileall
 import os
 import shutil
 import subprocess
@@ -174,6 +175,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("copy")
     shutil.copytree(ROOT / "src" / "musatpy", folder / "musatpy", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "card_formats", folder / "musatpy" / "card_formats")
+    compileall.compile_dir(folder, quiet=2)  # once: of each mutation only the changed file is compiled anew
     return folder
 
 
