@@ -17,7 +17,8 @@ from musatpy.model.tables import Table, columns
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 # Of every kind of card: land and water, raw plates, waves, IIIA with its observations, many groups.
-DECKS = sorted(path for path in FIXTURES.glob("*/*.crd") if path.parent.name in (
+# three_photos is for "musat orient": it has no datum, and is no block.
+DECKS = sorted(path for path in FIXTURES.glob("*/*.crd") if path.stem != "three_photos" and path.parent.name in (
     "st_thomas", "cayman", "st_thomas_raw", "waves", "verdict", "orientation",
 ))  # fmt: skip
 
@@ -45,10 +46,7 @@ def assert_same(block, other):
 
 @pytest.mark.parametrize("deck", DECKS, ids=lambda path: path.stem)
 def test_a_block_can_be_made_again_of_what_it_says(deck):
-    try:
-        block = read_deck(deck)
-    except DeckError:
-        pytest.skip("a deck that cannot be read")
+    block = read_deck(deck)
     assert_same(block, of_parts(block).build())
 
 
