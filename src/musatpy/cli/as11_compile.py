@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
-from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_overwriting
+from musatpy.cli.options import (
+    NamedPath,
+    anyway_option,
+    carriage_control_option,
+    csv_option,
+    date_option,
+    out_option,
+    refuse_overwriting,
+)
 
 if TYPE_CHECKING:
     from musatpy.as11_runs import CompileResult
@@ -21,10 +29,8 @@ if TYPE_CHECKING:
 @click.argument("deck", type=NamedPath())
 @out_option
 @anyway_option
-@click.option(
-    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
-)
-@click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
+@carriage_control_option
+@csv_option
 @click.option("--plots", is_flag=True, help="Pictures of depths, sigmas, contours too (NAME.depths.svg).")
 @click.option("--gis", is_flag=True, help="Points and contours for GIS and CAD too (NAME.gpkg, NAME.dxf).")
 @click.option("--las", is_flag=True, help="Points with depths and sigmas as a cloud too (NAME.las).")
@@ -33,7 +39,7 @@ if TYPE_CHECKING:
     default="",
     help="System of these files, on the ellipsoid of the job: EPSG:4267; then GeoJSON too.",
 )
-@click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+@date_option
 @click.pass_context
 def command(
     ctx: click.Context,

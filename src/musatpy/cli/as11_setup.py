@@ -9,7 +9,14 @@ import click
 
 from musatpy.cli.as11_compile import report_faults
 from musatpy.cli.messages import count_of, name_of, tell
-from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_overwriting
+from musatpy.cli.options import (
+    NamedPath,
+    anyway_option,
+    carriage_control_option,
+    date_option,
+    out_option,
+    refuse_overwriting,
+)
 
 
 @click.command(name="setup", short_help="Set the models of a deck up.")
@@ -17,10 +24,8 @@ from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_ove
 @click.argument("deck", type=NamedPath())
 @out_option
 @anyway_option
-@click.option(
-    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
-)
-@click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+@carriage_control_option
+@date_option
 @click.pass_context
 def command(
     ctx: click.Context,

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, name_of, tell
-from musatpy.cli.options import NamedPath, formats_option, out_option, processes_option, record_option, set_option
+from musatpy.cli.options import (
+    NamedPath,
+    formats_option,
+    out_option,
+    processes_option,
+    record_option,
+    set_option,
+    strict_option,
+)
 
 if TYPE_CHECKING:
     from musatpy.campaign.batch import BatchResult
@@ -36,7 +44,7 @@ _IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the sa
 @record_option
 @click.option("--html", is_flag=True, help="A page of each job too, and an index page of all (musat-batch.html).")
 @click.option("--again", is_flag=True, help="Run finished jobs again too.")
-@click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
+@strict_option
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no table; messages of errors only.")
 @click.pass_context
 def command(

@@ -130,6 +130,14 @@ out_option = click.option(
     type=NamedPath(file_okay=False),
     help="Where results go; beside the input where not given.",
 )
+carriage_control_option = click.option(
+    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
+)
+csv_option = click.option(
+    "--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv."
+)
+date_option = click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+strict_option = click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
 anyway_option = click.option(
     "--anyway", is_flag=True, help="Also on a run that has not converged; every page says so."
 )

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, tell
-from musatpy.cli.options import decks_argument, formats_option, out_option
+from musatpy.cli.options import (
+    carriage_control_option,
+    csv_option,
+    date_option,
+    decks_argument,
+    formats_option,
+    out_option,
+    strict_option,
+)
 from musatpy.errors import MusatError
 
 if TYPE_CHECKING:
@@ -21,12 +29,10 @@ if TYPE_CHECKING:
 @out_option
 @formats_option
 @click.option("-q", "--quiet", is_flag=True, help="No summary; messages of errors only.")
-@click.option(
-    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
-)
-@click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
-@click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
-@click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+@carriage_control_option
+@csv_option
+@strict_option
+@date_option
 @click.option("--punch", is_flag=True, help="Write NAME.pun too: the deck that a run starts from.")
 @click.option(
     "--study",

@@ -25,12 +25,16 @@ from musatpy.cli.messages import (
     tell_file,
 )
 from musatpy.cli.options import (
+    carriage_control_option,
+    csv_option,
+    date_option,
     decks_argument,
     formats_option,
     out_option,
     record_option,
     set_option,
     settings_for,
+    strict_option,
 )
 from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.cli.shown import show, shown_of, shown_options
@@ -52,15 +56,13 @@ _FAST = "pip install 'musatpy[fast]'"
 @formats_option
 @set_option
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no summary; messages of errors only.")
-@click.option(
-    "--carriage-control", is_flag=True, help="ASA carriage control characters in column 1 of the listing."
-)
+@carriage_control_option
 @click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
 @record_option
-@click.option("--csv", is_flag=True, help="Write the tables of the listing too, as NAME_tables/TITLE.csv.")
+@csv_option
 @shown_options
-@click.option("--strict", is_flag=True, help="End with status 4 for a doubtful answer too.")
-@click.option("--date", "dated", is_flag=True, help="Print today's date on every page.")
+@strict_option
+@date_option
 @click.option("--punch-edits", is_flag=True, help="Write NAME.edited.crd too: the deck without the blunders found.")
 @punch_options
 @click.pass_context
