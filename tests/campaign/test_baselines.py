@@ -116,6 +116,45 @@ def test_a_change_is_shown_and_taken_over(top):
     assert not (base / ".new").exists()
 
 
+@pytest.mark.slow
+def test_a_compilation_deck_is_compiled_on_the_run_of_its_triangulation(tmp_path):
+    shutil.copytree(ROOT / "fixtures" / "cayman_as11", tmp_path / "as11")
+    run = tmp_path / "strip.crd"
+    run.write_bytes((ROOT / "fixtures" / "cayman" / "cayman_clean.crd").read_bytes())
+    deck, base = tmp_path / "as11" / "cayman_as11.crd", tmp_path / "base"
+    golden = deck.with_suffix(".lst").read_bytes()
+    assert cli("save", base, deck, "--run", run, "-q").exit_code == 0
+    assert (base / "as11" / "cayman_as11.lst").read_bytes() == golden
+    assert json.loads((base / INDEX).read_text())["runs"] == {"as11/cayman_as11.crd": "strip.crd"}
+    assert [one.state for one in check(base).decks] == ["identical"]
+
+    run.write_bytes(run.read_bytes().replace(b"\n", b"\r\n"))  # a checkout by git
+    assert [one.state for one in check(base).decks] == ["identical"]
+    edit(run, *WATER)
+    (one,) = check(base).decks
+    assert one.notes == ("not the one that was saved: run/strip.crd",)
+    assert any(not difference.same for difference in one.differences)
+    assert accept(base).changed == ("as11/cayman_as11.crd",)
+    assert check(base).same
+
+    edit(run, b"END", b"EMD")
+    (one,) = check(base).decks
+    assert (one.state, one.outcome.unusable) == ("failed", True)
+    assert one.outcome.problems[0].file == str(run)
+    edit(deck, b"842843   842      843", b"842843   842      999")
+    edit(run, b"EMD", b"END")
+    assert accept(base, unusable=True).changed == ("as11/cayman_as11.crd",)
+    messages = (base / "as11" / "cayman_as11.err").read_text()
+    assert messages.startswith("unusable, exit status 1: 1 error\nas11/cayman_as11.crd:2 cols ")
+    run.unlink()
+    (one,) = check(base).decks
+    assert one.outcome.message == f"{run}: No such file or directory"
+    deck.unlink()
+    assert accept(base).dropped == ("as11/cayman_as11.crd",) and "runs" not in json.loads(
+        (base / INDEX).read_text()
+    )
+
+
 @pytest.mark.parametrize(("value", "coloured"), [("", True), ("1", False)])
 @pytest.mark.slow
 def test_colours_of_a_check_are_those_of_a_diff(top, value, coloured):

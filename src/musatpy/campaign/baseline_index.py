@@ -72,6 +72,7 @@ class Baseline:
     records: bool = True  # False: listings only
     formats: str | None = None  # folder of card formats, seen from `folder`
     settings: tuple[str, ...] = ()  # fields of cards that are set for its runs
+    runs: dict[str, str] = field(default_factory=dict)  # compilation decks -> those of their triangulations
 
     def deck(self, name: str) -> Path:
         """Return where a deck is, as short as can be: `..` behind a link to a folder leads elsewhere."""
@@ -97,7 +98,15 @@ class Baseline:
         """Return the jobs that make the results of decks anew, in a work folder."""
         formats = self.folder / self.formats if self.formats is not None else None
         options = JobOptions(formats=formats, settings=self.settings)
-        jobs = tuple(Job(deck=self.deck(name), out=(work / name).parent, options=options) for name in names)
+        jobs = tuple(
+            Job(
+                deck=self.deck(name),
+                out=(work / name).parent,
+                options=options,
+                run=self.deck(self.runs[name]) if name in self.runs else None,
+            )
+            for name in names
+        )
         return Plan(jobs=jobs, folder=work, name=".batch")
 
     def chosen(self, names: Sequence[str]) -> list[str]:
@@ -118,12 +127,14 @@ class Baseline:
 
     def index(self) -> bytes:
         """Return the index as JSON."""
+        runs = {name: run for name, run in sorted(self.runs.items()) if name in self.entries}
         data = {
             "schema_version": SCHEMA_VERSION,
             "decks_in": self.root,
             "records": self.records,
             "formats": self.formats,
             **({"settings": list(self.settings)} if self.settings else {}),
+            **({"runs": runs} if runs else {}),
             "decks": {name: self.entries[name].as_data() for name in sorted(self.entries)},
         }
         return (json.dumps(data, indent=1) + "\n").encode()
@@ -151,6 +162,7 @@ def load_baseline(folder: Path) -> Baseline:
         records=data["records"],
         formats=data["formats"],
         settings=tuple(data.get("settings", ())),
+        runs=data.get("runs", {}),
     )
 
 
@@ -160,6 +172,7 @@ _KEYS: dict[str, tuple[type, ...]] = {
     "records": (bool,),
     "formats": (str, type(None)),
     "settings": (list,),  # may be missing
+    "runs": (dict,),  # likewise
     "decks": (dict,),
 }
 _ENTRY_KEYS: dict[str, tuple[type, ...]] = {
@@ -174,11 +187,14 @@ _REMEDY = "restore it (git checkout), or save the baseline anew"
 
 def _wrong_in(data: Any) -> str | None:
     """Return the first thing in the content of an index that is not as it should be."""
-    wrong = _wrong_keys({"settings": []} | data if isinstance(data, dict) else data, _KEYS)
+    wrong = _wrong_keys({"settings": [], "runs": {}} | data if isinstance(data, dict) else data, _KEYS)
     if wrong is not None:
         return wrong
     if not is_texts(data.get("settings", [])):
         return "settings"
+    for name, run in data.get("runs", {}).items():
+        if name not in data["decks"] or not isinstance(run, str) or place_fault(run):
+            return f"runs, '{name}'"
     for name, entry in data["decks"].items():
         if fault := place_fault(name):
             return f"decks: '{name}' is not the place of a deck: it {fault}"

@@ -66,6 +66,7 @@ def save(
     record_rules: Path | None = None,
     settings: tuple[str, ...] = (),
     unusable: bool = False,
+    run: Path | None = None,
     processes: int | None = None,
     watch: Watch | None = None,
 ) -> Taken:
@@ -73,16 +74,17 @@ def save(
 
     A new one gets rules to start from, or `rules` for its listings and `record_rules` for its records, or none
     with `exact`. `settings` are set for all runs of a new one, later ones too. With `unusable` what the program
-    says of decks that cannot be used is kept. Raises `BaselineError` for decks that are in it or
+    says of decks that cannot be used is kept. With `run`, the deck of a triangulation, the decks are compilation
+    decks, to be compiled on that one's run. Raises `BaselineError` for decks that are in it or
     cannot be, `RulesError`, `LockedError`, `OSError`.
     """
     given = _rules_of(rules, record_rules)
     for place in given.values():
         load_rules(place)
-    fresh = _fresh(folder, decks, formats, records, settings)
-    _to_save(fresh, decks, exact, given)  # refused before anything is made
+    fresh = _fresh(folder, decks if run is None else [*decks, run], formats, records, settings)
+    _to_save(fresh, decks, run, exact, given)  # refused before anything is made
     with _work_of(folder, None, to_write=True) as (work, locks):
-        baseline, chosen, files = _to_save(fresh, decks, exact, given)
+        baseline, chosen, files = _to_save(fresh, decks, run, exact, given)
         batch = run_batch(baseline.plan(chosen, work), processes=processes, watch=watch, again=True, locks=locks)
         return _take_over(baseline, chosen, batch, work, also=files, unusable=unusable)
 
@@ -93,7 +95,7 @@ def _rules_of(listings: Path | None, records: Path | None) -> dict[str, Path]:
 
 
 def _to_save(
-    new: Baseline, decks: Sequence[Path], exact: bool, rules: Mapping[str, Path]
+    new: Baseline, decks: Sequence[Path], run: Path | None, exact: bool, rules: Mapping[str, Path]
 ) -> tuple[Baseline, list[str], dict[Path, bytes]]:
     """Return the baseline that decks are added to, their names in it, and the files of rules that are missing.
 
@@ -108,25 +110,32 @@ def _to_save(
         )
     if RECORD in rules and not records:
         raise BaselineError(f"{folder}: rules for records go with records, and listings only are to be kept")
-    names = [below(deck, folder / baseline.root) for deck in decks]
-    for deck, name in zip(decks, names, strict=True):
-        if name is None:
+    chosen = list(dict.fromkeys(_name_in(baseline, deck) for deck in decks))
+    for name in baseline.entries:
+        if name in chosen:
             raise BaselineError(
-                f"{deck} is not below {folder / baseline.root}, where the decks of the baseline are"
+                f"{baseline.deck(name)} is in the baseline; musat baseline accept takes its new results over, "
+                "save adds others"
             )
-        if fault := place_fault(name):
-            raise BaselineError(f"{deck}: its name in the baseline {fault}")
-        if name in baseline.entries:
-            raise BaselineError(
-                f"{deck} is in the baseline; musat baseline accept takes its new results over, save adds others"
-            )
-    chosen = [name for name in dict.fromkeys(names) if name is not None]
+    if run is not None:
+        baseline = replace(baseline, runs=baseline.runs | dict.fromkeys(chosen, _name_in(baseline, run)))
     _check_places(baseline, [*baseline.entries, *chosen])
     endings = () if exact or not fresh else (LISTING, RECORD) if records else (LISTING,)
     starters = {folder / RULES[ending]: _starter(ending) for ending in endings}
     files = {place: text.encode() for place, text in starters.items() if not place.exists()}
     files |= {folder / RULES[ending]: place.read_bytes() for ending, place in rules.items()}
     return baseline, chosen, files
+
+
+def _name_in(baseline: Baseline, deck: Path) -> str:
+    """Return what a deck is called in a baseline; raises `BaselineError` where it cannot be in it."""
+    root = baseline.folder / baseline.root
+    name = below(deck, root)
+    if name is None:
+        raise BaselineError(f"{deck} is not below {root}, where the decks of the baseline are")
+    if fault := place_fault(name):
+        raise BaselineError(f"{deck}: its name in the baseline {fault}")
+    return name
 
 
 def _starter(ending: str) -> str:

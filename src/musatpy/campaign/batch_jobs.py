@@ -96,6 +96,7 @@ class JobOptions:
 _THREE_WAY = ("punch_sigmas", "punch_plates")  # false is not the same as not said
 OUT_OF_MEMORY = "memory ran out; fewer --jobs need less"
 _FORMATS = "formats/"  # before the names of card formats among the inputs of a job
+_RUN = "run/"  # before that of the deck of its triangulation
 
 
 @cache
@@ -176,6 +177,7 @@ class Job:
     deck: Path
     out: Path | None = None  # None: beside the deck
     options: JobOptions = field(default_factory=JobOptions)
+    run: Path | None = None  # deck of the triangulation that a compilation deck is compiled on, which is run first
 
     @property
     def folder(self) -> Path:
@@ -197,12 +199,16 @@ class Job:
     def inputs(self, names: Iterable[str] = ()) -> dict[str, str]:
         """Return the hashes of what is read besides the deck: its card formats, and geoid models by these names.
 
-        Names may be those of an earlier answer. Raises `OSError`, and `MusatError` where there is no such model.
+        Of a compilation deck also that of its triangulation, but for line ends. Names may be those of an earlier
+        answer. Raises `OSError`, and `MusatError` where there is no such model.
         """
         from musatpy.formats.musat import geoid_file
 
-        grids = [name for name in names if not name.startswith(_FORMATS)]
+        grids = [name for name in names if not name.startswith((_FORMATS, _RUN))]
         hashes = {} if self.options.formats is None else _formats_now(self.options.formats)
+        if self.run is not None:
+            cards = self.run.read_bytes().replace(b"\r\n", b"\n")
+            hashes[f"{_RUN}{self.run.name}"] = hashlib.sha256(cards).hexdigest()
         return hashes | {name: sha256_of(geoid_file(name)) for name in grids}
 
     def formats_changed(self) -> bool:

@@ -17,15 +17,17 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from musatpy.campaign.batch_jobs import GRADES, OUT_OF_MEMORY, Job, Outcome, State, sha256_of
-from musatpy.errors import MusatError
+from musatpy.errors import MusatError, Problem
 from musatpy.formats.musat import geoid_files
 from musatpy.model import Block, Iteration
-from musatpy.runs import RunResult, run_deck
+from musatpy.runs import run_deck
 from musatpy.shown_runs import check_point_rms, write_page
 
 Tell = Callable[[dict[str, Any]], None]
@@ -132,26 +134,60 @@ def _run(
         known["inputs"] = job.inputs(geoid_files(block))
         on_read(block)
 
-    result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_block, **job.options.arguments())
-    state = State.UNUSABLE if result.verdict is None else _STATES[result.verdict.grade]
-    outcome: dict[str, Any] = {"state": state, "problems": result.problems}
-    if result.solution is not None or "deck_sha256" in known:
+    work = _adjusted if job.run is None else _compiled
+    problems, fields, files = work(job, on_iteration, on_block)
+    if fields is not None or "deck_sha256" in known:
         check_unchanged(job, known.get("deck_sha256"), known["inputs"])
+    if fields is None:
+        errors = sum(problem.severity == "error" for problem in problems)
+        message = "1 error" if errors == 1 else f"{errors} errors"
+        return {"state": State.UNUSABLE, "problems": problems, "message": message}
+    return fields | {
+        "problems": problems,
+        "fingerprint": job.fingerprint(known["deck_sha256"], known["inputs"]),
+        "outputs": {os.path.relpath(path, job.folder): sha256_of(path) for path in files},
+    }
+
+
+_Work = tuple[tuple[Problem, ...], dict[str, Any] | None, list[Path]]
+"""Problems, fields of an outcome (None where there are no results), and the files written."""
+
+
+def _adjusted(job: Job, on_iteration: Callable[[Iteration], None], on_block: Callable[[Block], None]) -> _Work:
+    """Run the deck of a triangulation."""
+    result = run_deck(job.deck, job.out, progress=on_iteration, on_read=on_block, **job.options.arguments())
     if result.solution is None or result.verdict is None:
-        errors = sum(problem.severity == "error" for problem in result.problems)
-        return outcome | {"message": "1 error" if errors == 1 else f"{errors} errors"}
+        return result.problems, None, []
     page = write_page(result) if job.options.html else None
     check_points, check_rms = check_point_rms(result)
-    return outcome | {
-        "fingerprint": job.fingerprint(known["deck_sha256"], known["inputs"]),
+    fields = {
+        "state": _STATES[result.verdict.grade],
         "sigma0": float(result.solution.sigma0),
         "check_points": check_points,
         "check_rms": check_rms,
         "iterations": len(result.solution.iterations),
         "water_passes": len(result.solution.passes),
         "message": "; ".join(reason.text for reason in result.verdict.reasons),
-        "outputs": _hashes(job, result, page),
     }
+    files = (result.listing, result.record, page, result.edited, *result.punched)
+    return result.problems, fields, [path for path in files if path is not None]
+
+
+def _compiled(job: Job, on_iteration: Callable[[Iteration], None], on_block: Callable[[Block], None]) -> _Work:
+    """Run the triangulation of a compilation deck in a folder of its own, and compile the deck in its models."""
+    from musatpy.as11_runs import compile_deck  # few jobs need it
+
+    assert job.run is not None
+    with TemporaryDirectory(prefix="musat-") as folder:
+        triangulation = replace(job, deck=job.run, out=Path(folder), run=None)
+        problems, fields, _ = _adjusted(triangulation, on_iteration, on_block)
+        if fields is None:
+            return problems, None, []
+        record = Path(folder) / f"{job.run.stem}.json"
+        result = compile_deck(record, job.deck, job.out)
+    of_run = {str(record): str(job.run)}  # what is wrong with a record that is gone by now
+    found = tuple(replace(one, file=of_run.get(one.file or "", one.file)) for one in result.problems)
+    return found, None if result.compiled is None else fields, list(result.files)
 
 
 def check_unchanged(job: Job, deck_sha256: str | None, inputs: dict[str, str]) -> None:
@@ -159,7 +195,7 @@ def check_unchanged(job: Job, deck_sha256: str | None, inputs: dict[str, str]) -
     if sha256_of(job.deck) != deck_sha256:
         raise MusatError(f"{job.deck}: the deck was changed while it was run")
     if job.formats_changed() or job.inputs(inputs) != inputs:
-        raise MusatError(f"{job.deck}: card formats or a geoid model were changed while the batch ran")
+        raise MusatError(f"{job.deck}: what it is run with was changed while the batch ran")
 
 
 def check_kind(deck: Path) -> None:
@@ -168,9 +204,3 @@ def check_kind(deck: Path) -> None:
         mode = deck.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise MusatError(f"{deck}: not a file that can be read again")
-
-
-def _hashes(job: Job, result: RunResult, page: Path | None) -> dict[str, str]:
-    """Return the hashes of the files that a run left, by their names in the folder of the job."""
-    paths = (result.listing, result.record, page, result.edited, *result.punched)
-    return {os.path.relpath(path, job.folder): sha256_of(path) for path in paths if path is not None}

@@ -42,6 +42,9 @@ def command() -> None:
 @command.command(name="save", short_help="Run decks and keep their results.")
 @_base
 @click.argument("sources", metavar="DECK...", nargs=-1, required=True, type=NamedPath())
+@click.option(
+    "--run", metavar="DECK", type=NamedPath(), help="Compilation decks: compile them on the run of this deck."
+)
 @formats_option
 @click.option("--no-records", is_flag=True, help="Keep listings only.")
 @click.option("--rules", metavar="FILE", type=NamedPath(), help="Rules (TOML) for the listings.")
