@@ -9,6 +9,8 @@ from __future__ import annotations
 import gc
 import json
 import random
+import subprocess
+import sys
 import time
 
 import pytest
@@ -175,3 +177,45 @@ def test_listings_of_100_000_lines(case, noise, inserted, headings, rules):
     print(f"{found.counts}")
     # measured: 2 to 3 times where files are the same or nearly so, 6 to 10 where every row differs
     assert ours < 20 * plain
+
+
+MEASURED = """
+import gc, json, resource, sys, time
+from pathlib import Path
+from musatpy.listings import compare_files
+gc.disable()
+start = time.process_time()
+if sys.argv[1] == "json":
+    contents = [json.loads(Path(name).read_bytes()) for name in sys.argv[2:]]
+else:
+    compare_files(*sys.argv[2:4], *sys.argv[4:])
+print(time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+"""
+
+
+def test_records_of_1000_photos(tmp_path):
+    """Compare two records of a block, beside what `json` alone takes to read both."""
+    from benchmarks.blocks import make_block
+    from musatpy import adjust
+    from musatpy.reports.record import texts_of
+    from musatpy.statistics import Statistics
+
+    names = [str(tmp_path / name) for name in ("a.json", "b.json", "rules.toml")]
+    for name, block in zip(names[:2], (make_block(1000), make_block(1000)), strict=True):
+        with open(name, "w", encoding="utf-8") as file:
+            file.writelines(texts_of(Statistics(adjust(block))))
+    (tmp_path / "rules.toml").write_text("[[rule]]\nrelative = 1e-6\nabsolute = 1e-9\n", encoding="utf-8")
+    size = (tmp_path / "a.json").stat().st_size
+
+    def measured(*arguments):
+        done = subprocess.run(
+            [sys.executable, "-c", MEASURED, *arguments], check=True, capture_output=True, text=True
+        )
+        return [float(number) for number in done.stdout.split()]
+
+    plain, memory = measured("json", *names[:2])
+    print(f"\n{size / 1e6:.1f} MB each; json.loads of both: {plain:.2f} s, {memory / size:.1f} times the file")
+    for case, files in (("the same", names[:2]), ("the same, by rules", names)):
+        ours, memory = measured("diff", *files)
+        print(f"{case}: {ours:.2f} s, {ours / plain:.2f} of it; {memory / size:.1f} times the file")
+        assert ours < 3 * plain  # measured: see docs/performance.md

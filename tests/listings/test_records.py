@@ -183,3 +183,65 @@ def test_rows_are_called_by_the_fields_that_tell_them_apart(rows, labels):
     changed = [{**row, "value": 2} for row in rows]
     texts = [json.dumps({"table": table}) for table in ([{**row, "value": 1} for row in rows], changed)]
     assert [one.row for one in compare_texts(*texts, names=RECORDS).findings] == labels
+
+
+LONG = 400  # rows whose columns are left as texts until they are asked for
+
+
+def by_columns(**changed):
+    """Return the text of a record of one table, as records are laid out; `changed` are texts of columns."""
+    columns = {
+        "point": [str(n) for n in range(LONG)],
+        "position": [[n / 7, n / 3] for n in range(LONG)],
+        "position_sigma": [[0.5, 0.25]] * LONG,
+        "note": ['say "[1]"', "a ] \\ b"] * (LONG // 2),
+    }
+    texts = {name: json.dumps(column) for name, column in columns.items()} | changed
+    lines = ",\n".join(f'    "{name}": {text}' for name, text in texts.items())
+    return f'{{\n  "schema_version": "2.0",\n  "points": {{\n{lines}\n  }}\n}}\n'
+
+
+def test_tables_by_columns_give_what_their_rows_give():
+    a = by_columns()
+    b = by_columns(
+        position=json.dumps([[n / 7 + (n == 300), n / 3 + (n == 3)] for n in range(LONG)]),
+        note=json.dumps(['say "[1]"', "a ] \\ b"] * (LONG // 2 - 1) + ["x", "y"]),
+    )
+    rows = [json.dumps({"points": with_rows(json.loads(text))["points"]}) for text in (a, b)]
+    rules = (
+        "",
+        "[[rule]]\nsigmas = 3\n",
+        "[[rule]]\ncolumn = 3\nabsolute = 2\n[[rule]]\npoint = '3'\nabsolute = 2\n",
+    )
+    for rule in rules:
+        ours, plain = compared(a, b, rule), compared(*rows, rule)
+        assert [found for found in plain.findings if found.section == "points"] == list(ours.findings)
+        assert [(use.matched, use.passed) for use in ours.rules] == [
+            (use.matched, use.passed) for use in plain.rules
+        ]
+    assert {(found.row, found.sigmas) for found in compared(a, b).findings} == {
+        ("point 3", 4.0), ("point 300", 2.0), ("point 398", None), ("point 399", None)
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "reason"),
+    [
+        ("position", "[" + "1, " * LONG + "2 3]", "is not JSON"),
+        ("position", "[" + "1, " * LONG + "2]", "columns of different lengths"),
+        ("point", "[" + "1, " * LONG + "2], 3]", "is not JSON"),
+    ],
+)
+def test_a_long_column_that_is_wrong_is_an_error(column, text, reason):
+    with pytest.raises(CannotCompareError, match=reason):
+        compared(by_columns(), by_columns(**{column: text}))
+
+
+def test_no_text_of_a_record_stands_for_a_column():
+    a = by_columns(note=json.dumps(["\0" + "0"] * LONG))
+    b = a.replace('"\\u00000"', '"\\u00001"', 1)
+    assert a != b
+    (one,) = compared(a, b).findings
+    assert (one.row, one.column) == ("point 0", "note")
+    top = a.replace('"schema_version": "2.0",', '"schema_version": "2.0",\n  "title": "\\u00000",')
+    assert compared(top, top).same

@@ -28,6 +28,7 @@ def compare_bytes(
 ) -> Difference:
     """Return what `compare_files` does of the contents of two files; their names say which are JSON."""
     texts = text_of(a, names[0]), text_of(b, names[1])
+    del a, b  # of large records there is no room for both
     rules, json = rules or Rules(), [name.lower().endswith(".json") for name in names]
     with localcontext(EXACTLY):
         if all(json):

@@ -1,15 +1,14 @@
-"""A JSON file as tables: rows with ids, fields with paths, numbers as they are written."""
+"""A JSON file as tables, by rows or by columns: rows with ids, fields with paths, numbers as they are written."""
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
 from musatpy.errors import Problem
+from musatpy.listings.json_text import Column, Number
 from musatpy.listings.lines import CannotCompareError
 
 TOP = "(top)"
@@ -24,48 +23,140 @@ _PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 _CONTAINERS = frozenset({list, dict})
 
 
-class Number(str):
-    """A number as it is written in a JSON file."""
-
-    __slots__ = ()
-
-
-@dataclass(eq=False)
 class RecordTable:
-    """Rows of a record: of a list of objects, or one row of what stands in an object."""
+    """Rows of a record by their ids."""
 
-    name: str
-    rows: list[dict[str, Any]] = field(default_factory=list)
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        raise NotImplementedError
+
+    @property
+    def names(self) -> Collection[str]:
+        """The names of the fields that all rows have."""
+        raise NotImplementedError
+
+    def entries(self, name: str) -> Sequence[Any]:
+        """Return the values of a field, one per row."""
+        raise NotImplementedError
+
+    def row(self, n: int, names: Collection[str] | None = None) -> dict[str, Any]:
+        """Return a row; with `names` it may have no other fields than these."""
+        raise NotImplementedError
 
     @cached_property
     def id_fields(self) -> tuple[str, ...]:
         """The fields that name the rows."""
         names: tuple[str, ...] = ()
         for name in _ID_FIELDS:
-            if self.rows and all(name in row for row in self.rows):
+            if name in self.names and len(self):
                 names = (*names, name)
-                if len({repr([row[name] for name in names]) for row in self.rows}) == len(self.rows):
+                if len(set(map(repr, self._named(names)))) == len(self):
                     break
         return names
 
     @cached_property
     def ids(self) -> list[tuple[str, ...]]:
         """The names of each row, none where there is only one row."""
-        return [tuple([text for name in self.id_fields for text in texts_of(row[name])]) for row in self.rows]
+        if not self.id_fields:
+            return [()] * len(self)
+        return [tuple([text for value in row for text in texts_of(value)]) for row in self._named(self.id_fields)]
+
+    def _named(self, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+        return zip(*[self.entries(name) for name in names], strict=True)
 
     def label(self, n: int) -> str:
         """Return what a row is called: its ids behind the names of their fields, or its number."""
         if self.id_fields:
-            return " ".join([f"{name} {' '.join(texts_of(self.rows[n][name]))}" for name in self.id_fields])
-        return f"row {n + 1}" if len(self.rows) > 1 else "values"
+            named = ((name, self.entries(name)[n]) for name in self.id_fields)
+            return " ".join([f"{name} {' '.join(texts_of(value))}" for name, value in named])
+        return f"row {n + 1}" if len(self) > 1 else "values"
+
+
+class TableOfRows(RecordTable):
+    """A list of objects, or one row of what stands in an object."""
+
+    def __init__(self, name: str, rows: list[dict[str, Any]]) -> None:
+        super().__init__(name)
+        self.rows = rows
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @cached_property
+    def names(self) -> Collection[str]:
+        """The names of the fields that all rows have."""
+        return set.intersection(*map(set, self.rows)) if self.rows else ()
+
+    def entries(self, name: str) -> list[Any]:
+        """Return the values of a field, one per row."""
+        return [row[name] for row in self.rows]
+
+    def row(self, n: int, names: Collection[str] | None = None) -> dict[str, Any]:
+        """Return a row."""
+        return self.rows[n]
+
+
+class TableOfColumns(RecordTable):
+    """An object of columns, which are decoded when they are asked for."""
+
+    def __init__(self, name: str, columns: Mapping[str, list[Any] | Column]) -> None:
+        super().__init__(name)
+        self.columns = columns
+        self._entries: dict[str, list[Any]] = {}
+
+    def __len__(self) -> int:
+        return len(self.entries(next(name for name in _ID_FIELDS if name in self.columns)))
+
+    @property
+    def names(self) -> Collection[str]:
+        """The names of the columns."""
+        return self.columns.keys()
+
+    def entries(self, name: str) -> list[Any]:
+        """Return a column. Raises `CannotCompareError` where it is not as long as the others."""
+        if name not in self._entries:
+            found = list(self.columns[name])
+            if self._entries and len(found) != len(next(iter(self._entries.values()))):
+                raise CannotCompareError([Problem(message=f"{self.name} has columns of different lengths")])
+            self._entries[name] = found
+        return self._entries[name]
+
+    def row(self, n: int, names: Collection[str] | None = None) -> dict[str, Any]:
+        """Return a row, of columns of these names alone where there are any."""
+        chosen = self.columns if names is None else [name for name in names if name in self.columns]
+        return {name: self.entries(name)[n] for name in chosen}
+
+    def differing(self, other: TableOfColumns) -> list[int]:
+        """Return for each row in which columns another table of the same has other entries: a bit for each."""
+        found = [0] * len(self)
+        for bit, (name, column) in enumerate(self.columns.items()):
+            beside = other.columns[name]
+            if column == beside:
+                continue
+            for n, (a, b) in enumerate(zip(self.entries(name), other.entries(name), strict=True)):
+                if a != b:
+                    found[n] |= 1 << bit
+        return found
 
 
 def tables_of(content: Any) -> dict[str, RecordTable]:
     """Return the tables of a file by their paths, in their order."""
     tables: dict[str, RecordTable] = {}
-    for path, rows in _tables(_without_machine(content), ""):
-        tables.setdefault(path or TOP, RecordTable(path or TOP)).rows.extend(rows)
+    for path, table in _tables(_without_machine(content), ""):
+        name = path or TOP
+        if name in tables:
+            both = (tables[name], _table(name, table))
+            tables[name] = TableOfRows(name, [part.row(n) for part in both for n in range(len(part))])
+        else:
+            tables[name] = _table(name, table)
     return tables
+
+
+def _table(name: str, value: Any) -> RecordTable:
+    return TableOfRows(name, value) if isinstance(value, list) else TableOfColumns(name, value)
 
 
 def _without_machine(content: Any) -> Any:
@@ -76,28 +167,20 @@ def _without_machine(content: Any) -> Any:
     return {**content, "program": {name: value for name, value in program.items() if name != "kernels"}}
 
 
-def read_json(text: str, name: str) -> Any:
-    """Return the content of a JSON text, its numbers as they are written; raises `CannotCompareError`."""
-    try:
-        return json.loads(text, parse_float=Number, parse_int=Number, parse_constant=Number)
-    except json.JSONDecodeError as error:
-        problem = Problem(file=name, line=error.lineno, message=f"is not JSON: {error.msg}")
-        raise CannotCompareError([problem]) from error
-    except RecursionError as error:
-        raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
-
-
-def _tables(value: Any, path: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Yield rows with the path of their table: objects of a list, and of objects what is no table itself."""
-    rows = rows_in(value)
-    if rows is not None:
-        yield path, rows
+def _tables(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield tables with their paths: lists of objects, objects of columns, of others what is no table itself."""
+    if _is_list_of_objects(value) or is_of_columns(value):
+        yield path, value
         return
     if not isinstance(value, dict):
         yield path, [{"value": value}]
         return
     nested = {key: entry for key, entry in value.items() if isinstance(entry, dict) or _is_list_of_objects(entry)}
-    fields = {key: entry for key, entry in value.items() if key not in nested}
+    fields = {
+        key: list(entry) if isinstance(entry, Column) else entry
+        for key, entry in value.items()
+        if key not in nested
+    }
     if fields or not value:
         yield path, [fields]
     for key, entry in nested.items():
@@ -113,17 +196,25 @@ def rows_in(value: Any) -> list[dict[str, Any]] | None:
     return [dict(zip(value, row, strict=True)) for row in zip(*value.values(), strict=True)]
 
 
+def count_in(value: Any) -> int:
+    """Return how many rows a table has, or entries a list; none of anything else."""
+    if is_of_columns(value):
+        return len(TableOfColumns("", value))
+    return len(value) if isinstance(value, list | Column) else 0
+
+
 def _is_list_of_objects(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
 
 
 def is_of_columns(value: Any) -> bool:
     """Tell whether an object is a table by its columns: lists of one length, with one that names the rows."""
-    if not isinstance(value, dict) or not all(isinstance(column, list) for column in value.values()):
+    if not isinstance(value, dict) or not all(isinstance(column, list | Column) for column in value.values()):
         return False
-    entries = [column[0] for column in value.values() if column]
-    is_even = len(set(map(len, value.values()))) == 1
-    return is_even and not _ID_NAMES.isdisjoint(value) and not any(isinstance(entry, dict) for entry in entries)
+    decoded = [column for column in value.values() if isinstance(column, list)]
+    is_even = len(set(map(len, decoded))) <= 1 and bool(value)
+    has_objects = any(isinstance(column[0], dict) for column in decoded if column)
+    return is_even and not has_objects and not _ID_NAMES.isdisjoint(value)
 
 
 def texts_of(value: Any) -> list[str]:
@@ -164,7 +255,7 @@ def at(value: Any, path: str) -> Any:
     """
     for key in keys_of(path):
         if type(key) is int:
-            value = value[key] if isinstance(value, list) and key < len(value) else None
+            value = value[key] if isinstance(value, list | Column) and key < len(value) else None
         else:
             value = value.get(key) if isinstance(value, dict) else None
     return value

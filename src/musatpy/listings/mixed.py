@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 from musatpy.errors import Problem
 from musatpy.listings.align import Alignment, align
 from musatpy.listings.findings import Difference, Place, Tally
-from musatpy.listings.json_tables import at, read_json
+from musatpy.listings.json_tables import at
+from musatpy.listings.json_text import read_json
 from musatpy.listings.judge import Field, Judge, Spot
 from musatpy.listings.lines import CUT, CannotCompareError, paper_of
 from musatpy.listings.recorded import (

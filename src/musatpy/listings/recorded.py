@@ -9,7 +9,7 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from functools import cache
 from typing import Any, NamedTuple
 
-from musatpy.listings.json_tables import at, number_of, rows_in
+from musatpy.listings.json_tables import at, count_in, number_of, rows_in
 from musatpy.listings.judge import EXACTLY
 from musatpy.listings.sections import columns_of, numbered
 from musatpy.listings.tokens import Token
@@ -124,8 +124,10 @@ def value_of(source: Origin, fields: Mapping[str, Any]) -> Any:
     if source.is_field and number is not None:
         return number
     if source.count:
+        if not source.where:
+            return float(count_in(recorded))
         entries = rows_in(recorded) or (recorded if isinstance(recorded, list) else [])
-        return float(sum(1 for entry in entries if not source.where or at(entry, source.where)))
+        return float(sum(1 for entry in entries if at(entry, source.where)))
     if source.sum:
         counts = recorded.values() if isinstance(recorded, dict) else ()
         return float(sum(number_of(count) or 0.0 for count in counts))

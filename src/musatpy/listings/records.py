@@ -5,25 +5,27 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import cache, lru_cache
+from itertools import chain
 from typing import Any, NamedTuple
 
 from musatpy.listings.align import align
 from musatpy.listings.findings import Difference, Tally
 from musatpy.listings.json_tables import (
     TOP,
-    Number,
     RecordTable,
+    TableOfColumns,
+    TableOfRows,
     at,
     keys_of,
     leaves,
     number_of,
-    read_json,
     tables_of,
     texts_of,
 )
+from musatpy.listings.json_text import Number, read_json
 from musatpy.listings.judge import NO_SPOT, Field, Judge, Spot, still_open
 from musatpy.listings.rules import Rules
 from musatpy.listings.tokens import Token
@@ -37,6 +39,7 @@ _GEOGRAPHIC = " (GEOG) or "  # `rad, rad, m (GEOG) or m`
 _OF_ROW = "the row's"  # unit, of which the row has a field
 _UNIT = re.compile(r"\w+(?:/\w+)?")  # not `that of the coordinates`
 
+_ABOUT = ("photo", "photos", "point", "points")  # fields that rules ask for
 _ABSENT = object()  # what a row has in a field that only the other row has
 Row = Mapping[str, Any]
 Both = tuple[str, Any, Any]  # path of a field, and what A and B have there
@@ -49,8 +52,10 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     tables = [tables_of(content) for content in contents]
     geographic = all(at(content, "options.system") == "GEOG" for content in contents)
     axes = _axes_of(contents[1]) if geographic else None
-    titles = list(dict.fromkeys([*tables[0], *tables[1]]))
-    tallies = [_Tables(judge, title, tables, _Statements(title, geographic, axes)).tally() for title in titles]
+    titles, tallies = dict.fromkeys([*tables[0], *tables[1]]), []
+    for title in titles:
+        both = [side.pop(title, TableOfRows(title, [])) for side in tables]  # gone when they are compared
+        tallies.append(_Tables(judge, title, both, titles, _Statements(title, geographic, axes)).tally())
     return Difference.of(names, tallies, judge.rules)
 
 
@@ -65,27 +70,44 @@ def _axes_of(content: Any) -> tuple[float, float] | None:
         return None
 
 
+class _Columns(NamedTuple):
+    """Those of two tables by columns in which two rows differ."""
+
+    compared: Collection[str]
+    asked: Collection[str]  # these, and what says the units and sigmas of others
+
+
 class _Tables(Comparison):
     """One table of both records."""
 
     counts_digits = False
 
     def __init__(
-        self, judge: Judge, title: str, tables: Sequence[Mapping[str, RecordTable]], statements: _Statements
+        self,
+        judge: Judge,
+        title: str,
+        tables: Sequence[RecordTable],
+        names: Collection[str],
+        statements: _Statements,
     ) -> None:
         super().__init__(judge, title, [title])
-        self.a, self.b = (side.get(title, RecordTable(title)) for side in tables)
-        self.names = {*tables[0], *tables[1]}
+        self.a, self.b = tables
+        self.names = names  # of all tables
         self.statements = statements
 
     def tally(self) -> Tally:
         """Compare, and return what was found."""
-        if not self.a.rows or not self.b.rows:
-            self.only_here("A" if self.a.rows else "B")
+        if not len(self.a) or not len(self.b):
+            self.only_here(self.a if len(self.a) else self.b, "A" if len(self.a) else "B")
+            return self.result
+        if self.is_settled():
+            self.result.rows += len(self.a)
             return self.result
         ids = self.a.ids, self.b.ids
-        if len(self.a.rows) == len(self.b.rows) == 1:
+        if len(self.a) == len(self.b) == 1:
             ids = [("",)], [("",)]
+        if ids[0] == ids[1] and self.by_columns():
+            return self.result
         texts = self.texts(ids)
         alignment = align(ids, texts, lambda side, row: texts[side][row][:60], strict=any(map(any, ids[0])))
         for n in alignment.only_a:
@@ -96,35 +118,68 @@ class _Tables(Comparison):
             self.only(self.b, n, "B")
         return self.result
 
+    def is_settled(self) -> bool:
+        """Tell whether both tables are written alike, and no rule waits for a field that it is about."""
+        a, b = self.a, self.b
+        if not (isinstance(a, TableOfColumns) and isinstance(b, TableOfColumns)):
+            return False
+        return not still_open(self.rules) and a.columns == b.columns
+
+    def by_columns(self) -> bool:
+        """Compare tables of the same rows column by column, where they have the same columns."""
+        a, b = self.a, self.b
+        if not (isinstance(a, TableOfColumns) and isinstance(b, TableOfColumns)):
+            return False
+        if list(a.names) != list(b.names) or not all(map(any, a.ids)):
+            return False
+        differing, names = a.differing(b), tuple(a.names)
+        asked = {name for name in names if self.statements.asks_for(name)}
+        chosen: dict[int, _Columns] = {}
+        is_numbered = any(isinstance(use.rule.column, int) for use in self.rules)  # the fields of whole rows are
+        for n, bits in enumerate(differing):
+            if still_open(self.rules) or (bits and is_numbered):
+                self.rows(n, n, False)
+            elif bits:
+                if bits not in chosen:
+                    compared = [name for bit, name in enumerate(names) if bits >> bit & 1]
+                    chosen[bits] = _Columns(compared, [*compared, *asked.difference(compared)])
+                self.rows(n, n, False, chosen[bits])
+            else:
+                self.result.rows += 1
+        return True
+
     def texts(self, ids: tuple[Sequence[Hashable], Sequence[Hashable]]) -> tuple[list[str], list[str]]:
         """Return the rows as texts, which tell rows without ids apart."""
         if len(set(ids[0])) == len(ids[0]) and len(set(ids[1])) == len(ids[1]):
             return [str(names) for names in ids[0]], [str(names) for names in ids[1]]
-        return [json.dumps(row) for row in self.a.rows], [json.dumps(row) for row in self.b.rows]
+        rows = ([json.dumps(table.row(n)) for n in range(len(table))] for table in (self.a, self.b))
+        return next(rows), next(rows)
 
-    def only_here(self, side: str) -> None:
+    def only_here(self, table: RecordTable, side: str) -> None:
         """Take a table that the other record has not: one finding, unless it is empty or rules allow it."""
-        rows = (self.a if side == "A" else self.b).rows
-        if not rows:
+        fields = (field for n in range(len(table)) for field in leaves(table.row(n)))
+        first = next(fields, None)
+        if first is None and not len(table):
             return
-        fields = [field for row in rows for field in leaves(row)]
-        if fields and all(self.is_empty_table(path, _token(value)) for path, value in fields):
+        if first and all(self.is_empty_table(path, _token(value)) for path, value in chain([first], fields)):
             return
         if not self.allows(_spot({}, (), ""), side):
-            self.lonely("section", side, f"{len(rows)} rows", Where())
+            self.lonely("section", side, f"{len(table)} rows", Where())
 
     def only(self, table: RecordTable, n: int, side: str) -> None:
         """Take a row that the other record has not."""
-        self.only_row(self.spot(table, n), side, json.dumps(table.rows[n]), Where(table.label(n)))
+        self.only_row(self.spot(table, n), side, json.dumps(table.row(n)), Where(table.label(n)))
 
     def spot(self, table: RecordTable, n: int) -> Spot:
         """Return a row as rules see it."""
-        return _spot(table.rows[n], table.ids[n], table.label(n))
+        return _spot(table.row(n, _ABOUT), table.ids[n], table.label(n))
 
-    def rows(self, n: int, other: int, moved: bool) -> None:
-        """Compare two rows that belong together."""
+    def rows(self, n: int, other: int, moved: bool, columns: _Columns | None = None) -> None:
+        """Compare two rows that belong together; of tables by columns, in some of these alone."""
         self.result.rows += 1
-        a, b = self.a.rows[n], self.b.rows[other]
+        names = columns.asked if columns else None
+        whole = self.a.row(n, names), self.b.row(other, names)
+        a, b = ({name: row[name] for name in columns.compared} for row in whole) if columns else whole
         same = a == b
         if same and not moved and not self.rules:
             return
@@ -137,7 +192,7 @@ class _Tables(Comparison):
         for number, (path, of_a, of_b) in enumerate(_fields(a, b), start=1):
             field = Field(-1, number, path)
             if of_a != of_b:
-                self.field(both, field, _token(of_a), _token(of_b), (a, b))
+                self.field(both, field, _token(of_a), _token(of_b), whole)
             elif unused:
                 self.rule(both, field, _token(of_a), _token(of_b))
         if unused:
@@ -203,6 +258,11 @@ class _Statements(NamedTuple):
     title: str
     geographic: bool
     axes: tuple[float, float] | None  # of the ellipsoid of geographic positions, m
+
+    @staticmethod
+    def asks_for(name: str) -> bool:
+        """Tell whether a field may say the unit or the sigma of others."""
+        return name == "unit" or "sigma" in name
 
     def unit_of(self, path: str, row: Row) -> str:
         """Return the unit of a field, nothing where the reports state none for it alone."""

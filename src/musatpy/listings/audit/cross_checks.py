@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 
+import numpy as np
+
+from musatpy.arrays import FloatArray
 from musatpy.listings.audit.analysis_checks import NAMES
 from musatpy.listings.audit.analysis_tables import MAXIMUM_ID, SIZE
 from musatpy.listings.audit.cells import all_are, printed
@@ -70,13 +74,14 @@ class _Residuals:
     @cached_property
     def squares(self) -> dict[tuple[str, str], list[float]]:
         """Squared residuals (um^2) of each frame and kind."""
-        squares: dict[tuple[str, str], list[float]] = {}
+        squares: dict[tuple[str, str], list[float]] = defaultdict(list)
         photos, kinds = self.table.columns["Photo"], self.table.columns["Trig"]
         for photo, kind, cell in zip(photos, kinds, self.values, strict=True):
             if cell is not None:
-                for group in ("all", "nontrig" if kind == "N" else "trig"):
-                    squares.setdefault((photo, group), []).append(cell.value**2)
-        return squares
+                squares[photo, "nontrig" if kind == "N" else "trig"].append(cell.value**2)
+        for (photo, _), part in list(squares.items()):
+            squares[photo, "all"] += part
+        return dict(squares)
 
     @cached_property
     def half(self) -> float:
@@ -277,22 +282,32 @@ def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
     if not {"Photo", "Point", "Large"} <= set(table.headings):
         return
     photos, points, marks = (table.columns[name] for name in ("Photo", "Point", "Large"))
-    ratios = [map(_ratios, along.values, along.sigmas, along.texts) for along in residuals]
-    for row, (line, mark, *along) in enumerate(zip(table.lines, marks, *ratios, strict=True)):
-        starred = mark == "*"
-        low, high = map(max, zip(*along, strict=True))
-        if (high < _LARGE if starred else low > _LARGE) and line not in table.illegible_cells:
-            message = "starred, though within three sigmas" if starred else "beyond three sigmas, not starred"
-            item = f"photo {photos[row]}, point {points[row]}"
-            yield Misprint(line, table.name, item, message)
+    low, high = (np.max(ratios, axis=0) for ratios in zip(*map(_ratios, residuals), strict=True))
+    starred = np.array([mark == "*" for mark in marks], dtype=bool)
+    for row in np.flatnonzero(np.where(starred, high < _LARGE, low > _LARGE)).tolist():
+        line = table.lines[row]
+        if line not in table.illegible_cells:
+            message = "starred, though within three sigmas" if starred[row] else "beyond three sigmas, not starred"
+            yield Misprint(line, table.name, f"photo {photos[row]}, point {points[row]}", message)
 
 
-def _ratios(residual: Printed | None, sigma: Printed | None, text: str) -> tuple[float, float]:
-    """Return the smallest and largest |residual| / sigma that print as a residual, of this text, and sigma do."""
-    if residual is None or sigma is None or sigma.value <= sigma.half:
-        return 0.0, math.inf if text else 0.0
-    size = abs(residual.value)
-    return (size - residual.half) / (sigma.value + sigma.half), (size + residual.half) / (sigma.value - sigma.half)
+def _ratios(residuals: _Residuals) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and largest |residual| / sigma (n,) that print as residuals and sigmas do."""
+    size, half = _with_halves(residuals.values)
+    sigma, half_sigma = _with_halves(residuals.sigmas)
+    size = np.abs(size)
+    is_bounded = np.isfinite(size) & (sigma > half_sigma)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = (size - half) / (sigma + half_sigma), (size + half) / (sigma - half_sigma)
+    beyond = np.array([math.inf if text else 0.0 for text in residuals.texts])  # what is no number may be any
+    return np.where(is_bounded, low, 0.0), np.where(is_bounded, high, beyond)
+
+
+def _with_halves(cells: Sequence[Printed | None]) -> tuple[FloatArray, FloatArray]:
+    """Return the values (n,) and half the last digits (n,) of cells, NaN where there is no number."""
+    pairs = [(math.nan, math.nan) if cell is None else cell[:2] for cell in cells]
+    values, halves = np.array(pairs, dtype=float).reshape(-1, 2).T
+    return values, halves
 
 
 def _depths(listing: Listing) -> Iterator[Misprint]:

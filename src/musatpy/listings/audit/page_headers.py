@@ -20,8 +20,9 @@ def note_pages(text: str, notes: Notes) -> None:
     """
     before: int | None = None
     rows = text.split("\n")
-    for number, row in enumerate(rows, start=1):
-        if len(row) > WIDEST and len(row := row.rstrip()) > WIDEST:
+    wide = enumerate(rows, start=1) if max(map(len, rows)) > WIDEST else ()
+    for number, row in wide:
+        if len(row := row.rstrip()) > WIDEST:
             notes.lost(Line(number, row[:WIDEST]), f"a row of {len(row)} characters: no listing has any")
     for line, page in _pages(rows, notes):
         if page not in (1, (before or 0) + 1):

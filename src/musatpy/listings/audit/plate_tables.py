@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 from musatpy.listings.audit.cells import printed, words_of
 from musatpy.listings.audit.notes import Notes, labelled
 from musatpy.listings.audit.scan import Line, StandardReport
-from musatpy.listings.audit.spelling import canonical
+from musatpy.listings.audit.spelling import canonical, required
 from musatpy.listings.audit.structures import PlateTable, Printed, RepairKind
 
 _POINTS = "(?:Points|Pts)"
@@ -21,7 +22,9 @@ GROUPS = {
 AXES = ("x", "y")
 # Labels of the rows of RMS by group and axis.
 RMS_LABELS = {(group, axis): f"RMS of {points} {axis}" for group, points in GROUPS.items() for axis in AXES}
+_STAR_LABELS = {group: f"Frame With Max RMS {points}" for group, points in GROUPS.items()}
 _FRAME, _WITH = "Frame", canonical("With")
+_REQUIRED = {required(label) for label in (*RMS_LABELS.values(), *_STAR_LABELS.values(), _FRAME)}
 _PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings
 _TORN_STAR = re.compile(r"\*{1,3}")
@@ -32,7 +35,7 @@ def read_plates(reports: list[StandardReport], notes: Notes) -> list[PlateTable]
     """Return the tables; those of the same run that follow one another are one, ten frames on each."""
     tables: list[PlateTable] = []
     for report in reports:
-        table = _read(report, notes)
+        table = _read(_with_labels(report), notes)
         if table is None:
             continue
         last = tables[-1] if tables else None
@@ -51,6 +54,12 @@ def _together(first: PlateTable, second: PlateTable) -> PlateTable:
         rms={key: row | second.rms.get(key, {}) for key, row in first.rms.items()},
         stars={key: stars + second.stars.get(key, ()) for key, stars in first.stars.items()},
     )
+
+
+def _with_labels(report: StandardReport) -> StandardReport:
+    """Return a report without the lines that none of its labels can stand on: there are many up to the next one."""
+    lines = (line for line in report.lines if any(letters in line.canonical for letters in _REQUIRED))
+    return replace(report, lines=tuple(lines))
 
 
 def _read(report: StandardReport, notes: Notes) -> PlateTable | None:
@@ -114,7 +123,7 @@ def _starred(
     report: StandardReport, group: str, heading: Line, frames: tuple[str, ...], notes: Notes
 ) -> tuple[tuple[str, int], ...] | None:
     """Return the starred frames of one kind, None without such a row, or with one that is not legible."""
-    row = _row(report, f"Frame With Max RMS {GROUPS[group]}", notes)
+    row = _row(report, _STAR_LABELS[group], notes)
     if row is None:
         notes.missing(report.line, f"Frame With Max. RMS, {group}")
         return None

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from itertools import chain, pairwise, zip_longest
+from typing import NamedTuple
 
 from musatpy.errors import Problem
 from musatpy.listings.audit.cells import Kind, all_are, read_cells
@@ -53,6 +54,12 @@ def titles() -> tuple[str, ...]:
     from musatpy.reports.statements import table_titles  # a listing is read before it is known to be ours
 
     return tuple(title for title in table_titles() if title in audited_tables() or not title.startswith(BEGINNINGS))
+
+
+@cache
+def _known() -> dict[str, str]:
+    """Return the titles by their canonical form, the first where several have one."""
+    return {canonical(title): title for title in reversed(titles())}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -147,28 +154,48 @@ def _note_without_rule(lines: Sequence[Line], titles: set[int], notes: Notes) ->
 
 
 def _raw(lines: Sequence[Line], at: int) -> _Raw:
-    spans = tuple(match.span() for match in re.finditer(r"-+", lines[at].text))
     top = at
     while top > 0 and lines[top - 1].text:
         top -= 1
-    head = [[line.text[slice(*span)].strip() for line in lines[top:at]] for span in spans]
-    parts = [[part for part in texts if part] for texts in head]
+    head = _headed(lines[at].text, tuple(line.text for line in lines[top:at]))
     above = next((lines[n] for n in range(top - 1, -1, -1) if lines[n].text), lines[at])
-    rows = list(_rows(lines, at + 1, spans))
-    cells, loose = _cells(rows, spans)
+    rows = list(_rows(lines, at + 1, head.spans))
+    cells, loose = _cells(rows, head.spans)
     return _Raw(
         title=above.text.strip(),
         line=above.number,
         head=lines[top],
-        headings=names_of(parts),
-        units=tuple(texts[1] if len(texts) > 1 else "" for texts in parts),
-        right=tuple(
-            any(re.match(r" .*\S$", line.text[start:end].ljust(end - start)) for line in lines[top:at])
-            for start, end in spans
-        ),
+        headings=head.headings,
+        units=head.units,
+        right=head.right,
         rows=rows,
         cells=cells,
         loose=loose,
+    )
+
+
+class _Head(NamedTuple):
+    """The headings of a table, which are the same on each of its pages."""
+
+    spans: Spans
+    headings: tuple[str, ...]
+    units: tuple[str, ...]
+    right: tuple[bool, ...]
+
+
+@lru_cache(maxsize=256)
+def _headed(rule: str, texts: tuple[str, ...]) -> _Head:
+    """Return what lines of headings say above a rule."""
+    spans = tuple(match.span() for match in re.finditer(r"-+", rule))
+    head = [[text[slice(*span)].strip() for text in texts] for span in spans]
+    parts = [[part for part in words if part] for words in head]
+    return _Head(
+        spans=spans,
+        headings=names_of(parts),
+        units=tuple(words[1] if len(words) > 1 else "" for words in parts),
+        right=tuple(
+            any(re.match(r" .*\S$", text[start:end].ljust(end - start)) for text in texts) for start, end in spans
+        ),
     )
 
 
@@ -191,7 +218,7 @@ def _ends(line: Line, before: Line, spans: Spans) -> bool:
     """Tell whether a line is no row but prose behind a table."""
     if before.text and not _RULE.match(before.text):
         return False
-    if _in_columns(spans).match(line.text.ljust(spans[-1][1]) + "\n"):
+    if _in_columns(spans).fullmatch(line.text.ljust(spans[-1][1])):
         return False
     words = line.text.split()
     return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
@@ -201,31 +228,29 @@ def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[in
     """Return the cells of each column, and which rows do not stand in the columns."""
     row, width = _in_columns(spans), spans[-1][1]
     texts = [line.text.ljust(width) for line in rows]
-    cells: list[Sequence[str]] = row.findall("\n".join([*texts, ""]))
-    loose: list[int] = []
-    if len(cells) < len(rows):
-        matches = [row.match(text + "\n") for text in texts]
-        loose = [n for n, match in enumerate(matches) if match is None]
-        cells = [
-            match.groups() if match else _parted(text, spans) for match, text in zip(matches, texts, strict=True)
-        ]
-    return [list(map(str.strip, column)) for column in zip(*cells, strict=True)] or [[] for _ in spans], loose
+    if all_are(row.pattern, texts):
+        return [[text[start:end].strip() for text in texts] for start, end in spans], []
+    are_loose = [row.fullmatch(text) is None for text in texts]
+    cells = [
+        _parted(text, spans) if is_loose else [text[start:end].strip() for start, end in spans]
+        for text, is_loose in zip(texts, are_loose, strict=True)
+    ]
+    return list(map(list, zip(*cells, strict=True))), [n for n, is_loose in enumerate(are_loose) if is_loose]
 
 
 @lru_cache(maxsize=64)
 def _in_columns(spans: Spans) -> re.Pattern[str]:
-    """Return the pattern of a row, blanks behind it, that stands in columns: nothing is between them."""
+    """Return the pattern of a row that stands in columns: nothing is between them."""
     gaps = [rf"[^\S\n]{{{start - end}}}" for (_, end), (start, _) in pairwise(spans)]
-    cells = [f"(.{{{end - start}}})" for start, end in spans]
-    row = f".{{{spans[0][0]}}}" + "".join(chain(*zip_longest(cells, gaps, fillvalue="")))
-    return re.compile(rf"^{row}\n", re.MULTILINE)
+    cells = [f".{{{end - start}}}" for start, end in spans]
+    return re.compile(f".{{{spans[0][0]}}}" + "".join(chain(*zip_longest(cells, gaps, fillvalue=""))))
 
 
 def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
     """Return a table with its title put right, and whether it continues one; a title that is unknown is noted."""
     title = _CONTINUES.sub("", raw.title)
     continued = title != raw.title
-    read = next((known for known in titles() if canonical(known) == canonical(title)), None)
+    read = _known().get(canonical(title))
     for beginning in BEGINNINGS if read is None else ():
         noisy = re.match(rf"{noisy_pattern(beginning)}\W*", title, re.I)
         if noisy:
@@ -278,7 +303,8 @@ def _column(heading: str, unit: str, right: bool, column: Sequence[str]) -> _Col
     cells = [cell for cell in column if cell]
     if heading.split(" ")[0] in _NAMES:
         return _Column(heading=heading, kind=None, decimals=None)
-    kinds = [name for name, pattern in _KINDS.items() if cells and all_are(pattern.pattern, cells)]
+    likely = {name: pattern for name, pattern in _KINDS.items() if cells and pattern.fullmatch(cells[0])}
+    kinds = [name for name, pattern in likely.items() if all_are(pattern.pattern, cells)]
     if not kinds:
         counts = Counter(cells)
         shares = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import chain, count, pairwise
 from typing import NamedTuple
 
-from musatpy.listings.audit.spelling import canonical, canonical_row, noisy_pattern, pattern, required, respelt
+from musatpy.listings.audit.spelling import canonical, canonical_rows, noisy_pattern, pattern, required, respelt
 from musatpy.listings.audit.structures import Repair
 from musatpy.listings.lines import SKIPPED
 
@@ -61,7 +61,7 @@ def lines_of(text: str) -> list[Line]:
     skipped = [SKIPPED[row[0]] if row else 0 for row in rows] if controlled else []
     rows = [row[controlled:].rstrip() for row in rows]
     rows = ["" if len(row) > WIDEST or ("PAGE" in row and PAGE_HEADER.search(row)) else row for row in rows]
-    lines = list(map(Line, count(1), rows, map(canonical_row, rows)))
+    lines = list(map(Line, count(1), rows, canonical_rows(rows)))
     if not controlled:
         return lines
     spaced = ([*[Line(line.number, "")] * n, line] for line, n in zip(lines, skipped, strict=True))

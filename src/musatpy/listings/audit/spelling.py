@@ -6,7 +6,7 @@ Noise is what `words` repairs in numbers: 1 and 0 as letters or letters as these
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 from musatpy.listings.audit.structures import Repair, RepairKind
@@ -15,6 +15,7 @@ _LIKE = {**dict.fromkeys("liI1|!", "[liI1|!]"), **dict.fromkeys("oO0", "[oO0]")}
 _SAME = str.maketrans("liI|!Oo", "1111100")
 # The same, letters and digits alone: of ASCII at one go, of which most listings are.
 _BARE = {n: None for n in range(128) if not chr(n).isalnum()} | _SAME
+_BARE_ROWS = {letter: same for letter, same in _BARE.items() if letter != ord("\n")}
 _NO_LETTER = re.compile(r"[\W_]+")
 _BETWEEN = r"[\W_]?"  # one stray character, or a break
 _LEAST = 4  # letters that tell whether it is worth while to look for all
@@ -27,10 +28,14 @@ def canonical(text: str) -> str:
     return lookalike(text.casefold())
 
 
-def canonical_row(row: str) -> str:
-    """Return the canonical form of a row, nothing where it has no letter but what noise makes of digits."""
-    canonical_form = lookalike(row.casefold())
-    return "" if canonical_form.isdecimal() else canonical_form
+def canonical_rows(rows: Sequence[str]) -> list[str]:
+    """Return the canonical form of each row, nothing where it has no letter but what noise makes of digits."""
+    text = "\n".join(rows)
+    if text.isascii():  # of most listings: all rows at one go
+        found = text.casefold().translate(_BARE_ROWS).casefold().split("\n")
+    else:
+        found = [lookalike(row.casefold()) for row in rows]
+    return ["" if row.isdecimal() else row for row in found]
 
 
 def lookalike(text: str) -> str:
