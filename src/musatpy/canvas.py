@@ -9,6 +9,8 @@ from typing import Any
 from musatpy.errors import MusatError
 
 _COLOURS = 128
+_DPI = 110
+_COMPRESSION = 6  # of nine: those beyond take ten times as long for a tenth of the bytes
 _FONT = "'DejaVu Sans', Verdana, sans-serif"
 _TAG = re.compile(r"<[^>]*>")
 _DIGITS = re.compile(r"(\d+\.\d{2})\d+")  # of a tag, beyond a hundredth of a point
@@ -47,18 +49,23 @@ def png(figure: Any) -> bytes:
     """Return the figure as a PNG file, without date and version: the same figure gives the same bytes."""
     buffer = BytesIO()
     lay_out(figure)
-    figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
     return buffer.getvalue()
 
 
 def small_png(figure: Any) -> bytes:
     """Return the figure as `png` does, in colours of a palette: a third as long, and the same to the eye."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image  # matplotlib needs it
 
+    lay_out(figure)
+    figure.set_dpi(_DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba(), "raw", "RGBA", 0, 1)
+    flat = image.convert("RGB").quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     buffer = BytesIO()
-    with Image.open(BytesIO(png(figure))) as image:
-        flat = image.convert("RGB").quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-        flat.save(buffer, format="png", optimize=True)
+    flat.save(buffer, format="png", compress_level=_COMPRESSION)
     return buffer.getvalue()
 
 
