@@ -32,9 +32,12 @@ def check_matplotlib() -> Any:
     return Figure
 
 
-def new_figure(width: float, height: float) -> Any:
-    """Return an empty figure of the given size (inches). Raises `MusatError` where matplotlib is missing."""
-    return check_matplotlib()(figsize=(width, height), layout="constrained")
+def new_figure(width: float, height: float, layout: str = "constrained") -> Any:
+    """Return an empty figure of the given size (inches), by default one that lays its panels out by their texts.
+
+    Raises `MusatError` where matplotlib is missing.
+    """
+    return check_matplotlib()(figsize=(width, height), layout=layout)
 
 
 def lay_out(figure: Any) -> None:
@@ -60,7 +63,7 @@ def small_png(figure: Any) -> bytes:
 
     lay_out(figure)
     figure.set_dpi(_DPI)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     image = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba(), "raw", "RGBA", 0, 1)
     flat = image.convert("RGB").quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)

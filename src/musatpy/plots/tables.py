@@ -69,4 +69,6 @@ def at_rows(values: FloatArray, row: IntArray) -> FloatArray:
 def rows_of(ids: TextArray, names: TextArray) -> IntArray:
     """Return the rows (k,) of names in ids, -1 of one that is not there."""
     row = {name: number for number, name in enumerate(ids.tolist())}
-    return np.array([row.get(name, -1) for name in names.tolist()], dtype=np.int64)
+    first = np.flatnonzero(np.append([True] * bool(len(names)), names[1:] != names[:-1]))  # of equal ones in a row
+    found = np.array([row.get(name, -1) for name in names[first].tolist()], dtype=np.int64)
+    return np.repeat(found, np.diff(np.append(first, len(names))))

@@ -19,8 +19,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.reports.lazy_columns import LazyColumn
 from musatpy.reports.encoding import Json, number, plain, rounded
+from musatpy.reports.lazy_columns import LazyColumn
 
 Schema = dict[str, Any]
 Source = TypeVar("Source")

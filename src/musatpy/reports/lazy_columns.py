@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,6 +37,8 @@ class LazyColumn(Sequence[Json]):
         return iter(self[:])
 
     def __getitem__(self, rows: Any) -> Any:
-        if not isinstance(self._values, np.ndarray):
-            return self._values[rows]
-        return plain(self._values[rows]) if isinstance(rows, slice) else plain(self._values[[rows]])[0]
+        found = self._values[rows]
+        if isinstance(found, np.ndarray):
+            return plain(found)
+        entry = found.item() if isinstance(found, np.generic) else found
+        return None if isinstance(entry, float) and not math.isfinite(entry) else entry
