@@ -10,7 +10,7 @@ from musatpy.canvas import check_matplotlib
 from musatpy.errors import numerics
 from musatpy.files import write_files
 from musatpy.reports.encoding import number
-from musatpy.reports.record import record_of
+from musatpy.reports.record import held_tables
 from musatpy.runs import RunResult
 from musatpy.statistics import Statistics
 
@@ -117,4 +117,4 @@ def _tables(result: RunResult, names: set[str]) -> dict[str, Any]:
     """Return tables of the record of a run, whether it was written or not."""
     assert result.solution is not None
     with numerics("the pictures and layers of the solution"):
-        return record_of(Statistics(result.solution), names)
+        return held_tables(Statistics(result.solution), names)

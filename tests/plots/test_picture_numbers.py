@@ -10,16 +10,17 @@ from scipy import stats
 from musatpy.geometry.collinearity import image
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.plots.correlations import correlated, joined
-from musatpy.plots.enlarged import confidence_ellipses, magnification, round_length, turned
+from musatpy.plots.enlarged import confidence_ellipses, largest_of_cells, magnification, round_length, turned
 from musatpy.plots.footprints import footprints
 from musatpy.plots.mapping import view_of
 from musatpy.plots.mean_residuals import CELLS, cell_means
 from musatpy.plots.normalised import normal_quantiles, thinned
 from musatpy.plots.plane import plane_of
-from musatpy.plots.plate_residuals import worst_photos
+from musatpy.plots.plate_residuals import inside_share, worst_photos
 from musatpy.plots.profile import along, half_corridor, strips
 from musatpy.plots.redundancy import means_of
 from musatpy.plots.sigma_map import graded, steps
+from musatpy.plots.tables import rows_of
 from musatpy.plots.wording import measure
 from musatpy.soundings.s44 import orders_met, survey_orders
 
@@ -69,6 +70,45 @@ def test_most_are_drawn_no_larger_than_wanted() -> None:
     assert magnification(np.array([np.nan, 0.0]), 20.0) == 0.0
 
 
+@pytest.mark.parametrize("number", [7, 50, 4000])
+def test_of_many_places_the_largest_of_each_cell_is_kept(number: int) -> None:
+    places, sizes = RNG.uniform(0.0, [300.0, 100.0], (number, 2)), RNG.uniform(size=number)
+    rows = largest_of_cells(places, sizes, 50)
+    if number <= 50:
+        np.testing.assert_array_equal(rows, np.arange(number))
+        return
+    assert 40 <= len(rows) <= 100 and (np.diff(rows) > 0).all() and sizes.argmax() in rows
+    side = np.sqrt(np.ptp(places, axis=0).prod() / 50)
+    cells = [tuple(cell) for cell in np.floor((places - places.min(axis=0)) / side).astype(int).tolist()]
+    best: dict[tuple[int, ...], int] = {}
+    for row, cell in enumerate(cells):
+        if cell not in best or sizes[row] > sizes[best[cell]]:
+            best[cell] = row
+    assert sorted(best.values()) == rows.tolist()
+
+
+def test_places_on_a_line_are_thinned_too() -> None:
+    places = np.column_stack([np.arange(1000.0), np.zeros(1000)])
+    assert 30 <= len(largest_of_cells(places, np.ones(1000), 50)) <= 51
+
+
+def test_arrows_end_at_the_border_of_their_photo() -> None:
+    low, high = np.tile([-100.0, -50.0], (4, 1)), np.tile([100.0, 50.0], (4, 1))
+    xy = np.array([[0.0, 0.0], [90.0, 0.0], [0.0, -40.0], [-300.0, 0.0]])
+    arrow = np.array([[10.0, 10.0], [100.0, 0.0], [0.0, -1000.0], [-1.0, 0.0]])
+    share = inside_share(xy, arrow, low, high)
+    ends = xy + share[:, None] * arrow
+    border = 0.07 * (high - low)
+    assert share[0] == 1.0 and share[3] == 0.0
+    np.testing.assert_allclose(ends[1:3], [[100.0 + border[1, 0], 0.0], [0.0, -50.0 - border[2, 1]]])
+
+
+def test_names_are_found_in_their_order() -> None:
+    ids, names = np.array(["A", "B", "C"]), np.array(["B", "B", "X", "A", "A", "A", "B", "C"])
+    assert rows_of(ids, names).tolist() == [1, 1, -1, 0, 0, 0, 1, 2]
+    assert rows_of(ids, names[:0]).tolist() == [] and rows_of(ids[:0], names[:1]).tolist() == [-1]
+
+
 def test_footprints_are_imaged_at_the_corners() -> None:
     """Collinearity takes the corners of a footprint back to those of the format."""
     corners = np.tile([[-110.0, -100.0], [115.0, -100.0], [115.0, 120.0], [-110.0, 120.0]], (3, 1, 1))
@@ -116,7 +156,8 @@ def test_chance_puts_one_cell_in_twenty_beyond_its_limit() -> None:
 
 
 def test_quantiles_are_those_of_the_normal_distribution() -> None:
-    np.testing.assert_allclose(normal_quantiles(7), stats.norm.ppf((np.arange(7) + 0.5) / 7.0), rtol=1e-12)
+    rows = np.array([0, 2, 3, 6])
+    np.testing.assert_allclose(normal_quantiles(7, rows), stats.norm.ppf((rows + 0.5) / 7.0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("number", [3, 200, 201, 100_000])

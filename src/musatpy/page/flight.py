@@ -17,6 +17,7 @@ from musatpy.units import MICROMETRE
 
 _KILOMETRE2 = 1e6  # m2
 _DAY = 86400.0  # s
+_WAYS = [[np.cos(angle), np.sin(angle)] for angle in np.arange(16) * np.pi / 8.0]
 RAYS_TITLE = "Rays To Ground Points"
 
 
@@ -39,7 +40,7 @@ def flight_facts(tables: Tables) -> Iterator[Fact]:
         detail=f"stations {flown[:, 2].min():.0f} to {flown[:, 2].max():.0f} m, points typically at {level:.1f} m",
     )
     yield from _scale(tables, height - level)
-    area = _hull(ground[:, :2])
+    area = hull_area(ground[:, :2])
     if area:
         size = f"{size_text(area / _KILOMETRE2)} km²" if area > 0.1 * _KILOMETRE2 else f"{area:.0f} m²"
         yield Fact(label="Area", value=size, detail="hull of the ground points")
@@ -58,14 +59,35 @@ def _scale(tables: Tables, height: float) -> Iterator[Fact]:
     yield Fact(label="Scale of the photos", value=f"1 : {rounded:,.0f}", detail=detail)
 
 
-def _hull(places: FloatArray) -> float:
-    """Return the area (m2) of the convex hull of places (n, 2); 0 of a line."""
-    from scipy.spatial import ConvexHull, QhullError
+def hull_area(places: FloatArray) -> float:
+    """Return the area (m2) of the convex hull of places (n, 2); 0 of a line.
 
-    try:
-        return float(ConvexHull(places).volume) if len(places) > 2 else 0.0
-    except QhullError:
+    By Andrew's monotone chain, of what may lie on the hull: scipy's would have to be loaded, for this alone.
+    """
+    if len(places) < 3:
         return 0.0
+    places = places - places.mean(axis=0)
+    extreme = places[np.unique([(places @ way).argmax() for way in _WAYS])]
+    extreme = extreme[np.argsort(np.arctan2(*(extreme - extreme.mean(axis=0)).T[::-1]))]
+    edge = np.roll(extreme, -1, axis=0) - extreme
+    side = edge[:, 0] * (places[:, 1, None] - extreme[:, 1]) - edge[:, 1] * (places[:, 0, None] - extreme[:, 0])
+    outer = np.unique(np.concatenate([places[(side < 0.0).any(axis=1)], extreme]), axis=0).tolist()
+    ring = np.array([*_chain(outer), *_chain(outer[::-1])]).reshape(-1, 2)
+    x, y = ring.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def _chain(places: list[list[float]]) -> list[list[float]]:
+    """Return the side of a hull that has sorted places at its left, without its last place."""
+    kept: list[list[float]] = []
+    for x, y in places:
+        while len(kept) > 1:
+            (x1, y1), (x2, y2) = kept[-2:]
+            if (x2 - x1) * (y - y1) - (y2 - y1) * (x - x1) > 0.0:
+                break
+            kept.pop()
+        kept.append([x, y])
+    return kept[:-1]
 
 
 def times_fact(tables: Tables) -> Iterator[Fact]:

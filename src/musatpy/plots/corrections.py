@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
-from musatpy.plots.mapping import SHADES, dot_size, draw_arrows, finish, new_map, shown_size, view_of
+from musatpy.plots.mapping import MOST_ARROWS, SHADES, dot_size, draw_arrows, finish, new_map, shown_size, view_of
 from musatpy.plots.picture import Picture
 from musatpy.plots.wording import counted, measure
 
@@ -41,9 +41,10 @@ def figure(found: BottomPoints) -> Any:
     axes.plot(*dry[np.isfinite(dry).all(axis=1)].T, ".", color="0.6", markersize=2, label="other points")
     shade = axes.scatter(
         *places.T, c=-shift[:, 2], s=(1.5 * dot_size(bounds, number)) ** 2, cmap=SHADES, edgecolors="0.3",
-        linewidths=0.4, label=counted(number, "submerged point"),
+        linewidths=0.4 if number <= MOST_ARROWS else 0.0, label=counted(number, "submerged point"),
     )  # fmt: skip
-    draw_arrows(axes, places, shift[:, :2], 2.0 * shown_size(bounds, number), "moved sideways")
+    drawn = 2.0 * shown_size(bounds, min(number, MOST_ARROWS))
+    draw_arrows(axes, places, shift[:, :2], drawn, "moved sideways")
     _write_some(axes, places, -shift[:, 2])
     return finish(drawing, axes, shade=shade, label="lowered by, m")
 

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.canvas import new_figure
 from musatpy.plots.mapping import SHADES
 from musatpy.plots.picture import Picture
+from musatpy.plots.sheet import Margins, bar_beside, new_sheet, room_of
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.plots.wording import counted
 
 _ELEMENTS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
 _MOST = 16  # unknowns of all photos that are drawn
 _HIGH = 0.95  # from which two unknowns can hardly be told apart
-_CELL = 0.5  # inches
+_CELL, _LEAST = 0.5, 3.2  # inches, of a correlation and of all
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,9 +100,12 @@ def sentence(found: Correlations) -> str:
 def figure(found: Correlations) -> Any:
     """Return the figure of correlations. Raises `MusatError` where matplotlib is missing."""
     number, bars = len(found.names), len(found.inflated)
-    side = _CELL * number + 2.2
-    drawing = new_figure(side + (4.0 if bars else 0.8), max(side, 4.8))
-    panels = drawing.subplots(1, 2 if bars else 1, squeeze=False, width_ratios=[side, 3.0] if bars else None)[0]
+    side = max(_CELL * number, _LEAST)
+    room = room_of(found.names)
+    beside = 0.9 + room_of(found.inflated.tolist())
+    margins = Margins(left=room, below=max(room, 0.55), beside=beside, right=0.2 if bars else 0.9)
+    sheet = new_sheet(([side, 3.0] if bars else [side], [side]), margins)
+    panels = sheet.panels[0]
     axes = panels[0]
     shade = axes.imshow(np.abs(found.value), cmap=SHADES, vmin=0.0, vmax=1.0)
     for (row, column), value in np.ndenumerate(found.value):
@@ -112,7 +115,7 @@ def figure(found: Correlations) -> Any:
     axes.set_xticks(range(number), found.names, rotation=90, fontsize=8)
     axes.set_yticks(range(number), found.names, fontsize=8)
     axes.set_title(f"Correlations of the unknowns of photo {found.photo}", fontsize=10)
-    drawing.colorbar(shade, ax=axes, label="size of the correlation", shrink=0.7, location="left")
+    bar_beside(sheet.figure, axes, shade, "size of the correlation")
     if bars:
         panels[1].barh(range(bars), found.inflation, color="0.7", edgecolor="0.3", height=0.5)
         panels[1].set_yticks(range(bars), found.inflated.tolist(), fontsize=8)
@@ -124,7 +127,7 @@ def figure(found: Correlations) -> Any:
         for row, value in enumerate(found.inflation.tolist()):
             place = (max(value, 1.0), row)
             panels[1].annotate(f"{value:.3g}", place, textcoords="offset points", xytext=(3, -3), fontsize=7)
-    return drawing
+    return sheet.figure
 
 
 CORRELATIONS = Picture(

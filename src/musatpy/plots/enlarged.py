@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.statistics.quality import ellipses
 
 CONFIDENCE = 0.95
@@ -35,6 +35,21 @@ def round_length(length: float) -> float:
     """Return the largest of 1, 2, 5 times a power of ten that a positive length reaches."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(power * max(step for step in _STEPS if step * power <= length * (1.0 + 1e-9)))
+
+
+def largest_of_cells(places: FloatArray, sizes: FloatArray, most: int) -> IntArray:
+    """Return the rows of places (n, 2), growing, whose sizes (n,) are the largest in the cells of a square grid.
+
+    The grid has about so many cells; where there are no more places than that, all are returned.
+    """
+    if len(places) <= most:
+        return np.arange(len(places))
+    low, reach = places.min(axis=0), np.maximum(np.ptp(places, axis=0), 1e-9)
+    side = max(float(np.sqrt(reach.prod() / most)), float(reach.max()) / most)
+    cell = np.floor((places - low) / side).astype(np.int64)
+    order = np.lexsort((-sizes, cell[:, 1], cell[:, 0]))
+    first = np.append(True, (np.diff(cell[order], axis=0) != 0).any(axis=1))
+    return np.sort(order[first])
 
 
 def magnification(sizes: FloatArray, shown: float) -> float:

@@ -40,10 +40,10 @@ def frames(tables: Tables) -> tuple[FloatArray, FloatArray]:
     cameras, stations, plates = part(tables, "cameras"), part(tables, "stations"), part(tables, "plates")
     of = rows_of(texts(cameras, "camera"), texts(stations, "camera"))
     size, centre = numbers(cameras, "format_size", 2), numbers(cameras, "principal_point", 2)
-    xy = numbers(plates, "xy", 2)
-    camera = of[rows_of(texts(stations, "photo"), texts(plates, "photo"))]
-    for row in np.flatnonzero(~np.isfinite(size).all(axis=1)).tolist():
-        mine = xy[camera == row]
+    unknown = np.flatnonzero(~np.isfinite(size).all(axis=1)).tolist()
+    camera = of[rows_of(texts(stations, "photo"), texts(plates, "photo"))] if unknown else of
+    for row in unknown:
+        mine = numbers(plates, "xy", 2)[camera == row]
         if len(mine):
             size[row] = 2.0 * _BORDER * np.abs(mine).max(axis=0)
     corners = _CORNERS * size[of, None, :] - centre[of, None, :]

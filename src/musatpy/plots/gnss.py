@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.canvas import new_figure
 from musatpy.plots.enlarged import NORMAL, turned
 from musatpy.plots.mapping import INK, WET, draw_arrows, dress, name_places, shown_size, view_of
 from musatpy.plots.picture import Picture
 from musatpy.plots.plane import Plane, plane_of
+from musatpy.plots.sheet import Margins, legend_below, new_sheet
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.plots.wording import counted, measure, rms
 
 _AXES = ("east", "north", "up")
 _LOCAL = ("X", "Y", "Z")
-_MAP = 6.0  # inches
+_MAP, _WIDE, _LOW = 6.0, 8.0, 0.95  # inches: of the map, and of the panels of components
 _TICKS = 40  # photos that are named, at most
 
 
@@ -84,28 +84,26 @@ def figure(found: ObservedStations) -> Any:
     bounds, _ = view_of(found.places, found.places, keys=1)
     width, height = (bounds[1] - bounds[0]).tolist()
     tall = max(_MAP * height / max(width, height), 3.0)
-    drawing = new_figure(9.0, tall + 4.4)
-    drawing.suptitle("Stations, adjusted minus observed", fontsize=11)
-    grid = drawing.add_gridspec(4, 1, height_ratios=[tall, 1.1, 1.1, 1.1])
-    axes = drawing.add_subplot(grid[0], aspect="equal")
+    sizes = [_WIDE], [tall, _LOW, _LOW, _LOW]
+    margins = Margins(below=1.0, between=0.55)
+    sheet = new_sheet(sizes, margins, title="Stations, adjusted minus observed", legend=1)
+    axes, *components = sheet.panels[:, 0].tolist()
+    axes.set_aspect("equal")
     dress(axes, bounds, found.plane)
     axes.plot(*found.places.T, "o", color=INK, markerfacecolor="white", markersize=4)
     name_places(axes, found.places, found.photos)
     shown = 2.0 * shown_size(bounds, len(found.photos))
     draw_arrows(axes, found.places, turned(found.difference[:, :2], found.turns), shown, "in plan", color=WET)
-    first = None
-    for axis, name in enumerate(found.names):
-        panel = drawing.add_subplot(grid[axis + 1], sharex=first)
-        first = first or panel
+    for axis, (panel, name) in enumerate(zip(components, found.names, strict=True)):
+        panel.sharex(components[0]) if axis else None
         _draw_component(panel, found, axis)
         panel.set_ylabel(f"{name}, m", fontsize=9)
     step = -(-len(found.photos) // _TICKS)
     number = np.arange(1.0, len(found.photos) + 1.0)
     panel.set_xticks(number[::step], found.photos[::step].tolist(), rotation=90, fontsize=7)
     panel.set_xlabel("photo")
-    handles, labels = panel.get_legend_handles_labels()
-    drawing.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
-    return drawing
+    legend_below(sheet.figure, 2, *panel.get_legend_handles_labels())
+    return sheet.figure
 
 
 def _draw_component(axes: Any, found: ObservedStations, axis: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.canvas import new_figure
-from musatpy.plots.enlarged import magnification, round_length
+from musatpy.plots.enlarged import largest_of_cells, magnification, round_length
 from musatpy.plots.plane import Plane
 
 INK, GREY, LIGHT = "black", "0.45", "0.75"
@@ -19,7 +19,10 @@ _ROW = 0.19  # inches, of a line of the legend
 _BORDER = 0.05  # of the extent
 _KEY = 0.05  # of the extent, for a line of keys below the block
 _BEYOND = 1.0  # extents of the block, within which points are in view
-_NAMES = 60  # at most
+_NAMES = 40  # at most
+MOST_ARROWS = 1000  # or ellipses of a map: more cannot be told apart
+OF_CELLS = ", the largest of each cell"
+_NOTHING = 1e-6  # m, of vectors that are rounding errors
 _SHOWN = 0.02  # of the extent, at most: ellipses and arrows
 _APART = 0.6  # of the distance between points, at most
 _DOTS = (2.0, 6.0)  # points, of the smallest and largest marker
@@ -142,16 +145,19 @@ def draw_arrows(
     axes: Any, places: FloatArray, vectors: FloatArray, shown: float, what: str, *, color: str = INK, line: int = 0
 ) -> None:
     """Draw vectors (n, 2) m at places (n, 2), most as long as `shown` (m), with their key; NaN is left out."""
-    rows = np.isfinite(vectors).all(axis=1) & np.isfinite(places).all(axis=1)
-    factor = magnification(np.linalg.norm(vectors[rows], axis=1), shown)
-    if not factor:
+    rows = np.flatnonzero(np.isfinite(vectors).all(axis=1) & np.isfinite(places).all(axis=1))
+    length = np.linalg.norm(vectors[rows], axis=1)
+    if not (length > _NOTHING).any():
         return
-    length = round_length(1.5 * shown / factor)
+    some = largest_of_cells(places[rows], length, MOST_ARROWS)
+    what += OF_CELLS if len(some) < len(rows) else ""
+    rows, factor = rows[some], magnification(length[some], shown)
+    unit = round_length(1.5 * shown / factor)
     place = key_place(axes, line)
-    tails = np.concatenate([places[rows], [place - [0.5 * factor * length, 0.0]]])
-    arrows = factor * np.concatenate([vectors[rows], [[length, 0.0]]])
+    tails = np.concatenate([places[rows], [place - [0.5 * factor * unit, 0.0]]])
+    arrows = factor * np.concatenate([vectors[rows], [[unit, 0.0]]])
     axes.quiver(*tails.T, *arrows.T, angles="xy", scale_units="xy", scale=1.0, color=color, width=0.0025, zorder=3)
-    write_key(axes, place, f"{what}, {factor:,g} times enlarged: {length:g} m")
+    write_key(axes, place, f"{what}, {factor:,g} times enlarged: {unit:g} m")
 
 
 def draw_outlines(axes: Any, outlines: FloatArray) -> None:

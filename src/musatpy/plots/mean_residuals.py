@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.canvas import new_figure
 from musatpy.plots.enlarged import magnification
 from musatpy.plots.mapping import GREY, INK, SHADES
 from musatpy.plots.picture import Picture
 from musatpy.plots.plate_residuals import NEEDS, PlateResiduals, enlarged_text, plate_residuals
+from musatpy.plots.sheet import Margins, bar_beside, legend_below, new_sheet
 from musatpy.plots.tables import NothingToShowError, Tables
 from musatpy.plots.wording import counted, measure
 
@@ -20,7 +20,7 @@ CELLS = (24, 16)  # of a photo, along x and y
 _LIMIT = 2.448  # sigmas of 95 % in two dimensions
 _MEDIAN = 0.6745  # of the magnitude of a standard normal variable
 _LEAST = 3  # images of a cell whose mean is drawn
-_PANEL = 5.2  # inches
+_PANEL = 4.4  # inches
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,22 +128,23 @@ def figure(means: list[CellMeans]) -> Any:
     """Return the figure of means. Raises `MusatError` where matplotlib is missing."""
     columns = min(len(means), 2)
     rows = -(-len(means) // columns)
-    drawing = new_figure(_PANEL * columns + 0.8, 0.85 * _PANEL * rows + 1.0)
-    panels = drawing.subplots(rows, columns, squeeze=False).ravel()
     cell = min(float((np.ptp(part.corners, axis=0) / CELLS).min()) for part in means)
     lengths = np.concatenate([np.linalg.norm(part.mean, axis=2)[part.drawn] for part in means])
     factor = magnification(lengths, 1.2 * cell) or 1.0
-    drawing.suptitle(f"Mean residuals, adjusted minus measured; {enlarged_text(factor)}", fontsize=10, wrap=True)
+    tall = _PANEL * max(float(np.divide(*np.ptp(part.corners, axis=0)[::-1])) for part in means)
+    title = f"Mean residuals, adjusted minus measured; {enlarged_text(factor)}"
+    sheet = new_sheet(([_PANEL] * columns, [tall] * rows), Margins(right=0.95), title=title, legend=1)
+    panels = sheet.panels.ravel()
     most = max(int(part.count.max()) for part in means)
     shade = None
     for axes, part in zip(panels, means, strict=False):
         shade = _draw(axes, part, factor, most)
     for axes in panels[len(means) :]:
         axes.set_axis_off()
-    drawing.colorbar(shade, ax=panels.tolist(), label="images in a cell", shrink=0.8)
+    bar_beside(sheet.figure, panels[columns - 1], shade, "images in a cell")
     signs = [_arrow(INK, 1.6, "mean beyond its 95 % limit"), _arrow(GREY, 0.8, "mean within it")]
-    drawing.legend(handles=signs, loc="outside lower center", ncols=2, fontsize=8)
-    return drawing
+    legend_below(sheet.figure, 2, signs, [sign.get_label() for sign in signs])
+    return sheet.figure
 
 
 def _arrow(shade: str, width: float, label: str) -> Any:

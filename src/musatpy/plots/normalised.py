@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
-from musatpy.canvas import new_figure
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.plots.enlarged import NORMAL
 from musatpy.plots.mapping import DRY, INK, WET
 from musatpy.plots.picture import Picture
+from musatpy.plots.sheet import Margins, legend_below, new_sheet
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.plots.wording import counted
 
@@ -21,7 +22,7 @@ _BARS = (9, 36)  # least and most
 _DRAWN = 200  # quantiles at most, the ends all
 _ENDS = 20
 _FAR = 3.29  # 99.9 %
-_HEIGHT = 2.5  # inches, of a kind
+_WIDTH, _HEIGHT = 3.7, 1.8  # inches, of a panel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,14 +42,13 @@ class Residuals:
         return float(np.mean(np.abs(self.values) > limit))
 
 
-def normal_quantiles(number: int) -> FloatArray:
-    """Return where the values (number,) of a standard normal sample are expected, growing: at (i - 1/2)/n."""
-    from scipy.special import ndtri
+def normal_quantiles(number: int, rows: IntArray) -> FloatArray:
+    """Return where rows (k,) of the values of a standard normal sample, growing, are expected: at (i - 1/2)/n."""
+    normal = NormalDist()  # scipy's would have to be loaded, for this alone
+    return np.array([normal.inv_cdf((row + 0.5) / number) for row in rows.tolist()])
 
-    return np.asarray(ndtri((np.arange(number) + 0.5) / number))
 
-
-def thinned(number: int) -> Any:
+def thinned(number: int) -> IntArray:
     """Return the rows of quantiles that are drawn: both ends, and evenly between."""
     if number <= _DRAWN:
         return np.arange(number)
@@ -83,9 +83,10 @@ def sentence(found: list[Residuals]) -> str:
 
 def figure(found: list[Residuals]) -> Any:
     """Return the figure of all kinds. Raises `MusatError` where matplotlib is missing."""
-    drawing = new_figure(9.0, _HEIGHT * len(found) + 0.9)
-    drawing.suptitle("Normalised residuals beside the normal distribution", fontsize=11)
-    panels = drawing.subplots(len(found), 2, squeeze=False)
+    sizes = [_WIDTH] * 2, [_HEIGHT] * len(found)
+    title = "Normalised residuals beside the normal distribution"
+    sheet = new_sheet(sizes, Margins(between=0.6, beside=0.7), title=title, legend=1)
+    panels = sheet.panels
     for (bars, dots), of_kind in zip(panels, found, strict=True):
         _draw_bars(bars, of_kind)
         _draw_quantiles(dots, of_kind)
@@ -93,8 +94,8 @@ def figure(found: list[Residuals]) -> Any:
     panels[-1, 1].set_xlabel("expected of a normal distribution")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     more = panels[0, 1].get_legend_handles_labels()
-    drawing.legend(handles + more[0], labels + more[1], loc="outside lower center", ncols=5, fontsize=8)
-    return drawing
+    legend_below(sheet.figure, 5, handles + more[0], labels + more[1])
+    return sheet.figure
 
 
 def _draw_bars(axes: Any, of_kind: Residuals) -> None:
@@ -120,7 +121,7 @@ def _draw_bars(axes: Any, of_kind: Residuals) -> None:
 
 def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
     rows = thinned(len(of_kind.values))
-    expected = normal_quantiles(len(of_kind.values))[rows]
+    expected = normal_quantiles(len(of_kind.values), rows)
     ends = [expected[0] - 0.3, expected[-1] + 0.3]
     axes.plot(ends, ends, "-", color=WET, linewidth=1.4)
     axes.plot(expected, of_kind.values[rows], ".", color=INK, markersize=4, label="quantiles")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.canvas import new_figure
 from musatpy.plots.bottom_points import as_run, is_compilation
 from musatpy.plots.footprints import ground_of, outlines
 from musatpy.plots.mapping import INK, SHADES, dot_size, draw_outlines, dress, enlarge_signs, view_of
 from musatpy.plots.plane import Plane, plane_of
+from musatpy.plots.sheet import Margins, Sheet, legend_below, legend_lines, new_sheet
 from musatpy.plots.tables import Tables, numbers, part
 
 MAPS_NEED = {
@@ -24,7 +24,9 @@ MAPS_NEED = {
 }
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of classes
 _STATIONS = 200  # that are drawn in a panel, at most: more would hide the points
-_PANEL, _LOW = 5.0, 2.6  # inches, of the long side of a map, and of its height at least
+_PANEL = 5.0  # inches, of the long side of a map
+_COLUMNS = 5  # of the legend
+NAMED = 2  # what is drawn under points: footprints and stations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,19 +60,24 @@ def point_map(tables: Tables) -> PointMap:
     return PointMap(plane=plane, stations=stations, outlines=around, places=places, seen=seen, bounds=bounds)
 
 
-def new_panels(block: PointMap, titles: list[str]) -> tuple[Any, list[Any]]:
-    """Return a figure with the maps of a block side by side. Raises `MusatError` where matplotlib is missing."""
+def new_panels(block: PointMap, titles: list[str], title: str, named: int) -> tuple[Sheet, list[Any]]:
+    """Return a sheet with the maps of a block side by side, and room for a legend of so many names.
+
+    Raises `MusatError` where matplotlib is missing.
+    """
     width, height = (block.bounds[1] - block.bounds[0]).tolist()
     scale = _PANEL / max(width, height)
     across = min(len(titles), 2)
     down = -(-len(titles) // across)
-    figure = new_figure((width * scale + 0.7) * across + 0.3, max(height * scale + 0.7, _LOW) * down + 1.0)
-    panels = [figure.add_subplot(down, across, place) for place in range(1, len(titles) + 1)]
+    sizes = [width * scale] * across, [height * scale] * down
+    sheet = new_sheet(sizes, Margins(), title=title, legend=legend_lines(named, _COLUMNS))
+    panels = sheet.panels.ravel()[: len(titles)].tolist()
+    for axes in sheet.panels.ravel()[len(titles) :]:
+        axes.remove()
     for axes, title in zip(panels, titles, strict=True):
-        axes.set_aspect("equal")
         dress(axes, block.bounds, block.plane)
         axes.set_title(title, fontsize=10)
-    return figure, panels
+    return sheet, panels
 
 
 def draw_block(axes: Any, block: PointMap) -> None:
@@ -95,15 +102,11 @@ def draw_grades(axes: Any, block: PointMap, grade: IntArray, classes: Sequence[s
         )
 
 
-def finish_panels(figure: Any, panels: list[Any], title: str) -> Any:
-    """Give a figure of maps its title and one legend, and return it."""
+def finish_panels(sheet: Sheet, panels: list[Any]) -> Any:
+    """Give a sheet of maps one legend, and return its figure."""
     named: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(label, handle)
-    figure.suptitle(title, fontsize=11)
-    legend = figure.legend(
-        named.values(), named.keys(), loc="outside lower center", ncols=min(len(named), 5), fontsize=8
-    )
-    enlarge_signs(legend)
-    return figure
+    enlarge_signs(legend_below(sheet.figure, _COLUMNS, list(named.values()), list(named)))
+    return sheet.figure

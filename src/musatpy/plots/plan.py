@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.plots.enlarged import confidence_ellipses, magnification, round_length, turned
+from musatpy.plots.enlarged import confidence_ellipses, largest_of_cells, magnification, round_length, turned
 from musatpy.plots.footprints import ground_of, outlines
 from musatpy.plots.mapping import (
     CONTROL,
     DRY,
     GREY,
     INK,
+    MOST_ARROWS,
+    OF_CELLS,
     WET,
     dot_size,
     draw_arrows,
@@ -115,7 +117,6 @@ def figure(plan: BlockPlan) -> Any:
     core = np.concatenate([plan.stations, plan.outlines.reshape(-1, 2)])
     bounds, seen = view_of(core, plan.points, keys=2)
     drawing, axes = new_map(bounds, plan.plane, "Block plan")
-    shown = shown_size(bounds, int(seen.sum()))
     draw_outlines(axes, plan.outlines)
     marker = dot_size(bounds, int(seen.sum()))
     axes.plot(*plan.stations.T, "o", color=INK, markerfacecolor="white", markersize=1.3 * marker, label="stations")
@@ -126,7 +127,7 @@ def figure(plan: BlockPlan) -> Any:
         if rows.any():
             label = counted(int(rows.sum()), label)
             axes.plot(*plan.points[rows].T, sign, color=shade, markersize=marker, label=label)
-    _draw_ellipses(axes, plan, seen, shown)
+    _draw_ellipses(axes, plan, seen, shown_size(bounds, min(int(seen.sum()), MOST_ARROWS)))
     _draw_control(axes, plan, shown_size(bounds, len(plan.control)))
     name_places(axes, plan.stations, plan.photos)
     if outside := int((~seen).sum()):
@@ -137,23 +138,32 @@ def figure(plan: BlockPlan) -> Any:
 def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray, shown: float) -> None:
     from matplotlib.collections import EllipseCollection
 
-    rows = seen & np.isfinite(plan.axes).all(axis=1)
+    known = np.flatnonzero(seen & np.isfinite(plan.axes).all(axis=1))
+    rows = known[largest_of_cells(plan.points[known], plan.axes[known, 0], MOST_ARROWS)]
     factor = magnification(plan.axes[rows, 0], shown)
     if not factor:
         return
+    cells = OF_CELLS if len(rows) < len(known) else ""
     radius = round_length(1.5 * shown / factor)
     place = key_place(axes, 1)
     size = 2.0 * factor * np.concatenate([plan.axes[rows], [[radius, radius]]])
-    style: dict[str, Any] = {"facecolors": "none", "edgecolors": GREY, "linewidths": 0.7}
+    style: dict[str, Any] = {"facecolors": "none", "edgecolors": INK if cells else GREY, "linewidths": 0.7}
     offsets = np.concatenate([plan.points[rows], [place]])
     angle = np.degrees(np.append(plan.angle[rows], 0.0))
     axes.add_collection(
         EllipseCollection(
-            size[:, 0], size[:, 1], angle, units="xy", offsets=offsets, offset_transform=axes.transData, **style
+            size[:, 0],
+            size[:, 1],
+            angle,
+            units="xy",
+            offsets=offsets,
+            offset_transform=axes.transData,
+            zorder=2.5,
+            **style,
         ),
         autolim=False,
     )
-    write_key(axes, place, f"95 % ellipses, {factor:,g} times enlarged: semi-axis of {radius:g} m")
+    write_key(axes, place, f"95 % ellipses{cells}, {factor:,g} times enlarged: semi-axis of {radius:g} m")
 
 
 def _draw_control(axes: Any, plan: BlockPlan, shown: float) -> None:

@@ -8,18 +8,20 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.canvas import new_figure
-from musatpy.plots.enlarged import magnification
+from musatpy.plots.enlarged import magnification, round_length
 from musatpy.plots.footprints import frames
 from musatpy.plots.mapping import DRY, INK, LIGHT, WET
 from musatpy.plots.picture import Picture
+from musatpy.plots.sheet import Margins, legend_below, new_sheet
 from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
 from musatpy.plots.wording import counted, measure, rms
 from musatpy.units import MICROMETRE
 
 _SHOWN = 0.1  # of the width of a photo: what most residuals are drawn as
 _PANELS, _COLUMNS = 20, 4  # photos, and how many of them side by side
-_PANEL = 2.4  # inches
+_PANEL, _WIDE = 2.1, 5.5  # inches, of a photo, and of all at least
+_BESIDE, _NAME = 0.14, 0.1  # of a format: between photos, and for the name of one
+_MARGINS = Margins(above=0.1)
 NEEDS = {
     "plates": ("photo", "point", "xy", "sigma", "residual", "triangulated"),
     "stations": ("photo", "camera"),
@@ -104,20 +106,30 @@ def _draw_photos(plates: PlateResiduals) -> Any:
     shown = worst_photos(plates.rms, _PANELS)
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
-    figure = new_figure(max(_PANEL * columns, 5.0) + 0.4, (_PANEL + 0.1) * rows + 0.9)
-    size = np.ptp(plates.corners[shown], axis=1).max()
+    low, high = plates.corners[shown].min(axis=(0, 1)), plates.corners[shown].max(axis=(0, 1))
+    pitch = (high - low) * [1.0 + _BESIDE, 1.0 + _BESIDE] + [0.0, _NAME * (high - low).max()]
+    scale = max(_PANEL, _WIDE / columns) / float(pitch[0])
     inside = np.isin(plates.photo, shown)
-    factor = magnification(np.linalg.norm(plates.residual[inside], axis=1), _SHOWN * size) or 1.0
-    figure.suptitle(f"Plate residuals, adjusted minus measured; {enlarged_text(factor)}", fontsize=10, wrap=True)
-    for place, photo in enumerate(shown.tolist(), 1):
-        axes = figure.add_subplot(rows, columns, place, aspect="equal")
-        _draw_photo(axes, plates, photo, factor)
-        edge = place > len(shown) - columns, place % columns == 1 or columns == 1
-        axes.set_xlabel("x, mm" if edge[0] else "", fontsize=8)
-        axes.set_ylabel("y, mm" if edge[1] else "", fontsize=8)
+    factor = (
+        magnification(np.linalg.norm(plates.residual[inside], axis=1), _SHOWN * float((high - low).max())) or 1.0
+    )
+    title = f"Plate residuals, adjusted minus measured; {enlarged_text(factor)}"
+    sheet = new_sheet(([columns * pitch[0] * scale], [rows * pitch[1] * scale]), _MARGINS, title=title, legend=1)
+    axes = sheet.panels[0, 0]
+    place = np.arange(len(shown))
+    middle = np.column_stack([place % columns, -(place // columns)]) * pitch
+    _set_axes(axes, middle, pitch, low, high)
+    tile = np.full(len(plates.photos), -1)
+    tile[shown] = place
+    _draw_residuals(axes, plates, np.where(inside, tile[plates.photo], -1), middle, factor)
+    axes.add_collection(_frames(plates.corners[shown] + middle[:, None, :]), autolim=False)
+    for number, photo in enumerate(shown.tolist()):
+        text = f"{plates.photos[photo]}: RMS {measure(plates.rms[photo], 'um')}"
+        at = middle[number] + [0.5 * (low[0] + high[0]), high[1] + 0.5 * _BESIDE * (high[1] - low[1])]
+        axes.text(*at, text, fontsize=8, ha="center", va="bottom")
     signs = _signs(plates)
-    figure.legend(handles=signs, loc="outside lower center", ncols=len(signs), fontsize=8)
-    return figure
+    legend_below(sheet.figure, len(signs), signs, [sign.get_label() for sign in signs])
+    return sheet.figure
 
 
 def enlarged_text(factor: float) -> str:
@@ -125,25 +137,57 @@ def enlarged_text(factor: float) -> str:
     return f"arrows {1000.0 * factor:,g} times enlarged: 10 mm of the photo are {10.0 / factor:g} um"
 
 
-def _draw_photo(axes: Any, plates: PlateResiduals, photo: int, factor: float) -> None:
-    corners = plates.corners[photo]
-    axes.plot(*np.concatenate([corners, corners[:1]]).T, "-", color=LIGHT, linewidth=0.8)
+def _set_axes(axes: Any, middle: FloatArray, pitch: FloatArray, low: FloatArray, high: FloatArray) -> None:
+    """Give axes of tiles about principal points (n, 2) the numbers of plate coordinates, below and at the left."""
+    border = 0.5 * _BESIDE * (high - low)
+    axes.set_xlim(middle[:, 0].min() + low[0] - border[0], middle[:, 0].max() + low[0] - border[0] + pitch[0])
+    axes.set_ylim(middle[:, 1].min() + low[1] - border[1], middle[:, 1].max() + low[1] - border[1] + pitch[1])
+    step = round_length(0.45 * float((high - low).min()))
+    for axis, setter in ((0, axes.set_xticks), (1, axes.set_yticks)):
+        marks = step * np.arange(np.ceil(low[axis] / step), np.floor(high[axis] / step) + 1.0)
+        tiles = np.unique(middle[:, axis])
+        setter((tiles[:, None] + marks).ravel(), [f"{mark:zg}" for mark in marks] * len(tiles), fontsize=7)
+    axes.set_xlabel("x, mm", fontsize=8)
+    axes.set_ylabel("y, mm", fontsize=8)
+    axes.spines[["top", "right", "left", "bottom"]].set_visible(False)
+
+
+def _frames(corners: FloatArray) -> Any:
+    """Return formats with corners (n, 4, 2) as lines."""
+    from matplotlib.collections import LineCollection
+
+    return LineCollection(list(np.concatenate([corners, corners[:, :1]], axis=1)), colors=LIGHT, linewidths=0.8)
+
+
+def _draw_residuals(axes: Any, plates: PlateResiduals, tile: IntArray, middle: FloatArray, factor: float) -> None:
+    """Draw images and residuals on the tiles (m,) of their photos, -1 of none, about principal points (n, 2).
+
+    An arrow that would leave the tile ends at its border, without a head.
+    """
     for wet, used, marker, fill in _KINDS:
-        rows = (plates.photo == photo) & (plates.submerged == wet) & (plates.used == used)
+        rows = (tile >= 0) & (plates.submerged == wet) & (plates.used == used)
+        if not rows.any():
+            continue
         shade = WET if wet else DRY
-        axes.plot(
-            *plates.xy[rows].T, marker, color=shade, markerfacecolor=shade if fill else "none", markersize=3.5
-        )
+        at, arrow = plates.xy[rows] + middle[tile[rows]], factor * plates.residual[rows]
+        corners = plates.corners[plates.photo[rows]]
+        share = inside_share(plates.xy[rows], arrow, corners.min(axis=1), corners.max(axis=1))
+        axes.plot(*at.T, marker, color=shade, markerfacecolor=shade if fill else "none", markersize=3.5)
+        whole = share >= 1.0
         axes.quiver(
-            *plates.xy[rows].T, *(factor * plates.residual[rows]).T, angles="xy", scale_units="xy", scale=1.0,
-            color=shade, width=0.006,
+            *at[whole].T, *arrow[whole].T, angles="xy", scale_units="xy", scale=1.0, color=shade, width=0.0015,
         )  # fmt: skip
-    axes.set_title(f"{plates.photos[photo]}: RMS {measure(plates.rms[photo], 'um')}", fontsize=8)
-    axes.tick_params(labelsize=7)
-    axes.locator_params(nbins=5)
-    border = 0.06 * np.ptp(corners, axis=0).max()
-    axes.set_xlim(corners[:, 0].min() - border, corners[:, 0].max() + border)
-    axes.set_ylim(corners[:, 1].min() - border, corners[:, 1].max() + border)
+        ends = at + share[:, None] * arrow
+        axes.plot(*np.stack([at[~whole], ends[~whole]], axis=1).transpose(2, 1, 0), "-", color=shade, linewidth=1.0)
+
+
+def inside_share(xy: FloatArray, arrow: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return which share (m,) of arrows (m, 2) at xy (m, 2) lies on formats low to high (m, 2) or their border."""
+    border = 0.5 * _BESIDE * (high - low)
+    room = np.where(arrow > 0.0, high + border - xy, xy - low + border)
+    with np.errstate(divide="ignore"):
+        share = np.maximum(room, 0.0) / np.abs(arrow)
+    return np.minimum(share.min(axis=1), 1.0)
 
 
 _KINDS = ((False, True, ".", True), (True, True, "x", True), (False, False, "o", False), (True, False, "D", False))

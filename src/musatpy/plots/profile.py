@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
-from musatpy.canvas import new_figure
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.enlarged import NORMAL
 from musatpy.plots.mapping import DRY, GREY, INK, WET
 from musatpy.plots.picture import Picture
 from musatpy.plots.plane import Plane
+from musatpy.plots.sheet import Margins, legend_below, legend_lines, new_sheet
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.plots.wording import counted, measure
 
@@ -27,6 +27,7 @@ _NARROW, _WIDE = 0.005, 0.16  # of the length of a line: half a corridor, at lea
 _BEND, _GAP = 60.0, 2.5  # degrees, and typical distances, at which a strip ends
 _BESIDE_AXIS = 0.05  # of the length of a line: what counts where the line is chosen
 _BESIDE = 1.0  # flying heights from the line, within which the water of photos is that of the line
+_COLUMNS = 4  # of the legend
 _JOINED = 400  # points that are joined by lines, at most
 
 
@@ -230,8 +231,9 @@ def sentence(found: Profile) -> str:
 
 def figure(found: Profile) -> Any:
     """Return the figure of a profile. Raises `MusatError` where matplotlib is missing."""
-    drawing = new_figure(10.0, 5.0)
-    axes = drawing.add_subplot()
+    number = 4 + bool(len(found.dry)) + bool(len(found.sounded))
+    sheet = new_sheet(([9.0], [3.9]), Margins(), legend=legend_lines(number, _COLUMNS))
+    axes = sheet.panels[0, 0]
     axes.set_title(f"Profile along {found.line.name}, points within {measure(found.half, 'm')}", fontsize=11)
     joined = len(found.distance) <= _JOINED
     band = NORMAL * np.nan_to_num(found.sigma)
@@ -256,8 +258,8 @@ def figure(found: Profile) -> Any:
     axes.set_ylabel("height, m")
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.grid(alpha=0.3)
-    drawing.legend(loc="outside lower center", ncols=4, fontsize=8)
-    return drawing
+    legend_below(sheet.figure, _COLUMNS, *axes.get_legend_handles_labels())
+    return sheet.figure
 
 
 def _set_heights(axes: Any, found: Profile) -> None:

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.plots.panels import MAPS_NEED, PointMap, draw_block, draw_grades, finish_panels, new_panels, point_map
+from musatpy.plots.panels import (
+    MAPS_NEED,
+    NAMED,
+    PointMap,
+    draw_block,
+    draw_grades,
+    finish_panels,
+    new_panels,
+    point_map,
+)
 from musatpy.plots.picture import Picture
 from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
 from musatpy.plots.wording import counted
@@ -45,7 +54,7 @@ def redundancy_map(tables: Tables) -> RedundancyMap:
     plates = np.flatnonzero(texts(observed, "kind") == "plate")
     if not len(plates):
         raise NothingToShowError("the record has no observation of a plate")
-    owners = observed["of"]
+    owners = list(observed["of"])
     row = rows_of(ids, np.array([owners[number][-1] for number in plates.tolist()], dtype=np.str_))
     plates, row = plates[row >= 0], row[row >= 0]
     if not len(plates):
@@ -79,14 +88,18 @@ def sentence(found: RedundancyMap) -> str:
 
 def figure(found: RedundancyMap) -> Any:
     """Return the figure of the maps. Raises `MusatError` where matplotlib is missing."""
-    drawing, panels = new_panels(found.block, ["rays of points", "mean redundancy number r of their images"])
     rays = np.where(found.rays > 0, np.searchsorted(_RAYS, found.rays), -1)
     known = np.isfinite(found.redundancy)
     grade = np.where(known, np.searchsorted(_NUMBERS, np.nan_to_num(found.redundancy), side="right"), -1)
-    for axes, classes, values in zip(panels, (_RAY_CLASSES, _NUMBER_CLASSES), (rays, grade), strict=True):
+    classes = (_RAY_CLASSES, _NUMBER_CLASSES)
+    used = [np.unique(values[values >= 0])[::-1].tolist() for values in (rays, grade)]
+    titles = ["rays of points", "mean redundancy number r of their images"]
+    named = NAMED + sum(map(len, used))
+    sheet, panels = new_panels(found.block, titles, "How well images check each other", named)
+    for axes, names, values, drawn in zip(panels, classes, (rays, grade), used, strict=True):
         draw_block(axes, found.block)
-        draw_grades(axes, found.block, values, classes, np.unique(values[values >= 0])[::-1].tolist())
-    return finish_panels(drawing, panels, "How well images check each other")
+        draw_grades(axes, found.block, values, names, drawn)
+    return finish_panels(sheet, panels)
 
 
 REDUNDANCY = Picture(

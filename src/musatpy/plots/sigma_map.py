@@ -11,7 +11,16 @@ from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.plots.bottom_points import bottom_points
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.enlarged import CONFIDENCE, NORMAL
-from musatpy.plots.panels import MAPS_NEED, PointMap, draw_block, draw_grades, finish_panels, new_panels, point_map
+from musatpy.plots.panels import (
+    MAPS_NEED,
+    NAMED,
+    PointMap,
+    draw_block,
+    draw_grades,
+    finish_panels,
+    new_panels,
+    point_map,
+)
 from musatpy.plots.picture import Picture
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part
 from musatpy.plots.wording import counted, measure
@@ -97,12 +106,14 @@ def sentence(sigmas: SigmaMaps) -> str:
 def figure(sigmas: SigmaMaps) -> Any:
     """Return the figure of the maps. Raises `MusatError` where matplotlib is missing."""
     titles = [f"{found.what}, 95 %" for found in sigmas.maps]
-    drawing, panels = new_panels(sigmas.block, titles)
-    used = sorted({int(grade) for found in sigmas.maps for grade in found.grade[sigmas.block.seen] if grade >= 0})
+    grades = np.unique([found.grade[sigmas.block.seen] for found in sigmas.maps])
+    used = grades[grades >= 0].tolist()
+    title = "Uncertainty of points in steps of S-44"
+    sheet, panels = new_panels(sigmas.block, titles, title, NAMED + len(used))
     for axes, found in zip(panels, sigmas.maps, strict=True):
         draw_block(axes, sigmas.block)
         draw_grades(axes, sigmas.block, found.grade, found.classes, used)
-    return finish_panels(drawing, panels, "Uncertainty of points in steps of S-44")
+    return finish_panels(sheet, panels)
 
 
 SIGMAS = Picture(

@@ -34,6 +34,10 @@ def numbers(table: Mapping[str, Any], field: str, *shape: int) -> FloatArray:
     Raises `NothingToShowError` where they are no numbers, or not so many.
     """
     values = table.get(field, ())
+    array = getattr(values, "array", None)  # of a run whose record was not read
+    if array is not None:
+        found = array.astype(float).reshape(-1, *shape)
+        return np.where(np.isfinite(found), found, np.nan)
     nothing = np.full(shape, np.nan).tolist()
     try:
         return np.array([nothing if row is None else row for row in values], dtype=float).reshape(-1, *shape)
@@ -43,12 +47,18 @@ def numbers(table: Mapping[str, Any], field: str, *shape: int) -> FloatArray:
 
 def texts(table: Mapping[str, Any], field: str) -> TextArray:
     """Return a column of texts (n,), empty ones for null."""
-    return np.array(["" if value is None else value for value in table.get(field, ())], dtype=np.str_)
+    values = table.get(field, ())
+    array = getattr(values, "array", None)
+    if array is not None and array.dtype.kind == "U":
+        return np.asarray(array)
+    return np.array(["" if value is None else value for value in values], dtype=np.str_)
 
 
 def flags(table: Mapping[str, Any], field: str, *shape: int) -> BoolArray:
     """Return a column of what is so or not (n, *shape)."""
-    return np.array(table.get(field, ()), dtype=bool).reshape(-1, *shape)
+    values = table.get(field, ())
+    array = getattr(values, "array", None)
+    return np.array(values if array is None else array, dtype=bool).reshape(-1, *shape)
 
 
 def at_rows(values: FloatArray, row: IntArray) -> FloatArray:
@@ -59,4 +69,6 @@ def at_rows(values: FloatArray, row: IntArray) -> FloatArray:
 def rows_of(ids: TextArray, names: TextArray) -> IntArray:
     """Return the rows (k,) of names in ids, -1 of one that is not there."""
     row = {name: number for number, name in enumerate(ids.tolist())}
-    return np.array([row.get(name, -1) for name in names.tolist()], dtype=np.int64)
+    first = np.flatnonzero(np.append([True] * bool(len(names)), names[1:] != names[:-1]))  # of equal ones in a row
+    found = np.array([row.get(name, -1) for name in names[first].tolist()], dtype=np.int64)
+    return np.repeat(found, np.diff(np.append(first, len(names))))

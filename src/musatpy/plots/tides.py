@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.canvas import new_figure
 from musatpy.plots.enlarged import NORMAL
 from musatpy.plots.mapping import GREY, INK, WET
 from musatpy.plots.picture import Picture
+from musatpy.plots.sheet import Margins, legend_below, new_sheet
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.plots.wording import counted, measure
 
 _BARS = 60  # exposures with error bars, at most; of more there is a band
 _NAMES = 30  # of photos on the axis, at most
+_UPRIGHT = 12  # of them that have room side by side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,8 +82,9 @@ def sentence(found: Tides) -> str:
 
 def figure(found: Tides) -> Any:
     """Return the figure of tides. Raises `MusatError` where matplotlib is missing."""
-    drawing = new_figure(9.0, 4.6)
-    axes = drawing.add_subplot()
+    turned = not found.timed and len(found.photos) > _UPRIGHT
+    sheet = new_sheet(([8.0], [3.5]), Margins(below=1.0 if turned else 0.55), legend=1)
+    axes = sheet.panels[0, 0]
     axes.set_title("Water at the exposures", fontsize=11)
     _draw_given(axes, found)
     axes.plot(found.at, found.adjusted, "x", color=WET, markersize=5, label="adjusted")
@@ -91,14 +93,14 @@ def figure(found: Tides) -> Any:
         axes.set_xlabel("time of the exposure, s")
     else:
         step = -(-len(found.photos) // _NAMES)
-        turn = 90 if len(found.photos) > 12 else 0
-        axes.set_xticks(found.at[::step], found.photos[::step].tolist(), rotation=turn, fontsize=8)
+        names = found.photos[::step].tolist()
+        axes.set_xticks(found.at[::step], names, rotation=90 if turned else 0, fontsize=8)
         axes.set_xlabel("photo")
     axes.set_ylabel("height of the water, m")
     axes.ticklabel_format(axis="y", useOffset=False, style="plain")
     axes.grid(alpha=0.3)
-    drawing.legend(loc="outside lower center", ncols=3, fontsize=8)
-    return drawing
+    legend_below(sheet.figure, 3, *axes.get_legend_handles_labels())
+    return sheet.figure
 
 
 def _draw_given(axes: Any, found: Tides) -> None:

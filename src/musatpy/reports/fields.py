@@ -14,11 +14,13 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from musatpy.reports.encoding import Json, number, plain, rounded
+from musatpy.reports.lazy_columns import LazyColumn
 
 Schema = dict[str, Any]
 Source = TypeVar("Source")
@@ -44,6 +46,10 @@ class Node(Generic[Source]):
     def json(self, source: Source) -> Json:
         """Return what stands there."""
         raise NotImplementedError
+
+    def held(self, source: Source) -> Json:
+        """Return what stands there, the columns of tables as `LazyColumn`."""
+        return self.json(source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +109,10 @@ class Group(Node[Source], Generic[Source, Item]):
         item = self.of(source)
         return None if item is None else {field.name: field.json(item) for field in self.fields}
 
+    def held(self, source: Source) -> Json:
+        item = self.of(source)
+        return None if item is None else {field.name: field.held(item) for field in self.fields}
+
     def column(self, path: str, source: Source) -> Any:
         """Return the value of a field, as that of the one row of a table; none without source."""
         item = self.of(source)
@@ -130,6 +140,12 @@ class Rows(Node[Source], Generic[Source, Item]):
     def json(self, source: Source) -> Json:
         columns = ((field.name, rounded(values, field.digits)) for field, values in self.columns(source))
         return {name: plain(values) if isinstance(values, np.ndarray) else list(values) for name, values in columns}
+
+    def held(self, source: Source) -> Json:
+        item = self.of(source)
+        if item is None:
+            return self.json(source)
+        return {field.name: LazyColumn(partial(field.of, item), field.digits) for field in self.fields}
 
     def columns(self, source: Source) -> Iterator[tuple[Field[Item], Any]]:
         """Yield the fields with their values, one per row, as arrays or lists."""

@@ -143,6 +143,11 @@ def record_of(statistics: Statistics, names: Container[str] | None = None) -> di
     return {table.name: table.json(statistics) for table in said if names is None or table.name in names}
 
 
+def held_tables(statistics: Statistics, names: Container[str]) -> dict[str, Json]:
+    """Return what is named of `record_of`; the columns of its tables are worked out where they are looked at."""
+    return {node.name: node.held(statistics) for node in _said(tables(), statistics) if node.name in names}
+
+
 def schema() -> Schema:
     """Return the JSON Schema of the record."""
     return {
