@@ -23,7 +23,7 @@ from musatpy.blunders.explanation import (
     with_revision,
 )
 from musatpy.blunders.factors import Factors, deviations
-from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
+from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, given_up_alone, hypotheses
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.scene import GIVEN_UP, sizes
 from musatpy.blunders.search import Search
@@ -56,15 +56,14 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     whole = replace(
         first_case(search.revised, last.scene, last.state, last.out()), taken=search.common, squares=final
     )
-    parts = []
-    for member in (*search.common, *members(search)):
-        parts.append((member, _without(whole, member, sea)))
-    parts.sort(key=lambda part: -_size(*part))
+    found, size = [*search.common, *members(search)], sizes(last.scene, last.state)
+    found.sort(key=lambda member: -_explained(member, size))
     out: list[Rival] = []
-    for number, (member, case) in enumerate(parts, 1):
+    for number, member in enumerate(found, 1):
         if len(out) >= most:
             break
-        begin(last.scene.progress, "search for causes: what competes", number, len(parts))
+        begin(last.scene.progress, "search for causes: what competes", number, len(found))
+        case = _without(whole, member, sea)
         if case is None:
             alike = [label for label in search.alike_labels if label.kind is member.kind] or [member]
             out += [Rival(hypothesis=label, drop=label.squares, group=number, rank=1) for label in alike]
@@ -79,10 +78,11 @@ def members(search: Search) -> Iterator[Hypothesis]:
     last, block = search.last, search.last.scene.block
     network, out = last.scene.network, last.out()
     wrong = np.flatnonzero(out[_K.PLATE].any(axis=1))
+    used = (last.scene.weight[_K.PLATE] > 0.0).all(axis=1)
+    seen = np.bincount(network.point[used], minlength=network.points)
     for point in np.unique(network.point[wrong]).tolist():
         rows = wrong[network.point[wrong] == point]
-        used = np.flatnonzero((network.point == point) & (last.scene.weight[_K.PLATE] > 0.0).all(axis=1))
-        every = len(rows) > 1 and len(rows) == len(used)
+        every = 1 < len(rows) == seen[point]
         for part in (rows,) if every else np.split(rows, len(rows)):
             photo = tuple(np.unique(network.photo[part]).tolist())
             yield _member(
@@ -159,11 +159,13 @@ def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
     return replace(case, taken=taken, state=case.state) if np.isfinite(case.squares) else None
 
 
-def _size(member: Hypothesis, case: Case | None) -> float:
-    """Return about how much is explained, to put the groups in order: the squares of what is given up."""
-    if case is None or np.isfinite(member.squares):
+def _explained(member: Hypothesis, size: Factors) -> float:
+    """Return about how much is explained, to put the groups in order: the squares of what is given up.
+
+    `size` are the residuals in sigmas.
+    """
+    if np.isfinite(member.squares) or not member.given_up:
         return np.inf if np.isnan(member.squares) else member.squares
-    size = sizes(case.scene, case.state)
     return float(sum(np.square(size[part.kind][part.row, part.component]).sum() for part in member.given_up))
 
 
@@ -172,7 +174,10 @@ def _ranked(
 ) -> list[Rival]:
     """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
-        options = hypotheses(linear_model(case.scene, case.factors(), case.state))
+        if member.given_up and not few:  # nothing but its own squares is asked for
+            options = given_up_alone(linear_model(case.scene, case.factors(), case.state, member.point))
+        else:
+            options = hypotheses(linear_model(case.scene, case.factors(), case.state))
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     first = next((option for option in options if option.key == member.key), None)

@@ -71,10 +71,15 @@ class Hypothesis(Revision):
 
 def hypotheses(model: LinearModel) -> list[Hypothesis]:
     """Return what explains most, by falling squares explained; some of every kind."""
-    options = [*_stations(model), *_common(model), *_direct(model)]
+    return sorted([*given_up_alone(model), *_common(model)], key=lambda option: -option.squares)
+
+
+def given_up_alone(model: LinearModel) -> list[Hypothesis]:
+    """Return what gives observations up: some of every kind, of points those that the model checks."""
+    options = [*_stations(model), *_direct(model)]
     for checks in model.points:
         options += _of_points(model, checks)
-    return sorted(options, key=lambda option: -option.squares)
+    return options
 
 
 def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:

@@ -79,11 +79,16 @@ class LinearModel:
     factor: Factor
     cofactors: Cofactors
     step: FloatArray  # (u,) to the minimum
-    squares: float  # v'Pv there, of images, control and stations
     points: tuple[PointChecks, ...]
     minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
+
+    @property
+    def squares(self) -> float:
+        """v'Pv at the minimum, of images, control and stations."""
+        squares = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in self.points)
+        return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
     def station_drop(self, columns: IntArray) -> Drop:
         """Return what some of the observations of every station explain."""
@@ -112,10 +117,13 @@ def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) ->
     )
 
 
-def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
+def linear_model(
+    scene: Scene, factors: Factors, state: State, checked: tuple[int, ...] | None = None
+) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
-    Raises `SingularNormalsError`.
+    Of all points, or of those only that are `checked`, the model has the observations. Raises
+    `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
     state = _by_images(network, ground_points.settle(network, state))
@@ -127,9 +135,8 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     cofactors = factor.cofactors().holding(scene.held)
     step = factor.solve(line.rhs)
     station_weight, residual = station_rows(network, state)
-    points = tuple(_checks(scene, network, state, cofactors, step))
+    points = tuple(_checks(scene, network, state, cofactors, step, checked))
     stations = residual + step[: residual.size].reshape(residual.shape)
-    squares = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in points)
     return LinearModel(
         scene=scene,
         state=state,
@@ -137,7 +144,6 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
         factor=factor,
         cofactors=cofactors,
         step=step,
-        squares=squares + float(np.sum(station_weight * np.square(stations))),
         minimum=_after(network, state, step),
         points=points,
         stations=stations,
@@ -175,12 +181,20 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
 
 
 def _checks(
-    scene: Scene, network: Network, state: State, cofactors: Cofactors, step: FloatArray
+    scene: Scene,
+    network: Network,
+    state: State,
+    cofactors: Cofactors,
+    step: FloatArray,
+    checked: tuple[int, ...] | None,
 ) -> list[PointChecks]:
     block, checks = scene.block, []
     control = first_rows(block.control.point, network.points)
     member = first_rows(block.equal_elevations.point, network.points)
-    for group in network.groups:
+    groups = network.groups
+    if checked is not None:
+        groups = tuple(group.part(np.isin(group.point, checked)) for group in groups)
+    for group in groups:
         for _, piece in pieces(network, state, group, cofactors):
             point = piece.group.point
             checks.append(_checks_of(network, piece, step, control[point], member[point]))

@@ -150,7 +150,7 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
     for case, only_common in _first_cases(start):
         try:
             case = explained(case, variance, sea, only_common)
-            if case.cost(variance) > _HOPELESS * best.cost or (only_common and not case.revisions):
+            if (only_common and not case.revisions) or case.cost(variance) > _HOPELESS * best.cost:
                 continue
             other = _at_rest(case, variance)
         except GIVEN_UP:
