@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.wavy_water import Sea
+from musatpy.arrays import BoolArray
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     EQUAL,
@@ -23,9 +25,9 @@ from musatpy.blunders.explanation import (
     with_revision,
 )
 from musatpy.blunders.factors import Factors, deviations
-from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, given_up_alone, hypotheses
-from musatpy.blunders.linear_model import linear_model
-from musatpy.blunders.scene import GIVEN_UP, sizes
+from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses, of_taken_images
+from musatpy.blunders.linear_model import LinearModel, linear_model
+from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
@@ -58,11 +60,15 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     )
     found, size = [*search.common, *members(search)], sizes(last.scene, last.state)
     found.sort(key=lambda member: -_explained(member, size))
+    others = _ImagesAtRest.of(whole, found[GROUPS:most])
     out: list[Rival] = []
     for number, member in enumerate(found, 1):
         if len(out) >= most:
             break
         begin(last.scene.progress, "search for causes: what competes", number, len(found))
+        if number > GROUPS and member.kind in _IMAGES:
+            out.append(others.rival(member, number))
+            continue
         case = _without(whole, member, sea)
         if case is None:
             alike = [label for label in search.alike_labels if label.kind is member.kind] or [member]
@@ -71,6 +77,30 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
             few = COMPETITORS if number <= GROUPS else 0
             out += _ranked(case, member, final, variance, few, number, sea)
     return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _ImagesAtRest:
+    """The search at rest, for images that are out and whose competitors nobody asks for."""
+
+    model: LinearModel | None  # None where it is singular
+    residual: Factors
+
+    @classmethod
+    def of(cls, whole: Case, found: list[Hypothesis]) -> _ImagesAtRest:
+        """Return that of a case, for the images in a list."""
+        model = None
+        if any(member.kind in _IMAGES for member in found):
+            with suppress(*GIVEN_UP):
+                model = linear_model(whole.scene, whole.factors(), whole.state)
+        return cls(model=model, residual=_residual(whole))
+
+    def rival(self, member: Hypothesis, group: int) -> Rival:
+        """Return the images of one point, with what they explain."""
+        if self.model is None:
+            return Rival(hypothesis=member, drop=np.nan, group=group, rank=1)
+        found = _sized(of_taken_images(self.model, member), self.residual)
+        return Rival(hypothesis=found, drop=found.squares, group=group, rank=1)
 
 
 def members(search: Search) -> Iterator[Hypothesis]:
@@ -174,10 +204,8 @@ def _ranked(
 ) -> list[Rival]:
     """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
-        if member.given_up and not few:  # nothing but its own squares is asked for
-            options = given_up_alone(linear_model(case.scene, case.factors(), case.state, member.point))
-        else:
-            options = hypotheses(linear_model(case.scene, case.factors(), case.state))
+        near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
+        options = hypotheses(linear_model(case.scene, case.factors(), case.state), near)
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     first = next((option for option in options if option.key == member.key), None)
@@ -193,14 +221,14 @@ def _ranked(
     others.sort(key=lambda option: -option.gain(variance))
     worst = final + first.squares
     whole = replace(case, out=given_up(case.out, first)) if first.given_up else case
-    tried = [(_sized(first, whole), final)]
+    tried = [(_sized(first, _residual(whole)), final)]
     if first.kind in _IMAGES and few:
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
         trial = with_hypothesis(case, option, sea)
         if worst - trial.squares >= _WORTH * (worst - final):
-            tried.append((_sized(trial.taken[-1], trial), trial.squares))
+            tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]
     equal = EQUAL + _SAME * (worst - final) / variance
     better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
@@ -210,11 +238,23 @@ def _ranked(
     return [Rival(hypothesis=tried[k][0], drop=worst - tried[k][1], group=group, rank=int(ranks[k])) for k in order]
 
 
-def _sized(hypothesis: Hypothesis, case: Case) -> Hypothesis:
+def _same_photos(scene: Scene, images: Hypothesis) -> BoolArray:
+    """Return the points (p,) on the photos of the point of images: its errors hardly reach any others."""
+    network, near = scene.network, np.zeros(scene.network.points, dtype=bool)
+    photos = np.zeros(network.photos, dtype=bool)
+    photos[network.photo[np.isin(network.point, images.point)]] = True
+    near[network.point[photos[network.photo]]] = True
+    return near
+
+
+def _residual(case: Case) -> Factors:
+    return deviations(case.scene.network, case.scene.block, case.state)
+
+
+def _sized(hypothesis: Hypothesis, residual: Factors) -> Hypothesis:
     """Return a hypothesis with the errors that the adjustment without its observations says."""
     if not hypothesis.given_up:
         return hypothesis
-    residual = deviations(case.scene.network, case.scene.block, case.state)
     error = -np.concatenate([residual[part.kind][part.row, part.component] for part in hypothesis.given_up])
     return replace(hypothesis, error=np.where(np.isfinite(hypothesis.error), error, np.nan))
 

@@ -130,8 +130,8 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     for number in range(_ROUNDS):
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
-        scene, state = settled(scene, factors, state)
-        judgement = judged(scene, state, units, out, factors)
+        scene, state, factor = settled(scene, factors, state)
+        judgement = judged(scene, state, units, out, factors, factor)
         value = judgement.unit_test
         back = out & _predicted(judgement) & (value < _BACK * limit) & (returns < _RETURNS)
         if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
@@ -210,13 +210,19 @@ def _gathered(values: Factors, units: Units) -> FloatArray:
     return out
 
 
-def judged(scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors) -> Judgement:
-    """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out."""
+def judged(
+    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, factor: Factor | None
+) -> Judgement:
+    """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out.
+
+    `factor` is that of the normal equations, if there is one. Raises `SingularNormalsError`.
+    """
     problem = scene.problem(factors)
-    normals = problem.linearise(problem.with_squares(state)).matrix
-    factor = factorised(normals)
     if factor is None:
-        raise SingularNormalsError(normals)
+        normals = problem.linearise(problem.with_squares(state)).matrix
+        factor = factorised(normals)
+        if factor is None:
+            raise SingularNormalsError(normals)
     observed, cofactors = _observations(scene, problem.network, state, factor)
     taken = out[units.unit]
     sigma = 1.0 / np.sqrt(_gathered(scene.weight, units))
