@@ -11,7 +11,7 @@ from altered import added, altered
 from blunders.study import strip
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
-from musatpy.blunders.linear_model import dropped, linear_model
+from musatpy.blunders.linear_model import dropped, linear_model, put_in_again
 from musatpy.blunders.scene import Effort, staged
 from musatpy.model import CauseKind
 
@@ -89,3 +89,13 @@ def test_the_drop_of_two_observations_is_that_of_leaving_them_out() -> None:
     assert drop.squares[0] == pytest.approx(float(weight @ np.square(v)) - left)
     assert drop.parameters.tolist() == [2]
     np.testing.assert_allclose(drop.error[0], observed[rows] - np.average(observed[:3], weights=weight[:3]))
+
+
+def test_what_others_predict_becomes_what_the_adjustment_with_it_would_say() -> None:
+    """Five levels of one height: the last two, predicted by the first three, are put in again."""
+    observed, weight = np.array([1.0, 1.2, 0.9, 5.0, 4.0]), np.array([1.0, 2.0, 1.0, 4.0, 1.0])
+    predicted = np.average(observed[:3], weights=weight[:3]) - observed[3:]
+    Q = np.full((1, 2, 2), 1.0 / weight[:3].sum())
+    v, cofactor = put_in_again(predicted[None], weight[None, 3:], Q)
+    np.testing.assert_allclose(v[0], np.average(observed, weights=weight) - observed[3:])
+    np.testing.assert_allclose(cofactor[0], np.full((2, 2), 1.0 / weight.sum()))

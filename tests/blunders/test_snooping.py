@@ -40,12 +40,12 @@ def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple
     for kind, row in rows:
         out[kind][row] = 1.0
     factors = factors_of(out, sizes(scene, state))
-    scene, state = settled(scene, factors, state)
+    scene, state, factor = settled(scene, factors, state)
     units = units_of(scene)
     taken = np.zeros(units.count, dtype=bool)
     for kind, row in rows:
         taken[units.unit[(units.kind == kind) & (units.row == row)]] = True
-    return scene, judged(scene, state, units, taken, factors)
+    return scene, judged(scene, state, units, taken, factors, factor)
 
 
 def test_values(judgement: Judgement, kind: ObservationKind, row: int) -> np.ndarray:

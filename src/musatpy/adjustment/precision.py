@@ -101,7 +101,7 @@ def precision(
         considered = considered_parameters(block, network, state, full, free.held if free else NOTHING_HELD, inner)
     left = squares - (considered.parameters.explained if considered else 0.0)
     unit_sigma = float(np.sqrt(max(left, 0.0) / dof)) if dof > 0 else 1.0
-    estimates = _Errors(network=network, state=state, cofactors=held, inner=inner)
+    estimates = Errors(network=network, state=state, cofactors=held, inner=inner)
     spread = _spread(estimates, block, part, residual)
     points, depths = spread.points * unit_sigma**2, spread.depths * unit_sigma**2
     unknowns = cofactors.times(unit_sigma**2)
@@ -110,7 +110,7 @@ def precision(
         spread = _spread(replace(estimates, cofactors=full.cofactors()), block, part, residual)
     observed = reliability.joined(spread.parts)
     if considered is not None:
-        errors = _Errors(
+        errors = Errors(
             network=considered.network,
             state=considered.state,
             cofactors=considered.cofactors,
@@ -181,7 +181,7 @@ def _water_precision(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Errors:
+class Errors:
     """Errors that spread to points: those of unknowns with these cofactors, and of the images and priors of points.
 
     Without the latter where they come from considered parameters alone.
@@ -195,16 +195,16 @@ class _Errors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Spread:
-    """Cofactors of points (p, 3, 3) and depths (p,), NaN where not determined, and those of the observations."""
+class Spread:
+    """Cofactors of points (p, 3, 3), NaN where not determined, and those of the observations."""
 
     points: FloatArray
-    depths: FloatArray
     parts: list[reliability.Part]
     diagonal: Diagonal
 
 
-def _spread(errors: _Errors, block: Block, part: Participation, residual: FloatArray) -> _Spread:
+def spread_to_observations(errors: Errors, block: Block, residual: FloatArray) -> Spread:
+    """Return how errors spread to the points that take part and to all observations; `residual` (m, 2) mm."""
     network, state, cofactors = errors.network, errors.state, errors.cofactors
     points = np.full((network.points, 3, 3), np.nan)
     parts, diagonal = list(reliability.direct(network, state, cofactors)), Diagonal(network)
@@ -222,13 +222,31 @@ def _spread(errors: _Errors, block: Block, part: Participation, residual: FloatA
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
             parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
             diagonal.add(network, piece)
-    for group in left_out(network, part):
+    return Spread(points=points, parts=parts, diagonal=diagonal)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Spread(Spread):
+    """Those of points that took no part and have a position too, and of depths (p,), NaN where not determined."""
+
+    depths: FloatArray
+
+
+def _spread(errors: Errors, block: Block, part: Participation, residual: FloatArray) -> _Spread:
+    spread = spread_to_observations(errors, block, residual)
+    points = spread.points
+    for group in left_out(errors.network, part):
         for rows, piece in _pieces(errors, group):
-            points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
-    return _Spread(points=points, depths=_depths(errors, block, part, points), parts=parts, diagonal=diagonal)
+            points[group.point[rows]] = point_covariances(errors.network, piece, errors.cofactors, errors.inner)
+    return _Spread(
+        points=points,
+        parts=spread.parts,
+        diagonal=spread.diagonal,
+        depths=_depths(errors, block, part, points),
+    )
 
 
-def _depths(errors: _Errors, block: Block, taken: Participation, points: FloatArray) -> FloatArray:
+def _depths(errors: Errors, block: Block, taken: Participation, points: FloatArray) -> FloatArray:
     """Return the cofactors (p,) of depths, NaN for points on land; `points` (p, 3, 3) are those of positions."""
     network, state, submerged = errors.network, errors.state, block.points.bathymetric
     depths = np.full(network.points, np.nan)
@@ -244,7 +262,7 @@ def _depths(errors: _Errors, block: Block, taken: Participation, points: FloatAr
     return depths
 
 
-def _pieces(errors: _Errors, group: PointGroup) -> Iterator[tuple[slice, reliability.Piece]]:
+def _pieces(errors: Errors, group: PointGroup) -> Iterator[tuple[slice, reliability.Piece]]:
     for rows, piece in pieces(errors.network, errors.state, group, errors.cofactors):
         if errors.of_parameters:
             piece = replace(piece, E=replace(piece.E, inverse=np.zeros_like(piece.E.inverse)))

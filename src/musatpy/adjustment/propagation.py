@@ -101,7 +101,8 @@ def _piece(network: Network, state: State, group: PointGroup, cofactors: Cofacto
         group=group,
         E=E,
         F=E.F,
-        Q=cofactors.with_border(network.photo[group.rays], E.extras.index),
+        cofactors=cofactors,
+        photo=network.photo[group.rays],
         axes=network.frame.axes(state.ground[group.point]) @ np.swapaxes(E.normals.axes, 1, 2),
     )
 

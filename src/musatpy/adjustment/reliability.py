@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,8 +30,14 @@ class Piece:
     group: PointGroup
     E: Elimination
     F: FloatArray  # (k, 3, T) the points by these unknowns, zero where they are kept
-    Q: FloatArray  # (k, T, T) cofactors
+    cofactors: Cofactors
+    photo: IntArray  # (k, m)
     axes: FloatArray  # (k, 3, 3) axes of the elimination to east, north, up of the points
+
+    @cached_property
+    def Q(self) -> FloatArray:
+        """(k, T, T) cofactors of what their errors depend on."""
+        return self.cofactors.with_border(self.photo, self.E.extras.index)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -18,13 +18,13 @@ ROUNDS = 8  # of weights
 STEPS = 3  # of the adjustment with each
 _LEAST = 1e-11  # weight that keeps a point determined; with more, errors of kilometres pull
 _LOST = 1e3  # sigmas, for residuals that make no sense
-_FITS = 4.0  # normal quantile of the squares with which observations still fit
+FITS = 4.0  # normal quantile of the squares with which observations still fit
 
 
-def chi_square_limit(redundancy: int) -> float:
-    """Return the quantile of chi-square (Wilson and Hilferty 1931) up to which observations fit."""
+def chi_square_limit(redundancy: int, normal: float = FITS) -> float:
+    """Return the quantile of chi-square (Wilson and Hilferty 1931), as rare as a `normal` one: so far it fits."""
     part = 2.0 / (9.0 * redundancy)
-    return float(redundancy * (1.0 - part + _FITS * np.sqrt(part)) ** 3)
+    return float(redundancy * (1.0 - part + normal * np.sqrt(part)) ** 3)
 
 
 def cauchy(size: FloatArray, scale: float) -> FloatArray:

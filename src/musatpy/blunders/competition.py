@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.wavy_water import Sea
+from musatpy.arrays import BoolArray
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     EQUAL,
@@ -23,9 +25,9 @@ from musatpy.blunders.explanation import (
     with_revision,
 )
 from musatpy.blunders.factors import Factors, deviations
-from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
-from musatpy.blunders.linear_model import linear_model
-from musatpy.blunders.scene import GIVEN_UP, sizes
+from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses, of_taken_images
+from musatpy.blunders.linear_model import LinearModel, linear_model
+from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
@@ -56,15 +58,18 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     whole = replace(
         first_case(search.revised, last.scene, last.state, last.out()), taken=search.common, squares=final
     )
-    parts = []
-    for member in (*search.common, *members(search)):
-        parts.append((member, _without(whole, member, sea)))
-    parts.sort(key=lambda part: -_size(*part))
+    found, size = [*search.common, *members(search)], sizes(last.scene, last.state)
+    found.sort(key=lambda member: -_explained(member, size))
+    others = _ImagesAtRest.of(whole, found[GROUPS:most])
     out: list[Rival] = []
-    for number, (member, case) in enumerate(parts, 1):
+    for number, member in enumerate(found, 1):
         if len(out) >= most:
             break
-        begin(last.scene.progress, "search for causes: what competes", number, len(parts))
+        begin(last.scene.progress, "search for causes: what competes", number, len(found))
+        if number > GROUPS and member.kind in _IMAGES:
+            out.append(others.rival(member, number))
+            continue
+        case = _without(whole, member, sea)
         if case is None:
             alike = [label for label in search.alike_labels if label.kind is member.kind] or [member]
             out += [Rival(hypothesis=label, drop=label.squares, group=number, rank=1) for label in alike]
@@ -74,15 +79,40 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     return out
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _ImagesAtRest:
+    """The search at rest, for images that are out and whose competitors nobody asks for."""
+
+    model: LinearModel | None  # None where it is singular
+    residual: Factors
+
+    @classmethod
+    def of(cls, whole: Case, found: list[Hypothesis]) -> _ImagesAtRest:
+        """Return that of a case, for the images in a list."""
+        model = None
+        if any(member.kind in _IMAGES for member in found):
+            with suppress(*GIVEN_UP):
+                model = linear_model(whole.scene, whole.factors(), whole.state)
+        return cls(model=model, residual=_residual(whole))
+
+    def rival(self, member: Hypothesis, group: int) -> Rival:
+        """Return the images of one point, with what they explain."""
+        if self.model is None:
+            return Rival(hypothesis=member, drop=np.nan, group=group, rank=1)
+        found = _sized(of_taken_images(self.model, member), self.residual)
+        return Rival(hypothesis=found, drop=found.squares, group=group, rank=1)
+
+
 def members(search: Search) -> Iterator[Hypothesis]:
     """Yield what is out, as hypotheses: cards, stations, single images, all images of points."""
     last, block = search.last, search.last.scene.block
     network, out = last.scene.network, last.out()
     wrong = np.flatnonzero(out[_K.PLATE].any(axis=1))
+    used = (last.scene.weight[_K.PLATE] > 0.0).all(axis=1)
+    seen = np.bincount(network.point[used], minlength=network.points)
     for point in np.unique(network.point[wrong]).tolist():
         rows = wrong[network.point[wrong] == point]
-        used = np.flatnonzero((network.point == point) & (last.scene.weight[_K.PLATE] > 0.0).all(axis=1))
-        every = len(rows) > 1 and len(rows) == len(used)
+        every = 1 < len(rows) == seen[point]
         for part in (rows,) if every else np.split(rows, len(rows)):
             photo = tuple(np.unique(network.photo[part]).tolist())
             yield _member(
@@ -159,11 +189,13 @@ def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
     return replace(case, taken=taken, state=case.state) if np.isfinite(case.squares) else None
 
 
-def _size(member: Hypothesis, case: Case | None) -> float:
-    """Return about how much is explained, to put the groups in order: the squares of what is given up."""
-    if case is None or np.isfinite(member.squares):
+def _explained(member: Hypothesis, size: Factors) -> float:
+    """Return about how much is explained, to put the groups in order: the squares of what is given up.
+
+    `size` are the residuals in sigmas.
+    """
+    if np.isfinite(member.squares) or not member.given_up:
         return np.inf if np.isnan(member.squares) else member.squares
-    size = sizes(case.scene, case.state)
     return float(sum(np.square(size[part.kind][part.row, part.component]).sum() for part in member.given_up))
 
 
@@ -172,7 +204,8 @@ def _ranked(
 ) -> list[Rival]:
     """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
-        options = hypotheses(linear_model(case.scene, case.factors(), case.state))
+        near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
+        options = hypotheses(linear_model(case.scene, case.factors(), case.state), near)
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     first = next((option for option in options if option.key == member.key), None)
@@ -188,14 +221,14 @@ def _ranked(
     others.sort(key=lambda option: -option.gain(variance))
     worst = final + first.squares
     whole = replace(case, out=given_up(case.out, first)) if first.given_up else case
-    tried = [(_sized(first, whole), final)]
+    tried = [(_sized(first, _residual(whole)), final)]
     if first.kind in _IMAGES and few:
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
         trial = with_hypothesis(case, option, sea)
         if worst - trial.squares >= _WORTH * (worst - final):
-            tried.append((_sized(trial.taken[-1], trial), trial.squares))
+            tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]
     equal = EQUAL + _SAME * (worst - final) / variance
     better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
@@ -205,11 +238,23 @@ def _ranked(
     return [Rival(hypothesis=tried[k][0], drop=worst - tried[k][1], group=group, rank=int(ranks[k])) for k in order]
 
 
-def _sized(hypothesis: Hypothesis, case: Case) -> Hypothesis:
+def _same_photos(scene: Scene, images: Hypothesis) -> BoolArray:
+    """Return the points (p,) on the photos of the point of images: its errors hardly reach any others."""
+    network, near = scene.network, np.zeros(scene.network.points, dtype=bool)
+    photos = np.zeros(network.photos, dtype=bool)
+    photos[network.photo[np.isin(network.point, images.point)]] = True
+    near[network.point[photos[network.photo]]] = True
+    return near
+
+
+def _residual(case: Case) -> Factors:
+    return deviations(case.scene.network, case.scene.block, case.state)
+
+
+def _sized(hypothesis: Hypothesis, residual: Factors) -> Hypothesis:
     """Return a hypothesis with the errors that the adjustment without its observations says."""
     if not hypothesis.given_up:
         return hypothesis
-    residual = deviations(case.scene.network, case.scene.block, case.state)
     error = -np.concatenate([residual[part.kind][part.row, part.component] for part in hypothesis.given_up])
     return replace(hypothesis, error=np.where(np.isfinite(hypothesis.error), error, np.nan))
 

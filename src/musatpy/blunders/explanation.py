@@ -13,9 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.robust import chi_square_limit
+from musatpy.adjustment.kinds import PRIORS
+from musatpy.adjustment.robust import FITS, chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
+from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model
@@ -25,6 +27,7 @@ from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
 from musatpy.model.progress import begin
+from musatpy.statistics.quality import test_limit
 
 STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments
@@ -43,6 +46,7 @@ _NEARLY = 0.5  # of the squares that the best explains in the linear model: less
 _ITERATIONS = 6  # of a re-adjustment
 _REFINEMENTS = 2  # of the size of what is revised
 _FEW = 6  # wrong images that hypotheses taken one by one can still explain
+_AGREEING = 2  # images that agree with what is known of their point, so that another one is the wrong one
 _SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
 _SINGLE, _RARE = 1, 0.05  # images of a photo, and share of them, that are wrong each by itself
 _UNIT = 0.05  # by which a factor may be off that of a foot
@@ -96,8 +100,9 @@ def cost(scene: Scene, out: Factors, state: State, revisions: int, variance: flo
 def starts(last: Snooped) -> list[tuple[Factors, bool]]:
     """Return what is out where the search for a simpler explanation starts, and whether only common ones serve.
 
-    Single images of points with others, of which nothing else is known, stay out where they are many: they are
-    what they seem to be. Errors common to all may look like many such images.
+    Single images of points with others, of which nothing is known, or what is known agrees with the others, stay
+    out where they are many: they are what they seem to be. Errors common to all may look like many such images.
+    Where nothing else is out, the search is at rest under that explanation.
     """
     out, network = last.out(), last.scene.network
     nothing = {kind: np.zeros_like(mask) for kind, mask in out.items()}
@@ -105,12 +110,28 @@ def starts(last: Snooped) -> list[tuple[Factors, bool]]:
     used = taking_part(network)
     lost = np.bincount(network.photo[wrong], minlength=network.photos)
     share = lost > _SHARE * np.bincount(network.photo[used], minlength=network.photos)
-    known = network.priors.known.any(axis=1) | (network.priors.group >= 0)
-    sure = wrong & ~known[network.point] & ~share[network.photo]
+    sure = wrong & ~_doubtful_points(last)[network.point] & ~share[network.photo]
     if np.count_nonzero(sure) <= _FEW:
         return [(nothing, False)]
     kept = nothing | {ObservationKind.PLATE: np.repeat(sure[:, None], 2, axis=1).astype(float)}
-    return [(nothing, True), (kept, False)]
+    at_rest = all(np.array_equal(kept[kind], mask) for kind, mask in out.items())
+    return [(nothing, True), *([] if at_rest else [(kept, False)])]
+
+
+def _doubtful_points(last: Snooped) -> BoolArray:
+    """Return (p,) the points of which something is known, but for those with one image out and that alone.
+
+    Two more images that agree with what is known of the point leave no doubt.
+    """
+    out, network, block = last.out(), last.scene.network, last.scene.block
+    known = np.asarray(network.priors.known.any(axis=1) | (network.priors.group >= 0))
+    wrong = out[ObservationKind.PLATE].any(axis=1)
+    lost = np.bincount(network.point[wrong], minlength=network.points)
+    good = np.bincount(network.point[taking_part(network) & ~wrong], minlength=network.points)
+    denied = np.zeros(network.points, dtype=bool)
+    for prior in PRIORS:
+        denied[prior.points(block)[out[prior.observed].any(axis=1)]] = True
+    return known & ~((lost == 1) & (good >= _AGREEING) & ~denied)
 
 
 def single_images(last: Snooped) -> bool:
@@ -147,7 +168,8 @@ def readjusted(case: Case) -> Case:
 def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = False) -> Case:
     """Return the case under the explanation that is found, re-adjusted.
 
-    With `only_common` it ends where something else than what is common to many observations would explain more.
+    With `only_common` it ends where something else than what is common to many observations would explain more, not
+    adjusted again if that is at once.
     Raises `SingularNormalsError`.
     """
     seen_from_first = True
@@ -169,17 +191,21 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
             if not np.isfinite(best.squares):
                 break
         case = replace(best, state=case.state) if seen_from_first and best.scene is case.scene else best
-    return taken_back(readjusted(case), variance)
+    return case if only_common and not case.revisions else taken_back(readjusted(case), variance)
 
 
 def shortlist(case: Case, variance: float) -> list[Hypothesis]:
-    """Return the hypotheses to be tried, none where nothing more has to be explained."""
+    """Return the hypotheses to be tried, none where nothing more has to be explained.
+
+    They are as many as the observations: in a large block some good one lies beyond the limit of a small one.
+    """
     model = linear_model(case.scene, case.factors(), case.state)
     known = {option.key for option in case.taken}
+    normal = max(FITS, test_limit(sum(int(np.count_nonzero(weight)) for weight in case.scene.weight.values())))
     options = [
         option
         for option in hypotheses(model)
-        if option.squares > variance * chi_square_limit(option.parameters)
+        if option.squares > variance * chi_square_limit(option.parameters, normal)
         and sensible(option)
         and (_still_in(case.out, option) if option.given_up else option.key not in known)
     ]

@@ -15,9 +15,16 @@ from musatpy.adjustment import reliability
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.sightings import images
 from musatpy.adjustment.unknowns import LEVEL
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
-from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks
+from musatpy.blunders.linear_model import (
+    IMAGES_CHECKED,
+    Drop,
+    LinearModel,
+    PointChecks,
+    dropped,
+    put_in_again,
+)
 from musatpy.blunders.revisions import Revision
 from musatpy.blunders.tides import tide_groups
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
@@ -69,12 +76,30 @@ class Hypothesis(Revision):
         return self.squares / variance - PENALTY * self.parameters
 
 
-def hypotheses(model: LinearModel) -> list[Hypothesis]:
-    """Return what explains most, by falling squares explained; some of every kind."""
+def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypothesis]:
+    """Return what explains most, by falling squares explained; some of every kind.
+
+    Of all points, or of those only that are `near` (p,).
+    """
     options = [*_stations(model), *_common(model), *_direct(model)]
     for checks in model.points:
-        options += _of_points(model, checks)
+        if near is None:
+            options += _of_points(model, checks)
+        elif near[checks.point].any():
+            options += _of_points(model, checks.part(near[checks.point]))
     return sorted(options, key=lambda option: -option.squares)
+
+
+def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
+    """Return a hypothesis, of images of a point that the model checks and has taken out, with what it explains."""
+    rays, (point,) = images.given_up[0].row[::2], images.point
+    checks = next(checks.part(checks.point == point) for checks in model.points if point in checks.point)
+    order = np.flatnonzero(np.isin(checks.rays[0], rays))
+    rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
+    weight = model.scene.weight[_K.PLATE][checks.rays[:, order]].reshape(1, -1)
+    v, Q = put_in_again(checks.residual[:, rows], weight, checks.cofactor[:, rows[:, None], rows])
+    drop = dropped(v, weight, Q, IMAGES_CHECKED)
+    return _hypothesis(images.kind, drop, 0, photo=images.photo, point=images.point, given_up=images.given_up)
 
 
 def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:

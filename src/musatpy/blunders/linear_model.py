@@ -7,7 +7,8 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import Factors, weighted
 from musatpy.blunders.scene import Scene
 from musatpy.model import ObservationKind
@@ -55,11 +56,24 @@ class PointChecks:
     member: IntArray  # (k,) row of the equal elevations, -1 for none
     residual: FloatArray  # (k, o) adjusted minus observed
     weight: FloatArray  # (k, o)
-    cofactor: FloatArray  # (k, o, o) of the adjusted observations
     partials: FloatArray  # (k, o, T) by the unknowns, the point following
     ground: FloatArray  # (k, o, 3) by the point
     inverse: FloatArray  # (k, 3, 3) of the normal equations of the point
     unknowns: IntArray  # (k, T) of the normal equations
+    photo: IntArray  # (k, m)
+    extras: IntArray  # (k, X) further unknowns
+    cofactors: Cofactors
+
+    @cached_property
+    def cofactor(self) -> FloatArray:
+        """(k, o, o) cofactors of the adjusted observations."""
+        a, b, Q = self.partials, self.ground, self.cofactors.with_border(self.photo, self.extras)
+        return a @ Q @ np.swapaxes(a, 1, 2) + b @ self.inverse @ np.swapaxes(b, 1, 2)
+
+    def part(self, taken: BoolArray) -> PointChecks:
+        """Return some of the points."""
+        rows = {one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "cofactors"}
+        return PointChecks(**rows, cofactors=self.cofactors)
 
     def drop(self, rows: IntArray) -> Drop:
         """Return what the observations `rows` (s,) of every point explain."""
@@ -79,11 +93,16 @@ class LinearModel:
     factor: Factor
     cofactors: Cofactors
     step: FloatArray  # (u,) to the minimum
-    squares: float  # v'Pv there, of images, control and stations
     points: tuple[PointChecks, ...]
     minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
+
+    @property
+    def squares(self) -> float:
+        """v'Pv at the minimum, of images, control and stations."""
+        squares = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in self.points)
+        return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
     def station_drop(self, columns: IntArray) -> Drop:
         """Return what some of the observations of every station explain."""
@@ -112,6 +131,17 @@ def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) ->
     )
 
 
+def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return residuals and cofactors of groups of observations that take part, from those by all others alone.
+
+    Residuals (k, s) and cofactors (k, s, s) of what the others predict; they come in with weights (k, s): with
+    G = P^1/2 Q P^1/2, P^1/2 v becomes (1 + G)^-1 P^1/2 v, and G becomes 1 - (1 + G)^-1.
+    """
+    root, unit = np.sqrt(weight), np.eye(v.shape[1])
+    left = np.linalg.inv(unit + root[:, :, None] * Q * root[:, None, :])
+    return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
+
+
 def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
@@ -129,7 +159,6 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     station_weight, residual = station_rows(network, state)
     points = tuple(_checks(scene, network, state, cofactors, step))
     stations = residual + step[: residual.size].reshape(residual.shape)
-    squares = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in points)
     return LinearModel(
         scene=scene,
         state=state,
@@ -137,7 +166,6 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
         factor=factor,
         cofactors=cofactors,
         step=step,
-        squares=squares + float(np.sum(station_weight * np.square(stations))),
         minimum=_after(network, state, step),
         points=points,
         stations=stations,
@@ -202,7 +230,6 @@ def _checks_of(
     unknowns = network.unknowns(piece.group, E.extras.index)
     v = np.concatenate([v, v_known], axis=1)
     v = v + np.einsum("kot,kt->ko", a, step[unknowns]) + np.einsum("koi,ki->ko", b, E.shift)
-    cofactor = a @ piece.Q @ np.swapaxes(a, 1, 2) + b @ E.inverse @ np.swapaxes(b, 1, 2)
     return PointChecks(
         point=piece.group.point,
         rays=rays,
@@ -210,9 +237,11 @@ def _checks_of(
         member=member,
         residual=v,
         weight=np.concatenate([weight, w_known], axis=1),
-        cofactor=cofactor,
         partials=a,
         ground=b,
         inverse=E.inverse,
         unknowns=unknowns,
+        photo=piece.photo,
+        extras=E.extras.index,
+        cofactors=piece.cofactors,
     )

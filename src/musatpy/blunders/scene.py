@@ -18,6 +18,7 @@ from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, i
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
@@ -186,25 +187,27 @@ def adjusted(scene: Scene, factors: Factors, state: State, steps: int) -> Outcom
     return iterate(problem, problem.with_squares(state), steps)
 
 
-def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]:
+def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State, Factor | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
-    Raises `SingularNormalsError`.
+    And the factor of the normal equations there, None where the iteration has not converged. Raises
+    `SingularNormalsError`.
     """
-    bathymetric, line = scene.block.points.bathymetric, scene.line
+    line = scene.line
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
-    short = 0
+    short, factor = 0, None
     for _ in range(_TURNS):
         outcome = adjusted(scene, factors, state, min(scene.block.options.max_iterations, _ITERATIONS))
-        state, short = outcome.state, short + 1 if outcome.failure else 0
+        state, factor, short = outcome.state, outcome.factor, short + 1 if outcome.failure else 0
         if outcome.is_final or short == SHORT:
             break
-        line = next_line(scene.network, scene.line, state, bathymetric)
+        line = next_line(scene.network, scene.line, state, scene.block.points.bathymetric)
         if np.array_equal(line.wet, scene.line.wet):
             break
         scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
-    return scene, state
+        factor = None  # which was that of the other sides
+    return scene, state, factor
 
 
 def sizes(scene: Scene, state: State) -> Factors:

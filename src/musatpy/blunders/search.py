@@ -148,11 +148,12 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation of least cost: what robust weights began with, or one hypothesis after the other."""
     best, variance = start, start.last.judgement.sigma0**2
     for case, only_common in _first_cases(start):
+        chosen = any(mask.any() for mask in case.out.values())  # which is out for good
         try:
             case = explained(case, variance, sea, only_common)
-            if case.cost(variance) > _HOPELESS * best.cost or (only_common and not case.revisions):
+            if (only_common and not case.revisions) or case.cost(variance) > _HOPELESS * best.cost:
                 continue
-            other = _at_rest(case, variance)
+            other = _at_rest(case, variance, returning=not chosen)
         except GIVEN_UP:
             continue
         if other.cost < best.cost + (EQUAL if best is start else 0.0):
@@ -204,9 +205,9 @@ def _case(start: _Explained) -> Case:
     return replace(first_case(start.block, last.scene, last.state, last.out()), taken=start.common)
 
 
-def _at_rest(case: Case, variance: float) -> _Explained:
-    """Return the search from an explanation on. Raises `SingularNormalsError`."""
-    last = _chosen_anew(snooped(case.scene, case.state, case.out))
+def _at_rest(case: Case, variance: float, returning: bool = True) -> _Explained:
+    """Return the search from an explanation on, what is out `returning` or not. Raises `SingularNormalsError`."""
+    last = _chosen_anew(snooped(case.scene, case.state, case.out, returning))
     common = tuple(hypothesis for hypothesis in case.taken if not hypothesis.given_up)
     price = cost(last.scene, last.out(), last.state, len(common), variance)
     return _Explained(last=last, block=case.block, common=common, cost=price)

@@ -15,7 +15,7 @@ from musatpy.adjustment import reliability
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor, factorised
-from musatpy.adjustment.propagation import pieces, point_covariances
+from musatpy.adjustment.precision import Errors, spread_to_observations
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations
@@ -62,8 +62,8 @@ class Units:
 
         In a large block some good image lies beyond the limit of a small one.
         """
-        counts = np.bincount(self.kind)
-        return np.array([max(LIMIT, test_limit(int(counts[kind]))) for kind in self.kind[self.first()].tolist()])
+        of_kind = np.array([max(LIMIT, test_limit(count)) for count in np.bincount(self.kind).tolist()])
+        return np.asarray(of_kind[self.kind[self.first()]])
 
     def first(self) -> IntArray:
         """Return (units,) the first observation of every unit."""
@@ -130,8 +130,8 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     for number in range(_ROUNDS):
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
-        scene, state = settled(scene, factors, state)
-        judgement = judged(scene, state, units, out, factors)
+        scene, state, factor = settled(scene, factors, state)
+        judgement = judged(scene, state, units, out, factors, factor)
         value = judgement.unit_test
         back = out & _predicted(judgement) & (value < _BACK * limit) & (returns < _RETURNS)
         if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
@@ -210,13 +210,19 @@ def _gathered(values: Factors, units: Units) -> FloatArray:
     return out
 
 
-def judged(scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors) -> Judgement:
-    """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out."""
+def judged(
+    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, factor: Factor | None
+) -> Judgement:
+    """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out.
+
+    `factor` is that of the normal equations, if there is one. Raises `SingularNormalsError`.
+    """
     problem = scene.problem(factors)
-    normals = problem.linearise(problem.with_squares(state)).matrix
-    factor = factorised(normals)
     if factor is None:
-        raise SingularNormalsError(normals)
+        normals = problem.linearise(problem.with_squares(state)).matrix
+        factor = factorised(normals)
+        if factor is None:
+            raise SingularNormalsError(normals)
     observed, cofactors = _observations(scene, problem.network, state, factor)
     taken = out[units.unit]
     sigma = 1.0 / np.sqrt(_gathered(scene.weight, units))
@@ -247,16 +253,11 @@ def _observations(scene: Scene, network: Network, state: State, factor: Factor) 
 
     `network` has the weights of the search.
     """
-    block, points = scene.block, np.full((network.points, 3, 3), np.nan)
-    cofactors = factor.cofactors().holding(scene.held)
-    residual = deviations(network, block, state)[_K.PLATE]
-    parts = list(reliability.direct(network, state, cofactors))
-    for group in network.groups:
-        for _, piece in pieces(network, state, group, cofactors):
-            parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
-            points[piece.group.point] = point_covariances(network, piece, cofactors, None)
+    residual = deviations(network, scene.block, state)[_K.PLATE]
+    errors = Errors(network=network, state=state, cofactors=factor.cofactors().holding(scene.held))
+    spread = spread_to_observations(errors, scene.block, residual)
     # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
-    return reliability.joined(part for part in parts if part.kind in scene.weight), points
+    return reliability.joined(part for part in spread.parts if part.kind in scene.weight), spread.points
 
 
 def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> CommonTide | None:
