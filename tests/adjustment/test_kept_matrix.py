@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 
 from musatpy import read_deck
 from musatpy.adjustment import adjust, kernels, normals, simultaneous, triangulation
-from musatpy.adjustment.iteration import AT_REST, Linearisation, Step, iterate
+from musatpy.adjustment.iteration import AT_REST, Kept, Linearisation, Near, Step, iterate
 from musatpy.adjustment.normals import NormalMatrix
 from musatpy.adjustment.sparse import Pattern
 from musatpy.arrays import FloatArray
@@ -19,7 +20,11 @@ from musatpy.model import Program, Refraction, Solution
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECKS = ("st_thomas/st_thomas.crd", "verdict/iia_same_deck.crd")
-PROGRAMS = [(Program.IIIA, Refraction.RIGOROUS), (Program.IIA, Refraction.RIGOROUS)]
+PROGRAMS = [
+    (Program.IIIA, Refraction.RIGOROUS),
+    (Program.IIA, Refraction.RIGOROUS),
+    (Program.IIA, Refraction.WATPT),
+]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,6 +74,37 @@ def test_the_matrix_is_taken_anew_where_steps_gain_less_than_a_hundredth(b: floa
     outcome = iterate(curve, 30.0, 20, steps.append)
     assert not outcome.failure and abs(outcome.state - 1.0) < AT_REST**2
     assert (len(curve.fresh), len(steps) - len(curve.fresh)) == (fresh, kept)
+
+
+def kept_of(b: float, share: float = 1.0) -> Kept:
+    """Return the normals with which the iteration of a curve ends, their matrix a share of the true one."""
+    kept = iterate(Curve(b=b, fresh=[]), 30.0, 20).kept
+    assert kept is not None
+    factor = normals.factorised(replace(kept.line.matrix, blocks=share * kept.line.matrix.blocks))
+    assert factor is not None
+    return replace(kept, factor=factor)
+
+
+STARTS = [  # where it begins, what it begins with, how many matrices it takes, and steps
+    (1.1, lambda: None, 2, 2),
+    (1.1, Near, 1, 2),
+    (1.1, lambda: Near(kept=kept_of(0.01)), 0, 2),
+    (1.001, lambda: None, 1, 1),
+    (1.001, lambda: Near(kept=kept_of(0.01), proven=True), 0, 1),
+    (1.001, lambda: Near(kept=kept_of(0.01)), 0, 2),
+    (1.1, lambda: Near(kept=kept_of(0.01, 1.3)), 1, 3),
+]
+
+
+@pytest.mark.parametrize(("place", "start", "fresh", "count"), STARTS)
+def test_an_iteration_near_its_minimum_may_start_with_a_kept_matrix(
+    place: float, start: Callable[[], Near | None], fresh: int, count: int
+) -> None:
+    """The first step with one that is not proven does not end it; one that gains too little is given up."""
+    curve, steps = Curve(b=0.01, fresh=[]), list[Step]()
+    outcome = iterate(curve, place, 20, steps.append, start())
+    assert not outcome.failure and abs(outcome.state - 1.0) < 0.01 * AT_REST
+    assert (len(curve.fresh), len(steps)) == (fresh, count)
 
 
 def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction, large: int) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -94,6 +94,25 @@ class Step:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Kept:
+    """Normals of a step."""
+
+    line: Linearisation  # without context
+    factor: Factor
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Near:
+    """That an iteration starts near the minimum of another one, which has the same unknowns.
+
+    It may keep its first matrix, or use from the start that of the other one.
+    """
+
+    kept: Kept | None = None
+    proven: bool = False  # the observations differ in their values alone, so that steps close in as they did there
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
     """How an iteration ended: `state` is the last accepted one; `failure` is empty when it converged.
 
@@ -106,12 +125,17 @@ class Outcome:
     lost: bool = False  # points are behind their cameras: nothing can be built on the state
     hopeless: bool = False  # at a halt by far too high: sides of the water do not matter, nor crests of waves
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
-    factor: Factor | None = None  # of the normals of that step, where the iteration converged
+    last: Kept | None = None  # normals of that step, where the iteration converged
 
     @property
     def is_final(self) -> bool:
         """True where another triangulation from here does no better."""
         return self.lost or self.hopeless
+
+    @property
+    def kept(self) -> Kept | None:
+        """Its last normals where another iteration may use them."""
+        return self.last if self.last is not None and self.last.line.renewable else None
 
 
 class SingularNormalsError(Exception):
@@ -127,6 +151,7 @@ def iterate(
     state: Any,
     max_iterations: int,
     report: Callable[[Step], None] | None = None,
+    start: Near | None = None,
 ) -> Outcome:
     """Lower the objective of `problem` from `state` until a full step is below the limits, and changes nothing.
 
@@ -138,11 +163,13 @@ def iterate(
 
     Near the minimum the matrix hardly changes: a large problem keeps it, factorised, and takes new right sides as
     long as each step is a hundredth of the one before at most. The step that ends it is such a one, or has a matrix
-    of its own: what is left then is a hundredth of the limits.
+    of its own: what is left then is a hundredth of the limits. Of an iteration that `start` says to be near its
+    minimum the first step may have a kept matrix as well, which does not end it where that is not proven.
     """
     damping, blind, stalled, before = 0.0, 0, 0, state
-    step, change, length, factor = np.zeros(0), 0.0, 0.0, None
-    kept: Linearisation | None = None  # of whose matrix `factor` is
+    step, change, length = np.zeros(0), 0.0, 0.0
+    # of the matrix of `kept` is `factor`
+    kept, factor = (start.kept.line, start.kept.factor) if start and start.kept else (None, None)
     for number in range(1, max_iterations + 1):
         accepted, last = None, length
         if kept is not None:
@@ -154,7 +181,8 @@ def iterate(
             if not line.matrix.sensible():
                 return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
             factor = factorised(line.matrix, damping)
-            if number == 1 and (factor is None or factor.smallest_eigenvalue() < SINGULAR):
+            tried = start is not None  # that iteration has determined the unknowns
+            if number == 1 and (factor is None or not (tried or factor.smallest_eigenvalue() >= SINGULAR)):
                 raise SingularNormalsError(line.matrix)
             accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:
@@ -170,10 +198,13 @@ def iterate(
         if stalled == _STALLED:
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
-        near = length <= (_CLOSING if kept is None else _KEPT) * last
+        first = start if number == 1 else None
+        near = first is not None or length <= (_CLOSING if kept is None else _KEPT) * last
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
-        if good and change < AT_REST and problem.converged(step):
-            return Outcome(state=state, last_step=step, failure="", change=change, factor=factor)
+        proven = first is None or first.proven or kept is None
+        if good and proven and factor is not None and change < AT_REST and problem.converged(step):
+            normals = Kept(line=replace(line, context=None), factor=factor)
+            return Outcome(state=state, last_step=step, failure="", change=change, last=normals)
         kept = line if good and near and line.renewable else None
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"

@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.building import build_network
 from musatpy.adjustment.direct import kept_movement, largest_movements
-from musatpy.adjustment.iteration import AT_REST, LeastSquares, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.iteration import AT_REST, LeastSquares, Near, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.network import (
@@ -50,8 +50,13 @@ class Job:
     iterations: list[Iteration]
     notes: tuple[str, ...]  # warnings of the preparation
 
-    def iterate(self, problem: LeastSquares, network: Network, state: State, outer_pass: int) -> Outcome:
-        """Return the outcome of one adjustment. Raises `AdjustmentError` naming what is free."""
+    def iterate(
+        self, problem: LeastSquares, network: Network, state: State, outer_pass: int, start: Near | None = None
+    ) -> Outcome:
+        """Return the outcome of one adjustment. Raises `AdjustmentError` naming what is free.
+
+        `start`: the state is near the minimum.
+        """
 
         def report(step: Step) -> None:
             turned, rotation, moved, translation = largest_movements(step.step, network)
@@ -71,7 +76,7 @@ class Job:
 
         begin(self.progress, f"pass {outer_pass}, iteration", 1, self.block.options.max_iterations)
         try:
-            return iterate(problem, state, self.block.options.max_iterations, report)
+            return iterate(problem, state, self.block.options.max_iterations, report, start)
         except SingularNormalsError as error:
             # eigenvalues come with rounding of their own: look a little above the limit for the culprits
             reasons = describe_weakness(network, state, error.matrix, 100.0 * SINGULAR, self.block)

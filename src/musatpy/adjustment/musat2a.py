@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.compiled_conditions import CompiledPassPoints
-from musatpy.adjustment.iteration import SHORT, Outcome
+from musatpy.adjustment.iteration import SHORT, Near, Outcome
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.pass_points import simple_variances
@@ -117,13 +117,13 @@ class _Run:
             return None
         return None if outcome.failure else outcome.state
 
-    def triangulate(self, network: Network, state: State, outer_pass: int) -> Outcome:
+    def triangulate(self, network: Network, state: State, outer_pass: int, start: Near | None = None) -> Outcome:
         """Return the outcome of one triangulation, which settles its points first.
 
-        Raises `AdjustmentError` naming what is free.
+        `start`: it is near its minimum. Raises `AdjustmentError` naming what is free.
         """
         state = ground_points.settle(network, state, CompiledPassPoints.of(network))
-        return self.job.iterate(self.problem(network, state), network, state, outer_pass)
+        return self.job.iterate(self.problem(network, state), network, state, outer_pass, start)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
         """Return network and outcome with refracted rays in the conditions.
@@ -133,15 +133,17 @@ class _Run:
         measured = self.job.network
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
-        short = 0
+        # refraction gives many points other partials: the matrix of straight rays would close in slowly
+        near, short = None if outcome.failure else Near(), 0
         for number in itertools.count(1):
             network, state = refracted(measured, line, state)
-            outcome = self.triangulate(network, state, number)
+            outcome = self.triangulate(network, state, number, near)
+            near = None if outcome.failure else Near(kept=outcome.kept)
             state = self.job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.is_final or short == SHORT:
                 break
-            cofactors = outcome.factor.cofactors if outcome.factor else None
+            cofactors = outcome.last.factor.cofactors if outcome.last else None
             before, line = line, best_line(measured, line, state, self.job.bathymetric, cofactors)
             if line.same_as(before):
                 break
@@ -156,12 +158,13 @@ class _Run:
         line = water_line(measured, state, self.job.bathymetric)
         network = straightened = measured
         xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
-        short = 0
+        near, short = None if outcome.failure else Near(), 0
         for number in range(1, self.job.block.options.max_passes + 1):
             before, last = state.ground, line
             network = measured.with_plates(xy, measured.refracted)
             straightened = measured.with_plates(measured.xy, line.wet)
-            outcome = self.triangulate(network, state, number)
+            outcome = self.triangulate(network, state, number, near)
+            near = None if outcome.failure else Near(kept=outcome.kept, proven=True)
             state = self.job.with_left_out(network, outcome.state)
             if not outcome.lost:
                 line = next_line(measured, line, state, self.job.bathymetric)

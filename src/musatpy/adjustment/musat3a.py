@@ -12,7 +12,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.direct import largest_movements
-from musatpy.adjustment.iteration import SHORT, Outcome
+from musatpy.adjustment.iteration import SHORT, Near, Outcome
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds.water_index import WaterIndex
 from musatpy.adjustment.network import Network
@@ -147,6 +147,7 @@ class _Run:
         Waves stay as `given` at first: poor points, on level ground, would lead them astray.
         """
         job, measured = self.job, self.job.network
+        near: Near | None = None
         short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
         for number in itertools.count(passes + 1):
             network, state = refracted(measured, line, state)
@@ -157,12 +158,13 @@ class _Run:
             if trials:
                 outcome = trials.freed(state, number)
             else:
-                outcome = job.iterate(self.problem(network, free), network, state, number)
+                outcome = job.iterate(self.problem(network, free), network, state, number, near)
+                near = None if free.count or outcome.failure else Near(kept=outcome.kept)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
-            cofactors = outcome.factor.cofactors if outcome.factor and not free.count else None
+            cofactors = outcome.last.factor.cofactors if outcome.last and not free.count else None
             before, line = line, best_line(measured, line, state, job.bathymetric, cofactors)
             if line.same_as(before) and not given:
                 break
