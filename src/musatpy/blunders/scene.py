@@ -199,7 +199,8 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State,
     short, factor = 0, None
     for _ in range(_TURNS):
         outcome = adjusted(scene, factors, state, min(scene.block.options.max_iterations, _ITERATIONS))
-        state, factor, short = outcome.state, outcome.factor, short + 1 if outcome.failure else 0
+        state, short = outcome.state, short + 1 if outcome.failure else 0
+        factor = None if outcome.last is None else outcome.last.factor
         if outcome.is_final or short == SHORT:
             break
         line = next_line(scene.network, scene.line, state, scene.block.points.bathymetric)
