@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LOOP, PRINTED = "compilation/test_loop.py", "compilation/test_printed.py"
 POINTS, COMPILE = "compilation/test_true_points.py", "compilation/test_compile_command.py"
-PAIRS = "compilation/test_pair_points.py"
+PAIRS, PARALLAXES = "compilation/test_pair_points.py", "compilation/test_parallax_tests.py"
 WAVES = "compilation/test_runs_with_waves.py"
 CHAINS, VIEWS = "compilation/test_stage_chains.py", "compilation/test_views_of_points.py"
 LAGS, SCANS, LEVELS = "surfaces/test_lags.py", "compilation/test_profile_scans.py", "compilation/test_levels.py"
@@ -37,7 +37,7 @@ MUTATIONS = [
     ("compilation/loop.py", "np.tile(stereo.tides", "np.tile(stereo.tides[::-1]", WAVES),
     ("compilation/triangulation.py", "sea.trains.with_values(adjusted).surface", "sea.surface", WAVES),
     ("compilation/true_points.py", "participation(block), run.sea", "participation(block), None", WAVES),
-    ("compilation/true_points.py", "and run.sea.considered", "and not run.sea.considered", WAVES),
+    ("compilation/triangulation.py", "and self.sea.considered", "and not self.sea.considered", WAVES),
     ("compilation/run_records.py", "given | dict(zip", "dict(zip", WAVES),
     ("compilation/correcting.py", "xy[active] = np.nan", "xy[active] *= 1.0", WAVES),
     ("compilation/stereomodels.py", "np.cross(up, x)", "np.cross(x, up)", LOOP),
@@ -100,6 +100,11 @@ MUTATIONS = [
     ("compilation/errors_of_pairs.py", "1.0 / network.weight", "2.0 / network.weight", PAIRS),
     ("compilation/errors_of_pairs.py", "off = -np.einsum", "off = np.einsum", PAIRS),
     ("compilation/errors_of_pairs.py", "np.argmax(piece", "np.argmin(piece", PAIRS),
+    ("compilation/parallax_tests.py", "pointing - share", "pointing + share", PARALLAXES),
+    ("compilation/parallax_tests.py", "scale * points", "points", PARALLAXES),
+    ("compilation/parallax_tests.py", "if not sigma_of_run", "if sigma_of_run", PARALLAXES),
+    ("compilation/parallax_tests.py", "np.square(np.maximum(share, 0.0))", "np.maximum(share, 0.0)", PARALLAXES),
+    ("statistics/student.py", "8.0 * n + 1.0", "8.0 * n + 9.0", PARALLAXES),
     # many points of a pair
     ("compilation/pair_images.py", "v=e * (H * t) - u * H", "v=e * (H * t) + u * H", PAIRS),
     ("compilation/pair_images.py", "(self.Q_h - self.Q_H)", "(self.Q_h + self.Q_H)", PAIRS),
