@@ -25,11 +25,11 @@ def unadjusted(run: Triangulation) -> str:
     limit = max(RECOVERABLE, _MISFIT * run.block.options.plate_sigma)
     if not len(known) or np.median(known) <= limit:
         return ""
+    half = f"half have y-parallaxes over {1e3 * np.median(known):.0f} um (expected: below {1e3 * limit:.0f} um)"
     return (
         f"its stations do not fit its plate measurements: of {len(known)} points that neighbouring photos share, "
-        f"half have y-parallaxes over {1e3 * np.median(known):.0f} um (expected: below {1e3 * limit:.0f} um). It "
-        "is the deck of a run that is still to be adjusted: give the record of the run, NAME.json, or the deck that "
-        "it punched, NAME.pun (--anyway compiles from it)"
+        f"{half}. It is the deck of a run that is still to be adjusted: give the record of the run, NAME.json, or "
+        "the deck that it punched, NAME.pun (--anyway compiles from it)"
     )
 
 
