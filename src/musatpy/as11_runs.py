@@ -21,6 +21,7 @@ from musatpy.compilation.setups import model_set_up
 from musatpy.compilation.stage_chains import RawLoop, chain_of
 from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
+from musatpy.compilation.unadjusted_decks import unadjusted
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats.compilation_cards import place_of_model, place_of_reading
@@ -200,7 +201,7 @@ def setup_paths(deck: Path, out_dir: Path | None) -> tuple[Path, Path]:
 
 
 def run_of(path: Path, anyway: bool = False) -> Triangulation:
-    """Return the triangulation of the record of a run, or of a punched deck; `anyway` also of one unconverged.
+    """Return the triangulation of the record of a run, or of a punched deck; `anyway` also of one not adjusted.
 
     Raises `CompilationError` or `DeckError` where it cannot be compiled from, and `OSError`.
     """
@@ -212,9 +213,12 @@ def run_of(path: Path, anyway: bool = False) -> Triangulation:
     if block is None:
         raise DeckError(problems)
     try:
-        return of_block(block)
+        run = of_block(block)
+        if not (anyway or block.raw) and (fault := unadjusted(run)):
+            raise CompilationError([Problem(message=fault)])
     except CompilationError as error:
         raise CompilationError(_of_file(path, error)) from error
+    return run
 
 
 def raw_loop(loop: Loop, deck: Path) -> RawLoop:

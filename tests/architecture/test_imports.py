@@ -49,6 +49,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "soundings": {"statistics", "pointfiles", "geometry", "interchange"},
     "compilation": {
         "model",
+        "statistics",
         "systems",
         "geometry",
         "refraction",

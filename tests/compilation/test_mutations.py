@@ -17,7 +17,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LOOP, PRINTED = "compilation/test_loop.py", "compilation/test_printed.py"
 POINTS, COMPILE = "compilation/test_true_points.py", "compilation/test_compile_command.py"
-PAIRS = "compilation/test_pair_points.py"
+PAIRS, PARALLAXES = "compilation/test_pair_points.py", "compilation/test_parallax_tests.py"
 WAVES = "compilation/test_runs_with_waves.py"
 CHAINS, VIEWS = "compilation/test_stage_chains.py", "compilation/test_views_of_points.py"
 LAGS, SCANS, LEVELS = "surfaces/test_lags.py", "compilation/test_profile_scans.py", "compilation/test_levels.py"
@@ -38,7 +38,7 @@ MUTATIONS = [
     ("compilation/loop.py", "np.tile(stereo.tides", "np.tile(stereo.tides[::-1]", WAVES),
     ("compilation/triangulation.py", "sea.trains.with_values(adjusted).surface", "sea.surface", WAVES),
     ("compilation/true_points.py", "participation(block), run.sea", "participation(block), None", WAVES),
-    ("compilation/true_points.py", "and run.sea.considered", "and not run.sea.considered", WAVES),
+    ("compilation/triangulation.py", "and self.sea.considered", "and not self.sea.considered", WAVES),
     ("compilation/run_records.py", "given | dict(zip", "dict(zip", WAVES),
     ("compilation/correcting.py", "xy[active] = np.nan", "xy[active] *= 1.0", WAVES),
     ("compilation/stereomodels.py", "np.cross(up, x)", "np.cross(x, up)", LOOP),
@@ -47,14 +47,14 @@ MUTATIONS = [
     ("compilation/model_points.py", "[-1.0, 1.0]", "[1.0, -1.0]", "compilation/test_model_points.py"),
     ("compilation/model_points.py", "0.5 * np.nan_to_num", "np.nan_to_num", "compilation/test_model_points.py"),
     # raw stages
-    ("compilation/stage_chains.py", "for step in reversed(self.bent)", "for step in self.bent", CHAINS),
+    ("compilation/stage_chains.py", "for step in reversed(steps)", "for step in steps", CHAINS),
     ("compilation/stage_chains.py", "H = step.matrix() @ H", "H = H @ step.matrix()", CHAINS),
     ("compilation/stage_chains.py", "np.eye(2) + step.distortion_partials", "np.eye(2) - step.distortion_partials",
      CHAINS),
     ("compilation/stage_chains.py", "_backwards(step, before, xy) @ partials", "partials", CHAINS),
     ("compilation/stage_chains.py", "by_plate @ refined.by_mark", "refined.by_mark", CHAINS),
-    ("compilation/stage_chains.py", "H[:2, :2] - read[..., None]", "H[:2, :2] + read[..., None]", CHAINS),
-    ("reduction/nadir.py", "scale = 1.0 - n[2]", "scale = 1.0 + n[2]", CHAINS),
+    ("compilation/stage_chains.py", "(plane - read[..., None]", "(plane + read[..., None]", CHAINS),
+    ("reduction/nadir.py", "scale = 1.0 - down", "scale = 1.0 + down", CHAINS),
     ("reduction/nadir.py", "squared / t - t)", "squared / t + t)", CHAINS),
     ("compilation/driving.py", "path[:, 1:] * unit", "path[:, 1:]", CHAINS),
     # the points
@@ -101,10 +101,15 @@ MUTATIONS = [
     ("compilation/errors_of_pairs.py", "1.0 / network.weight", "2.0 / network.weight", PAIRS),
     ("compilation/errors_of_pairs.py", "off = -np.einsum", "off = np.einsum", PAIRS),
     ("compilation/errors_of_pairs.py", "np.argmax(piece", "np.argmin(piece", PAIRS),
+    ("compilation/parallax_tests.py", "pointing - share", "pointing + share", PARALLAXES),
+    ("compilation/parallax_tests.py", "scale * points", "points", PARALLAXES),
+    ("compilation/parallax_tests.py", "if not sigma_of_run", "if sigma_of_run", PARALLAXES),
+    ("compilation/parallax_tests.py", "np.square(np.maximum(share, 0.0))", "np.maximum(share, 0.0)", PARALLAXES),
+    ("statistics/student.py", "8.0 * n + 1.0", "8.0 * n + 9.0", PARALLAXES),
     # many points of a pair
-    ("compilation/pair_images.py", "v=e * (H * t) - u * H", "v=e * (H * t) + u * H", PAIRS),
+    ("compilation/pair_images.py", "v -= u * H", "v += u * H", PAIRS),
     ("compilation/pair_images.py", "(self.Q_h - self.Q_H)", "(self.Q_h + self.Q_H)", PAIRS),
-    ("compilation/pair_images.py", "Q_n=t * g", "Q_n=-t * g", PAIRS),
+    ("compilation/pair_images.py", "Q_n=tilt", "Q_n=-tilt", PAIRS),
     ("compilation/pair_images.py", "(self.ratio - 1.0) * up", "self.ratio * up", PAIRS),
     ("compilation/pair_images.py", "+ self.Q_H * along", "- self.Q_H * along", PAIRS),
     ("compilation/pair_images.py", "up + self.Q_h * along", "up - self.Q_h * along", PAIRS),

@@ -161,6 +161,20 @@ def test_a_deck_that_cannot_be_a_run_is_refused_with_its_reasons(runs: Path, tmp
     assert "Traceback" not in result.output
 
 
+@pytest.mark.parametrize("name", ["st_thomas/st_thomas", "cayman/cayman_clean"])
+def test_the_deck_of_a_run_that_is_still_to_be_adjusted_is_refused(name: str, tmp_path: Path) -> None:
+    run = stage_readings.FIXTURES / f"{name}.crd"
+    result = invoked("as11", "compile", run, stage_readings.DECK, "-o", tmp_path)
+    assert result.exit_code == 1 and not list(tmp_path.iterdir())
+    assert f"{run}: its stations do not fit its plate measurements: of " in result.output
+    assert "NAME.json" in result.output and "NAME.pun" in result.output
+
+
+def test_it_is_compiled_from_all_the_same_when_asked_for(tmp_path: Path) -> None:
+    result = invoked("as11", "setup", DECK, stage_readings.DECK, "-o", tmp_path, "--anyway")
+    assert result.exit_code == 0 and "model 2122 is not recovered" in result.output
+
+
 def test_photos_of_a_punched_deck_that_share_no_point_make_no_model(runs: Path, tmp_path: Path) -> None:
     lines = [line for line in (runs / "st_thomas.pun").read_text().splitlines() if not line.startswith("PLT 21")]
     deck = tmp_path / "apart.pun"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from musatpy.arrays import FloatArray
 from musatpy.cli.main import main as musat
 from musatpy.compilation.driving import GEOGRAPHIC, IN_MODEL, columns_of, driven, in_model
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.stage_chains import RawLoop, StageChain, chain_of
+from musatpy.compilation.stage_chains import PlateChain, RawLoop, StageChain, chain_of
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.errors import CompilationError, DeckError
@@ -61,6 +62,17 @@ def test_readings_come_back_from_refined_coordinates(run: Triangulation, side: s
     for axis, step in enumerate(1e-3 * np.eye(2)):
         by = (given.readings(refined + step)[0] - given.readings(refined - step)[0]) / 2e-3
         np.testing.assert_allclose(given.readings(refined)[1][..., axis], by, rtol=0, atol=1e-9)
+
+
+def test_plates_whose_steps_are_not_alike_are_undone_one_by_one(run: Triangulation) -> None:
+    given = chain(run)
+    assert given.both is not None
+    left = PlateChain(plate=replace(given.left.plate, steps=given.left.plate.steps[:-1]))  # without refraction
+    unlike, xy = StageChain(left=left, right=given.right), given.plates(raw_deck(run).stages.xy)
+    assert unlike.both is None
+    for both, each in zip(given.readings(xy), unlike.readings(xy), strict=True):
+        np.testing.assert_allclose(both[:, 1], each[:, 1], rtol=0, atol=1e-11)
+    assert np.abs(given.readings(xy)[0] - unlike.readings(xy)[0])[:, 0].max() > 1e-4
 
 
 @pytest.mark.parametrize("drive", Drive)

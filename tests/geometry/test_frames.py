@@ -20,7 +20,14 @@ FRAMES = [
 @pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: type(frame).__name__)
 def test_vertical_is_that_of_axes_and_height(frame: Frame):
     up, height = frame.vertical(PLACES)
-    np.testing.assert_array_equal(up, frame.axes(PLACES)[..., 2, :])  # the same operations
+    np.testing.assert_allclose(up, frame.axes(PLACES)[..., 2, :], rtol=0.0, atol=1e-15)
     np.testing.assert_array_equal(height, frame.height(PLACES))
     # a metre up is a metre of height: geocentric coordinates are good to a nanometre
     np.testing.assert_allclose(frame.height(PLACES + up), height + 1.0, rtol=0.0, atol=1e-8)
+
+
+def test_vertical_at_the_pole_is_the_axis():
+    frame = GeocentricFrame(np.zeros(3), Ellipsoid("clrk66"))
+    up, height = frame.vertical([[0.0, 0.0, 6356583.8 + 10.0], [0.0, 0.0, -6356583.8]])
+    np.testing.assert_allclose(up, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(height, [10.0, 0.0], rtol=0.0, atol=0.01)

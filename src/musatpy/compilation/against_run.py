@@ -12,11 +12,11 @@ from musatpy.adjustment.waterline import water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import CompiledModel
 from musatpy.compilation.errors_of_differences import difference_covariances
+from musatpy.compilation.readings_of_run import are_of_run, points_of_run
 from musatpy.compilation.true_points import Readings, network_of
 
 _NONE = 1e-9  # of the largest variance, up to which a direction has none
 _EXACT = 1e-6  # m: sigmas of differences of points that are the same
-_SAME = 1e-6  # mm, of readings that are those of the run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,12 +92,11 @@ class AgainstRun:
 def against_run(model: CompiledModel, again: BoolArray) -> AgainstRun:
     """Return the points of a model beside those of the run; `again` (k,) are readings of class R."""
     run = model.stereo.run
-    number = {name: row for row, name in enumerate(run.block.points.ids.tolist())}
-    point = np.array([number.get(name, -1) for name in model.readings.ids.tolist()], dtype=np.int64)
+    point = points_of_run(model)
     known = (point >= 0) & np.isfinite(model.points.position).all(axis=1)
     rows = np.flatnonzero(known & np.isfinite(run.position[point]).all(axis=1))
     points, frame = point[rows], run.frame
-    at, shared = frame.working(run.position[points]), _shared(model, rows, points)
+    at, shared = frame.working(run.position[points]), are_of_run(model, rows, points)
     gap = frame.working(model.points.position[rows]) - at
     return AgainstRun(
         model=model,
@@ -127,17 +126,3 @@ def predicted(model: CompiledModel, points: IntArray) -> FloatArray:
     network = network.with_plates(network.xy, line.wet)
     xy = image_coordinates(network, state, np.arange(2 * len(points)), state.ground[network.point])
     return np.swapaxes(xy.reshape(2, len(points), 2), 0, 1)
-
-
-def _shared(model: CompiledModel, rows: IntArray, points: IntArray) -> BoolArray:
-    """Return which readings are plate measurements of the run."""
-    plates = model.stereo.run.block.plates
-    measured = dict(zip(zip(plates.photo.tolist(), plates.point.tolist(), strict=True), plates.xy, strict=True))
-    same = np.zeros(len(rows), dtype=bool)
-    for place, (row, point) in enumerate(zip(rows.tolist(), points.tolist(), strict=True)):
-        xy = [measured.get((photo, point)) for photo in model.stereo.photos]
-        same[place] = all(
-            given is not None and np.abs(model.readings.xy[row, side] - given).max() <= _SAME
-            for side, given in enumerate(xy)
-        )
-    return same

@@ -15,6 +15,7 @@ from musatpy.compilation.interior import refined_stages
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.model_points import lost_without_parallax, stages_of
 from musatpy.compilation.moved_stage import MovedStage, moved_right_stage
+from musatpy.compilation.parallax_tests import parallax_tests
 from musatpy.compilation.printed import Printed, printed_points
 from musatpy.compilation.slips_of_stages import slip_of
 from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
@@ -128,10 +129,11 @@ class Compiled:
         """(k, 3) m, east, north, up."""
         return np.sqrt(np.diagonal(self.gathered("covariance"), axis1=1, axis2=2))
 
-    @property
+    @cached_property
     def parallax_test(self) -> FloatArray:
-        """(k,) y-parallaxes over their sigmas."""
-        return self.gathered("y_parallax") / self.gathered("y_parallax_sigma")
+        """(k,) y-parallaxes over their sigmas, as normal variables."""
+        of_run = np.isnan(self.deck.models.pointing)
+        return np.concatenate([parallax_tests(model, bool(of_run[row])) for row, model in enumerate(self.models)])
 
     @property
     def submerged(self) -> BoolArray:

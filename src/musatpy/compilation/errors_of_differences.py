@@ -15,6 +15,7 @@ from musatpy.adjustment.waterline import water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import CompiledModel
 from musatpy.compilation.errors_of_pairs import covariances_in
+from musatpy.compilation.readings_of_run import on_both_photos
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import network_of, network_of_plates
 from musatpy.model.tables import taken
@@ -54,7 +55,7 @@ def difference_covariances(model: CompiledModel, rows: IntArray, points: IntArra
         c, t = compiled.get(row), of_run.get(row)
         if c is None or t is None or run.control[points[row]] or not _meet(pattern, c.unknowns, t.unknowns):
             continue
-        if shared[row] and took_part[row] and not _took_part(model, int(points[row])):
+        if shared[row] and took_part[row] and not on_both_photos(model, int(points[row])):
             continue
         if shared[row] and took_part[row]:
             S = model.points.covariance[rows[row]] - run.point_covariance[points[row]]
@@ -67,13 +68,6 @@ def difference_covariances(model: CompiledModel, rows: IntArray, points: IntArra
         total = total + c.alone + t.alone - (2.0 * t.alone if shared[row] else 0.0)
         out[row] = axes[row] @ total @ axes[row].T
     return out
-
-
-def _took_part(model: CompiledModel, point: int) -> bool:
-    """Return whether the run has used a point on both photos of a model."""
-    run = model.stereo.run
-    photos = run.block.plates.photo[run.triangulated & (run.block.plates.point == point)]
-    return set(model.stereo.photos) <= set(photos.tolist())
 
 
 def _product(Q: Cofactors, a: _Influence, b: _Influence) -> FloatArray:

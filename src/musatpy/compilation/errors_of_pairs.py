@@ -41,8 +41,8 @@ def covariances_in(run: Triangulation, pattern: Pattern, size: int) -> Cofactors
     return Cofactors(pattern=pattern, blocks=blocks, border=border.reshape(pattern.order, size), corner=corner)
 
 
-def y_parallax(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray]:
-    """Return how far the right images (k,) mm are off the rays of the left ones, and their sigmas.
+def y_parallax(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return how far right images (k,) mm are off the rays of left ones, sigmas, and the share of pointing in them.
 
     The four image coordinates of a point have one condition a'dl = 0 with a'B = 0, B their partials by the point:
     the right image is off its epipolar curve by a'(read - adjusted) over the length of its part of a, positive
@@ -58,8 +58,9 @@ def y_parallax(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray]:
     by_station = np.einsum("kma,kmaq->kmq", a, N.images.by_station).reshape(k, -1)
     J = np.concatenate([by_station, np.einsum("kma,kmax->kx", a, E.extras.images)], axis=1)
     variance = np.einsum("ki,kij,kj->k", J, piece.Q, J)
-    variance += np.einsum("kma,kma->k", np.square(a), 1.0 / network.weight[piece.group.rays])
-    return off, np.sqrt(variance)
+    pointing = np.einsum("kma,kma->k", np.square(a), 1.0 / network.weight[piece.group.rays])
+    variance += pointing
+    return off, np.sqrt(variance), pointing / variance
 
 
 def _left_null(B: FloatArray) -> FloatArray:

@@ -81,14 +81,13 @@ class Loop:
         """
         if self.drive is Drive.TRUE and self.sea is not None:
             return self._through_waves(self.sea, mark)
-        out = Stages(xy=np.empty((len(mark), 2, 2)), by_mark=np.empty((len(mark), 2, 2, 3)))
+        both, partials = np.empty((2, 2, len(mark))), np.empty((2, 2, 3, len(mark)))  # as they come: points last
         for rows in chunks(len(mark)):
             X = np.ascontiguousarray(mark[rows].T)
             vertical = self._vertical(X) if self.drive is Drive.TRUE else None
             for number, side in enumerate(self.pair.sides):
-                xy, by_mark = self._images(side, X, vertical)
-                out.xy[rows, number], out.by_mark[rows, number] = xy.T, by_mark.transpose(2, 0, 1)
-        return out
+                both[number, :, rows], partials[number, ..., rows] = self._images(side, X, vertical)
+        return Stages(xy=np.moveaxis(both, -1, 0), by_mark=np.moveaxis(partials, -1, 0))
 
     def mark(self, xy: FloatArray) -> FloatArray:
         """Return the marks (k, 3) in the model of stages (k, 2, 2) mm: the least squares of their coordinates."""

@@ -206,6 +206,7 @@ class Described:
     incidence: FloatArray  # (c,) rad, mean angle in air between the rays read and the normal of the water
     parallax: FloatArray  # (c,) mm, y-parallaxes
     parallax_variance: FloatArray  # (c,)
+    pointing: FloatArray  # (c,) what errors of pointing have in that
     kink: FloatArray  # (c,) m, in height: how far residuals of this size could bring a point (`waterline`)
 
 
@@ -231,6 +232,7 @@ def described(
     X, off = X + move, at.off + einsum("ric,ic->rc", B, move)
     null, gaps = null_of(B), pair.gaps(X, height + dot(move, up))
     largest = np.max(np.square(off) * weight, axis=0)
+    pointing = np.sum(np.square(null) / weight, axis=0)
     return Described(
         X=X,
         last=size(move),
@@ -240,7 +242,8 @@ def described(
         depth_variance=depth,
         incidence=_incidence(pair, xy, up),
         parallax=-einsum("rc,rc->c", null, off),
-        parallax_variance=einsum("rc,rsc,sc->c", null, S, null) + np.sum(np.square(null) / weight, axis=0),
+        parallax_variance=einsum("rc,rsc,sc->c", null, S, null) + pointing,
+        pointing=pointing,
         kink=np.sqrt(largest * einsum("ic,ijc,jc->c", up, C, up)),
     )
 

@@ -196,34 +196,32 @@ def refracted(gap: FloatArray, over: Over, index: float) -> Rays:
     fall = -dot(gap, u)
     e = gap + u * fall
     D = np.sqrt(dot(e, e))
-    e /= np.where(D > 0.0, D, 1.0)  # 0 at the nadir
+    e *= 1.0 / np.where(D > 0.0, D, 1.0)  # 0 at the nadir
     H = fall - h
     t = air_tangent(H, h, D, n)
-    g2 = 1.0 / (n * n + (n * n - 1.0) * np.square(t))
-    g, air2, water2 = np.sqrt(g2), 1.0 / (1.0 + t * t), 1.0 / (1.0 + t * t * g2)
-    cosine = np.sqrt(water2)
-    of_air, of_water = h * air2 * np.sqrt(air2), n * water2 * cosine * H
-    spread = of_air + of_water
-    kappa = of_water / spread
+    t2 = t * t
+    g2 = 1.0 / (n * n + (n * n - 1.0) * t2)
+    g, secant2 = np.sqrt(g2), 1.0 + t2 * g2  # of the angle in water
+    air2, water2 = 1.0 / (1.0 + t2), 1.0 / secant2
+    of_water = n * water2 * np.sqrt(water2) * H
+    kappa = of_water / (h * air2 * np.sqrt(air2) + of_water)
+    v, tilt = e * (H * t), t * g * kappa
+    v -= u * H
     return Rays(
-        v=e * (H * t) - u * H,
-        e=e,
-        u=u,
-        kappa=kappa,
-        ratio=H / (H + h * g),
-        Q_H=t * of_air / spread,
-        Q_h=-t * g * kappa,
-        Q_n=t * g * cosine * H * h / spread,
-    )
+        v=v, e=e, u=u, kappa=kappa, ratio=H / (H + h * g),
+        Q_H=t * (1.0 - kappa), Q_h=-tilt, Q_n=tilt * h * secant2 / n,
+    )  # fmt: skip
 
 
 def images(side: Side, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the images (2, c) mm of vectors (3, c), and their partials (2, 3, c) by these: `image_by_vector`."""
     UVS = turned(side.M, v)
     scale = -side.focal_length / UVS[2]
-    M, ratio = side.M, UVS[:2] / UVS[2]
-    by_v = scale * (M[:2, :, None] - ratio[:, None, :] * M[2][:, None])
-    return scale * UVS[:2] + side.principal_point[:, None], by_v
+    M, xy = side.M, scale * UVS[:2]
+    by_v = (xy * (scale / side.focal_length))[:, None, :] * M[2][:, None]
+    by_v += scale * M[:2, :, None]
+    xy += side.principal_point[:, None]
+    return xy, by_v
 
 
 def entering(

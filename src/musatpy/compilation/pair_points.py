@@ -98,6 +98,7 @@ def _put(
     out.residual[rows] = points.residual[:, sure].T.reshape(-1, 2, 2)
     out.y_parallax[rows] = points.parallax[sure]
     out.y_parallax_sigma[rows] = np.sqrt(points.parallax_variance[sure])
+    out.pointing_share[rows] = (points.pointing / points.parallax_variance)[sure]
     out.wet[rows] = through
     wet = _some(submerged)
     rows = rows[wet]

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.compilation.triangulation import UNCONVERGED, Triangulation, adjusted_water, fault_of_run, waves_of_run
+from musatpy.compilation.triangulation import (
+    UNCONVERGED,
+    Triangulation,
+    adjusted_water,
+    fault_of_run,
+    freedom_of,
+    waves_of_run,
+)
 from musatpy.errors import CompilationError, Problem, RecordError
 from musatpy.json_files import read_record
 from musatpy.model import (
@@ -40,7 +47,7 @@ from musatpy.model.waves import SIGMAS
 from musatpy.units import AngleUnit
 
 _NEEDS = {
-    "solution": ("converged", "reason", "unit_sigma"),
+    "solution": ("converged", "reason", "unit_sigma", "degrees_of_freedom"),
     "options": ("program", "system", "plate_sigma", "submerged_factor", "water_level", "water_tilt", "water_index"),
     "ellipsoid": (),
     "water": (),
@@ -100,6 +107,7 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         triangulated=np.array(record["plates"]["triangulated"], dtype=bool),
         control=np.isin(points["point"], _known_of(record)),
         unit_sigma=float(solution["unit_sigma"] or 1.0),
+        freedom=freedom_of(solution["degrees_of_freedom"]),
         sea=sea,
         stated=_stated(record["stated"]),
         caution=UNCONVERGED if unconverged else "",

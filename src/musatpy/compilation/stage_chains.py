@@ -6,7 +6,8 @@ refraction in the air, lens, film (reseau), fiducial transformation, comparator.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import takewhile
 
@@ -19,6 +20,7 @@ from musatpy.model import Block
 from musatpy.reduction.comparator import Comparator
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.inversion import inverse
+from musatpy.reduction.nadir import Displacement, Together
 from musatpy.reduction.planar import Plane
 from musatpy.reduction.plate_steps import PlateReduction, Step
 from musatpy.reduction.refined_block import reduction_of
@@ -51,15 +53,7 @@ class PlateChain:
 
     def readings(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the readings (k, 2) of refined coordinates (k, 2), and their partials (k, 2, 2) by these."""
-        partials = np.eye(2)
-        for step in reversed(self.bent):
-            before = step.inverse(xy)
-            partials = _backwards(step, before, xy) @ partials
-            xy = before
-        H = self.to_readings
-        weight = xy @ H[2, :2] + H[2, 2]
-        read = (xy @ H[:2, :2].T + H[:2, 2]) / weight[:, None]
-        return read, (H[:2, :2] - read[..., None] * H[2, :2]) / weight[:, None, None] @ partials
+        return _undone(self.bent, self.to_readings, xy)
 
     def plates(self, readings: FloatArray) -> FloatArray:
         """Return the refined coordinates (k, 2) of readings (k, 2)."""
@@ -75,11 +69,22 @@ class StageChain:
     left: PlateChain
     right: PlateChain
 
+    @cached_property
+    def both(self) -> tuple[tuple[Step, ...], FloatArray] | None:
+        """Bent steps of both plates at one blow, and (2, 3, 3) to their readings; None where one has no twin."""
+        pairs = zip(self.left.bent, self.right.bent, strict=False)
+        steps = tuple(step for pair in pairs if (step := _both(*pair)) is not None)
+        if not len(steps) == len(self.left.bent) == len(self.right.bent):
+            return None
+        return steps, np.stack([self.left.to_readings, self.right.to_readings])
+
     def readings(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the readings (k, 2, 2) of refined plate coordinates (k, 2, 2) mm, and their partials by these.
 
         partials (k, 2, 2, 2); NaN where no reading becomes these coordinates.
         """
+        if self.both is not None:
+            return _undone(*self.both, xy)
         both = [plate.readings(xy[:, side]) for side, plate in enumerate((self.left, self.right))]
         return np.stack([both[0][0], both[1][0]], axis=1), np.stack([both[0][1], both[1][1]], axis=1)
 
@@ -125,6 +130,32 @@ def chain_of(raw: Block, left: str, right: str) -> StageChain:
     if problems:
         raise CompilationError(problems)
     return StageChain(left=PlateChain(plate=found[0]), right=PlateChain(plate=found[1]))
+
+
+def _both(left: Step, right: Step) -> Step | None:
+    """Return a step that does with images (k, 2, 2) of both plates what theirs do, None where they differ."""
+    if isinstance(left, Lens) and isinstance(right, Lens):
+        ours, theirs = vars(left), vars(right)
+        return left if all(np.array_equal(ours[field.name], theirs[field.name]) for field in fields(Lens)) else None
+    if isinstance(left, Displacement) and isinstance(right, Displacement):
+        return Together.of((left, right))
+    return None
+
+
+def _undone(steps: Sequence[Step], H: FloatArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the readings of refined coordinates xy (k, ..., 2), and their partials (k, ..., 2, 2) by these.
+
+    H (..., 3, 3) is the homography to readings from the plane before the steps.
+    """
+    partials = np.eye(2)
+    for step in reversed(steps):
+        before = step.inverse(xy)
+        partials = _backwards(step, before, xy) @ partials
+        xy = before
+    plane, shift, down = H[..., :2, :2], H[..., :2, 2], H[..., 2, :2]
+    weight = np.sum(xy * down, axis=-1) + H[..., 2, 2]
+    read = ((plane @ xy[..., None])[..., 0] + shift) / weight[..., None]
+    return read, (plane - read[..., None] * down[..., None, :]) / weight[..., None, None] @ partials
 
 
 def _backwards(step: Step, before: FloatArray, after: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ from musatpy.adjustment.building import build_network
 from musatpy.adjustment.considered import extended
 from musatpy.adjustment.network import job_frame, participation
 from musatpy.adjustment.unknowns import initial_state
+from musatpy.adjustment.water_surface import is_considered, water_knowledge
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, CompilationError, Problem
@@ -44,8 +45,9 @@ class Triangulation:
     and the water tilts, NaN where there were none. position (p, 3) in the system of the job and covariance (p, 3,
     3) of its points, NaN where not determined; triangulated (m,) measurements, points of control (p,). covariance
     (n, 6, 6) of stations, with those of pairs, of levels of single photos and of the water; `unit_sigma` is the a
-    posteriori sigma of unit weight. `caution` is what every page of what comes of it must say, and `because` says
-    more of it. `sea` are the waves on the water, at their adjusted parameters, None where it is level.
+    posteriori sigma of unit weight, with its degrees of `freedom`, infinite where it is a priori. `caution` is what
+    every page of what comes of it must say, and `because` says more of it. `sea` are the waves on the water, at
+    their adjusted parameters, None where it is level.
     """
 
     block: Block
@@ -59,6 +61,7 @@ class Triangulation:
     triangulated: BoolArray
     control: BoolArray
     unit_sigma: float
+    freedom: float = np.inf
     sea: Sea | None = None
     stated: SystemSpec | None = None  # how the answer of the run is stated; None: in the system of the job
     caution: str = ""
@@ -84,6 +87,12 @@ class Triangulation:
         """That of the job, None of a local one."""
         return None if self.map_system is None else self.map_system.ellipsoid
 
+    @cached_property
+    def considered(self) -> bool:
+        """True where water that is known has errors that are allowed for."""
+        waves = self.sea is not None and self.sea.considered
+        return waves or is_considered(self.block, water_knowledge(self.block))
+
     @property
     def without_errors(self) -> Triangulation:
         """The same with stations and water without error: sigmas of what is compiled are those of pointing."""
@@ -96,6 +105,11 @@ class Triangulation:
         if not len(rows):
             raise CompilationError([Problem(message=f"the run has no photo {name}")])
         return int(rows[0])
+
+
+def freedom_of(degrees: int) -> float:
+    """Return the degrees of freedom of a sigma of unit weight: without any it is a priori."""
+    return float(degrees) if degrees > 0 else np.inf
 
 
 def fault_of_run(unconverged: str) -> list[str]:
@@ -155,6 +169,7 @@ def of_solution(solution: Solution, sea: Sea | None = None) -> Triangulation:
         triangulated=block.plates.triangulated,
         control=np.isin(np.arange(len(block.points.ids)), known_points(block)),
         unit_sigma=solution.unit_sigma,
+        freedom=freedom_of(solution.degrees_of_freedom),
         sea=waves_of_run(block, waves, sea),
         stated=block.answer_in,
     )

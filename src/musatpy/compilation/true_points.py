@@ -19,7 +19,6 @@ from musatpy.adjustment.network import Network, PointGroup, group_points, partic
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.unknowns import State, initial_state
-from musatpy.adjustment.water_surface import is_considered
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.errors_of_pairs import joint_covariances, y_parallax
@@ -37,7 +36,7 @@ PARALLEL_RAYS, BEHIND = "its rays are parallel", "its rays meet behind a camera"
 NOT_FOLLOWED = "its rays cannot be followed through the water"
 _SHAPES: dict[str, tuple[int, ...]] = {
     "position": (3,), "covariance": (3, 3), "apparent": (3,), "water_level": (), "depth": (), "depth_sigma": (),
-    "incidence": (), "residual": (2, 2), "y_parallax": (), "y_parallax_sigma": (),
+    "incidence": (), "residual": (2, 2), "y_parallax": (), "y_parallax_sigma": (), "pointing_share": (),
 }  # fmt: skip
 
 
@@ -63,7 +62,8 @@ class TruePoints:
 
     covariance (k, 3, 3) along east, north, up; apparent (k, 3) where the straight rays meet. Depths are below the
     mean water of both photos. residual (k, 2, 2) mm, adjusted minus read; y_parallax (k,) mm by which the right
-    image is off, with its sigma of pointing, stations and water; wet (k, 2) rays.
+    image is off, with its sigma of pointing, stations and water, and the share of pointing in its variance; wet (k,
+    2) rays.
     """
 
     position: FloatArray
@@ -76,6 +76,7 @@ class TruePoints:
     residual: FloatArray
     y_parallax: FloatArray
     y_parallax_sigma: FloatArray
+    pointing_share: FloatArray
     wet: BoolArray
     reasons: dict[int, str]
 
@@ -167,7 +168,7 @@ def network_of_plates(
         M = attitude_matrix(network.attitude) @ network.axes
         network = replace(network, axes=axes, attitude=attitude_from_matrix(M @ np.swapaxes(axes, 1, 2)))
     state = initial_state(network)
-    if is_considered(block, network.water) or (run.sea is not None and run.sea.considered):
+    if run.considered:
         wide = extended(block, network, state)
         network, state = wide.network, wide.state
     return block, network, state
@@ -221,13 +222,13 @@ def _described(
     count = len(submerged)
     known = np.asarray(np.isfinite(state.ground).all(axis=1))
     covariance, depth = np.full((count, 3, 3), np.nan), np.full(count, np.nan)
-    parallax, parallax_sigma = np.full(count, np.nan), np.full(count, np.nan)
+    parallax, parallax_sigma, share = (np.full(count, np.nan) for _ in range(3))
     for group in groups:
         part = group.part(known[group.point])
         for rows, piece in pieces(network, state, part, covariances):
             point = part.point[rows]
             covariance[point] = point_covariances(network, piece, covariances, None)
-            parallax[point], parallax_sigma[point] = y_parallax(network, piece)
+            parallax[point], parallax_sigma[point], share[point] = y_parallax(network, piece)
             wet = submerged[point]
             if wet.any():
                 depth[point] = np.where(wet, depth_cofactors(network, state, piece, covariances, None), np.nan)
@@ -252,6 +253,7 @@ def _described(
         residual=np.swapaxes(v.reshape(2, count, 2), 0, 1),
         y_parallax=parallax,
         y_parallax_sigma=parallax_sigma,
+        pointing_share=share,
         wet=line.wet.reshape(2, count).T,
         reasons=reasons,
     )

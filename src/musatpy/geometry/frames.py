@@ -99,6 +99,16 @@ class GeocentricFrame(Frame):
     def axes_at(self, level: ArrayLike) -> FloatArray:
         return self.ellipsoid.frame(level)
 
+    def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the same; the longitude is where the place is, which saves its sine and cosine."""
+        place = np.asarray(working) + self.origin
+        latitude, height = np.moveaxis(self.ellipsoid.geographic(place)[..., [0, 2]], -1, 0)
+        up, off_axis = np.empty(place.shape), np.hypot(place[..., 0], place[..., 1])
+        scale = np.cos(latitude) / np.where(off_axis > 0.0, off_axis, 1.0)
+        np.multiply(place[..., :2], scale[..., None], out=up[..., :2])
+        up[..., 2] = np.sin(latitude)
+        return up, height
+
 
 class GeographicFrame(GeocentricFrame):
     """A geographic job: as a geocentric one, its deck in latitude, longitude (rad) and height (m)."""

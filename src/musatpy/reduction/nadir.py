@@ -11,7 +11,8 @@ Looking straight down, n = (0, 0, -1), this is x' - xp = (x - xp) / (1 + b + c r
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class View:
 
     focal_length: float  # mm
     principal_point: FloatArray  # (2,) mm, of autocollimation
-    nadir: FloatArray  # (3,) unit vector to the nadir in the photo's system: M (0, 0, -1)
+    nadir: FloatArray  # (3,), of photos together (m, 3), unit vector to it in the photo's system: M (0, 0, -1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,8 +41,8 @@ class Displacement(ABC):
 
     @property
     @abstractmethod
-    def coefficients(self) -> tuple[float, float]:
-        """b and c."""
+    def coefficients(self) -> tuple[float | FloatArray, float | FloatArray]:
+        """b and c, of photos together (m, 1)."""
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the displaced images (..., 2) mm of images xy (..., 2)."""
@@ -57,17 +58,18 @@ class Displacement(ABC):
         b, c = self.coefficients
         n, f = self.view.nadir, self.view.focal_length
         w = self._vector(xy)[0]
-        along, square = (w @ n)[..., None], np.sum(w * w, axis=-1, keepdims=True)
+        down = n[..., 2:] / f
+        along, square = np.sum(w * n, axis=-1, keepdims=True), np.sum(w * w, axis=-1, keepdims=True)
         s = np.zeros_like(along)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             for _ in range(_TURNS):
-                scale = 1.0 - n[2] * s / f
+                scale = 1.0 - down * s
                 t, squared = scale * along - s, scale * (scale * square - 2.0 * s * along) + s * s
                 new = b * t + c * (squared / t - t)
                 change, s = np.abs(new - s), new
                 if not np.any(change > TOLERANCE):
                     break
-            v = (1.0 - n[2] * s / f) * w - n * s
+            v = (1.0 - down * s) * w - n * s
         return np.where(change <= TOLERANCE, self.view.principal_point + v[..., :2], np.nan)
 
     def partials(self, xy: FloatArray) -> FloatArray:
@@ -76,7 +78,7 @@ class Displacement(ABC):
         v, t, square = self._vector(xy)
         n = self.view.nadir
         by_v = (b - c) * n + c * (2.0 * v / t - square * n / t**2)
-        by_v = (np.eye(3) + n[:, None] * by_v[..., None, :])[..., :2]
+        by_v = (np.eye(3) + n[..., :, None] * by_v[..., None, :])[..., :2]
         bent = self._bent(xy)
         third = bent[..., 2, None, None]
         ratio = bent[..., :2, None] / third
@@ -86,9 +88,33 @@ class Displacement(ABC):
         """Return v (..., 3), and t and v^2 (..., 1)."""
         away = xy - self.view.principal_point
         v = np.concatenate([away, np.full_like(away[..., :1], -self.view.focal_length)], axis=-1)
-        return v, (v @ self.view.nadir)[..., None], np.sum(v * v, axis=-1, keepdims=True)
+        return v, np.sum(v * self.view.nadir, axis=-1, keepdims=True), np.sum(v * v, axis=-1, keepdims=True)
 
     def _bent(self, xy: FloatArray) -> FloatArray:
         b, c = self.coefficients
         v, t, square = self._vector(xy)
         return v + self.view.nadir * (b * t + c * (square / t - t))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Together(Displacement):
+    """The displacements of m photos that one camera took: images (..., m, 2)."""
+
+    b: FloatArray  # (m, 1)
+    c: FloatArray  # (m, 1)
+
+    @property
+    def coefficients(self) -> tuple[FloatArray, FloatArray]:
+        """Those of all."""
+        return self.b, self.c
+
+    @classmethod
+    def of(cls, parts: Sequence[Displacement]) -> Together | None:
+        """Return displacements together, None where they are not of one camera."""
+        first, *others = (part.view for part in parts)
+        for view in others:
+            same = np.array_equal(view.principal_point, first.principal_point)
+            if view.focal_length != first.focal_length or not same:
+                return None
+        b, c = np.array([part.coefficients for part in parts]).T[..., None]
+        return cls(view=replace(first, nadir=np.stack([part.view.nadir for part in parts])), b=b, c=c)

@@ -50,7 +50,7 @@ POINTS: Rows[Compiled, Compiled] = Rows(
             "y_parallax", "number?", "by which the right image is off its epipolar curve",
             lambda c: c.gathered("y_parallax"), "mm",
         ),
-        Field("y_parallax_test", "number?", "over its sigma", lambda c: c.parallax_test),
+        Field("y_parallax_test", "number?", "over its sigma, as a normal variable", lambda c: c.parallax_test),
         Field("remark", "string?", "why it has no depth, or a y-parallax beyond its limit", lambda c: c.remarks),
         Field("reason", "string?", "why it has no position", lambda c: c.reasons),
     ),

@@ -30,6 +30,7 @@ from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import test_limit
+from musatpy.statistics.student import as_normal
 from musatpy.units import FOOT
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
@@ -177,15 +178,13 @@ def normal_tests(statistics: Statistics) -> FloatArray:
 
 
 def _as_normal(tau: FloatArray, statistics: Statistics) -> FloatArray:
-    """Return Pope's tau (o,) as normal variables: Student's t of f - 1 degrees of freedom, by Wallace's formula."""
+    """Return Pope's tau (o,) as normal variables: it is Student's t of f - 1 degrees of freedom."""
     f = statistics.solution.degrees_of_freedom
     if f < 2:
         return np.full(len(tau), np.nan)
     squares = np.minimum(np.square(tau), f * (1.0 - 1e-12))
-    n = f - 1.0
-    t2 = squares * n / (f - squares)
-    z = (8.0 * n + 1.0) / (8.0 * n + 3.0) * np.sqrt(n * np.log1p(t2 / n))
-    return np.copysign(z, tau)
+    t = np.copysign(np.sqrt(squares * (f - 1.0) / (f - squares)), tau)
+    return as_normal(t, np.full(len(t), f - 1.0))
 
 
 def check_points(statistics: Statistics) -> Iterator[Reason]:
