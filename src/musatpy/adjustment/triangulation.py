@@ -61,7 +61,7 @@ class Triangulation:
             groups = network.pass_groups
             if self._compiled is not None:
                 self._compiled.add_conditions(state, normals, kept is None)
-                groups = self._compiled.wet
+                groups = self._compiled.others
             for group in groups:
                 ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
                 add_full(network, state, group, image_coordinates(network, state, group.rays, ground), normals)
