@@ -71,7 +71,7 @@ class Triangulation:
                 add_weighted(network, group, measured_conditions(network, state, group), variance, normals)
         for group in network.control_groups:
             E = eliminate(network, state, group)
-            add_collinear(network, group, E, reduced(network, group, E), normals)
+            add_collinear(network, group, E, reduced(network, group, E, kept is None), normals)
         add_direct(network, state, normals)
         matrix, rhs = normals.finished() if kept is None else (kept, normals.right_side())
         return Linearisation(

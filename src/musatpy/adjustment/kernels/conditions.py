@@ -241,23 +241,38 @@ def _condition(
 
 
 @inlined
+def _rays_of(row: int, m: int) -> tuple[int, int]:
+    """Return the first ray of a condition, and the one after its last."""
+    return (row, row + 2) if row < m - 1 else (row - m + 1, row - m + 4)
+
+
+@inlined
+def _rays_up_to(row: int, m: int) -> int:
+    """Return how many of the first rays the conditions up to one have: those of coplanarity come in their order."""
+    return row + 2 if row < m - 1 else m
+
+
+@inlined
 def _weigh(first: int, m: int, at: Measured, of: Conditions) -> None:
     """Set S = G Q G', add what the images differ by to the misclosures w, and scale all to a diagonal of 1."""
     c = 2 * m - 3
     for row in range(c):
-        for k in range(m):
+        low, high = _rays_of(row, m)
+        for k in range(low, high):
             for b in range(2):
                 of.w[row] += of.G[row, 2 * k + b] * (at.xy[first + k, b] - of.xy[k, b])
         for column in range(row + 1):
             total = 0.0
-            for k in range(m):
+            of_column, end = _rays_of(column, m)
+            for k in range(max(low, of_column), min(high, end)):
                 for b in range(2):
                     total += of.G[row, 2 * k + b] * of.G[column, 2 * k + b] * of.cofactor[k, b]
             of.S[row, column] = total
     for row in range(c):
         scale = 1.0 / math.sqrt(of.S[row, row])
         of.w[row] *= scale
-        for a in range(Q * m):
+        low, high = _rays_of(row, m)
+        for a in range(Q * low, Q * high):
             of.A[row, a] *= scale
         for column in range(row + 1):
             of.S[row, column] *= scale
@@ -268,7 +283,7 @@ def _weigh(first: int, m: int, at: Measured, of: Conditions) -> None:
 @inlined
 def _solve(m: int, matrix: bool, of: Conditions) -> None:
     """Replace S by its Cholesky factor L, A by L^-1 A and w by L^-1 w; without `matrix` w alone, by S^-1 w."""
-    c, columns = 2 * m - 3, Q * m if matrix else 0
+    c = 2 * m - 3
     for i in range(c):
         for j in range(i + 1):
             total = of.S[i, j]
@@ -278,11 +293,11 @@ def _solve(m: int, matrix: bool, of: Conditions) -> None:
         for k in range(i):
             factor = of.S[i, k]
             of.w[i] -= factor * of.w[k]
-            for a in range(columns):
+            for a in range(Q * _rays_up_to(k, m) if matrix else 0):
                 of.A[i, a] -= factor * of.A[k, a]
         inverse = 1.0 / of.S[i, i]
         of.w[i] *= inverse
-        for a in range(columns):
+        for a in range(Q * _rays_up_to(i, m) if matrix else 0):
             of.A[i, a] *= inverse
     for i in range(0 if matrix else c):
         row = c - 1 - i
@@ -296,7 +311,7 @@ def _add(p: int, m: int, at: Measured, of: Conditions, sums: Sums) -> None:
     """Add -A'w of a point to the right sides."""
     for k in range(m):
         n = at.photo[at.start[p] + k]
-        for c in range(2 * m - 3):
+        for c in range(max(k - 1, 0), 2 * m - 3):
             for a in range(Q):
                 sums.rhs[n, a] -= of.A[c, Q * k + a] * of.w[c]
 
@@ -311,7 +326,7 @@ def _add_blocks(p: int, m: int, pairs: Pairs, of: Conditions, sums: Sums) -> Non
             pair += 1
             for a in range(Q):
                 s0 = s1 = s2 = s3 = s4 = s5 = 0.0
-                for c in range(count):
+                for c in range(max(other - 1, 0), count):
                     value = of.A[c, Q * k + a]
                     s0, s1 = s0 + value * of.A[c, Q * other], s1 + value * of.A[c, Q * other + 1]
                     s2, s3 = s2 + value * of.A[c, Q * other + 2], s3 + value * of.A[c, Q * other + 3]
