@@ -25,11 +25,10 @@ def inlined(function: Function) -> Function:
     it has become a part.
     """
     piece: Any = numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
-    template = piece.get_call_template
+    template, variable = piece.get_call_template, cast(Any, numba.types.unliteral)
 
     def of_variables(args: Iterable[Any], kws: Mapping[str, Any]) -> Any:
-        named = {name: numba.types.unliteral(kind) for name, kind in kws.items()}
-        return template(tuple(numba.types.unliteral(kind) for kind in args), named)
+        return template(tuple(map(variable, args)), {name: variable(kind) for name, kind in kws.items()})
 
     piece.get_call_template = of_variables
     return cast(Function, piece)
