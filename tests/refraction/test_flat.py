@@ -114,3 +114,19 @@ def test_chunks_do_not_show() -> None:
     assert whole.shape == D.shape
     # a chunk may take one more step than a single ray needs
     assert whole[12345] == pytest.approx(float(single), rel=1e-15)
+
+
+@pytest.mark.parametrize("wet", [None, True, np.arange(20002).reshape(2, -1) % 3 == 0])
+def test_vectors_alone_are_those_with_partials(wet: np.ndarray | bool | None) -> None:
+    """In several chunks, dry and wet, one camera for all; a ray by itself has the same partials."""
+    rng = np.random.default_rng(8)
+    ground = rng.normal(size=(2, 10001, 3)) * [2000.0, 2000.0, 10.0]
+    tilted = np.array([0.01, -0.02, np.sqrt(1.0 - 5e-4)])
+    arguments = (CAMERA, ground, tilted, 4.0 - ground[..., 2], 1.34, wet)
+    whole = flat.incidence(*arguments)
+    np.testing.assert_array_equal(flat.water_vector(*arguments), whole.v)
+    assert whole.by_camera.shape == (2, 10001, 3, 3) and whole.by_index.shape == (2, 10001, 3)
+    one = wet[1, 9000] if isinstance(wet, np.ndarray) else wet
+    single = flat.incidence(CAMERA, ground[1, 9000], tilted, 4.0 - ground[1, 9000, 2], 1.34, one)
+    for name in ("v", "by_camera", "by_ground", "by_level", "by_index"):
+        np.testing.assert_allclose(getattr(whole, name)[1, 9000], getattr(single, name), rtol=1e-13, atol=1e-13)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from types import ModuleType
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 
 
-def split(network: Network) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, ...]]:
-    """Return the groups of points that have no unknowns but their own and those of their stations, and others.
+def split(network: Network, groups: Iterable[PointGroup]) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, ...]]:
+    """Return the points of groups that have no unknowns but their own and those of their stations, and others.
 
     Others are kept points, those of equal elevations, and where water or waves are unknown all with a wet ray.
     """
     border = network.border
     unknown = network.water.unknown or border.count(ObservationKind.WAVE) > 0 or network.sea is not None
     plain, others = [], []
-    for group in network.groups:
+    for group in groups:
         if group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
             others.append(group)
             continue
         wet = np.asarray(network.refracted[group.rays].any(axis=1) & unknown)
-        plain += [group.part(~wet)] if not wet.all() else []
-        others += [group.part(wet)] if wet.any() else []
+        plain += group.some(~wet)
+        others += group.some(wet)
     return tuple(plain), tuple(others)
 
 
@@ -219,7 +219,7 @@ class CompiledPoints(CompiledRows):
         kernels = compiled_points(network.photos)
         if kernels is None:
             return None
-        plain, others = split(network)
+        plain, others = split(network, network.groups)
         return cls(kernels=kernels, network=network, groups=plain, others=others)
 
     def add_eliminated(

@@ -184,7 +184,7 @@ def settle(network: Network, state: State, compiled: CompiledPassPoints | None =
     ground, squares, unsettled = state.ground.copy(), np.zeros(network.points), 0.0
     pass_groups = network.pass_groups
     if compiled is not None:
-        unsettled, pass_groups = compiled.settle(state, ground, squares), compiled.wet
+        unsettled, pass_groups = compiled.settle(state, ground, squares), compiled.others
     for group in (*pass_groups, *network.control_groups):
         point = group.point
         ground[point], squares[point], left = _best(network, state, group, ground[point])

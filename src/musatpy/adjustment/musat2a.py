@@ -181,12 +181,12 @@ class _Run:
     ) -> WaterPass:
         """Return the record of a pass: points (p, 3) `before` it, images (m, 2) mm of the next one `after` it."""
         points = np.unique(network.point[self.job.bathymetric[network.point]])
-        used = np.where(self.job.part.used[:, None], network.weight, 0.0)
-        change = np.nan_to_num(np.abs(after - network.xy) * np.sqrt(used)).max(axis=1)
+        rays = np.flatnonzero(self.job.part.used & self.job.bathymetric[network.point])
+        change = np.abs(after[rays] - network.xy[rays]) * np.sqrt(network.weight[rays])
+        change = np.nan_to_num(change).max(axis=1, initial=0.0)
         movement = np.linalg.norm(state.ground[points] - before[points], axis=1)
         known = np.isfinite(movement)
         movement = np.where(known, movement, 0.0)
-        rays = np.flatnonzero(self.job.part.used & self.job.bathymetric[network.point])
         residual = residuals(network, state, rays)
         return WaterPass(
             number=number,
@@ -195,6 +195,6 @@ class _Run:
             rms_movement=float(np.sqrt(np.mean(np.square(movement)))),
             rms_residual=float(np.sqrt(np.mean(np.square(residual)))) if residual.size else 0.0,
             image_change=float(change.max(initial=0.0)),
-            image=int(change.argmax()),
+            image=int(rays[change.argmax()]) if change.any() else 0,
             turning=int(turning[0]) if len(turning) else -1,
         )

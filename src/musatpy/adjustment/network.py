@@ -41,6 +41,10 @@ class PointGroup:
         """Return some of the points."""
         return replace(self, point=self.point[rows], rays=self.rays[rows])
 
+    def some(self, rows: BoolArray) -> list[Self]:
+        """Return some of the points, as none or one group."""
+        return [self.part(rows)] if rows.any() else []
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GroundPriors:

@@ -92,7 +92,7 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     v = ground - camera
     wet = network.refracted[rays]
     if wet.any():
-        v[wet] = _incidence(network, state, photo[wet], camera[wet], ground[wet])[1].v
+        v[wet] = _water_vectors(network, state, photo[wet], camera[wet], ground[wet])
     return collinearity.image(v, state.M[photo], network.focal_length[photo], network.principal_point[photo])
 
 
@@ -114,6 +114,16 @@ def _incidence(
         return over, flat.incidence(camera, ground, over.normal, over.depth, state.index, wet=True)
     sea = network.sea.at(state.waves)
     return over, sea.incidence(photo, camera, ground, state.tide[photo], state.index)
+
+
+def _water_vectors(
+    network: Network, state: State, photo: IntArray, camera: FloatArray, ground: FloatArray
+) -> FloatArray:
+    """Return only the vectors (N, 3) from cameras to water points of `_incidence`."""
+    if network.sea is not None:
+        return _incidence(network, state, photo, camera, ground)[1].v
+    over = _surface(network, state, photo, ground)
+    return flat.water_vector(camera, ground, over.normal, over.depth, state.index, wet=True)
 
 
 def _by_water(

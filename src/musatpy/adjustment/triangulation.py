@@ -61,7 +61,7 @@ class Triangulation:
             groups = network.pass_groups
             if self._compiled is not None:
                 self._compiled.add_conditions(state, normals, kept is None)
-                groups = self._compiled.wet
+                groups = self._compiled.others
             for group in groups:
                 ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
                 add_full(network, state, group, image_coordinates(network, state, group.rays, ground), normals)
@@ -71,7 +71,7 @@ class Triangulation:
                 add_weighted(network, group, measured_conditions(network, state, group), variance, normals)
         for group in network.control_groups:
             E = eliminate(network, state, group)
-            add_collinear(network, group, E, reduced(network, group, E), normals)
+            add_collinear(network, group, E, reduced(network, group, E, kept is None), normals)
         add_direct(network, state, normals)
         matrix, rhs = normals.finished() if kept is None else (kept, normals.right_side())
         return Linearisation(

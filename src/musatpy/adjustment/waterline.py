@@ -11,7 +11,7 @@ WATPT, which has no equations for a refracted ray, moves its points by where the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,8 +92,17 @@ def best_line(
     fixed = network.water.unknown or network.sea is not None
     height, water = heights_and_water(network, state)
     present, _ = refracted(network, line, state)
-    near, wet, level = _best(network, present, line, state, bathymetric, None)
-    point = network.point
+    point, near = network.point, np.zeros(network.points, dtype=bool)
+    asked: list[PointGroup] = []
+    again: list[PointGroup] = []
+    wet, level = (height < water) & bathymetric[point], np.full(network.points, np.nan)
+    for group, entering in _bathymetric_groups(network, state, bathymetric):
+        near[group.point], at_odds = _near_and_at_odds(present, line, state, group)
+        at_odds |= near[group.point] | np.isfinite(line.level[group.point])
+        free = ~line.rests[group.point]
+        asked += group.some(at_odds & free)
+        again += group.some(near[group.point] & free & entering)
+    _set_best(network, present, state, asked, None, wet, level)
     change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
     turned = near[point] & (change * line.way < 0)[point] & (wet != line.wet)
     distance, nearest = np.where(turned, np.abs(water - height), np.inf), np.full(network.points, np.inf)
@@ -101,34 +110,25 @@ def best_line(
     between = turned & (distance == nearest[point])
     level[point[between]] = water[between]
     new = _changed(network, line, water, wet, level, bathymetric, fixed)
-    if fixed or cofactors is None or not near.any() or not new.same_as(line):
+    if fixed or cofactors is None or not again or not new.same_as(line):
         return new
-    _, wet, level = _best(network, present, line, state, bathymetric, cofactors())
+    wet, level = line.wet.copy(), line.level.copy()
+    _set_best(network, present, state, again, cofactors(), wet, level)
     return _changed(network, line, water, wet, level, bathymetric, fixed)
 
 
-def _best(
+def _set_best(
     network: Network,
     present: Network,
-    line: WaterLine,
     state: State,
-    bathymetric: BoolArray,
+    groups: Iterable[PointGroup],
     cofactors: Cofactors | None,
-) -> tuple[BoolArray, BoolArray, FloatArray]:
-    """Return which points (p,) are near a tide; wet rays (m,); and the water lines (p,) of points, or NaN."""
-    height, water = heights_and_water(network, state)
-    wet, level = (height < water) & bathymetric[network.point], np.full(network.points, np.nan)
-    near = np.zeros(network.points, dtype=bool)
-    for group, entering in _bathymetric_groups(network, state, bathymetric):
-        near[group.point], asked = _near_and_at_odds(present, line, state, group)
-        asked |= near[group.point] | np.isfinite(line.level[group.point])
-        if cofactors is not None:
-            asked &= near[group.point] & entering
-            wet[group.rays], level[group.point] = line.wet[group.rays], line.level[group.point]
-        part = group.part(asked & ~line.rests[group.point])
-        if len(part.point):
-            wet[part.rays], level[part.point] = best_states(network, present, state, part, cofactors)
-    return near, wet, level
+    wet: BoolArray,
+    level: FloatArray,
+) -> None:
+    """Set wet rays (m,) and water lines (p,) of the points of groups to their best."""
+    for group in groups:
+        wet[group.rays], level[group.point] = best_states(network, present, state, group, cofactors)
 
 
 def _changed(

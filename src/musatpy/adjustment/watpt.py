@@ -63,10 +63,10 @@ def underwater_intersection(network: Network, state: State, group: PointGroup, w
         axes = frame.axes(P)  # transpose of M-bar, (3.7)
         over = surface(frame, slope, tide, np.repeat(P[:, None], tide.shape[1], axis=1))  # (3.12), at each photo
         height = np.einsum("kmi,kmi->km", over.normal, camera - P[:, None]) - over.depth
-        bent = flat.refracted_ray(camera, direction, over.normal, height, state.index)  # (3.13)-(3.17)
+        entered, below = flat.ray_below(camera, direction, over.normal, height, state.index)  # (3.13)-(3.17)
         through = wet[group.rays][..., None]
-        start = np.where(through, bent.origin, camera)
-        ray = np.where(through, bent.direction, direction)
+        start = np.where(through, entered, camera)
+        ray = np.where(through, below, direction)
         P = P + _meet(axes, start - P[:, None], ray)
     return P
 
@@ -95,9 +95,9 @@ def refraction_displacement(
     camera, M = state.position[photo], state.M[photo]
     f, pp = network.focal_length[photo], network.principal_point[photo]
     over = surface(network.frame, network.slope(state.tilt), state.tide[photo], ground)
-    bent = flat.incidence(camera, ground, over.normal, over.depth, state.index, wet)
+    bent = flat.water_vector(camera, ground, over.normal, over.depth, state.index, wet)
     straight = collinearity.image(ground - camera, M, f, pp)
-    return straight, straight - collinearity.image(bent.v, M, f, pp)
+    return straight, straight - collinearity.image(bent, M, f, pp)
 
 
 def corrected_plates(
@@ -113,9 +113,9 @@ def corrected_plates(
     points = water_points(network, state, groups, wet)
     if not legacy:
         points = held_by_control(network, state, points, wet)
-    ground = points[network.point]
-    rays = np.flatnonzero(np.isfinite(ground).all(axis=1))
-    straight, displacement = refraction_displacement(network, state, rays, ground[rays], wet[rays])
+    known = np.asarray(np.isfinite(points).all(axis=1))
+    rays = np.flatnonzero(known[network.point])
+    straight, displacement = refraction_displacement(network, state, rays, points[network.point[rays]], wet[rays])
     xy = network.xy.copy()
     xy[rays] = straight if legacy else network.xy[rays] + displacement
     return xy

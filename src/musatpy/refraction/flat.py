@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.refraction.snell import water_tangent_ratio
 
 _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the second-level cache
@@ -109,42 +109,154 @@ def incidence(
     which rays are refracted, those with a positive depth unless given.
     The partial by the ground point includes the depth that changes with it; `up` is held.
     """
-    depth, n = np.asarray(depth, dtype=float), np.asarray(index, dtype=float)
-    gap = ground - camera
-    fall = -_dot(up, gap)
-    horizontal = gap + up * fall[..., None]
-    D = np.linalg.norm(horizontal, axis=-1)
-    e = horizontal / np.where(D > 0.0, D, 1.0)[..., None]  # 0 at the nadir
-    wet = depth > 0.0 if wet is None else np.broadcast_to(wet, depth.shape)
-    h = np.where(wet, depth, 0.0)
-    H = fall - h
-    t = air_tangent(H, h, D, n)
-    g = water_tangent_ratio(t, n)
-    air3 = (1.0 + t * t) ** -1.5  # cos^3 I
-    water2 = 1.0 / (1.0 + np.square(t * g))  # cos^2 theta
-    water3 = water2 * np.sqrt(water2)
-    # docs/theory.md, every term multiplied by H h so that neither depth 0 nor the nadir divides by zero
-    spread = h * air3 + n * water3 * H
-    kappa = n * water3 * H / spread
-    Q_H = t * air3 * h / spread
-    Q_h = -n * t * g * water3 * H / spread
-    Q_n = t * g * np.sqrt(water2) * H * h / spread
-    ratio = H / (H + h * g)  # Q/D
-    ee, uu = _outer(e, e), _outer(up, up)
-    K = kappa[..., None, None] * ee + ratio[..., None, None] * (np.eye(3) - uu - ee)
-    # at the nadir kappa equals Q/D, and ee = 0 leaves K = ratio (I - uu) as it should be
-    by_camera = -K + _outer(e * Q_H[..., None] - up, up)
-    by_ground = K - _outer(e * Q_h[..., None], up)
-    dry = ~wet[..., None]
-    dry_matrix = dry[..., None]
-    v = e * (H * t)[..., None] - up * H[..., None]
-    return Incidence(
-        v=np.where(dry, gap, v),
-        by_camera=np.where(dry_matrix, -np.eye(3), by_camera),
-        by_ground=np.where(dry_matrix, np.eye(3), by_ground),
-        by_level=np.where(dry, 0.0, e * (Q_h - Q_H)[..., None] + up),
-        by_index=np.where(dry, 0.0, e * Q_n[..., None]),
+    rays, shape = _rays(camera, ground, up, depth, index, wet)
+    r = len(rays.depth)
+    out = Incidence(
+        v=np.empty((r, 3)),
+        by_camera=np.empty((r, 3, 3)),
+        by_ground=np.empty((r, 3, 3)),
+        by_level=np.empty((r, 3)),
+        by_index=np.empty((r, 3)),
     )
+    for start in range(0, r, _CHUNK):
+        part = slice(start, start + _CHUNK)
+        _set_incidence(rays.part(part), out, part)
+    return Incidence(
+        v=out.v.reshape(*shape, 3),
+        by_camera=out.by_camera.reshape(*shape, 3, 3),
+        by_ground=out.by_ground.reshape(*shape, 3, 3),
+        by_level=out.by_level.reshape(*shape, 3),
+        by_index=out.by_index.reshape(*shape, 3),
+    )
+
+
+def water_vector(
+    camera: FloatArray,
+    ground: FloatArray,
+    up: FloatArray,
+    depth: ArrayLike,
+    index: ArrayLike,
+    wet: ArrayLike | None = None,
+) -> FloatArray:
+    """Return `Incidence.v` (..., 3) alone, of the arguments of `incidence`."""
+    rays, shape = _rays(camera, ground, up, depth, index, wet)
+    v = np.empty((len(rays.depth), 3))
+    for start in range(0, len(v), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        some = rays.part(part)
+        v[part] = np.where(some.wet, _entering(some).v, some.gap).T
+    return v.reshape(*shape, 3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rays:
+    """Vectors to ground points and verticals (3, r) of r rays, depths, index and whether they are wet (r,)."""
+
+    gap: FloatArray
+    up: FloatArray
+    depth: FloatArray
+    index: FloatArray
+    wet: BoolArray
+
+    def part(self, rows: slice) -> _Rays:
+        """Return some of the rays, each component of theirs by itself."""
+        return _Rays(
+            gap=np.ascontiguousarray(self.gap[:, rows]),
+            up=np.ascontiguousarray(self.up[:, rows]),
+            depth=self.depth[rows],
+            index=self.index[rows],
+            wet=self.wet[rows],
+        )
+
+
+def _rays(
+    camera: FloatArray,
+    ground: FloatArray,
+    up: FloatArray,
+    depth: ArrayLike,
+    index: ArrayLike,
+    wet: ArrayLike | None,
+) -> tuple[_Rays, tuple[int, ...]]:
+    """Return the rays one after the other, and the shape that they had."""
+    gap, h, n = ground - camera, np.asarray(depth, dtype=float), np.asarray(index, dtype=float)
+    refracted = h > 0.0 if wet is None else np.asarray(wet, dtype=bool)
+    shape = np.broadcast_shapes(gap.shape[:-1], np.shape(up)[:-1], h.shape, n.shape, refracted.shape)
+    gap, up = (np.broadcast_to(vector, (*shape, 3)).reshape(-1, 3).T for vector in (gap, up))
+    h, n, refracted = (np.broadcast_to(value, shape).reshape(-1) for value in (h, n, refracted))
+    return _Rays(gap=gap, up=up, depth=h, index=n, wet=refracted), shape
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Entering:
+    """Where r rays enter the water: v (3, r), horizontal directions e (3, r), H, h and tan(I) (r,)."""
+
+    v: FloatArray
+    e: FloatArray
+    H: FloatArray
+    h: FloatArray
+    t: FloatArray
+
+
+def _entering(rays: _Rays) -> _Entering:
+    fall = -_sum(rays.up * rays.gap)
+    e = rays.gap + rays.up * fall
+    D = np.sqrt(_sum(e * e))
+    e /= np.where(D > 0.0, D, 1.0)  # 0 at the nadir
+    h = np.where(rays.wet, rays.depth, 0.0)
+    H = fall - h
+    t = air_tangent(H, h, D, rays.index)
+    return _Entering(v=e * (H * t) - rays.up * H, e=e, H=H, h=h, t=t)
+
+
+def _set_incidence(rays: _Rays, out: Incidence, part: slice) -> None:
+    """Set a part of the rows of `out`."""
+    at = _entering(rays)
+    e, u, H, h, t, n = at.e, rays.up, at.H, at.h, at.t, rays.index
+    g = water_tangent_ratio(t, n)
+    under = t * g
+    air2 = 1.0 / (1.0 + t * t)  # cos^2 I
+    water2 = 1.0 / (1.0 + under * under)  # cos^2 theta
+    cosine = np.sqrt(water2)
+    # docs/theory.md, every term multiplied by H h so that neither depth 0 nor the nadir divides by zero
+    of_air, of_water = h * air2 * np.sqrt(air2), n * water2 * cosine * H
+    spread = of_air + of_water
+    kappa = of_water / spread
+    Q_H, Q_h = t * of_air / spread, -under * kappa
+    ratio = H / (H + h * g)  # Q/D
+    out.v[part] = at.v.T
+    out.by_level[part] = (e * (Q_h - Q_H) + u).T
+    out.by_index[part] = (e * (under * cosine * H * h / spread)).T
+    # K = kappa e e' + ratio (1 - u u' - e e'); at the nadir kappa equals Q/D, and e e' = 0 leaves K as it should be
+    along, across = e * (kappa - ratio), u * ratio
+    by_H, by_h = e * Q_H - u, e * Q_h
+    for i in range(3):
+        for j in range(3):
+            K = along[i] * e[j] - across[i] * u[j]
+            if i == j:
+                K += ratio
+            out.by_camera[part, i, j] = by_H[i] * u[j] - K
+            out.by_ground[part, i, j] = K - by_h[i] * u[j]
+    if not rays.wet.all():
+        dry = part.start + np.flatnonzero(~rays.wet)
+        out.v[dry] = rays.gap[:, ~rays.wet].T
+        out.by_camera[dry], out.by_ground[dry] = -np.eye(3), np.eye(3)
+        out.by_level[dry] = out.by_index[dry] = 0.0
+
+
+def _sum(vectors: FloatArray) -> FloatArray:
+    """Return the sums (r,) of the components of vectors (3, r)."""
+    return np.asarray(vectors[0] + vectors[1] + vectors[2])
+
+
+def ray_below(
+    camera: FloatArray, direction: FloatArray, up: FloatArray, height: ArrayLike, index: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Return where image rays enter the water and their unit directions in it, of what `refracted_ray` takes."""
+    n = np.asarray(index, dtype=float)
+    c = -_dot(up, direction)
+    origin = camera + (np.asarray(height, dtype=float) / c)[..., None] * direction
+    along = c / n - np.sqrt(1.0 - (1.0 - c * c) / (n * n))
+    return origin, np.asarray(direction / n[..., None] + up * along[..., None])
 
 
 def refracted_ray(
@@ -155,20 +267,19 @@ def refracted_ray(
     camera, direction (unit, downward), up: (..., 3); `height` (...) of the camera above the water, m.
     ETL-0306 (3.13) and (3.17): only the direction of (3.17) matters, here it is a unit vector.
     """
+    origin, below = ray_below(camera, direction, up, height, index)
     H, n = np.asarray(height, dtype=float)[..., None], np.asarray(index, dtype=float)[..., None]
     u = direction
     c = -_dot(up, u)[..., None]  # cos I
-    k = H / c
     cos_theta = np.sqrt(1.0 - (1.0 - c * c) / (n * n))
-    r = u / n + up * (c / n - cos_theta)
     uu = _outer(up, up)
     along = u + up * c  # horizontal part of the ray in air
     one = np.eye(3)
     return RefractedRay(
-        origin=camera + k * u,
-        direction=r,
+        origin=origin,
+        direction=below,
         origin_by_camera=one + _outer(u / c, up),
-        origin_by_direction=k[..., None] * (one + _outer(u / c, up)),
+        origin_by_direction=(H / c)[..., None] * (one + _outer(u / c, up)),
         direction_by_direction=one / n[..., None] - (1.0 / n - c / (n * n * cos_theta))[..., None] * uu,
         origin_by_level=-u / c,
         direction_by_index=-along / (n * n) - up * (1.0 - c * c) / (n**3 * cos_theta),

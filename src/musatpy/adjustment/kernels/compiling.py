@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar, cast
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -19,5 +19,16 @@ def compiled(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Return the same for a piece of kernels, which becomes part of them: arrays cost much to hand on."""
-    return cast(Function, numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
+    """Return the same for a piece of kernels, which becomes part of them: arrays cost much to hand on.
+
+    It is compiled once for all constants that it is called with; what does not depend on variables is dropped where
+    it has become a part.
+    """
+    piece: Any = numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
+    template, variable = piece.get_call_template, cast(Any, numba.types.unliteral)
+
+    def of_variables(args: Iterable[Any], kws: Mapping[str, Any]) -> Any:
+        return template(tuple(map(variable, args)), {name: variable(kind) for name, kind in kws.items()})
+
+    piece.get_call_template = of_variables
+    return cast(Function, piece)

@@ -1,7 +1,8 @@
 """Points of IIA, one after the other: their conditions through full weights, and where they come to rest.
 
-The numpy twins are `pass_points.conditions` and `pass_points.add_full`, `geometry.coplanarity` and
-`geometry.collinearity.ray_partials`, and `ground.settle_group`. Rays are straight.
+The numpy twins are `pass_points.conditions` and `pass_points.add_full`, `sightings.condition_rays`,
+`geometry.coplanarity` and `geometry.collinearity.ray_partials`, `refraction.flat.refracted_ray`, and
+`ground.settle_group`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from musatpy.adjustment.kernels.points import (
     Stations,
     Sums,
     Water,
+    bend,
     point_normals,
     room_for,
     times,
@@ -32,8 +34,11 @@ class Conditions(NamedTuple):
 
     xy: FloatArray  # (m, 2) adjusted images
     cofactor: FloatArray  # (m, 2) of the measured ones
+    P: FloatArray  # (m, 3) where the rays start, a station or a water point
     u: FloatArray  # (m, 3) unit rays
-    by_attitude: FloatArray  # (m, 3, 3) their partials by omega, phi, kappa
+    air: FloatArray  # (m, 3) the same before they enter the water
+    water: FloatArray  # (m, 4) 1/cos I, way to the water, and along and across the normal what is left of a turn
+    by_attitude: FloatArray  # (m, 3, 3) partials of the rays in air by omega, phi, kappa
     by_xy: FloatArray  # (m, 3, 2) and by images
     B: FloatArray  # (m - 1, 3) bases
     vectors: FloatArray  # (10, 3) of one condition
@@ -55,10 +60,9 @@ def _room(start: IntArray, rows: IntArray) -> Conditions:
         m = max(m, start[p + 1] - start[p])
     c = 2 * m - 3
     return Conditions(
-        np.empty((m, 2)), np.empty((m, 2)), np.empty((m, 3)), np.empty((m, 3, 3)), np.empty((m, 3, 2)),
-        np.empty((m - 1, 3)),
-        np.empty((10, 3)), np.empty((6, 3)), np.empty((c, Q * m)), np.empty((c, 2 * m)), np.empty((c, c)),
-        np.empty(c),
+        np.empty((m, 2)), np.empty((m, 2)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 4)),
+        np.empty((m, 3, 3)), np.empty((m, 3, 2)), np.empty((m - 1, 3)), np.empty((10, 3)), np.empty((6, 3)),
+        np.empty((c, Q * m)), np.empty((c, 2 * m)), np.empty((c, c)), np.empty(c),
     )  # fmt: skip
 
 
@@ -77,14 +81,17 @@ def _dot(a: FloatArray, i: int, b: FloatArray, j: int) -> float:
 
 
 @inlined
-def _ray(p: int, r: int, k: int, at: Measured, stations: Stations, of: Conditions) -> None:
+def _ray(p: int, r: int, k: int, at: Measured, stations: Stations, water: Water, of: Conditions) -> None:
     """Set the adjusted image r of a point, its ray k, and the partials of this: `collinearity.ray_partials`."""
-    n = at.photo[r]
+    n, w, height = at.photo[r], water.row[r], 0.0
     cosine, sine, f = stations.turn[n, 0], stations.turn[n, 1], stations.focal_length[n]
     g = at.point[p]
     v0 = at.ground[g, 0] - stations.position[n, 0]
     v1 = at.ground[g, 1] - stations.position[n, 1]
     v2 = at.ground[g, 2] - stations.position[n, 2]
+    if w >= 0:
+        _, _, _, height, _ = bend(w, water, v0, v1, v2, of.vectors[0])
+        v0, v1, v2 = of.vectors[0, 0], of.vectors[0, 1], of.vectors[0, 2]
     scale = -f / (stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2)
     x = scale * (stations.M[n, 0, 0] * v0 + stations.M[n, 0, 1] * v1 + stations.M[n, 0, 2] * v2)
     y = scale * (stations.M[n, 1, 0] * v0 + stations.M[n, 1, 1] * v1 + stations.M[n, 1, 2] * v2)
@@ -92,6 +99,7 @@ def _ray(p: int, r: int, k: int, at: Measured, stations: Stations, of: Condition
     of.xy[k, 0], of.xy[k, 1] = x + stations.principal_point[n, 0], y + stations.principal_point[n, 1]
     length = math.sqrt(x * x + y * y + f * f)
     for i in range(3):
+        of.P[k, i] = stations.position[n, i]
         of.u[k, i] = (stations.M[n, 0, i] * x + stations.M[n, 1, i] * y - stations.M[n, 2, i] * f) / length
         # of M' (x, y, -f) by omega, phi, kappa
         of_depth = cosine * stations.M[n, 0, i] - sine * stations.M[n, 1, i]
@@ -104,6 +112,37 @@ def _ray(p: int, r: int, k: int, at: Measured, stations: Stations, of: Condition
     of.by_attitude[k, 2, 0] = (east0 * of.u[k, 1] - east1 * of.u[k, 0]) * length
     _across(k, of.u, of.by_attitude, length)
     _across(k, of.u, of.by_xy, length)
+    if w >= 0:
+        _enter_water(w, k, height, water, of)
+
+
+@inlined
+def _enter_water(w: int, k: int, height: float, water: Water, of: Conditions) -> None:
+    """Let ray k start where it enters the water, so far below its station: `flat.refracted_ray`."""
+    n = water.refraction
+    c = -(water.normal[w, 0] * of.u[k, 0] + water.normal[w, 1] * of.u[k, 1] + water.normal[w, 2] * of.u[k, 2])
+    cos_theta = math.sqrt(1.0 - (1.0 - c * c) / (n * n))
+    of.water[k, 0], of.water[k, 1] = 1.0 / c, height / c
+    of.water[k, 2], of.water[k, 3] = c / (n * n * cos_theta), 1.0 / n
+    for i in range(3):
+        of.air[k, i] = of.u[k, i]
+        of.P[k, i] += height / c * of.u[k, i]
+        of.u[k, i] = of.u[k, i] / n + water.normal[w, i] * (c / n - cos_theta)
+
+
+@inlined
+def _back_into_air(w: int, k: int, side: int, water: Water, of: Conditions) -> None:
+    """Replace partials by origin and direction of wet ray k by those by station and direction in air."""
+    P, u = 2 * side, 2 * side + 1
+    by_origin, by_normal = 0.0, 0.0
+    for i in range(3):
+        by_origin += of.by[P, i] * of.air[k, i]
+        by_normal += of.by[u, i] * water.normal[w, i]
+    for i in range(3):
+        up = water.normal[w, i]
+        of.by[P, i] += by_origin * of.water[k, 0] * up
+        turned = of.by[u, i] * of.water[k, 3] + by_normal * (of.water[k, 2] - of.water[k, 3]) * up
+        of.by[u, i] = of.by[P, i] * of.water[k, 1] + turned
 
 
 @inlined
@@ -183,7 +222,9 @@ def _enter(c: int, n: int, k: int, side: int, stations: Stations, of: Conditions
 
 
 @inlined
-def _condition(row: int, first: int, m: int, at: Measured, stations: Stations, of: Conditions) -> None:
+def _condition(
+    row: int, first: int, m: int, at: Measured, stations: Stations, water: Water, of: Conditions
+) -> None:
     """Set misclosure and partials of a condition of a point: those of coplanarity come first."""
     for a in range(Q * m):
         of.A[row, a] = 0.0
@@ -193,7 +234,22 @@ def _condition(row: int, first: int, m: int, at: Measured, stations: Stations, o
     ray = row if flat else row - m + 1
     of.w[row] = _coplanarity(ray, of) if flat else _scale_restraint(ray, of)
     for side in range(2 if flat else 3):
+        w = water.row[first + ray + side]
+        if w >= 0:
+            _back_into_air(w, ray + side, side, water, of)
         _enter(row, at.photo[first + ray + side], ray + side, side, stations, of)
+
+
+@inlined
+def _rays_of(row: int, m: int) -> tuple[int, int]:
+    """Return the first ray of a condition, and the one after its last."""
+    return (row, row + 2) if row < m - 1 else (row - m + 1, row - m + 4)
+
+
+@inlined
+def _rays_up_to(row: int, m: int) -> int:
+    """Return how many of the first rays the conditions up to one have: those of coplanarity come in their order."""
+    return row + 2 if row < m - 1 else m
 
 
 @inlined
@@ -201,19 +257,22 @@ def _weigh(first: int, m: int, at: Measured, of: Conditions) -> None:
     """Set S = G Q G', add what the images differ by to the misclosures w, and scale all to a diagonal of 1."""
     c = 2 * m - 3
     for row in range(c):
-        for k in range(m):
+        low, high = _rays_of(row, m)
+        for k in range(low, high):
             for b in range(2):
                 of.w[row] += of.G[row, 2 * k + b] * (at.xy[first + k, b] - of.xy[k, b])
         for column in range(row + 1):
             total = 0.0
-            for k in range(m):
+            of_column, end = _rays_of(column, m)
+            for k in range(max(low, of_column), min(high, end)):
                 for b in range(2):
                     total += of.G[row, 2 * k + b] * of.G[column, 2 * k + b] * of.cofactor[k, b]
             of.S[row, column] = total
     for row in range(c):
         scale = 1.0 / math.sqrt(of.S[row, row])
         of.w[row] *= scale
-        for a in range(Q * m):
+        low, high = _rays_of(row, m)
+        for a in range(Q * low, Q * high):
             of.A[row, a] *= scale
         for column in range(row + 1):
             of.S[row, column] *= scale
@@ -222,9 +281,10 @@ def _weigh(first: int, m: int, at: Measured, of: Conditions) -> None:
 
 
 @inlined
-def _solve(m: int, of: Conditions) -> None:
-    """Replace S by its Cholesky factor L, A by L^-1 A and w by L^-1 w."""
-    for i in range(2 * m - 3):
+def _solve(m: int, matrix: bool, of: Conditions) -> None:
+    """Replace S by its Cholesky factor L, A by L^-1 A and w by L^-1 w; without `matrix` w alone, by S^-1 w."""
+    c = 2 * m - 3
+    for i in range(c):
         for j in range(i + 1):
             total = of.S[i, j]
             for k in range(j):
@@ -233,12 +293,17 @@ def _solve(m: int, of: Conditions) -> None:
         for k in range(i):
             factor = of.S[i, k]
             of.w[i] -= factor * of.w[k]
-            for a in range(Q * m):
+            for a in range(Q * _rays_up_to(k, m) if matrix else 0):
                 of.A[i, a] -= factor * of.A[k, a]
         inverse = 1.0 / of.S[i, i]
         of.w[i] *= inverse
-        for a in range(Q * m):
+        for a in range(Q * _rays_up_to(i, m) if matrix else 0):
             of.A[i, a] *= inverse
+    for i in range(0 if matrix else c):
+        row = c - 1 - i
+        for k in range(row + 1, c):
+            of.w[row] -= of.S[k, row] * of.w[k]
+        of.w[row] /= of.S[row, row]
 
 
 @inlined
@@ -246,7 +311,7 @@ def _add(p: int, m: int, at: Measured, of: Conditions, sums: Sums) -> None:
     """Add -A'w of a point to the right sides."""
     for k in range(m):
         n = at.photo[at.start[p] + k]
-        for c in range(2 * m - 3):
+        for c in range(max(k - 1, 0), 2 * m - 3):
             for a in range(Q):
                 sums.rhs[n, a] -= of.A[c, Q * k + a] * of.w[c]
 
@@ -261,7 +326,7 @@ def _add_blocks(p: int, m: int, pairs: Pairs, of: Conditions, sums: Sums) -> Non
             pair += 1
             for a in range(Q):
                 s0 = s1 = s2 = s3 = s4 = s5 = 0.0
-                for c in range(count):
+                for c in range(max(other - 1, 0), count):
                     value = of.A[c, Q * k + a]
                     s0, s1 = s0 + value * of.A[c, Q * other], s1 + value * of.A[c, Q * other + 1]
                     s2, s3 = s2 + value * of.A[c, Q * other + 2], s3 + value * of.A[c, Q * other + 3]
@@ -276,7 +341,7 @@ def _add_blocks(p: int, m: int, pairs: Pairs, of: Conditions, sums: Sums) -> Non
 
 @compiled
 def add_conditions(
-    rows: IntArray, at: Measured, stations: Stations, pairs: Pairs, matrix: bool, sums: Sums
+    rows: IntArray, at: Measured, stations: Stations, water: Water, pairs: Pairs, matrix: bool, sums: Sums
 ) -> None:
     """Add the conditions of points, linearised at their adjusted images, with full weights.
 
@@ -287,18 +352,27 @@ def add_conditions(
     for p in rows:
         first, m = at.start[p], at.start[p + 1] - at.start[p]
         for k in range(m):
-            _ray(p, first + k, k, at, stations, of)
+            _ray(p, first + k, k, at, stations, water, of)
         for k in range(m - 1):
-            before, after = at.photo[first + k], at.photo[first + k + 1]
             for i in range(3):
-                of.B[k, i] = stations.position[after, i] - stations.position[before, i]
+                of.B[k, i] = of.P[k + 1, i] - of.P[k, i]
         for row in range(2 * m - 3):
-            _condition(row, first, m, at, stations, of)
+            _condition(row, first, m, at, stations, water, of)
         _weigh(first, m, at, of)
-        _solve(m, of)
+        _solve(m, matrix, of)
         _add(p, m, at, of, sums)
         if matrix:
             _add_blocks(p, m, pairs, of, sums)
+
+
+@inlined
+def _sink(p: int, at: Measured, water: Water, change: FloatArray) -> None:
+    """Change the depths of a point below the water of its rays by its movement (3,)."""
+    for r in range(at.start[p], at.start[p + 1]):
+        w = water.row[r]
+        if w >= 0:
+            for i in range(3):
+                water.depth[w] -= water.normal[w, i] * change[i]
 
 
 @compiled
@@ -308,9 +382,10 @@ def settle(
 ) -> None:  # fmt: skip
     """Take points of which nothing is known to the optimum of their images, in `at.ground`: `ground.settle_group`.
 
-    Sets their weighted squares, rows of (g,), and by how much (k,) these were still to fall by the last step.
+    Sets their weighted squares, rows of (g,), and by how much (k,) these were still to fall by the last step. The
+    water over them stays the plane that it is where they start: `water.depth` becomes that of where they come to.
     """
-    room, best, step = room_for(at.start, rows), np.empty(3), np.empty(3)
+    room, best, step, change = room_for(at.start, rows), np.empty(3), np.empty(3), np.empty(3)
     for p in rows:
         least, gain, fall, tried, g = np.inf, 0.0, 0.0, 0, at.point[p]
         step[0], step[1], step[2] = 0.0, 0.0, 0.0
@@ -326,7 +401,9 @@ def settle(
             step[0], step[1], step[2] = x, y, z
             for i in range(3):
                 best[i] = best[i] if worse else at.ground[g, i]
+                change[i] = best[i] + step[i] - at.ground[g, i]
                 at.ground[g, i] = best[i] + step[i]
+            _sink(p, at, water, change)
             tried = steps if max(abs(x), abs(y), abs(z)) < limit else tried + 1
         squares[g] = max(least - gain, 0.0)
         left[p] = fall

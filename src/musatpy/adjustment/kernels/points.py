@@ -156,20 +156,33 @@ def _air_tangent(H: float, h: float, D: float, n: float) -> float:
 
 
 @inlined
-def _bend(row: int, water: Water, gap0: float, gap1: float, gap2: float, v: FloatArray, by: FloatArray) -> None:
-    """Set v (3,) from camera to water point, and its partials by (2, 3, 3) camera and ground, of a wet ray.
+def bend(
+    row: int, water: Water, gap0: float, gap1: float, gap2: float, v: FloatArray
+) -> tuple[float, float, float, float, float]:
+    """Set v (3,) from camera to water point of a wet ray; the gap is the vector to the point.
 
-    `refraction.flat.incidence`; the gap is the vector to the point.
+    Returns the horizontal direction e of the ray, the height of the camera above the water and tan(I), of
+    `refraction.flat.incidence`.
     """
     up0, up1, up2 = water.normal[row, 0], water.normal[row, 1], water.normal[row, 2]
-    n, h = water.refraction, water.depth[row]
-    fall = -(up0 * gap0 + up1 * gap1 + up2 * gap2)
+    h, fall = water.depth[row], -(up0 * gap0 + up1 * gap1 + up2 * gap2)
     e0, e1, e2 = gap0 + up0 * fall, gap1 + up1 * fall, gap2 + up2 * fall
     D = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
     if D > 0.0:
         e0, e1, e2 = e0 / D, e1 / D, e2 / D
     H = fall - h
-    t = _air_tangent(H, h, D, n)
+    t = _air_tangent(H, h, D, water.refraction)
+    v[0], v[1], v[2] = e0 * H * t - up0 * H, e1 * H * t - up1 * H, e2 * H * t - up2 * H
+    return e0, e1, e2, H, t
+
+
+@inlined
+def _bend_with_partials(
+    row: int, water: Water, gap0: float, gap1: float, gap2: float, v: FloatArray, by: FloatArray
+) -> None:
+    """Set v (3,) as `bend` does, and its partials by (2, 3, 3) camera and ground: `refraction.flat.incidence`."""
+    e0, e1, e2, H, t = bend(row, water, gap0, gap1, gap2, v)
+    n, h = water.refraction, water.depth[row]
     g = 1.0 / math.sqrt(n * n + (n * n - 1.0) * t * t)
     air = 1.0 / (1.0 + t * t)
     air3 = air * math.sqrt(air)
@@ -182,7 +195,6 @@ def _bend(row: int, water: Water, gap0: float, gap1: float, gap2: float, v: Floa
     ratio = H / (H + h * g)
     for i in range(3):
         e_i, up_i = e0 if i == 0 else e1 if i == 1 else e2, water.normal[row, i]
-        v[i] = e_i * H * t - up_i * H
         for j in range(3):
             e_j, up_j = e0 if j == 0 else e1 if j == 1 else e2, water.normal[row, j]
             K = (kappa - ratio) * e_i * e_j - ratio * up_i * up_j + (ratio if i == j else 0.0)
@@ -261,7 +273,7 @@ def _images(
         seen &= stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2 < 0.0
         room.vector[0], room.vector[1], room.vector[2] = v0, v1, v2
         if w >= 0:
-            _bend(w, water, v0, v1, v2, room.vector, room.by)
+            _bend_with_partials(w, water, v0, v1, v2, room.vector, room.by)
         _image(r, k, at, stations, by_station, room)
         if w >= 0:
             if by_station:
@@ -451,7 +463,7 @@ def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out:
             if not M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0:
                 total = np.inf
             if water.row[r] >= 0:
-                _bend(water.row[r], water, v0, v1, v2, room.vector, room.by)
+                bend(water.row[r], water, v0, v1, v2, room.vector)
                 v0, v1, v2 = room.vector[0], room.vector[1], room.vector[2]
             scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
             for c in range(2):
