@@ -27,9 +27,10 @@ from musatpy.model import (
     Water,
 )
 from musatpy.statistics import Statistics
-from musatpy.statistics.gates import FARTHEST, flying_height, named
+from musatpy.statistics.gates import FARTHEST, flying_height, ground_heights, named
 from musatpy.statistics.quality import test_limit as limit_of
 from musatpy.statistics.verdict import normal_tests
+from sample_solutions import sample_solution
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
@@ -412,3 +413,14 @@ def test_crests_that_may_be_others_make_doubtful() -> None:
     ):
         unsure = altered(good, water={"waves": replace(waves, **changes)})
         assert (concerns(unsure).get(Concern.WAVES) is Grade.DOUBTFUL) == doubtful
+
+
+def test_ground_heights_are_medians_of_what_each_photo_shows() -> None:
+    statistics = Statistics(sample_solution())
+    block, solution = statistics.block, statistics.solution
+    height = solution.points.position[block.plates.point, 2]
+    expected = [
+        np.median(height[solution.plates.triangulated & (block.plates.photo == photo)])
+        for photo in range(len(block.photos.ids))
+    ]
+    np.testing.assert_array_equal(ground_heights(statistics), expected)

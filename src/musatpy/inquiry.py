@@ -18,6 +18,9 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.comparison import Axes
 from musatpy.errors import MusatError, nearest
 from musatpy.model import ObservationKind
+from musatpy.model.ranking import falling
+
+_DECIMALS = 2  # of test values, as they are printed
 
 Record = Mapping[str, Any]
 Table = Mapping[str, Any]
@@ -65,8 +68,7 @@ class Images:
     @property
     def worst_first(self) -> IntArray:
         """(k,) rows by falling test value, those without one last."""
-        size = np.nan_to_num(np.abs(self.test), nan=-1.0).max(axis=1, initial=-1.0)
-        return np.lexsort((np.arange(len(size)), -np.round(size, 6)))
+        return falling(np.nan_to_num(np.abs(self.test), nan=-1.0).max(axis=1, initial=-1.0), _DECIMALS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -256,7 +256,7 @@ def test_the_worst_observations_are_those_with_the_largest_tests():
     rows = statistics.worst_observations
     size = np.abs(statistics.normal_tests)
     assert size[rows[0]] == np.nanmax(size)
-    assert (np.diff(np.round(size[rows], 6)) <= 0.0).all()
+    assert (np.diff(np.round(size[rows], 2)) <= 0.0).all()  # as they are printed
     observed = statistics.quality.observed
     np.testing.assert_allclose(
         statistics.quality.estimated_error[rows], -observed.residual[rows] / observed.redundancy[rows]

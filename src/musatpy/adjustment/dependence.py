@@ -13,7 +13,9 @@ from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Dependence
+from musatpy.model.ranking import falling
 
+_DECIMALS = 4  # of correlations, as they are printed
 CORRELATED = 0.95  # correlations from here on are listed
 
 
@@ -98,5 +100,6 @@ def _correlated(
     value = np.concatenate(
         [blocks[pair, row, column], edge[edge_row, edge_column], corner[corner_row, corner_column]]
     )
-    order = np.lexsort((second, first, -np.round(np.abs(value), 9)))
+    order = np.lexsort((second, first))
+    order = order[falling(np.abs(value[order]), _DECIMALS)]
     return first[order], second[order], np.clip(value[order], -1.0, 1.0)

@@ -31,6 +31,7 @@ from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
+from musatpy.model.ranking import falling
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted
@@ -59,7 +60,7 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
         first_case(search.revised, last.scene, last.state, last.out()), taken=search.common, squares=final
     )
     found, size = [*search.common, *members(search)], sizes(last.scene, last.state)
-    found.sort(key=lambda member: -_explained(member, size))
+    found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
     others = _ImagesAtRest.of(whole, found[GROUPS:most])
     out: list[Rival] = []
     for number, member in enumerate(found, 1):
@@ -218,7 +219,7 @@ def _ranked(
         and option.squares >= _NEARLY * first.squares
         and not (_covers(option, first) and option.gain(variance) < first.gain(variance))
     ]
-    others.sort(key=lambda option: -option.gain(variance))
+    others = [others[row] for row in falling([option.gain(variance) for option in others]).tolist()]
     worst = final + first.squares
     whole = replace(case, out=given_up(case.out, first)) if first.given_up else case
     tried = [(_sized(first, _residual(whole)), final)]

@@ -27,6 +27,7 @@ from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
 from musatpy.model.progress import begin
+from musatpy.model.ranking import falling
 from musatpy.statistics.quality import test_limit
 
 STEPS = 8  # hypotheses taken one after the other
@@ -211,7 +212,7 @@ def shortlist(case: Case, variance: float) -> list[Hypothesis]:
     ]
     if not options:
         return []
-    options.sort(key=lambda option: -option.gain(variance))
+    options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
     best = max(option.squares for option in options)
     if model.squares - best > _GROSS * len(case.out[ObservationKind.PLATE]) * variance:
         # no adjustment tells anything yet, and no difference that is small beside what the model leaves out

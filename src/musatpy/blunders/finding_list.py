@@ -15,8 +15,10 @@ from musatpy.blunders.scene import sees_water
 from musatpy.blunders.search import Search, plate_errors
 from musatpy.blunders.snooping import LIMIT
 from musatpy.model import Action, Blunder, CauseKind, Finding, ObservationKind
+from musatpy.model.ranking import falling
 from musatpy.units import ARC_SECOND, MICROMETRE
 
+_DECIMALS = 1  # of the test values of the list
 _K = ObservationKind
 _SIMPLE = {
     _K.STATION_POSITION: (Blunder.POSITION, Action.NOT_KNOWN, 1.0),
@@ -37,8 +39,8 @@ def findings(search: Search) -> tuple[Finding, ...]:
         *_flags(search),
     ]
     order = list(Blunder)
-    listed.sort(key=lambda finding: (order.index(finding.blunder), -np.nan_to_num(finding.test, posinf=1e9)))
-    return tuple(listed)
+    ranked = [listed[row] for row in falling([finding.test for finding in listed], _DECIMALS).tolist()]
+    return tuple(sorted(ranked, key=lambda finding: order.index(finding.blunder)))
 
 
 def _renamed(search: Search) -> Iterator[Finding]:

@@ -28,6 +28,7 @@ from musatpy.blunders.linear_model import (
 from musatpy.blunders.revisions import Revision
 from musatpy.blunders.tides import tide_groups
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
+from musatpy.model.ranking import falling
 
 PENALTY = 16.0  # squares over sigma0 squared that a parameter must explain: the square of the limit of the tests
 _LISTED = 8  # of one kind of hypothesis, those that explain most
@@ -87,7 +88,7 @@ def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypoth
             options += _of_points(model, checks)
         elif near[checks.point].any():
             options += _of_points(model, checks.part(near[checks.point]))
-    return sorted(options, key=lambda option: -option.squares)
+    return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
 def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
@@ -193,8 +194,7 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
 
 
 def _most(squares: FloatArray) -> list[int]:
-    order = np.argsort(-squares, kind="stable")[:_LISTED]
-    return [int(k) for k in order if squares[k] > 0.0]
+    return [int(k) for k in falling(squares)[:_LISTED] if squares[k] > 0.0]
 
 
 def _hypothesis(

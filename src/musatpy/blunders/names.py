@@ -7,6 +7,7 @@ points lie about that it is there by chance in less than one case of a thousand.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,9 +50,11 @@ def lookalikes(
     determined = np.bincount(network.point[good], minlength=network.points) >= _DETERMINED
     determined &= np.isfinite(covariance).all(axis=(1, 2))
     rows, points, distances, alone = [], [], [], []
+    around = _near(network)
     for photo in np.unique(network.photo[suspect]).tolist():
         suspects = suspect[network.photo[suspect] == photo]
-        seen = _imagined(scene, state, photo, _near(network, photo, determined), covariance)
+        points_near = around(photo)
+        seen = _imagined(scene, state, photo, points_near[determined[points_near]], covariance)
         if len(seen.point) < _FEW:
             continue
         off, chance = _compared(network, suspects, seen, sigma0)
@@ -118,12 +121,16 @@ def _free_names(network: Network, row: IntArray, point: IntArray, certain: BoolA
     return certain
 
 
-def _near(network: Network, photo: int, determined: BoolArray) -> IntArray:
-    """Return the determined points on the photos that have points in common with a photo."""
-    shown = np.unique(network.point[network.photo == photo])
-    photos = np.unique(network.photo[np.isin(network.point, shown)])
-    points = np.unique(network.point[np.isin(network.photo, photos)])
-    return points[determined[points]]
+def _near(network: Network) -> Callable[[int], IntArray]:
+    """Return what gives the points on the photos that have points in common with a photo."""
+    from scipy.sparse import csr_array  # most jobs do without
+
+    seen = np.ones(len(network.photo), dtype=np.int32)
+    shows = csr_array((seen, (network.photo, network.point)), shape=(network.photos, network.points))
+    near = (shows @ shows.T) @ shows
+    near.sort_indices()
+    points = near.indices.astype(np.int64)
+    return lambda photo: points[near.indptr[photo] : near.indptr[photo + 1]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.model.ranking import falling
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import text_of
 from musatpy.sea.stereo.corrected_points import REASONS, Corrected, Fault
@@ -95,7 +96,7 @@ def _correlations(fitted: FourierSurface) -> list[str]:
     correlation = fitted.covariance / size[:, None] / size
     i, j = np.triu_indices(len(size), 1)
     large = np.flatnonzero(np.abs(correlation[i, j]) >= _CORRELATED)
-    order = large[np.argsort(-np.abs(correlation[i, j][large]), kind="stable")]
+    order = large[falling(np.abs(correlation[i, j][large]), 2)]  # as they are printed
     worst = float(np.abs(correlation[i, j]).max())
     lines = [f"Correlations of parameters: {worst:.2f} at most; of {_CORRELATED} and more:"]
     pairs = [f"    {names[i[at]]}, {names[j[at]]}: {correlation[i[at], j[at]]:.2f}" for at in order]

@@ -26,6 +26,7 @@ from musatpy.units import ARC_SECOND
 HIDDEN = "Statistics: Points That Undetected Errors May Move"
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
 _LEAST = 1e-300  # probability: zero has no logarithm
+_INFLATION, _LENGTHS = 1, 3  # decimals of the tables that are in the order of them
 _CORRELATIONS = 40  # listed, the strongest
 _ANGLE = "tilt of the water.*|wave .* azimuth"  # unknowns by such names are angles
 
@@ -330,14 +331,15 @@ def _checks(statistics: Statistics) -> IntArray:
 
 
 def _globals(statistics: Statistics) -> IntArray:
-    return worst_first(statistics.quality.dependence.inflation)
+    return worst_first(statistics.quality.dependence.inflation, _INFLATION)
 
 
 def _inflated(statistics: Statistics) -> IntArray:
-    return worst_first(np.nan_to_num(statistics.quality.dependence.station_inflation, nan=-np.inf).max(axis=1))
+    inflation = np.nan_to_num(statistics.quality.dependence.station_inflation, nan=-np.inf).max(axis=1)
+    return worst_first(inflation, _INFLATION)
 
 
 def _largest(ellipses: Ellipses) -> IntArray:
     """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
     size = np.hypot(ellipses.major, ellipses.vertical)
-    return worst_first(size)[: np.count_nonzero(np.isfinite(size))]
+    return worst_first(size, _LENGTHS)[: np.count_nonzero(np.isfinite(size))]

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.model.ranking import falling
 from musatpy.reports.characters import blank, strings
 from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
 from musatpy.reports.fields import Each, Group, Rows
@@ -275,12 +276,9 @@ def _join(cells: Iterable[str]) -> str:
     return _GAP.join(cells).rstrip()
 
 
-def worst_first(badness: FloatArray, *, lines: int = 1) -> IntArray:
-    """Return the rows (n * lines,) by falling badness (n,), where there is none last; rounding errors do not order.
+def worst_first(badness: FloatArray, decimals: int | None = None, *, lines: int = 1) -> IntArray:
+    """Return the rows (n * lines,) by falling badness (n,), as it is printed (`falling`), where there is none last.
 
     Each row may have several `lines`.
     """
-    badness = np.nan_to_num(badness, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
-    with np.errstate(over="ignore"):  # of runs that have lost their way
-        order = np.lexsort((np.arange(len(badness)), -np.round(badness, 6)))
-    return (order[:, None] * lines + np.arange(lines)).reshape(-1)
+    return (falling(badness, decimals)[:, None] * lines + np.arange(lines)).reshape(-1)

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
+from musatpy.model.ranking import falling, largest
 from musatpy.statistics.hidden import HiddenErrors, hidden_errors
-from musatpy.statistics.quality import CheckTest, Ellipses, Quality, check_test, ellipses
+from musatpy.statistics.quality import TEST_DECIMALS, CheckTest, Ellipses, Quality, check_test, ellipses
 from musatpy.statistics.words import Words, words_of
 
 if TYPE_CHECKING:
@@ -163,9 +164,8 @@ class Statistics:
     @cached_property
     def worst_observations(self) -> IntArray:
         """Rows of the observations by falling `normal_tests`; those without one, or with zero, left out."""
-        size = np.round(np.nan_to_num(np.abs(self.normal_tests), posinf=np.inf), 6)
-        order = np.lexsort((np.arange(len(size)), -size))
-        return order[: np.count_nonzero(size > PRINTED_TEST)]
+        size = np.nan_to_num(np.abs(self.normal_tests), posinf=np.inf)
+        return falling(size, TEST_DECIMALS)[: np.count_nonzero(size > PRINTED_TEST)]
 
     @cached_property
     def control_tests(self) -> FloatArray:
@@ -338,15 +338,15 @@ def difference_statistics(differences: ArrayLike, ids: ArrayLike) -> DifferenceS
         return DifferenceStatistics(size=0, sum=0.0, mean=nan, rms=nan, deviation=nan, maximum=nan, maximum_id="")
     total = math.fsum(d)
     mean = total / N
-    largest = int(np.argmax(np.abs(d)))
+    worst = largest(np.abs(d))
     return DifferenceStatistics(
         size=N,
         sum=total,
         mean=mean,
         rms=math.sqrt(math.fsum(d**2) / N),
         deviation=math.sqrt(math.fsum((d - mean) ** 2) / (N - 1)) if N > 1 else math.nan,
-        maximum=float(d[largest]),
-        maximum_id=str(names[largest]),
+        maximum=float(d[worst]),
+        maximum_id=str(names[worst]),
     )
 
 
@@ -474,4 +474,4 @@ def _root_mean(sums: FloatArray, count: IntArray) -> FloatArray:
 def _largest(rms: FloatArray) -> int:
     """Return the row of the largest sqrt(x^2 + y^2) of `rms` (n, 2), the first of equals, -1 where all are NaN."""
     size = np.hypot(rms[:, 0], rms[:, 1])
-    return int(np.nanargmax(size)) if (~np.isnan(size)).any() else -1
+    return largest(size) if (~np.isnan(size)).any() else -1

@@ -169,17 +169,18 @@ def ground_heights(statistics: Statistics) -> FloatArray:
     block, solution = statistics.block, statistics.solution
     height = elevations(block, solution.points.position)[block.plates.point]
     known = solution.plates.triangulated & np.isfinite(height)
-    medians, heights = np.full(len(block.photos.ids), np.nan), height[known]
-    for photo, rows in _by_group(block.plates.photo[known]):
-        medians[photo] = np.median(heights[rows])
+    return _medians(block.plates.photo[known], height[known], len(block.photos.ids))
+
+
+def _medians(group: IntArray, value: FloatArray, groups: int) -> FloatArray:
+    """Return the medians (groups,) of the values (k,) of each group, NaN of empty ones."""
+    value = value[np.lexsort((value, group))]
+    count = np.bincount(group, minlength=groups)
+    first, some = np.cumsum(count) - count, count > 0
+    low, high = ((first + middle // 2)[some] for middle in (count - 1, count))
+    medians = np.full(groups, np.nan)
+    medians[some] = 0.5 * (value[low] + value[high])
     return medians
-
-
-def _by_group(group: IntArray) -> Iterator[tuple[int, IntArray]]:
-    """Yield each group with its rows."""
-    order = np.argsort(group, kind="stable")
-    numbers, first = np.unique(group[order], return_index=True)
-    yield from zip(numbers.tolist(), np.split(order, first[1:]), strict=True) if len(numbers) else ()
 
 
 def _looks_up(attitude: FloatArray) -> BoolArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind, PointStatus
+from musatpy.model.ranking import falling
 from musatpy.model.tables import Table, per_row
 from musatpy.statistics.quality import POWER, test_limit
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from musatpy.statistics.analyses import Statistics
 
 FAR = 5.0  # sigmas of a point: what moves it farther and stays hidden makes it weakly checked
+_DECIMALS = 1  # of sigmas, as they are printed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,10 +29,8 @@ class HiddenErrors(Table):
 
     @property
     def worst_first(self) -> IntArray:
-        """Rows of the points that have a shift, by falling sigmas; rounding errors do not order them."""
-        size = np.nan_to_num(self.sigmas, nan=-np.inf, posinf=np.inf)
-        order = np.lexsort((np.arange(len(size)), -np.round(size, 6)))
-        return order[: np.count_nonzero(size > -np.inf)]
+        """Rows of the points that have a shift, by falling sigmas."""
+        return falling(self.sigmas, _DECIMALS)[: np.count_nonzero(~np.isnan(self.sigmas))]
 
     @property
     def weak(self) -> BoolArray:

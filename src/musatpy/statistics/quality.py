@@ -13,6 +13,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Dependence, ObservationKind, Observations, Solution
+from musatpy.model.ranking import falling
 from musatpy.statistics.chi_square import normal_quantile, probability_beyond, quantile
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
@@ -20,6 +21,7 @@ ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectab
 TEST_LIMIT = 3.290526731491894  # normal quantile of 1 - ALPHA / 2: test values beyond it are suspicious
 POWER = 0.8416212335729143  # and that of BETA
 DETECTABLE = TEST_LIMIT + POWER  # 4.13 sigmas of the residual
+TEST_DECIMALS = 2  # with which test values are printed
 FAMILY_RISK = 0.01  # that any observation of a clean run fails the test of the verdict
 _ROUNDING = 1e-5  # redundancy numbers of control below are rounding
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
@@ -145,9 +147,7 @@ class Quality:
     @cached_property
     def worst_first(self) -> IntArray:
         """(o,) rows of the observations by falling test value; those without one last."""
-        size = np.nan_to_num(np.abs(self.test), nan=-1.0, posinf=np.inf)
-        with np.errstate(over="ignore"):  # of runs that have lost their way
-            return np.lexsort((np.arange(len(size)), -np.round(size, 9)))
+        return falling(np.abs(self.test), TEST_DECIMALS)
 
     @cached_property
     def components(self) -> dict[str, ChiSquare]:

@@ -25,6 +25,7 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.model.cameras import other_focal_length
+from musatpy.model.ranking import falling, largest
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
@@ -143,7 +144,7 @@ def observations(statistics: Statistics) -> Iterator[Reason]:
         (failed & control, Concern.CONTROL, "fits only because others bend"),
     ):
         worst = np.flatnonzero(rows)
-        worst = worst[np.lexsort((worst, -np.round(np.abs(test[worst]), 6)))]
+        worst = worst[falling(np.abs(test[worst]), 1)]  # as they are printed
         if len(worst):
             names = "; ".join(_observation(statistics, row, float(test[row])) for row in worst[:_LISTED].tolist())
             more = f" and {len(worst) - _LISTED} more" if len(worst) > _LISTED else ""
@@ -197,7 +198,7 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
     squares = float(check.squares[check.components > 0].sum())
     if not components or probability_beyond(squares, components) >= CHECK_POINT_RISK:
         return
-    worst = int(np.nanargmax(check.squares))
+    worst = largest(check.squares)
     point = statistics.block.points.ids[statistics.block.control.point[check.row[worst]]]
     text = (
         f"check points do not agree: chi-square {_number(squares)} of {components} components, worst point {point}"
@@ -217,7 +218,7 @@ def given_stations(statistics: Statistics) -> Iterator[Reason]:
         far = np.flatnonzero(distance > options.station_limit)
     if not len(far):
         return
-    worst = far[np.argsort(-distance[far], kind="stable")]
+    worst = far[falling(distance[far], 2)]  # as they are printed
     text = (
         f"{named('photo', block.photos.ids[worst])}: up to {distance[worst[0]]:.2f} flying heights from the given "
         f"position (limit {options.station_limit:g})"
