@@ -146,7 +146,7 @@ def sample_solution(
             rays=np.bincount(block.plates.point, minlength=p),
             reasons={0: "kept out by its plate cards", 12: "a single ray and no control"},
         ),
-        plates=_residuals(rng, block, status),
+        plates=(plates := _residuals(rng, block, status)),
         bathymetric=_bathymetric(adjusted, system),
         levels=np.array([0.113]),
         level_sigmas=np.array([0.071]),
@@ -169,7 +169,7 @@ def sample_solution(
             stations=rng.normal(0.0, 1e-3, (n, 6, 1)),
             levels=np.empty((0, 1)),
         ),
-        observed=_observed(rng, block),
+        observed=_observed(rng, block, plates),
         dependence=_dependence(rng, n),
         findings=(
             Finding(
@@ -213,19 +213,23 @@ def _water(block: Block) -> AdjustedWater:
     )
 
 
-def _observed(rng: np.random.Generator, block: Block) -> Observations:
+def _observed(rng: np.random.Generator, block: Block, plates: PlateResiduals) -> Observations:
     """Return a row of every kind, and forty plate coordinates."""
+    images = np.flatnonzero(plates.triangulated)[:20]
     kind = np.array([0] * 40 + list(range(1, 11)))
-    row = np.concatenate([np.repeat(np.arange(20), 2), np.zeros(10, dtype=int)])
+    row = np.concatenate([np.repeat(images, 2), np.zeros(10, dtype=int)])
     component = np.concatenate([np.tile([0, 1], 20), np.zeros(10, dtype=int)])
     sigma = np.where(kind == 0, 0.01, 0.2)
+    sigma[:40] = block.plate_sigmas[images].ravel()
     influence = rng.normal(0.0, 0.1, (50, 3))
+    residual = rng.normal(0.0, 0.7, 50) * sigma
+    residual[:40] = plates.residual[images].ravel()
     influence[(kind >= 6) & (kind <= 8)] = NAN
     return Observations(
         kind=kind,
         row=row,
         component=component,
-        residual=rng.normal(0.0, 0.7, 50) * sigma,
+        residual=residual,
         sigma=sigma,
         redundancy=np.concatenate([[0.0], rng.uniform(0.1, 0.9, 49)]),
         influence=influence,

@@ -17,11 +17,12 @@ from musatpy import adjust, read_deck
 from musatpy.cli.main import main
 from musatpy.comparison import NEEDS, OPTIONAL
 from musatpy.errors import RecordError
+from musatpy.image_observations import with_images
 from musatpy.json_files import Needs, read_json, read_record
 from musatpy.model import RecordContent
 from musatpy.reports.record import dumps, record
 from musatpy.runs import run_deck
-from record_rows import read_rows, with_rows
+from record_rows import with_rows
 
 ROOT = Path(__file__).parents[1]
 OF_ROWS = Path(__file__).parent / "records" / "st_thomas_1.10.json.gz"
@@ -58,7 +59,7 @@ def test_a_record_of_ours_is_read_whole(tmp_path: Path, run: dict[str, Any]) -> 
     path = tmp_path / "RUN.json"
     path.write_text(json.dumps(run))
     whole = dict.fromkeys(run, ())
-    assert read_record(path, whole) == run
+    assert read_record(path, whole) == with_images(run)
 
 
 def test_what_is_not_asked_for_is_left_out(tmp_path: Path, run: dict[str, Any]) -> None:
@@ -96,7 +97,7 @@ def test_tables_within_tables_are_turned_too(tmp_path: Path, deck: str) -> None:
     solution = adjust(read_deck(ROOT / "fixtures" / deck))
     columns, rows = tmp_path / "columns.json", tmp_path / "rows.json"
     columns.write_text(dumps(record(solution)))
-    old = read_rows(columns) | {"schema_version": "1.10"}
+    old = with_rows(with_images(json.loads(columns.read_text()))) | {"schema_version": "1.10"}
     assert isinstance(old["stations"], list)
     rows.write_text(json.dumps(old))
     needs = {name: () for name in old if name != "schema_version"}

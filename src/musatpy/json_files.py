@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import Problem, RecordError
+from musatpy.image_observations import FIELDS, are_apart, with_images
 
 Schema = Mapping[str, Any]
 Needs = Mapping[str, Sequence[str]]  # field of a record -> the fields of its table, or of it, that are needed
@@ -71,6 +72,7 @@ def read_record(
     schema = _schema() if schema is None else schema
     by_rows = _is_by_rows(record, schema, path, what)
     wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
+    record = _together(record, wanted, schema, path)
     return _wanted_of(record, wanted, schema, path, by_rows=by_rows)
 
 
@@ -90,6 +92,7 @@ def known_of(
         name: _loose(of, needs.get(name, ())) for name, of in schema["properties"].items() if name not in leave
     }
     wanted = {"type": "object", "required": list(needs), "properties": {**fields, version: {"type": "string"}}}
+    record = _together(record, wanted, schema, path)
     return _wanted_of(record, wanted, schema, path, by_rows=by_rows)
 
 
@@ -111,16 +114,33 @@ def _wanted_of(
     record: dict[str, Any], wanted: Schema, schema: Schema, path: Path, *, by_rows: bool
 ) -> dict[str, Any]:
     """Return what is wanted of a record; raises `RecordError` with the places where it is not as it should be."""
-    said = _with_rows(wanted) if by_rows else wanted
-    if not _fits([record], said):
-        left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
-        faults = [
-            (where, f"{message}{_LEFT_OUT if where in left_out else ''}")
-            for where, message in islice(_faults(record, said, ""), _LISTED)
-        ]
-        raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
+    _hold_against(record, _with_rows(wanted) if by_rows else wanted, schema, path)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
     return dict(_in_columns(found, wanted)) if by_rows else found
+
+
+def _hold_against(record: dict[str, Any], said: Schema, schema: Schema, path: Path) -> None:
+    """Raise `RecordError` with the places where a record is not as is `said`."""
+    if _fits([record], said):
+        return
+    left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
+    faults = [
+        (where, f"{message}{_LEFT_OUT if where in left_out else ''}")
+        for where, message in islice(_faults(record, said, ""), _LISTED)
+    ]
+    raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
+
+
+def _together(record: dict[str, Any], wanted: Schema, schema: Schema, path: Path) -> dict[str, Any]:
+    """Return a record with all observations in one table, where they are wanted and some are apart."""
+    if "observations" not in wanted["properties"] or not are_apart(record):
+        return record
+    parts = {"plates": (), "observations": (), "solution": ("unit_sigma", "degrees_of_freedom")}
+    narrowed = _narrowed(schema, parts, required=list(parts))
+    plates = narrowed["properties"]["plates"]
+    narrowed["properties"]["plates"] = {**plates, "required": [*plates["required"], *FIELDS]}
+    _hold_against(record, narrowed, schema, path)
+    return with_images(record)
 
 
 def _loose(schema: Schema, required: Sequence[str] = ()) -> Schema:

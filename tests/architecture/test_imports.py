@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
 EVERYONE = {"errors", "units", "fortran", "files", "specs", "spec_keys", "draws", "json_files", "arrays", "canvas"}
+EVERYONE |= {"image_observations"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "arrays": set(),
@@ -31,6 +32,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "pointfiles": set(),
     "interchange": {"pointfiles", "geometry"},
     "json_files": set(),
+    "image_observations": set(),
     "memory": set(),
     "model": set(),
     "geometry": set(),

@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 
 from musatpy.cli.main import main as musat
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.image_observations import with_images
 from plots.plot_records import FIXTURES
 
 pyogrio = pytest.importorskip("pyogrio")
@@ -35,7 +36,7 @@ def layer(folder: Path, name: str) -> tuple[Any, np.ndarray, dict[str, np.ndarra
 
 
 def record(folder: Path) -> dict[str, Any]:
-    return json.loads(next(folder.glob("*.json")).read_text())
+    return with_images(json.loads(next(folder.glob("*.json")).read_text()))
 
 
 def test_a_geographic_job_is_in_degrees_on_its_ellipsoid(tmp_path: Path) -> None:

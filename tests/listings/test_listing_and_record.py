@@ -11,6 +11,7 @@ from decimal import ROUND_HALF_EVEN, Decimal, localcontext
 import pytest
 
 from listings.runs import RAW, SEA, ST_THOMAS, edited, entry_of, moved, printed, run_of
+from musatpy.image_observations import with_images
 from musatpy.listings import CannotCompareError, compare_texts, parse_rules, recorded
 from musatpy.listings.judge import EXACTLY
 from musatpy.listings.lines import paper_of
@@ -22,6 +23,7 @@ from musatpy.model import RecordContent
 from musatpy.reports.record import texts_of
 from musatpy.statistics import Statistics
 from musatpy.units import dms_from_radians
+from record_rows import with_columns, with_rows
 from sample_solutions import sample_solution
 
 MIXED, REVERSED = ("a.lst", "b.json"), ("a.json", "b.lst")
@@ -223,6 +225,7 @@ def test_the_worst_observations_are_held_against_the_record():
     on_page_1 = {"residual": "Residual", "normal_test": "Normal test", "estimated_error": "Estimated error"}
 
     def change(content):
+        content.update(with_rows(with_images(with_columns(content))))  # in one table, as earlier records have them
         worst = max(content["observations"], key=lambda one: abs(one["test"] or 0.0))
         for key in columns | on_page_1:
             worst[key] += 0.001 if key in ("residual", "sigma", "detectable", "estimated_error") else 0.1

@@ -19,7 +19,7 @@ from musatpy import adjust, read_deck, to_html, to_pandas, to_xarray
 from musatpy.errors import MusatError
 from musatpy.model.tables import Table, empty, stacked
 from musatpy.notebook.columns import tables_of
-from musatpy.reports.record import record, tables
+from musatpy.reports.record import record, record_of, tables
 from musatpy.statistics import Statistics
 from record_rows import with_rows
 
@@ -89,7 +89,7 @@ def plain(entries):
 @pytest.mark.parametrize("deck", DECKS)
 def test_frames_hold_every_table_of_the_record(deck):
     solution = solution_of(deck)
-    frames, said = to_pandas(solution), with_rows(record(solution))
+    frames, said = to_pandas(solution), with_rows(record_of(Statistics(solution)))
     cells = 0
     for name, value in said.items():
         if is_table(value) and name in frames:

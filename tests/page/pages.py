@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from musatpy.image_observations import with_images
 from musatpy.page.records import page_of_record
 from musatpy.runs import run_deck
 
@@ -46,7 +47,7 @@ def earlier_record(folder: Path) -> Path:
 
 
 def record() -> dict[str, Any]:
-    return json.loads(record_text())
+    return with_images(json.loads(record_text()))
 
 
 class Reader(HTMLParser):

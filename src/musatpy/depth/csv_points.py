@@ -95,11 +95,8 @@ def _correct_lines(correction: Correction, layout: Layout, task: _Lines) -> _Cor
         points, seen = correction(apparent)
     except SystemsError as error:
         return replace(nothing, problem=unreached(layout.source, error))
-    texts = _texts(points, correction.ground.system.decimals)
-    rows = zip(lines, texts, _names(correction.cameras.names, seen), points.fault.tolist(), strict=True)
-    text = "".join(
-        f"{line},{before},{names},{after},{REASONS[Fault(fault)]}\n" for line, (before, after), names, fault in rows
-    )
+    names = _names(correction.cameras.names, seen)
+    text = "".join(_texts(lines, names, points, correction.ground.system.decimals))
     return _Corrected(text=text.encode(**ENCODING), tally=Tally.of(points), size=size)
 
 
@@ -108,11 +105,11 @@ def _numbers(lines: Sequence[str], layout: Layout) -> FloatArray:
 
     Raises `ValueError` or `csv.Error` for a line that has not the values it should.
     """
-    for line in lines:
-        if '"' not in line and line.count(",") != len(layout.names) - 1:
-            raise ValueError("a line has not as many values as there are names")
+    plain = [line for line in lines if '"' not in line]
+    if not {line.count(",") for line in plain} <= {len(layout.names) - 1}:
+        raise ValueError("a line has not as many values as there are names")
     try:
-        if any('"' in line for line in lines):
+        if len(plain) < len(lines):
             raise ValueError("values in quotes are looked at one by one")
         return np.loadtxt(lines, delimiter=",", usecols=layout.places, comments=None, ndmin=2)
     except ValueError:  # a coordinate that is missing, perhaps; few lines have one, and few files quotes
@@ -147,30 +144,34 @@ def _bad_line(layout: Layout, first: int, lines: Sequence[str]) -> Problem:
     raise AssertionError("one of the lines is bad")
 
 
-def _texts(points: TruePoints, decimals: tuple[int, int, int]) -> Iterator[tuple[str, str]]:
-    """Yield what stands before and behind the names of the cameras of each point, nothing of one with a fault."""
+def _texts(
+    lines: Sequence[str], names: Sequence[str], points: TruePoints, decimals: tuple[int, int, int]
+) -> list[str]:
+    """Return lines with the true points behind them, the names of the cameras alone of one with a fault."""
     columns = (
         *points.position.T,
         points.depth,
         points.factor,
+        names,
         points.spread,
         points.incidence / DEGREE,
         points.largest_incidence / DEGREE,
     )
-    good = points.fault == Fault.NONE
-    first = ",".join(f"%.{places}f" for places in (*decimals, 4, 5))
-    for is_good, *row in zip(good.tolist(), *(column.tolist() for column in columns), strict=True):
-        if is_good:
-            x, y, z, depth, factor, spread, mean, largest = row
-            yield first % (x, y, z, depth, factor), f"{spread:.4f},{mean:.2f},{largest:.2f}"
-        else:
-            yield ",,,,", ",,"
+    listed = (column.tolist() if isinstance(column, np.ndarray) else column for column in columns)
+    places = ",".join(f"%.{places}f" for places in (*decimals, 4, 5))
+    # of points with a fault the numbers are NaN, and those few texts are made anew
+    texts = list(map(f"%s,{places},%s,%.4f,%.2f,%.2f,\n".__mod__, zip(lines, *listed, strict=True)))
+    for row in np.flatnonzero(points.fault != Fault.NONE).tolist():
+        texts[row] = f"{lines[row]},,,,,,{names[row]},,,,{REASONS[Fault(points.fault[row])]}\n"
+    return texts
 
 
 def _names(names: tuple[str, ...], seen: BoolArray) -> list[str]:
     """Return the names of the cameras that see each point, blanks between them."""
     bits = np.packbits(seen, axis=1)
-    patterns, which = np.unique(bits, axis=0, return_inverse=True)
-    chosen = np.unpackbits(patterns, axis=1, count=len(names)).astype(bool)
-    texts = [" ".join(np.array(names)[row].tolist()) for row in chosen]
-    return [texts[row] for row in which.reshape(-1).tolist()]
+    patterns = bits.view(f"V{bits.shape[1]}").ravel().tolist()
+    texts: dict[bytes, str] = {}
+    for pattern in set(patterns):
+        chosen = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=len(names))
+        texts[pattern] = " ".join(name for name, sees in zip(names, chosen.tolist(), strict=True) if sees)
+    return [texts[pattern] for pattern in patterns]

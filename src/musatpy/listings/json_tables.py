@@ -8,6 +8,7 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 from musatpy.errors import Problem
+from musatpy.image_observations import FIELDS, are_apart, with_images
 from musatpy.listings.json_text import Column, Number
 from musatpy.listings.lines import CannotCompareError
 
@@ -153,6 +154,31 @@ def tables_of(content: Any) -> dict[str, RecordTable]:
         else:
             tables[name] = _table(name, table)
     return tables
+
+
+def images_in_columns(content: Any) -> Any:
+    """Return a record whose tables of images and observations are columns, where it has the latter in both."""
+    plates: Any = content.get("plates") if isinstance(content, dict) else None
+    if not _is_list_of_objects(plates) or FIELDS[0] not in plates[0]:
+        return content
+    tables = {name: content.get(name) for name in ("plates", "observations")}
+    columns = {
+        name: {key: [row.get(key) for row in table] for key in table[0]}
+        for name, table in tables.items()
+        if _is_list_of_objects(table)
+    }
+    return {**content, **columns}
+
+
+def in_one_table(content: Any, name: str) -> Any:
+    """Return a record with all observations in one table; raises `CannotCompareError` where there are none."""
+    if not are_apart(content := images_in_columns(content)):
+        return content
+    try:
+        return with_images(content, lambda value: Number(f"{value:.12g}"))
+    except (LookupError, TypeError, ValueError, ZeroDivisionError) as error:
+        problem = Problem(file=name, message="has no tables `observations` and `plates` as a record has them")
+        raise CannotCompareError([problem]) from error
 
 
 def _table(name: str, value: Any) -> RecordTable:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from musatpy.errors import Problem
 from musatpy.listings.align import Alignment, align
 from musatpy.listings.findings import Difference, Place, Tally
-from musatpy.listings.json_tables import at
+from musatpy.listings.json_tables import at, in_one_table
 from musatpy.listings.json_text import read_json
 from musatpy.listings.judge import Field, Judge, Spot
 from musatpy.listings.lines import CUT, CannotCompareError, paper_of
@@ -41,6 +41,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     if not isinstance(content, dict):
         message = "is no record of a run, and cannot be held against a listing"
         raise CannotCompareError([Problem(file=names[1 - listing], message=message)])
+    content = in_one_table(content, names[1 - listing])
     tallies, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
         mapped = mapped_section(section.title)

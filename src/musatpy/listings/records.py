@@ -11,6 +11,7 @@ from functools import cache, lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
 
+from musatpy.image_observations import are_apart
 from musatpy.listings.align import align
 from musatpy.listings.findings import Difference, Tally
 from musatpy.listings.json_tables import (
@@ -19,6 +20,8 @@ from musatpy.listings.json_tables import (
     TableOfColumns,
     TableOfRows,
     at,
+    images_in_columns,
+    in_one_table,
     keys_of,
     leaves,
     number_of,
@@ -49,6 +52,9 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     """Return what differs between two JSON texts."""
     judge = Judge(rules)
     contents = [read_json(text, name) for text, name in zip((a, b), names, strict=True)]
+    contents = [images_in_columns(content) for content in contents]
+    if len({are_apart(content) for content in contents}) > 1:  # one is of an earlier version
+        contents = [in_one_table(content, name) for content, name in zip(contents, names, strict=True)]
     tables = [tables_of(content) for content in contents]
     geographic = all(at(content, "options.system") == "GEOG" for content in contents)
     axes = _axes_of(contents[1]) if geographic else None

@@ -210,11 +210,10 @@ def true_points(
 def _nothing_found(apparent: FloatArray, stations: Stations, seen: BoolArray) -> TruePoints:
     """Return true points of which only the faults are known that show without any ray."""
     n, count, height = len(apparent), np.count_nonzero(seen, axis=1), apparent[:, 2]
-    highest, lowest = np.full(n, -np.inf), np.full(n, np.inf)  # tides of the cameras of each point
-    for sight, level in zip(seen.T, stations.level.tolist(), strict=True):
-        highest[sight] = np.maximum(highest[sight], level)
-        lowest[sight] = np.minimum(lowest[sight], level)
-    highest[count == 0] = stations.level.max()
+    rising = np.argsort(stations.level)
+    tides = stations.level[rising]  # of the cameras of each point:
+    lowest = np.where(count, tides[seen[:, rising].argmax(axis=1)], np.inf)
+    highest = np.where(count, tides[::-1][seen[:, rising[::-1]].argmax(axis=1)], tides[-1])
     fault = np.zeros(n, dtype=np.int8)
     fault[height >= lowest] = Fault.BETWEEN_TIDES
     fault[count == 1] = Fault.ONE_CAMERA
@@ -261,7 +260,7 @@ def _solve(
     step leaves some hundredths of the error.
     """
     G, fault = start.copy(), np.full(len(A), Fault.NO_CONVERGENCE, dtype=np.int8)
-    angle = np.empty(len(rays.point))
+    tangents = np.empty(len(rays.point))  # of the angles of incidence
     open_rows, open_rays, left = np.arange(len(A)), np.arange(len(rays.point)), rays
     for _ in range(_MAX_STEPS):
         slope, tangent = _slopes(G[open_rows], index, left)
@@ -271,7 +270,7 @@ def _solve(
             done = np.abs(move).max(axis=1) < CLOSE
         step = -move * np.column_stack([np.ones_like(factor), np.ones_like(factor), factor])
         G[open_rows] += np.where(parallel[:, None], 0.0, step)
-        angle[open_rays] = np.arctan(tangent)
+        tangents[open_rays] = tangent
         fault[open_rows[done]] = Fault.NONE
         fault[open_rows[parallel]] = Fault.PARALLEL_RAYS
         # a step that leaves the water, or goes far below it, does not come back
@@ -282,7 +281,7 @@ def _solve(
         if not going.all():
             open_rows, open_rays = open_rows[going], open_rays[going[left.point]]
             left = left.only(going)
-    return G, angle, fault
+    return G, np.arctan(tangents), fault
 
 
 def _slopes(G: FloatArray, index: float, rays: _Rays) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:

@@ -11,7 +11,7 @@ import numpy as np
 import musatpy
 from musatpy.arrays import IntArray
 from musatpy.model import Editing, Grade
-from musatpy.reports import pages, quality_record
+from musatpy.reports import observation_record, pages, quality_record
 from musatpy.reports.blunders import FINDING
 from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
@@ -81,7 +81,7 @@ BLUNDERS: Report[Statistics] = Report(
 )
 WORST: Report[Statistics] = Report(
     title="Worst Observations",
-    table=quality_record.OBSERVATIONS,
+    table=observation_record.OBSERVATIONS,
     rows=lambda s: _worst_rows(s),
     words=KIND_WORDS,
     some=True,

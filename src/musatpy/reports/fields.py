@@ -28,6 +28,7 @@ Item = TypeVar("Item")
 Part = TypeVar("Part")
 
 DIGITS = 12  # of numbers in tables that are neither coordinates nor angles nor covariances
+IMAGE_DIGITS = 10  # of the tests of images, of which there are many
 _NULL = " or null"
 _STEP = re.compile(r"\[(\d+)\]")
 _EXACT_UNIT = re.compile(r"rad|m2")
@@ -63,12 +64,13 @@ class Field(Node[Source]):
     choices: Iterable[Any] = ()
     exact: bool = False  # of numbers in tables: at full precision whatever the unit, as coordinates are
     seldom: bool = False  # stands in the record only where it says something
+    significant: int = DIGITS  # digits of its numbers in a table, where it does not have all of them
 
     @property
     def digits(self) -> int | None:
         """Significant digits of its numbers in a table; None: all of them, as of angles and of covariances."""
         is_number = self.kind.removesuffix(_NULL).rpartition(" ")[2].removesuffix("?") == "number"
-        return None if self.exact or not is_number or _EXACT_UNIT.search(self.unit) else DIGITS
+        return None if self.exact or not is_number or _EXACT_UNIT.search(self.unit) else self.significant
 
     def of(self, source: Source) -> Any:
         """Return its value, or of a table its values."""

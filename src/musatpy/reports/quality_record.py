@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,16 +15,13 @@ from musatpy.model import (
     ConsideredWater,
     Dependence,
     Finding,
-    ObservationKind,
     Verdict,
 )
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.verdict import Reason
-from musatpy.reports.encoding import Json, names
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
 from musatpy.statistics.exact_water import exact_water
-from musatpy.statistics.kind_formats import KINDS, Kind
 from musatpy.statistics.quality import ChiSquare
 from musatpy.units import ARC_SECOND, DEGREE
 
@@ -283,88 +279,6 @@ TESTS = Group[Statistics, Statistics](
     ),
     optional=True,
 )
-
-
-def _of_kinds(
-    statistics: Statistics, of: IntArray, values: Callable[[Kind, IntArray], Sequence[Json]]
-) -> list[Json]:
-    """Return what `values` has for the observations of each kind, by their numbers `of` that it depends on.
-
-    It is asked but once for each of these numbers: most have several observations.
-    """
-    kinds = statistics.quality.observed.kind
-    out = np.empty(len(kinds), dtype=object)
-    for kind in np.unique(kinds).tolist():
-        rows = np.flatnonzero(kinds == kind)
-        numbers, which = np.unique(of[rows], return_inverse=True)
-        found = values(KINDS[ObservationKind(kind)], numbers)
-        out[rows] = np.fromiter(found, dtype=object, count=len(numbers))[which]
-    return list(out.tolist())
-
-
-def _kinds(statistics: Statistics) -> list[str]:
-    of = statistics.quality.observed.kind
-    return _of_kinds(statistics, of, lambda kind, _: names(ObservationKind, [kind.kind]))
-
-
-def _owners(statistics: Statistics) -> list[list[str]]:
-    of = statistics.quality.observed.row
-    return _of_kinds(statistics, of, lambda kind, rows: kind.owners(statistics, rows))
-
-
-def _components(statistics: Statistics) -> list[str]:
-    of = statistics.quality.observed.component
-    return _of_kinds(statistics, of, lambda kind, numbers: [kind.components[number] for number in numbers.tolist()])
-
-
-OBSERVATIONS = Rows[Statistics, Statistics](
-    "observations",
-    "one row per scalar observation of the solution; residuals and errors in the unit of what was observed: plate "
-    "mm, length m, angle rad",
-    lambda s: None if s.solution.observed is None else s,
-    (
-        Field(
-            "kind", "string",
-            "plate, control, station_position, station_attitude, equal_elevation, air_base, water_level, "
-            "water_tilt, water_index, distance or height_difference",
-            _kinds,
-        ),
-        Field("of", "* string", "ids of the photo, the point, or both", _owners),
-        Field("component", "string", "x, y, East, North, Up, X-Tilt, ...", _components),
-        Field("residual", "number", "adjusted minus observed", lambda s: s.quality.observed.residual),
-        Field("sigma", "number", "a priori", lambda s: s.quality.observed.sigma),
-        Field(
-            "redundancy", "number", "redundancy number; they add up to the degrees of freedom",
-            lambda s: s.quality.observed.redundancy,
-        ),
-        Field(
-            "standardised", "number?",
-            "residual over its own a priori sigma; null where nothing checks the " "observation",
-            lambda s: s.quality.standardised,
-        ),
-        Field(
-            "test", "number?", "the same with sigma0 from all other observations: Student's t",
-            lambda s: np.where(np.isfinite(s.quality.test), s.quality.test, np.nan),
-        ),
-        Field(
-            "normal_test", "number?",
-            "the larger of `standardised` and of residual, own sigma and sigma0 from all others (Pope's tau), the "
-            "latter turned to a normal variable: what the verdict goes by",
-            lambda s: s.normal_tests,
-        ),
-        Field(
-            "estimated_error", "number?",
-            "of the observation if all others are right: minus residual over redundancy number",
-            lambda s: s.quality.estimated_error,
-        ),
-        Field("detectable", "number?", "smallest detectable error", lambda s: s.quality.detectable),
-        Field(
-            "effect", "3 number?", "of that error on the own position, east, north, up; null for the water",
-            lambda s: s.quality.effect, "m",
-        ),
-    ),
-    of_images=True,
-)  # fmt: skip
 
 STATION_INFLATION = Rows[Statistics, Statistics](
     "stations",

@@ -14,6 +14,7 @@ from musatpy.model import RecordContent, Solution
 from musatpy.reports import (
     job_record,
     listing,
+    observation_record,
     quality_record,
     reduction_record,
     result_record,
@@ -91,13 +92,13 @@ _TABLES: tuple[Node[Statistics], ...] = (
     quality_record.ADJUSTED_WATER,
     result_record.WATER_PRECISION,
     quality_record.TESTS,
-    quality_record.OBSERVATIONS,
+    observation_record.BESIDES_IMAGES,
     quality_record.DEPENDENCE,
     quality_record.FINDINGS,
     quality_record.CAUSES,
     result_record.UNEDITED,
     job_record.FIDUCIAL_MEASUREMENTS,
-    result_record.PLATES,
+    observation_record.PLATES,
     job_record.COMPARATOR,
     job_record.LENSES,
     job_record.MARK_DISTANCES,
@@ -124,22 +125,32 @@ def tables(content: RecordContent = RecordContent.FULL) -> Sequence[Node[Statist
     return nodes if content is RecordContent.FULL else list(without_images(nodes))
 
 
+def read_tables() -> Sequence[Node[Statistics]]:
+    """Return what readers of a record have: all observations in one table, those of images too."""
+    read: dict[Node[Statistics], Node[Statistics]] = {
+        observation_record.BESIDES_IMAGES: observation_record.OBSERVATIONS,
+        observation_record.PLATES: result_record.PLATES,
+    }
+    return [read.get(node, node) for node in tables()]
+
+
 def _said(nodes: Sequence[Node[Statistics]], statistics: Statistics) -> list[Node[Statistics]]:
     """Return what stands in the record: without fields that are seldom there and have nothing to say."""
     return [node for node in nodes if not is_seldom(node) or node.json(statistics)]
 
 
 def record(solution: Solution) -> dict[str, Json]:
-    """Return the record of a solution, as dictionaries, lists, texts and numbers."""
-    return record_of(Statistics(solution))
+    """Return the record of a solution as it is written: dictionaries, lists, texts and numbers."""
+    statistics = Statistics(solution)
+    return {table.name: table.json(statistics) for table in _said(tables(), statistics)}
 
 
 def record_of(statistics: Statistics, names: Container[str] | None = None) -> dict[str, Json]:
-    """Return `record` of a solution whose statistics exist already; only what is named, where `names` are given.
+    """Return the record of a solution as it is read; only what is named, where `names` are given.
 
     It has the shape of `musatpy.json_files.read_record`.
     """
-    said = _said(tables(), statistics)
+    said = _said(read_tables(), statistics)
     return {table.name: table.json(statistics) for table in said if names is None or table.name in names}
 
 
@@ -183,5 +194,5 @@ def dumps(record: dict[str, Json]) -> str:
 
 
 def texts_of(statistics: Statistics, content: RecordContent = RecordContent.FULL) -> Iterator[str]:
-    """Yield the text of `record_of` piece by piece."""
+    """Yield the text of `record` piece by piece."""
     yield from record_texts(_said(tables(content), statistics), statistics)

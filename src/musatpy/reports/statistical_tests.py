@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind, PlateSigma
-from musatpy.reports import quality_record, result_record
+from musatpy.reports import observation_record, quality_record, result_record
 from musatpy.reports.columns import vector
 from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Origin
@@ -58,7 +58,7 @@ def in_unit(heading: str, edit: str, shows: str, rows: Rows) -> Column[Statistic
 
     def values(s: Statistics) -> FloatArray:
         factors = np.array([kind.factor for kind in _kinds(s, rows)])
-        numbers: FloatArray = quality_record.OBSERVATIONS.column(shows, s)[rows(s)] / factors
+        numbers: FloatArray = observation_record.OBSERVATIONS.column(shows, s)[rows(s)] / factors
         return numbers
 
     return Column(heading, edit, values, Origin(field=shows, unit_in="Unit"))
@@ -83,7 +83,7 @@ COMPONENTS: Report[Statistics] = Report(
 )
 OBSERVATIONS: Report[Statistics] = Report(
     title="Statistics: Observations, The Worst First",
-    table=quality_record.OBSERVATIONS,
+    table=observation_record.OBSERVATIONS,
     rows=lambda s: _worst(s),
     words=KIND_WORDS,
     some=True,

@@ -1,0 +1,157 @@
+"""The observations in the record: in one table, and as files have them, those of images in the table of plates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from musatpy import image_observations
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.model import ObservationKind
+from musatpy.reports import result_record
+from musatpy.reports.encoding import Json, names
+from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows
+from musatpy.statistics import Statistics
+from musatpy.statistics.kind_formats import KINDS, Kind
+from musatpy.statistics.quality import Quality
+
+
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """Some of the observations of a solution."""
+
+    statistics: Statistics
+    rows: IntArray
+
+    @property
+    def quality(self) -> Quality:
+        """The tests of the solution."""
+        return self.statistics.quality
+
+    def of_kinds(self, of: IntArray, values: Callable[[Kind, IntArray], Sequence[Json]]) -> list[Json]:
+        """Return what `values` has for the observations of each kind, by their numbers `of` that it depends on.
+
+        It is asked but once for each of these numbers: most have several observations.
+        """
+        kinds, of = self.quality.observed.kind[self.rows], of[self.rows]
+        out = np.empty(len(kinds), dtype=object)
+        for kind in np.unique(kinds).tolist():
+            rows = np.flatnonzero(kinds == kind)
+            numbers, which = np.unique(of[rows], return_inverse=True)
+            found = values(KINDS[ObservationKind(kind)], numbers)
+            out[rows] = np.fromiter(found, dtype=object, count=len(numbers))[which]
+        return list(out.tolist())
+
+
+def _observed(statistics: Statistics) -> _Observed | None:
+    observed = statistics.solution.observed
+    return None if observed is None else _Observed(statistics, np.arange(len(observed.kind)))
+
+
+def _besides_images(statistics: Statistics) -> _Observed | None:
+    observed = statistics.solution.observed
+    if observed is None:
+        return None
+    return _Observed(statistics, np.flatnonzero(observed.kind != ObservationKind.PLATE))
+
+
+def _kinds(some: _Observed) -> list[str]:
+    of = some.quality.observed.kind
+    return some.of_kinds(of, lambda kind, _: names(ObservationKind, [kind.kind]))
+
+
+def _owners(some: _Observed) -> list[list[str]]:
+    of = some.quality.observed.row
+    return some.of_kinds(of, lambda kind, rows: kind.owners(some.statistics, rows))
+
+
+def _components(some: _Observed) -> list[str]:
+    of = some.quality.observed.component
+    return some.of_kinds(of, lambda kind, numbers: [kind.components[number] for number in numbers.tolist()])
+
+
+OBSERVATIONS = Rows[Statistics, _Observed](
+    "observations",
+    "one row per scalar observation of the solution; residuals and errors in the unit of what was observed: plate "
+    "mm, length m, angle rad",
+    _observed,
+    (
+        Field(
+            "kind", "string",
+            "plate, control, station_position, station_attitude, equal_elevation, air_base, water_level, "
+            "water_tilt, water_index, distance or height_difference",
+            _kinds,
+        ),
+        Field("of", "* string", "ids of the photo, the point, or both", _owners),
+        Field("component", "string", "x, y, East, North, Up, X-Tilt, ...", _components),
+        Field("residual", "number", "adjusted minus observed", lambda o: o.quality.observed.residual[o.rows]),
+        Field("sigma", "number", "a priori", lambda o: o.quality.observed.sigma[o.rows]),
+        Field(
+            "redundancy", "number", "redundancy number; they add up to the degrees of freedom",
+            lambda o: o.quality.observed.redundancy[o.rows],
+        ),
+        Field(
+            "standardised", "number?",
+            "residual over its own a priori sigma; null where nothing checks the " "observation",
+            lambda o: o.quality.standardised[o.rows],
+        ),
+        Field(
+            "test", "number?", "the same with sigma0 from all other observations: Student's t",
+            lambda o: np.where(np.isfinite(o.quality.test), o.quality.test, np.nan)[o.rows],
+        ),
+        Field(
+            "normal_test", "number?",
+            "the larger of `standardised` and of residual, own sigma and sigma0 from all others (Pope's tau), the "
+            "latter turned to a normal variable: what the verdict goes by",
+            lambda o: o.statistics.normal_tests[o.rows],
+        ),
+        Field(
+            "estimated_error", "number?",
+            "of the observation if all others are right: minus residual over redundancy number",
+            lambda o: o.quality.estimated_error[o.rows],
+        ),
+        Field("detectable", "number?", "smallest detectable error", lambda o: o.quality.detectable[o.rows]),
+        Field(
+            "effect", "3 number?", "of that error on the own position, east, north, up; null for the water",
+            lambda o: o.quality.effect[o.rows], "m",
+        ),
+    ),
+    of_images=True,
+)  # fmt: skip
+# As files have them: those of images stand in the table of plates.
+BESIDES_IMAGES = replace(
+    OBSERVATIONS,
+    text=f"{OBSERVATIONS.text}; those of images are in `plates`",
+    of=_besides_images,
+)
+
+
+def _of_plates(field: Field[_Observed]) -> Field[Statistics]:
+    """Return a field of observations as one of the plates: two for each image, NaN of what was not observed."""
+
+    def values(statistics: Statistics) -> FloatArray:
+        some, number = _observed(statistics), len(statistics.block.plates.photo)
+        sizes = (3,) if field.kind.startswith("3 ") else ()
+        spread = np.full((number, 2, *sizes), np.nan)
+        if some is not None:
+            observed = some.quality.observed
+            of_plate = observed.kind == ObservationKind.PLATE
+            spread[observed.row[of_plate], observed.component[of_plate]] = field.of(some)[of_plate]
+        return spread
+
+    kind = f"2x{field.kind}" if field.kind.startswith("3 ") else f"2 {field.kind}"
+    unit = "mm" if field.name == "detectable" else field.unit
+    kind = kind if kind.endswith("?") else f"{kind}?"
+    text = f"of x and y, null where they took no part: {field.text}"
+    return Field(field.name, kind, text, values, unit, seldom=True, significant=IMAGE_DIGITS)
+
+
+PLATES = replace(
+    result_record.PLATES,
+    fields=(
+        *result_record.PLATES.fields,
+        *(_of_plates(field) for field in OBSERVATIONS.fields if field.name in image_observations.FIELDS),
+    ),
+)
