@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from musatpy.cli.diff import cycles_left_alone
 from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import NamedPath, quiet_option, refuse_overwriting
 
@@ -35,6 +36,7 @@ def command(record: Path, out: Path | None, inputs: tuple[Path, ...], quiet: boo
 
     place = record.with_suffix(".html") if out is None else out
     refuse_overwriting([place], [record, *inputs])
-    write_file(place, page_of_record(record, inputs).encode())
+    with cycles_left_alone():
+        write_file(place, page_of_record(record, inputs).encode())
     if not quiet:
         tell(f"{name_of(record)}: page {name_of(place)}")
