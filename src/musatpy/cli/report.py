@@ -26,7 +26,7 @@ from musatpy.cli.options import NamedPath, quiet_option, refuse_overwriting
 )
 @quiet_option
 def command(record: Path, out: Path | None, inputs: tuple[Path, ...], quiet: bool) -> None:
-    """Make a page of the record of a run, or of a compilation (`as11 compile`).
+    """Make a page of the record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
 
     One HTML file with pictures, without scripts, that needs no network: verdict, data, accuracy, pictures, worst
     observations, tables. The record may be of an earlier version. Needs jinja2 and matplotlib.
