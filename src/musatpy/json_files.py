@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from itertools import chain, islice
 from pathlib import Path
@@ -24,6 +26,7 @@ _SOME = "tables"  # content of a record without tables of images
 _LEFT_OUT = ": the record was written with --record tables"
 _LISTED = 20  # problems of one file
 _PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
+_MUCH = 1_000_000  # bytes, from which on a package is worth its loading
 _DIGITS = 15  # of a whole number at most that is exact in double precision
 _BY_ROWS = "1"  # schema of records whose tables are lists of rows
 _LARGEST = 1e150  # number of a record: its square is one too
@@ -37,7 +40,8 @@ def read_json(path: Path) -> Any:
 def read_json_file(path: Path, **hooks: Any) -> Any:
     """Return what a JSON file says; numbers beyond all limits are left to who reads on. Raises as `read_json`."""
     try:
-        return json.loads(path.read_bytes(), parse_constant=_finite, **hooks)
+        data = path.read_bytes()
+        return _read_quickly(data) if len(data) > _MUCH and not hooks else _read(data, **hooks)
     except UnicodeDecodeError as error:
         message = f"is no JSON: byte {error.start + 1} is none of a text in UTF-8"
     except ValueError as error:
@@ -45,6 +49,25 @@ def read_json_file(path: Path, **hooks: Any) -> Any:
     except RecursionError:
         message = "is nested too deep"
     raise RecordError([Problem(file=str(path), message=message)])
+
+
+def _read(data: bytes, **hooks: Any) -> Any:
+    return json.loads(data, parse_constant=_finite, **hooks)
+
+
+def _read_quickly(data: bytes) -> Any:
+    """Return what JSON says, by orjson where it is there: four times as fast. What that refuses is read again."""
+    orjson = quick_json()
+    if orjson is not None:
+        with suppress(ValueError):
+            return orjson.loads(data)
+    return _read(data)
+
+
+@cache
+def quick_json() -> Any:
+    """Return the package that reads and writes JSON many times as fast as Python does, None without `fast`."""
+    return importlib.import_module("orjson") if importlib.util.find_spec("orjson") else None
 
 
 def _finite(text: str) -> float:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from musatpy.plots.files import Drawn
 
 
+_SHOWN = "the pictures, the page and the layers of the solution"  # from numbers worked out as they are looked at
+
+
 @dataclass(frozen=True, kw_only=True)
 class Shown:
     """Which of these are wanted, and the system of layers: that of the job where it is empty."""
@@ -59,7 +62,8 @@ def draw_run(result: RunResult) -> Drawn:
 
     kind = KINDS[b"schema"]
     stem, tables = _stem(result), _tables(result, {*kind.required, *kind.optional})
-    files, sentences, reasons = pictures_of(tables, GALLERY, stem)
+    with numerics(_SHOWN):
+        files, sentences, reasons = pictures_of(tables, GALLERY, stem)
     write_files(files)
     return Drawn(files=tuple(files), sentences=tuple(sentences), reasons=reasons)
 
@@ -76,7 +80,9 @@ def write_page(result: RunResult) -> Path:
     names = {node.name for node in tables()} - LEFT
     place = stem.with_name(f"{stem.name}.html")
     files = [file for file in (result.record, result.deck) if file is not None and file.is_file()]
-    write_files({place: page_of_tables(_tables(result, names), files).encode()})
+    with numerics(_SHOWN):
+        page = page_of_tables(_tables(result, names), files)
+    write_files({place: page.encode()})
     return place
 
 
@@ -101,7 +107,8 @@ def write_layers(result: RunResult, crs: str = "") -> tuple[list[Path], list[str
     from musatpy.interchange import geojson, geopackage
 
     stem, tables = _stem(result), _tables(result, set(NEEDS))
-    layers = layers_of(tables, crs)
+    with numerics(_SHOWN):
+        layers = layers_of(tables, crs)
     package = stem.with_name(f"{stem.name}.gpkg")
     geopackage.write(package, layers)
     written, refused = geojson.write_each(layers, stem)
@@ -116,5 +123,4 @@ def _stem(result: RunResult) -> Path:
 def _tables(result: RunResult, names: set[str]) -> dict[str, Any]:
     """Return tables of the record of a run, whether it was written or not."""
     assert result.solution is not None
-    with numerics("the pictures and layers of the solution"):
-        return held_tables(Statistics(result.solution), names)
+    return held_tables(Statistics(result.solution), names)

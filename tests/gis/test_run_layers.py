@@ -72,9 +72,12 @@ def test_footprints_hold_the_points_of_their_photos(tmp_path: Path) -> None:
     run(ST_THOMAS, tmp_path, "--crs", "EPSG:4267")
     package = tmp_path / "st_thomas.gpkg"
     meta, _, geometry, fields = pyogrio.raw.read(package, layer="footprints")
-    rings = [shapely.polygons(shapely.get_coordinates(line)) for line in shapely.from_wkb(geometry)]
-    around = dict(zip(fields[0], rings, strict=True))
-    assert meta["crs"] == "EPSG:4267"
+    areas = shapely.from_wkb(geometry)
+    around = dict(zip(fields[0], areas, strict=True))
+    assert meta["crs"] == "EPSG:4267" and meta["geometry_type"] == "Polygon Z"
+    assert shapely.is_valid(areas).all() and shapely.is_ccw(shapely.get_exterior_ring(areas)).all()
+    heights = shapely.get_coordinates(areas, include_z=True)[:, 2]
+    assert np.ptp(heights) < 0.05  # at one height of a map about the stations
     values = record(tmp_path)
     place = dict(zip(values["points"]["point"], np.degrees(values["points"]["position"])[:, [1, 0]], strict=True))
     inside = [
@@ -82,6 +85,18 @@ def test_footprints_hold_the_points_of_their_photos(tmp_path: Path) -> None:
         for photo, point in zip(values["plates"]["photo"], values["plates"]["point"], strict=True)
     ]
     assert np.mean(inside) > 0.95  # the ground is not level
+
+
+def test_footprints_of_geojson_are_areas_that_go_counterclockwise(tmp_path: Path) -> None:
+    run(ST_THOMAS, tmp_path, "--crs", "EPSG:4267")
+    path = tmp_path / "st_thomas.footprints.geojson"
+    meta, _, geometry, fields = pyogrio.raw.read(path)
+    areas = shapely.from_wkb(geometry)
+    assert meta["geometry_type"].startswith("Polygon") and fields[0].tolist() == ["21", "22", "23"]
+    assert shapely.is_valid(areas).all() and shapely.is_ccw(shapely.get_exterior_ring(areas)).all()
+    for feature in json.loads(path.read_text())["features"]:
+        (ring,) = feature["geometry"]["coordinates"]
+        assert len(ring) == 5 and ring[0] == ring[-1]
 
 
 def test_geojson_is_of_wgs84_by_the_transformation_of_the_datum(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 from interchange.layer_samples import HEIGHTS, UTM, lines, points, same_twice
 from musatpy.errors import InterchangeError
 from musatpy.interchange import geojson
-from musatpy.interchange.layers import LOCAL, Column, Lines, Points
+from musatpy.interchange.layers import LOCAL, Column, Lines, Points, Polygons
 
 DEGREES = 0.5001e-9  # half of the last digit that is written
 SPACE = pyproj.CRS("EPSG:4979")
@@ -215,3 +215,15 @@ def test_properties_that_are_missing(tmp_path: Path) -> None:
     assert columns["a"][0] == 5.0 and np.isnan(columns["a"][1])
     assert (columns["b"], columns["c"]) == (["x", ""], ["", "[1]"])
     assert answer.heights == HEIGHTS and not any(isinstance(c, Column) and c.unit for c in answer.columns.values())
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_outlines_of_areas_go_counterclockwise_whichever_way_they_came(tmp_path: Path, step: int) -> None:
+    corners = np.array([[7.0, 47.0, 10.0], [7.1, 47.0, 10.0], [7.1, 47.1, 10.0], [7.0, 47.1, 10.0]])
+    layer = Polygons.of_outlines([corners[::step]], crs=pyproj.CRS("EPSG:4326"))
+    path = tmp_path / "AREA.geojson"
+    geojson.write(path, layer)
+    (ring,) = json.loads(path.read_text())["features"][0]["geometry"]["coordinates"]
+    x, y = np.array(ring)[:, :2].T
+    assert ring[0] == ring[-1] and len(ring) == 5
+    assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) == pytest.approx(2.0 * 0.1 * 0.1)  # positive: counterclockwise

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
 from musatpy.as11_runs import compile_deck
+from musatpy.compilation.sounded import Matching
 from musatpy.page.index_page import JobRow, index_html
 from musatpy.page.records import page_of_record
 from page.browser import browser, chromium
@@ -39,11 +41,16 @@ _FOCUSED = (
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory):
-    """Pages of a run, of a compilation, of a run that is rejected, and the index of a batch."""
+    """Pages of a run, a compilation, a comparison with soundings, a rejected run, and the index of a batch."""
     folder = tmp_path_factory.mktemp("pages")
     record = written(folder)
     compiled = compile_deck(record, ROOT / "fixtures" / "st_thomas_as11" / "st_thomas_as11.crd", folder)
     second = next(path for path in compiled.files if path.suffix == ".json")
+    outputs = SoundingOutputs(listing=folder / "S.lst", record=folder / "S.json", picture=None)
+    deck, soundings = (
+        ROOT / "fixtures" / "st_thomas_as11" / name for name in ("st_thomas_as11.crd", "soundings.csv")
+    )
+    compare_soundings(record, deck, soundings, outputs, Matching(sigma=0.2))
     rejected = folder / "rejected.json"
     content = json.loads(record.read_text())
     reason = {"grade": "REJECTED", "concern": "sigma0", "text": "sigma0 is 9", "section": "Statistics: Sigma0"}
@@ -59,7 +66,8 @@ def places(tmp_path_factory):
         for state in ("accepted", "doubtful", "rejected", "not converged", "not run", "crashed")
     ]  # fmt: skip
     pages = {"run": page_of_record(record), "compilation": page_of_record(second)}
-    pages |= {"rejected": page_of_record(rejected), "index": index_html("Campaign", rows)}
+    pages |= {"comparison": page_of_record(outputs.record), "rejected": page_of_record(rejected)}
+    pages |= {"index": index_html("Campaign", rows)}
     for name, html in pages.items():
         (folder / f"{name}.html").write_text(html)
     return {name: folder / f"{name}.html" for name in pages}
@@ -71,7 +79,7 @@ def tab():
         yield tab
 
 
-NAMES = ("run", "compilation", "rejected", "index")
+NAMES = ("run", "compilation", "comparison", "rejected", "index")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -196,7 +196,7 @@ def test_any_table_may_be_missing_or_is_asked_for(tmp_path, name):
     ("text", "message"),
     [
         ("", "is no JSON"),
-        ("[1, 2]", "is neither the record of a run nor that of a compilation"),
+        ("[1, 2]", "is not the record of a run, of a compilation or of a comparison"),
         ('{"schema_version": "9.0"}', "is a record of schema 9.0, and this program reads"),
         ('{"schema_version": "2.0"}', "options: is missing"),
         ('{"compilation_version": "2.0"}', "job: is missing"),

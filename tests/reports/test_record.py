@@ -17,7 +17,8 @@ from musatpy.model import CoordinateSystem, RecordContent, Refraction
 from musatpy.reports import record_text
 from musatpy.reports.encoding import rounded
 from musatpy.reports.fields import Field, Rows
-from musatpy.reports.record import dumps, record, record_of, schema_text, texts_of
+from musatpy.reports.lazy_columns import LazyColumn
+from musatpy.reports.record import dumps, held_tables, record, record_of, schema_text, texts_of
 from musatpy.statistics import Statistics
 from sample_solutions import sample_solution
 
@@ -38,6 +39,29 @@ def test_the_record_obeys_its_schema(system, refraction):
 def test_the_text_made_piece_by_piece_is_that_of_the_record(system, refraction):
     statistics = Statistics(sample_solution(system, refraction))
     assert json.loads("".join(texts_of(statistics))) == json.loads(dumps(record(statistics.solution)))
+
+
+def plain_again(value):
+    """Return what a record holds with its columns as lists, read each in two ways."""
+    if isinstance(value, LazyColumn):
+        assert list(value) == [value[row] for row in range(len(value))] == value[:]
+        return value[:]
+    return {name: plain_again(entry) for name, entry in value.items()} if isinstance(value, dict) else value
+
+
+@pytest.mark.parametrize(("system", "refraction"), CASES)
+def test_what_is_held_is_the_record(system, refraction):
+    statistics = Statistics(sample_solution(system, refraction))
+    whole = record_of(statistics)
+    assert json.dumps(plain_again(held_tables(statistics, set(whole)))) == json.dumps(whole)
+
+
+def test_a_column_is_worked_out_once_and_only_when_it_is_looked_at():
+    asked = []
+    column = LazyColumn(lambda: asked.append(1) or np.array([1.0, np.nan, np.inf, 1.0 / 3.0]), 4)
+    assert asked == []
+    assert column[0] == 1.0 and column[1] is None and column[-1] == 0.3333 and len(column) == 4
+    assert list(column) == [1.0, None, None, 0.3333] and asked == [1]
 
 
 def test_only_what_is_named_is_made():
@@ -115,7 +139,7 @@ def test_with_and_without_a_package_the_numbers_are_the_same(monkeypatch, packag
         pytest.importorskip("orjson")
         monkeypatch.setattr(record_text, "_MANY", 0)
     else:
-        monkeypatch.setattr(record_text, "_orjson", lambda: None)
+        monkeypatch.setattr(record_text, "quick_json", lambda: None)
     for system, refraction in CASES[::3]:
         statistics = Statistics(sample_solution(system, refraction))
         text = "".join(texts_of(statistics))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from musatpy.cli.diff import cycles_left_alone
 from musatpy.cli.messages import name_of, tell
 from musatpy.cli.options import NamedPath, quiet_option, refuse_overwriting
 
@@ -25,7 +26,7 @@ from musatpy.cli.options import NamedPath, quiet_option, refuse_overwriting
 )
 @quiet_option
 def command(record: Path, out: Path | None, inputs: tuple[Path, ...], quiet: bool) -> None:
-    """Make a page of the record of a run, or of a compilation (`as11 compile`).
+    """Make a page of the record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
 
     One HTML file with pictures, without scripts, that needs no network: verdict, data, accuracy, pictures, worst
     observations, tables. The record may be of an earlier version. Needs jinja2 and matplotlib.
@@ -35,6 +36,7 @@ def command(record: Path, out: Path | None, inputs: tuple[Path, ...], quiet: boo
 
     place = record.with_suffix(".html") if out is None else out
     refuse_overwriting([place], [record, *inputs])
-    write_file(place, page_of_record(record, inputs).encode())
+    with cycles_left_alone():
+        write_file(place, page_of_record(record, inputs).encode())
     if not quiet:
         tell(f"{name_of(record)}: page {name_of(place)}")

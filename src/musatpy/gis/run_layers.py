@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.gis.target_system import TargetSystem, target_system
-from musatpy.interchange.layers import Column, Lines, Points
+from musatpy.interchange.layers import Column, Lines, Points, Polygons
 from musatpy.plots.footprints import ground_of, outlines
 from musatpy.plots.plane import map_about, plane_of
 from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
@@ -117,17 +117,16 @@ def _of_control(control: Mapping[str, Any]) -> dict[str, Column]:
     }
 
 
-def _footprints(tables: Tables, target: TargetSystem) -> Lines:
-    """Return what photos show at the typical height of the points, as closed lines."""
+def _footprints(tables: Tables, target: TargetSystem) -> Polygons:
+    """Return what photos show at the typical height of the points."""
     plane = map_about(tables)
     ground = ground_of(plane.places(numbers(part(tables, "points"), "position", 3)))
     flat = outlines(tables, plane, ground)
     known = np.isfinite(flat).all(axis=(1, 2))
     corners = np.column_stack([flat[known].reshape(-1, 2), np.full(4 * int(known.sum()), ground)])
     around = target.system.coordinates(plane.system.level(corners)).reshape(-1, 4, 3)
-    return Lines(
-        vertices=list(around),
-        closed=np.ones(len(around), dtype=bool),
+    return Polygons.of_outlines(
+        list(around),
         columns={"photo": Column.of(texts(part(tables, "stations"), "photo")[known])},
         crs=target.crs,
         heights=target.heights,

@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946): points and lines in longitude and latitude of WGS 84, and in no other system.
+"""GeoJSON (RFC 7946): points, lines and areas in longitude and latitude of WGS 84, and in no other system.
 
 A layer is written only where PROJ has a transformation of its datum to WGS 84; the file names it. Third coordinates
 are heights above the ellipsoid of WGS 84, of layers whose system has them. Heights of other layers are a property
@@ -26,18 +26,18 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import write_file
 from musatpy.geometry.projected import no_network
-from musatpy.interchange.layers import Column, Lines, Points
+from musatpy.interchange.layers import Column, Lines, Points, Polygons
 from musatpy.interchange.packages import fault, refuse, require_content, upsets
 
 _PLAN, _SPACE = "OGC:CRS84", "EPSG:4979"
 _SAME = ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:OGC::CRS84", "EPSG:4326")  # in files before RFC 7946
 _DECIMALS = (9, 9, 4)  # 0.1 mm
 _HEIGHT = "z"
-_POINT, _LINE = "Point", "LineString"
+_POINT, _LINE, _AREA = "Point", "LineString", "Polygon"
 
 
 def write(path: Path, layer: Points | Lines) -> None:
-    """Write points or lines.
+    """Write points, lines or areas.
 
     Raises `InterchangeError` where they cannot be brought to WGS 84 without a guess, and where heights whose datum
     is not the system's differ along a line; `OSError`.
@@ -56,7 +56,7 @@ def write(path: Path, layer: Points | Lines) -> None:
     features = (
         {
             "type": "Feature",
-            "geometry": _geometry(vertices.tolist(), isinstance(layer, Points)),
+            "geometry": _geometry(vertices.tolist(), layer),
             "properties": {name: values[i] for name, values in properties.items()},
         }
         for i, vertices in enumerate(drawn[: len(paths)])
@@ -171,8 +171,12 @@ def _line_height(path: Path, position: int, heights: FloatArray) -> float:
     return float(np.round(heights[0], _DECIMALS[2]) + 0.0)
 
 
-def _geometry(vertices: list[list[float]], is_point: bool) -> dict[str, Any]:
-    return {"type": _POINT, "coordinates": vertices[0]} if is_point else {"type": _LINE, "coordinates": vertices}
+def _geometry(vertices: list[list[float]], layer: Points | Lines) -> dict[str, Any]:
+    if isinstance(layer, Points):
+        return {"type": _POINT, "coordinates": vertices[0]}
+    if isinstance(layer, Polygons):
+        return {"type": _AREA, "coordinates": [vertices]}
+    return {"type": _LINE, "coordinates": vertices}
 
 
 def _values(column: Column) -> list[Any]:

@@ -1,4 +1,4 @@
-"""GeoPackages (OGC 12-128r19): layers of points and of 3-D lines.
+"""GeoPackages (OGC 12-128r19): layers of points, of 3-D lines and areas.
 
 Units of columns stand where the extension "schema" describes columns, the words for heights where the layer is
 described. Needs the packages pyogrio and shapely, the extra `gis`.
@@ -18,7 +18,7 @@ import pyproj
 from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import whole_path
-from musatpy.interchange.layers import Column, Lines, Points, placed
+from musatpy.interchange.layers import Column, Lines, Points, Polygons, placed
 from musatpy.interchange.packages import fault, package, refuse, require_content, upsets
 
 _USE = "GeoPackages need"
@@ -55,7 +55,7 @@ def write(path: Path, layers: Mapping[str, Points | Lines]) -> None:
                     fields=np.array(fields, dtype=object),
                     layer=name,
                     driver="GPKG",
-                    geometry_type="Point Z" if isinstance(layer, Points) else "LineString Z",
+                    geometry_type=_geometry_type(layer),
                     crs=None if layer.crs is None else layer.crs.to_wkt(),
                     append=position > 0,
                     layer_options={"DESCRIPTION": layer.heights, **_local(layer)},
@@ -96,6 +96,12 @@ def read(path: Path, layer: str = "", crs: pyproj.CRS | None = None, heights: st
     return Lines.of_paths(_split(xyz, index, len(parts)), **place)
 
 
+def _geometry_type(layer: Points | Lines) -> str:
+    if isinstance(layer, Points):
+        return "Point Z"
+    return "Polygon Z" if isinstance(layer, Polygons) else "LineString Z"
+
+
 def _encoded(shapely: Any, layer: Points | Lines) -> Any:
     """Return the geometries as WKB."""
     if isinstance(layer, Points):
@@ -103,7 +109,9 @@ def _encoded(shapely: Any, layer: Points | Lines) -> Any:
     else:
         paths = layer.paths()
         index = np.repeat(np.arange(len(paths)), [len(path) for path in paths])
-        geometries = shapely.linestrings(np.concatenate([np.empty((0, 3)), *paths]), indices=index)
+        make = shapely.linearrings if isinstance(layer, Polygons) else shapely.linestrings
+        geometries = make(np.concatenate([np.empty((0, 3)), *paths]), indices=index)
+        geometries = shapely.polygons(geometries) if isinstance(layer, Polygons) else geometries
     return shapely.to_wkb(geometries, output_dimension=3, flavor="iso")
 
 

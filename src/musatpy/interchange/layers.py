@@ -139,6 +139,23 @@ class Lines(Layer):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Polygons(Lines):
+    """n areas without holes: their closed outlines."""
+
+    @classmethod
+    def of_outlines(cls, outlines: Sequence[FloatArray], **others: Any) -> Polygons:
+        """Return the areas in outlines (k, 3), whose vertices are put counterclockwise, as RFC 7946 wants them."""
+        turned = [outline if _signed_area(outline) > 0.0 else outline[::-1] for outline in outlines]
+        return cls(vertices=turned, closed=np.ones(len(turned), dtype=bool), **others)
+
+
+def _signed_area(outline: FloatArray) -> float:
+    """Return the area in an outline (k, 3) that goes counterclockwise, its negative of the other way."""
+    x, y = (outline[:, :2] - outline[0, :2]).T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Posts(Layer):
     """The nodes of a square grid of a shape (rows, columns): rows go north from `south`, columns east from `west`.
 

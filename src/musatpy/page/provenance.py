@@ -8,7 +8,7 @@ import musatpy
 from musatpy.page.parts import Chapter, Fact, Facts
 from musatpy.plots.tables import Tables, part
 
-_SCHEMAS = ("schema_version", "compilation_version")
+_SCHEMAS = ("schema_version", "compilation_version", "soundings_version")
 
 
 def provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:

@@ -1,4 +1,4 @@
-"""From the record of a run or of a compilation, a file or in memory, to its page."""
+"""From the record of a run, a compilation or a comparison with soundings, a file or in memory, to its page."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from musatpy.json_files import known_of, read_json_file
 from musatpy.page.compilation_page import compilation_page
 from musatpy.page.rendering import check_packages, html_of
 from musatpy.page.run_page import run_page
+from musatpy.page.soundings_page import soundings_page
 from musatpy.plots.tables import Tables
-from musatpy.reports import compilation
+from musatpy.reports import compilation, soundings
 
-_OF_COMPILATION = "compilation_version"
+_OF_COMPILATION, _OF_SOUNDINGS = "compilation_version", "soundings_version"
 _RUN_NEEDS = {
     "options": ("program", "system", "refraction", "plate_sigma"),
     "solution": ("converged", "sigma0", "degrees_of_freedom"),
@@ -29,10 +30,16 @@ _COMPILATION_NEEDS = {
     "models": ("model", "y_parallax"),
     "points": ("model", "point", "submerged", "datum_depth", "datum_depth_sigma", "covariance", "reason"),
 }
+_SOUNDINGS_NEED = {
+    "matching": ("radius", "datum", "datum_sigma", "sigma", "plan_sigma", "steepest", "not_before"),
+    "samples": ("sample", "size", "rms", "median", "spread"),
+    "differences": ("sounding", "compiled", "sounded", "difference", "sigma", "blunder"),
+    "left_out": ("sounding", "reason"),
+}
 
 
 def page_of_record(path: Path, inputs: Iterable[Path] = ()) -> str:
-    """Return the page of the record of a run or a compilation as HTML: of this version, or of an earlier one.
+    """Return the page of the record of a run, a compilation or a comparison as HTML: also of an earlier version.
 
     It states the SHA-256 of the record, and of `inputs`, files that the run has read. Raises `RecordError` for a
     file that is no such record, `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
@@ -46,7 +53,11 @@ def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
 
     Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
-    page = compilation_page if _OF_COMPILATION in tables else run_page
+    page = run_page
+    if _OF_COMPILATION in tables:
+        page = compilation_page
+    elif _OF_SOUNDINGS in tables:
+        page = soundings_page
     return html_of(page(tables, {file.name: _sha256(file) for file in files}))
 
 
@@ -55,8 +66,10 @@ def tables_of_record(path: Path) -> dict[str, Any]:
     record = read_json_file(path)
     if isinstance(record, dict) and _OF_COMPILATION in record:
         return known_of(record, path, _COMPILATION_NEEDS, schema=compilation.schema())
+    if isinstance(record, dict) and _OF_SOUNDINGS in record:
+        return known_of(record, path, _SOUNDINGS_NEED, schema=soundings.schema())
     if not isinstance(record, dict) or "schema_version" not in record:
-        message = "is neither the record of a run nor that of a compilation"
+        message = "is not the record of a run, of a compilation or of a comparison with soundings"
         raise RecordError([Problem(file=str(path), message=message)])
     return known_of(record, path, _RUN_NEEDS, LEFT)
 

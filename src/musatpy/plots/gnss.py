@@ -85,7 +85,7 @@ def figure(found: ObservedStations) -> Any:
     width, height = (bounds[1] - bounds[0]).tolist()
     tall = max(_MAP * height / max(width, height), 3.0)
     sizes = [_WIDE], [tall, _LOW, _LOW, _LOW]
-    margins = Margins(below=1.0, between=0.55)
+    margins = Margins(below=1.0, between=0.5)
     sheet = new_sheet(sizes, margins, title="Stations, adjusted minus observed", legend=1)
     axes, *components = sheet.panels[:, 0].tolist()
     axes.set_aspect("equal")
@@ -95,8 +95,10 @@ def figure(found: ObservedStations) -> Any:
     shown = 2.0 * shown_size(bounds, len(found.photos))
     draw_arrows(axes, found.places, turned(found.difference[:, :2], found.turns), shown, "in plan", color=WET)
     for axis, (panel, name) in enumerate(zip(components, found.names, strict=True)):
-        panel.sharex(components[0]) if axis else None
+        if axis:
+            panel.sharex(components[0])
         _draw_component(panel, found, axis)
+        panel.tick_params(labelbottom=panel is components[-1])
         panel.set_ylabel(f"{name}, m", fontsize=9)
     step = -(-len(found.photos) // _TICKS)
     number = np.arange(1.0, len(found.photos) + 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from musatpy.canvas import new_figure
 
 _LINE = 0.19  # inches, of a line of the legend
 _HEAD = 0.3  # of the title of a sheet
-_LETTER = 0.068  # of a letter of 8 points
+_LETTER, _TITLE = 0.068, 0.092  # of a letter of 8 points, and of the title
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,12 +49,13 @@ def new_sheet(
     Raises `MusatError` where matplotlib is missing.
     """
     widths, heights = (np.asarray(size, dtype=float) for size in sizes)
-    head, foot = _HEAD if title else 0.0, _LINE * legend + 0.15 if legend else 0.0
     width = margins.left + widths.sum() + margins.beside * (len(widths) - 1) + margins.right
+    lines = wrap(title, int(width / _TITLE))
+    head, foot = _HEAD * len(lines), _LINE * legend + 0.15 if legend else 0.0
     height = margins.below + heights.sum() + margins.between * (len(heights) - 1) + margins.above + head + foot
     figure = new_figure(width, height, layout="none")
     if title:
-        figure.suptitle(title, fontsize=11, y=1.0 - 0.08 / height, va="top")
+        figure.suptitle("\n".join(lines), fontsize=11, y=1.0 - 0.08 / height, va="top")
     panels = np.empty((len(heights), len(widths)), dtype=object)
     for row, column in np.ndindex(panels.shape):
         left = margins.left + widths[:column].sum() + margins.beside * column

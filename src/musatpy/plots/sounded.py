@@ -1,16 +1,26 @@
-"""The picture of a comparison with soundings, from its record: differences have no places there."""
+"""The picture of a comparison with soundings, from its record; those before 2.1 say no places, and have no map."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from musatpy.arrays import FloatArray
 from musatpy.plots.picture import Picture
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.plots.wording import counted, measure
 from musatpy.soundings.differences import Differences, median_and_spread, order_shares
 from musatpy.soundings.pictures import difference_figure
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SoundedPlan:
+    """Differences of k soundings, and where these are."""
+
+    differences: Differences
+    places: FloatArray | None  # (k, 2) m, None where the record does not say
 
 
 def differences_of(tables: Tables) -> Differences:
@@ -27,28 +37,35 @@ def differences_of(tables: Tables) -> Differences:
     return found
 
 
-def sentence(found: Differences) -> str:
+def sounded_plan(tables: Tables) -> SoundedPlan:
+    """Return the differences with their places. Raises `NothingToShowError` where there are none."""
+    found, places = differences_of(tables), numbers(part(tables, "differences"), "place", 2)
+    return SoundedPlan(differences=found, places=places if len(places) == len(found.names) else None)
+
+
+def sentence(found: SoundedPlan) -> str:
     """Return what the picture says."""
-    good = ~found.blunders
-    middle, spread = median_and_spread(found.difference[good])
-    shares = ", ".join(f"{order.share:.0%} {order.name}" for order in order_shares(found))
+    differences = found.differences
+    good = ~differences.blunders
+    middle, spread = median_and_spread(differences.difference[good])
+    shares = ", ".join(f"{order.share:.0%} {order.name}" for order in order_shares(differences))
     return (
-        f"Compiled less sounded depths at {counted(len(found.names), 'sounding')}, "
+        f"Compiled less sounded depths at {counted(len(differences.names), 'sounding')}, "
         f"{counted(int(np.count_nonzero(~good)), 'blunder')} among them: median {measure(middle, 'm')}, scaled "
         f"median deviation {measure(spread, 'm')}; within the orders of S-44: {shares}."
     )
 
 
-def figure(found: Differences) -> Any:
+def figure(found: SoundedPlan) -> Any:
     """Return the figure of differences. Raises `MusatError` where matplotlib is missing."""
-    return difference_figure(found, None, "Compiled and sounded depths")
+    return difference_figure(found.differences, found.places, "Compiled and sounded depths")
 
 
 SOUNDINGS = Picture(
     name="soundings",
     title="Compiled and sounded depths",
     needs={"differences": ("sounding", "compiled", "sounded", "sigma")},
-    numbers=differences_of,
+    numbers=sounded_plan,
     figure=figure,
     words=sentence,
 )

@@ -23,7 +23,8 @@ class LazyColumn(Sequence[Json]):
 
     @cached_property
     def _values(self) -> Any:
-        return rounded(self.of(), self.digits)
+        values = rounded(self.of(), self.digits)
+        return values if isinstance(values, np.ndarray) else list(values)
 
     @property
     def array(self) -> NDArray[Any] | None:

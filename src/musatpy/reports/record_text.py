@@ -6,14 +6,13 @@ numbers are the same, their exponents may be written in another way.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from collections.abc import Iterator, Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
 
+from musatpy.json_files import quick_json
 from musatpy.reports.encoding import Json, plain, rounded
 from musatpy.reports.fields import Group, Node, Rows
 
@@ -79,7 +78,7 @@ def _entries(values: Any, digits: int | None) -> str:
     """Return the entries of a part of a column, with commas between them."""
     entries = rounded(values, digits)
     is_array = isinstance(entries, np.ndarray)
-    if (orjson := _orjson() if len(entries) > _MANY else None) is not None:
+    if (orjson := quick_json() if len(entries) > _MANY else None) is not None:
         plain_types = not is_array or entries.dtype.kind in "fiub"
         whole = (np.ascontiguousarray(entries) if is_array else list(entries)) if plain_types else entries.tolist()
         return str(orjson.dumps(whole, option=orjson.OPT_SERIALIZE_NUMPY), "utf-8")[1:-1]
@@ -90,9 +89,3 @@ def _entries(values: Any, digits: int | None) -> str:
         entry = f"[{','.join([entry] * size)}]"
     known = np.where(np.isfinite(entries), entries, np.nan).ravel().tolist()
     return (",".join([entry] * len(entries)) % tuple(known)).replace("nan", "null")
-
-
-@cache
-def _orjson() -> Any:
-    """Return the package that writes numbers six times as fast as Python does, None without the extra `fast`."""
-    return importlib.import_module("orjson") if importlib.util.find_spec("orjson") else None

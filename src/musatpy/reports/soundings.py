@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from musatpy.compilation.compiled import Compiled
     from musatpy.compilation.sounded import Matching, Sounded
 
-_VERSION = "2.0"
+_VERSION = "2.1"
 _LARGEST = 20  # blunders that are named
 
 
@@ -113,6 +113,7 @@ DIFFERENCES: Rows[Sounded, Sounded] = Rows(
         Field("difference", "number", "compiled less sounded", lambda s: s.differences.difference, "m"),
         Field("sigma", "number", "of the difference", lambda s: s.differences.sigma, "m"),
         Field("blunder", "boolean", "beyond 3.29 robust deviations", lambda s: s.differences.blunders),
+        Field("place", "2 number", "east and north on the map of the first model, or raster", lambda s: s.xy, "m"),
     ),
 )
 LEFT_OUT: Rows[Sounded, Sounded] = Rows(

@@ -1,0 +1,178 @@
+"""The page of a comparison with soundings (`musat as11 compare-soundings`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from musatpy.errors import MusatError
+from musatpy.model import Grade
+from musatpy.page.cells import count_of, number_text
+from musatpy.page.parts import Chapter, Fact, Facts, Page, Part, Reason
+from musatpy.page.pictures import pictures_chapter
+from musatpy.page.provenance import closing, provenance
+from musatpy.page.run_tables import by_size
+from musatpy.page.stated import Row, Shown, anchor_of, in_columns, tables_of
+from musatpy.plots.gallery import SOUNDED as PICTURES
+from musatpy.plots.sounded import differences_of
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.reports import soundings
+from musatpy.reports.answer import USE
+from musatpy.reports.table import Column, Report, key
+from musatpy.soundings.differences import Differences, order_shares, scale_warning
+from musatpy.soundings.s44 import source
+
+COMPARED = "COMPARED"
+_LISTED = 200  # rows
+_NO_LIMIT = "any"
+_WITHOUT = "without blunders"  # a row of the samples
+
+
+def _met(row: Row) -> str:
+    return "met" if row["met"] else "NO"
+
+
+def _blunder(row: Row) -> str:
+    return "*" if row["blunder"] else ""
+
+
+_SAMPLES = Shown(
+    report=soundings.SAMPLE_TABLE,
+    folded=False,
+    note="Bands of sounded depth are without blunders; NMAD: median absolute deviation times 1.4826.",
+)
+_SHARES = Shown(
+    report=soundings.SHARE_TABLE,
+    folded=False,
+    note=f"Share of the differences within the vertical uncertainty of an order. {source()}.",
+    values={"95 %": _met},
+)
+_DIFFERENCES: Report[Any] = Report(
+    title="Differences",
+    table=soundings.DIFFERENCES,
+    columns=(
+        key("Sounding", "A16", "sounding"),
+        Column("Compiled\nm", "F9.3", shows="compiled"),
+        Column("Sounded\nm", "F9.3", shows="sounded"),
+        Column("Difference\nm", "F9.3", shows="difference"),
+        Column("Sigma\nm", "F9.3", shows="sigma"),
+        Column("Blunder", "A4", shows="blunder"),
+    ),
+)
+_LEFT_OUT: Report[Any] = Report(
+    title="Soundings That Do Not Meet The Bottom",
+    table=soundings.LEFT_OUT,
+    columns=(key("Sounding", "A16", "sounding"), Column("Reason", "A60", shows="reason")),
+)
+_ROWS = Shown(
+    report=_DIFFERENCES,
+    badness=by_size("difference"),
+    listed=_LISTED,
+    note="* beyond 3.29 robust deviations from the median.",
+    values={"Blunder": _blunder},
+)
+_MISSED = Shown(report=_LEFT_OUT, listed=_LISTED)
+
+
+def soundings_page(tables: Tables, files: Mapping[str, str]) -> Page:
+    """Return the page of the record of a comparison with soundings; `files` as `run_page` has them.
+
+    Raises `MusatError` where no sounding meets the bottom.
+    """
+    try:
+        found = differences_of(tables)
+    except NothingToShowError as error:
+        raise MusatError(f"the record has nothing to show: {error}") from error
+    pictures, tables = pictures_chapter(PICTURES, tables), in_columns(tables)
+    warning = scale_warning(found)
+    chapters = [
+        Chapter(title=title, anchor=anchor_of(title), parts=list(parts))
+        for title, parts in (
+            ("Accuracy", tables_of((_SAMPLES, _SHARES), tables)),
+            ("Regression", _regression(tables)),
+            ("Soundings", tables_of((_ROWS, _MISSED), tables)),
+            ("How They Were Compared", _matching(tables)),
+        )
+    ]
+    chapters.insert(1, pictures)
+    return Page(
+        title="Comparison With Soundings",
+        lines=["Compiled less sounded depths: positive where the compiled bottom is deeper."],
+        grade=Grade.DOUBTFUL if warning else COMPARED,
+        use=USE[Grade.DOUBTFUL] if warning else _order_met(found),
+        reasons=[Reason(grade=Grade.DOUBTFUL, text=warning)] if warning else (),
+        causes=(),
+        notes=(),
+        figures=Facts(facts=list(_figures(tables)), large=True),
+        chapters=[*(chapter for chapter in chapters if chapter.parts), provenance(tables, files)],
+        closing=closing(),
+    )
+
+
+def _order_met(found: Differences) -> str:
+    """Return the strictest order that the differences meet, in words."""
+    met = [order.name for order in order_shares(found) if order.met]
+    return f"95 % of the differences are within {f'S-44 {met[0]}' if met else 'no order of S-44'}"
+
+
+def _figures(tables: Tables) -> Iterator[Fact]:
+    met, missed = (len(texts(part(tables, name), "sounding")) for name in ("differences", "left_out"))
+    yield Fact(label="Soundings that meet the bottom", value=f"{met:,} of {met + missed:,}")
+    blunders = int(np.sum(part(tables, "differences").get("blunder", ())))
+    yield Fact(label="Blunders among them", value=f"{blunders:,}", detail="beyond 3.29 robust deviations")
+    sample = part(tables, "samples")
+    rows = list(sample.get("sample", ()))
+    row = rows.index(_WITHOUT) if _WITHOUT in rows else 0
+    link = anchor_of(_SAMPLES.title)
+    for label, name in (("Median difference", "median"), ("RMS of differences", "rms"), ("NMAD", "spread")):
+        if rows:
+            value = f"{number_text(numbers(sample, name)[row], 3)} m"
+            yield Fact(label=label, value=value, detail=rows[row], link=link)
+
+
+def _regression(tables: Tables) -> Iterator[Part]:
+    line = part(tables, "regression")
+    if not line:
+        return
+    yield Facts(
+        facts=[
+            Fact(
+                label="a: tide, datum",
+                value=f"{number_text(line['a'], 4)} m",
+                detail=f"sigma {number_text(line['a_sigma'], 4)} m",
+            ),
+            Fact(
+                label="b: refraction",
+                value=number_text(line["b"], 5),
+                detail=f"of the depth, sigma {number_text(line['b_sigma'], 5)}",
+            ),
+            Fact(label="Correlation of a and b", value=number_text(line["correlation"], 3)),
+            Fact(label="Sigma0", value=number_text(line["sigma0"], 3)),
+        ]
+    )
+
+
+def _matching(tables: Tables) -> Iterator[Part]:
+    how, orders = part(tables, "matching"), part(tables, "point_orders")
+    radius, steepest = how["radius"], how["steepest"]
+    if not orders:
+        bottom = "posts of a raster"
+    else:
+        bottom = "triangles" if radius is None else f"planes of points within {radius:g} m"
+    facts = [
+        Fact(label="Bottom", value=bottom),
+        Fact(
+            label="Datum of the soundings below the bottom's",
+            value=f"{number_text(how['datum'], 3)} m",
+            detail=f"sigma {number_text(how['datum_sigma'], 3)} m",
+        ),
+        Fact(label="Sigma of depths without one", value=f"{number_text(how['sigma'], 3)} m"),
+        Fact(label="Sigma of places", value=f"{number_text(how['plan_sigma'], 2)} m"),
+        Fact(label="Steepest slope", value=_NO_LIMIT if steepest is None else f"{steepest:g}"),
+        Fact(label="First day", value=str(how["not_before"] or _NO_LIMIT)),
+    ]
+    for name, count in orders.items():
+        facts.append(Fact(label=f"Points whose sigmas meet {name}", value=count_of(count, "point")))
+    yield Facts(facts=facts)

@@ -1,0 +1,105 @@
+"""The page of a comparison with soundings, against its record, and its picture."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
+from musatpy.compilation.sounded import Matching
+from musatpy.errors import MusatError, RecordError
+from musatpy.page.records import page_of_record
+from musatpy.plots.sounded import SOUNDINGS, sounded_plan
+from page.pages import ROOT, read, written
+
+FIXTURES = ROOT / "fixtures" / "st_thomas_as11"
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    """The record of soundings beside the compilation of St. Thomas."""
+    folder = tmp_path_factory.mktemp("sounded")
+    outputs = SoundingOutputs(listing=folder / "S.lst", record=folder / "S.json", picture=None)
+    how = Matching(datum=-0.15, sigma=0.2)
+    compare_soundings(written(folder), FIXTURES / "st_thomas_as11.crd", FIXTURES / "soundings.csv", outputs, how)
+    return json.loads(outputs.record.read_text())
+
+
+@pytest.fixture(autouse=True)
+def without_pictures(monkeypatch):
+    monkeypatch.setattr("musatpy.page.soundings_page.PICTURES", ())
+
+
+def page_of(record, folder):
+    return read(written(folder, json.dumps(record)))
+
+
+def test_samples_orders_and_differences(record, tmp_path):
+    page, table = page_of(record, tmp_path), record["differences"]
+    difference, blunder = np.array(table["difference"]), np.array(table["blunder"])
+    assert f"Soundings that meet the bottom{len(difference)} of 200" in page.text
+    rows = {row["Sample"]: row for row in page.rows("Comparison With Soundings: Compiled Less Sounded Depths")}
+    for name, values in (("all", difference), ("without blunders", difference[~blunder])):
+        assert float(rows[name]["RMS m"]) == pytest.approx(np.sqrt(np.mean(values**2)), abs=5.1e-4)
+        assert float(rows[name]["Median m"]) == pytest.approx(np.median(values), abs=5.1e-4)
+    assert {"2 to 5 m", "5 to 10 m", "10 to 20 m"} <= set(rows)
+    orders = page.rows("Orders Of S-44 Met By The Differences")
+    assert [row["95 %"] for row in orders] == ["NO", "NO", "NO", "met"]
+    assert "COMPARED: 95 % of the differences are within S-44 2" in page.text
+    listed = page.rows("Differences")
+    sizes = np.abs([float(row["Difference m"]) for row in listed])
+    assert (np.diff(sizes) <= 0.0).all() and sizes[0] == pytest.approx(np.abs(difference).max(), abs=5.1e-4)
+    assert sum(row["Blunder"] == "*" for row in listed) == blunder.sum()
+    assert len(page.rows("Soundings That Do Not Meet The Bottom")) == len(record["left_out"]["sounding"])
+    assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
+
+
+def test_feet_make_it_doubtful(record, tmp_path):
+    table = record["differences"]
+    sounded = [3.28084 * depth for depth in table["compiled"]]
+    other = {**record, "differences": {**table, "sounded": sounded}}
+    page = page_of(other, tmp_path)
+    assert "DOUBTFUL" in page.text and re.search(r"they look like .*feet", page.text)
+
+
+def test_a_record_before_places_has_a_page_and_a_picture_without_a_map(record, tmp_path):
+    earlier = {**record, "soundings_version": "2.0", "differences": dict(record["differences"])}
+    del earlier["differences"]["place"]
+    assert page_of(earlier, tmp_path).rows("Differences")
+    assert sounded_plan(earlier).places is None
+    assert sounded_plan(record).places.shape == (len(record["differences"]["sounding"]), 2)
+    pytest.importorskip("matplotlib")
+    assert len(SOUNDINGS.draw(earlier).axes) == 2
+    assert len(SOUNDINGS.draw(record).axes) == 4  # with the map, and what its shades mean
+
+
+def test_the_map_has_the_soundings_in_their_places(record):
+    """Distances on the map are those of the file, by the radii of the ellipsoid, to a thousandth."""
+    lines = (FIXTURES / "soundings.csv").read_text().splitlines()
+    heads = lines[0].split(",")
+    rows = {row["name"]: row for row in (dict(zip(heads, line.split(","), strict=True)) for line in lines[1:])}
+    table = record["differences"]
+    first, last = table["sounding"][0], table["sounding"][-1]
+    (lat1, lon1), (lat2, lon2) = ((float(rows[name]["lat"]), float(rows[name]["lon"])) for name in (first, last))
+    phi = np.radians(0.5 * (lat1 + lat2))
+    a, e2 = 6378206.4, 0.006768658
+    w = 1.0 - e2 * np.sin(phi) ** 2
+    north = np.radians(lat2 - lat1) * a * (1.0 - e2) / w**1.5
+    east = np.radians(lon2 - lon1) * a / np.sqrt(w) * np.cos(phi)
+    moved = np.subtract(table["place"][-1], table["place"][0])
+    np.testing.assert_allclose(moved, [east, north], rtol=2e-3, atol=0.5)
+
+
+def test_nothing_to_show_and_wrong_values_are_told(record, tmp_path):
+    nothing = {**record, "differences": {name: [] for name in record["differences"]}}
+    with pytest.raises(MusatError, match="no sounding meets the bottom"):
+        page_of_record(written(tmp_path, json.dumps(nothing)))
+    wrong = {
+        **record,
+        "differences": {**record["differences"], "sounded": ["x"] * len(record["differences"]["sounded"])},
+    }
+    with pytest.raises(RecordError, match=r"differences.sounded\[0\]: expected a number, found"):
+        page_of_record(written(tmp_path, json.dumps(wrong)))
