@@ -87,7 +87,7 @@ def test_a_record_of_rows_is_read_as_columns(tmp_path: Path) -> None:
     limit = "1e-8"  # sigmas: records of one deck, and digits that the new one has not
     assert CliRunner().invoke(main, ["compare", str(path), str(now), "--limit", limit]).exit_code == 0
     rules = tmp_path / "rules.toml"
-    rules.write_text("[[rule]]\nname = 'digits'\nrelative = 1e-8\nabsolute = 1e-12\n\n" + VERSIONS)
+    rules.write_text("[[rule]]\nname = 'digits'\nrelative = 1e-8\nabsolute = 1e-11\n\n" + VERSIONS)
     result = CliRunner().invoke(main, ["diff", str(path), str(now), "--rules", str(rules)])
     assert result.exit_code == 0, result.output
 

@@ -156,7 +156,7 @@ def record_of(statistics: Statistics, names: Container[str] | None = None) -> di
 
 def held_tables(statistics: Statistics, names: Container[str]) -> dict[str, Json]:
     """Return what is named of `record_of`; the columns of its tables are worked out where they are looked at."""
-    return {node.name: node.held(statistics) for node in _said(tables(), statistics) if node.name in names}
+    return {node.name: node.held(statistics) for node in _said(read_tables(), statistics) if node.name in names}
 
 
 def schema() -> Schema:
