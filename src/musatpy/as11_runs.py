@@ -211,7 +211,8 @@ def run_of(path: Path, anyway: bool = False) -> Triangulation:
         return of_record(path, anyway)
     block, problems = check_deck(path, for_run=False)
     if block is None:
-        raise DeckError(problems)
+        other = _other_than_run(path)
+        raise DeckError([Problem(file=str(path), message=other)] if other else problems)
     try:
         run = of_block(block)
         if not (anyway or block.raw) and (fault := unadjusted(run)):
@@ -219,6 +220,16 @@ def run_of(path: Path, anyway: bool = False) -> Triangulation:
     except CompilationError as error:
         raise CompilationError(_of_file(path, error)) from error
     return run
+
+
+def _other_than_run(path: Path) -> str:
+    """Return what a file is that has no exposure stations; empty where it has some, or nothing at all."""
+    with path.open("rb") as file:
+        names = {line[:3] for line in file if line.strip()}
+    if not names or names & {b"STA", b"STX"}:
+        return ""
+    found = "a compilation deck (MDL cards)" if b"MDL" in names else "no deck with exposure stations (STA cards)"
+    return f"it is {found}; expected the record of a run, NAME.json, or the deck that it punched, NAME.pun"
 
 
 def raw_loop(loop: Loop, deck: Path) -> RawLoop:

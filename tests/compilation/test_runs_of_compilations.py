@@ -170,6 +170,24 @@ def test_the_deck_of_a_run_that_is_still_to_be_adjusted_is_refused(name: str, tm
     assert "NAME.json" in result.output and "NAME.pun" in result.output
 
 
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("st_thomas_as11/st_thomas_as11.crd", "a compilation deck (MDL cards)"),
+        ("st_thomas_as11/soundings.csv", "no deck with exposure stations (STA cards)"),
+        ("st_thomas/st_thomas.lst", "no deck with exposure stations (STA cards)"),
+    ],
+)
+def test_what_is_no_run_is_told_in_a_line(name: str, what: str, tmp_path: Path) -> None:
+    run = stage_readings.FIXTURES / name
+    result = invoked("as11", "setup", run, stage_readings.DECK, "-o", tmp_path)
+    assert result.exit_code == 1
+    assert result.output.splitlines()[0] == (
+        f"{run}: it is {what}; expected the record of a run, NAME.json, or the deck that it punched, NAME.pun"
+    )
+    assert len(result.output.splitlines()) == 2
+
+
 def test_it_is_compiled_from_all_the_same_when_asked_for(tmp_path: Path) -> None:
     result = invoked("as11", "setup", DECK, stage_readings.DECK, "-o", tmp_path, "--anyway")
     assert result.exit_code == 0 and "model 2122 is not recovered" in result.output

@@ -203,7 +203,7 @@ def _options(compiled: Compiled) -> dict[str, str]:
 
 def _contours(spec: ContourSpec) -> str:
     """Return which contours are asked for."""
-    texts = [f"every {spec.interval:g} m, each {spec.index}. thick"] if np.isfinite(spec.interval) else []
+    texts = [f"every {spec.interval:g} m, one in {spec.index} thick"] if np.isfinite(spec.interval) else []
     listed = sorted({*spec.listed, *spec.listed_index})
     texts += [f"at {', '.join(f'{level:g}' for level in listed)} m"] if listed else []
     texts += [f"of grid {spec.grid}"] if spec.grid else []
