@@ -129,10 +129,15 @@ def _water_vectors(
 def _by_water(
     network: Network, over: Surface, bent: flat.Incidence, camera: FloatArray, ground: FloatArray
 ) -> FloatArray:
-    """Return the partials (..., 3, 4 + w) of v by water level, tilt east, tilt north, index and waves."""
-    east, north = (
-        by_tilt(over, axis, ground, camera, bent.v, bent.by_camera, bent.by_level) for axis in network.tilt_axes
-    )
+    """Return the partials (..., 3, 4 + w) of v by water level, tilt east, tilt north, index and waves.
+
+    Those by a tilt that is known are not asked for: 0.
+    """
+    east = north = np.zeros_like(bent.by_level)
+    if network.border.count(ObservationKind.WATER_TILT):
+        east, north = (
+            by_tilt(over, axis, ground, camera, bent.v, bent.by_camera, bent.by_level) for axis in network.tilt_axes
+        )
     partials = np.stack([bent.by_level / over.secant[..., None], east, north, bent.by_index], axis=-1)
     return np.concatenate([partials, bent.by_waves], axis=-1) if isinstance(bent, SeaIncidence) else partials
 

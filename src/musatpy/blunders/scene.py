@@ -196,18 +196,23 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State,
     line = scene.line
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
-    short, factor = 0, None
+    short, factor, whole = 0, None, True
+    steps = min(scene.block.options.max_iterations, _ITERATIONS)
     for _ in range(_TURNS):
-        outcome = adjusted(scene, factors, state, min(scene.block.options.max_iterations, _ITERATIONS))
-        state, short = outcome.state, short + 1 if outcome.failure else 0
-        factor = None if outcome.last is None else outcome.last.factor
-        if outcome.is_final or short == SHORT:
+        # a few points that cross the tides one by one hardly move the stations: one step, until they rest
+        outcome = adjusted(scene, factors, state, steps if whole else 1)
+        state, factor = outcome.state, None if outcome.last is None else outcome.last.factor
+        short = short + 1 if outcome.failure and whole else 0
+        if (outcome.is_final and whole) or short == SHORT:
             break
         line = next_line(scene.network, scene.line, state, scene.block.points.bathymetric)
-        if np.array_equal(line.wet, scene.line.wet):
+        crossing = not np.array_equal(line.wet, scene.line.wet)
+        if not crossing and (whole or not outcome.failure):
             break
-        scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
-        factor = None  # which was that of the other sides
+        whole = not crossing
+        if crossing:
+            scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
+            factor = None  # which was that of the other sides
     return scene, state, factor
 
 
