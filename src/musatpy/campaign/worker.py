@@ -195,7 +195,8 @@ def check_unchanged(job: Job, deck_sha256: str | None, inputs: dict[str, str]) -
     if sha256_of(job.deck) != deck_sha256:
         raise MusatError(f"{job.deck}: the deck was changed while it was run")
     if job.formats_changed() or job.inputs(inputs) != inputs:
-        raise MusatError(f"{job.deck}: what it is run with was changed while the batch ran")
+        others = "card formats or a geoid model" if job.run is None else f"{job.run}, card formats or a geoid model"
+        raise MusatError(f"{job.deck}: {others} were changed while the batch ran")
 
 
 def check_kind(deck: Path) -> None:
