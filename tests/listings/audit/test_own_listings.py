@@ -32,7 +32,8 @@ def audited(text):
 @pytest.mark.parametrize("deck", sorted(GOLDEN.entries))
 def test_a_golden_listing_is_consistent(deck):
     listing = read_listing(GOLDEN.kept(deck)["lst"])
-    assert len(listing.analyses) >= 3 and listing.plates
+    if deck not in GOLDEN.runs:  # compilations have one analysis, and no plates
+        assert len(listing.analyses) >= 3 and listing.plates
     assert listing.repairs == () and listing.unreadable == ()
     assert audit(listing) == []
 
