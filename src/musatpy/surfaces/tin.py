@@ -19,6 +19,7 @@ REASONS = {
     FEW: "too few points within the radius, or to one side",
 }
 _FLAT = 1e-9  # of the extent along: points on a line have no triangles
+_BORDER = 1e-9  # of a triangle: so far out a place is still on its border, and inside, as points of a border are
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,7 +138,7 @@ class Tin:
         low, high = self.xy[:, 0].min(), self.xy[:, 0].max()
         strip = np.clip(np.nan_to_num((places[:, 0] - low) / (high - low)), 0.0, 1.0) * strips
         order, triangle = np.lexsort((places[:, 1], np.floor(strip))), np.empty(len(places), dtype=np.int64)
-        triangle[order] = self.search.find_simplex(places[order])  # type: ignore[attr-defined]
+        triangle[order] = self.search.find_simplex(places[order], tol=_BORDER)  # type: ignore[attr-defined]
         return triangle
 
     def _weights(self, places: FloatArray, corners: IntArray) -> FloatArray:
