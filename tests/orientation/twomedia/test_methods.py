@@ -78,19 +78,19 @@ def test_the_truth_from_nothing(name, method):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("draws", [2, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("name", "method"),
     [(name, method) for name in KINDS for method in METHODS if name != "aerial" or not method.startswith("PAIR")],
 )
-def test_other_points_give_the_truth_from_nothing(name, method, draws):
-    """In 99 of 100 draws of the points, to 1e-9 of the height and rad, where the plane is determined."""
-    right = 0
-    for draw in range(1, draws + 1):
+def test_other_points_give_the_truth_from_nothing(name, method):
+    """In all of 30 draws of the points, to 1e-9 of the height and rad, where the plane is determined.
+
+    Of 100 in 99 and more (half an hour for all methods and geometries).
+    """
+    for draw in range(1, 31):
         true = geometry(name, method, draw)
         result = orient(sights_of(true, control_of(METHODS[method])), METHODS[method], Plane(), true.kind.B)
-        right += scaled_errors(result.at, true).max() < 1e-9
-    assert right >= 0.99 * draws
+        assert scaled_errors(result.at, true).max() < 1e-9, draw
 
 
 def level_1(name: str, method: str, seed: int, count: int = 100) -> Orientation:
