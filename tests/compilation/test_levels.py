@@ -57,6 +57,14 @@ def levels(bottom: Bottom) -> list[float]:
     return [line.level for sheet in bottom.sheets for line in sheet.contours.lines]
 
 
+def test_depths_count_from_the_datum_and_have_its_sigma() -> None:
+    plain, below = beach(), beach("VDT MLLW        -0.1500  0.3000")
+    depth, sigma = below.datum_depth
+    bottom = _SLOPE * (plain.gathered("position")[:, 0] - 900.0)
+    np.testing.assert_allclose(depth, -0.15 - bottom, rtol=0, atol=1e-4)  # of readings in 1e-6 mm
+    np.testing.assert_allclose(sigma**2, plain.datum_depth[1] ** 2 + 0.3**2, rtol=1e-9)
+
+
 def test_depths_end_at_the_deepest_dry_point_unless_the_foreshore_belongs_to_them() -> None:
     """Posts are 175 m apart, 3.5 m of height: the shallowest submerged one is 3.3 m deep."""
     (plain,) = bottoms_of(beach("CIN    2.000"))

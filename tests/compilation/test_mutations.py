@@ -16,7 +16,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LOOP, PRINTED = "compilation/test_loop.py", "compilation/test_printed.py"
-POINTS, COMPILE = "compilation/test_true_points.py", "compilation/test_compile_command.py"
+POINTS = "compilation/test_true_points.py"
 PAIRS, PARALLAXES = "compilation/test_pair_points.py", "compilation/test_parallax_tests.py"
 WAVES = "compilation/test_runs_with_waves.py"
 CHAINS, VIEWS = "compilation/test_stage_chains.py", "compilation/test_views_of_points.py"
@@ -130,8 +130,8 @@ MUTATIONS = [
     ("compilation/errors_of_differences.py", "(c, t, -1.0), (t, c, -1.0)", "(c, t, 1.0), (t, c, 1.0)", AGAINST),
     ("compilation/errors_of_differences.py", "(2.0 * t.alone if", "(0.0 * t.alone if", AGAINST),
     # the datum
-    ("compilation/compiled.py", "self.datum.over(self.gathered(\"position\")) - self", "-self", COMPILE),
-    ("compilation/compiled.py", "np.hypot(self.sigma[:, 2], self.datum.sigma)", "self.sigma[:, 2]", COMPILE),
+    ("compilation/compiled.py", "self.datum.over(self.gathered(\"position\")) - self", "-self", LEVELS),
+    ("compilation/compiled.py", "np.hypot(self.sigma[:, 2], self.datum.sigma)", "self.sigma[:, 2]", LEVELS),
     ("compilation/sounded.py", "soundings.depth[met] + how.datum", "soundings.depth[met] - how.datum",
      "compilation/test_sounded.py"),
     ("compilation/sounded.py", "at.slope[met] * how.plan_sigma", "0.0 * at.slope[met] * how.plan_sigma",

@@ -170,15 +170,14 @@ def images_in_columns(content: Any) -> Any:
     return {**content, **columns}
 
 
-def in_one_table(content: Any, name: str) -> Any:
-    """Return a record with all observations in one table; raises `CannotCompareError` where there are none."""
+def in_one_table(content: Any) -> Any:
+    """Return a record with all observations in one table; one that is not as its schema says stays as it is."""
     if not are_apart(content := images_in_columns(content)):
         return content
     try:
         return with_images(content, lambda value: Number(f"{value:.12g}"))
-    except (LookupError, TypeError, ValueError, ZeroDivisionError) as error:
-        problem = Problem(file=name, message="has no tables `observations` and `plates` as a record has them")
-        raise CannotCompareError([problem]) from error
+    except (LookupError, TypeError, ValueError, ZeroDivisionError):
+        return content
 
 
 def _table(name: str, value: Any) -> RecordTable:

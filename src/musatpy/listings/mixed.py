@@ -41,7 +41,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     if not isinstance(content, dict):
         message = "is no record of a run, and cannot be held against a listing"
         raise CannotCompareError([Problem(file=names[1 - listing], message=message)])
-    content = in_one_table(content, names[1 - listing])
+    content = in_one_table(content)
     tallies, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
         mapped = mapped_section(section.title)

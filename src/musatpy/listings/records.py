@@ -54,7 +54,7 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     contents = [read_json(text, name) for text, name in zip((a, b), names, strict=True)]
     contents = [images_in_columns(content) for content in contents]
     if len({are_apart(content) for content in contents}) > 1:  # one is of an earlier version
-        contents = [in_one_table(content, name) for content, name in zip(contents, names, strict=True)]
+        contents = [in_one_table(content) for content in contents]
     tables = [tables_of(content) for content in contents]
     geographic = all(at(content, "options.system") == "GEOG" for content in contents)
     axes = _axes_of(contents[1]) if geographic else None
