@@ -124,7 +124,7 @@ def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refract
         return adjust(replace(block, options=options)), count[0]
 
 
-@pytest.mark.parametrize("kind", [kernels.NUMPY, kernels.NUMBA])
+@pytest.mark.parametrize("kind", [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("deck", DECKS)
 @pytest.mark.parametrize(("program", "refraction"), PROGRAMS)
 def test_solutions_are_the_same(

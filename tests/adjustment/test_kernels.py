@@ -1,4 +1,7 @@
-"""Compiled kernels beside their numpy twins: the same normal equations, the same steps, the same listings."""
+"""Compiled kernels beside their numpy twins: the same normal equations, the same steps, the same listings.
+
+Slow, as they are compiled first: half a minute of CPU on a new machine.
+"""
 
 from __future__ import annotations
 
@@ -59,6 +62,7 @@ def assert_like(a: np.ndarray, b: np.ndarray, share: float = 1e-12) -> None:
     np.testing.assert_allclose(a, b, rtol=0.0, atol=limit, equal_nan=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 30.0), spread=st.floats(1.0, 30.0))
@@ -86,6 +90,7 @@ def test_both_have_the_same_normal_equations(deck: str, seed: int, shift: float,
     assert_like(after_a.squares, after_b.squares, 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 20.0), spread=st.floats(1.0, 30.0))
@@ -119,6 +124,7 @@ def test_both_have_the_same_conditions_and_points_at_rest(
             assert_like(of_a.rhs * scale, of_b.rhs * scale)
 
 
+@pytest.mark.slow
 def test_points_that_depend_on_unknown_water_go_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of dry rays alone do not; both have the same normal equations with the border."""
     block = read_deck(FIXTURES / DECKS[0])
@@ -139,6 +145,7 @@ def test_points_that_depend_on_unknown_water_go_by_numpy(monkeypatch: pytest.Mon
     assert sees_water[by_numpy].sum() == sees_water.sum() and 0 < len(by_numpy) < network.points
 
 
+@pytest.mark.slow
 def test_a_point_behind_a_camera_has_no_squares(monkeypatch: pytest.MonkeyPatch) -> None:
     network, state, options = job(DECKS[2])
     ground = state.ground.copy()
@@ -160,6 +167,7 @@ PROGRAMS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
 @pytest.mark.parametrize(("program", "refraction"), PROGRAMS)
 def test_both_have_the_same_solution(
@@ -183,6 +191,7 @@ def test_both_have_the_same_solution(
     assert_like(a.dependence.station_inflation, b.dependence.station_inflation, 1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
 def test_listings_are_the_same_byte_by_byte(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, deck: str) -> None:
     text = (FIXTURES / deck).read_text()
@@ -242,6 +251,7 @@ def test_what_is_asked_for_and_not_there_is_an_error(monkeypatch: pytest.MonkeyP
     kernels._loaded.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", [Program.IIIA, Program.IIA])
 def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch, program: Program) -> None:
     """Bit by bit, points in four parts; IIA settles its points in the same parts."""
@@ -266,6 +276,7 @@ def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyP
     assert a.objective == b.objective and a.of_points == b.of_points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 30.0), close=st.floats(0.0, 2e-5))

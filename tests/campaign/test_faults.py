@@ -169,6 +169,7 @@ print(run_job(Job(deck=Path(sys.argv[1])), lambda _: None).message)
 """
 
 
+@pytest.mark.slow
 def test_memory_that_the_system_refuses_ends_a_job(tmp_path):
     """Some versions of OpenBLAS ask for ever for what they are refused."""
     (deck,) = decks_in(tmp_path, small=1)

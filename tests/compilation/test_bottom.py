@@ -146,6 +146,7 @@ def noisy(seed: int, number: int = 150, sigma: float = 0.2) -> Surface:
     return Surface(models=("M",), points=points, tin=tin, plan=None)
 
 
+@pytest.mark.slow
 def test_posts_by_collocation_are_nearer_to_the_truth_and_know_how_near() -> None:
     """Of eight bottoms: two thirds of the triangles' errors at most; errors over sigmas by their 2,000 posts."""
     corners, error, tests, left_out = ((200.0, 200.0), (800.0, 800.0)), [], [], []

@@ -179,6 +179,7 @@ def test_a_system_without_files_that_have_one_is_no_command(run: Path, tmp_path:
     assert result.exit_code == 2 and "--crs goes with --gis or --las" in result.output
 
 
+@pytest.mark.slow
 def test_a_system_without_a_way_to_wgs_84_has_no_geojson(run: Path, tmp_path: Path) -> None:
     result = compiled(run, stage_readings.DECK, tmp_path, "--gis", "--crs", "EPSG:26720")
     assert result.exit_code == 0 and "no st_thomas_as11.points.geojson: PROJ has no transformation" in result.output

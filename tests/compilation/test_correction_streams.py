@@ -187,6 +187,7 @@ def test_rows_of_a_raster_are_the_whole_of_it(
     assert 1 < np.isnan(whole.bands["depth"]).sum() < 150  # beside the empty post, and at edges
 
 
+@pytest.mark.slow
 def test_as_many_rows_are_read_as_posts_move_over(monkeypatch: pytest.MonkeyPatch) -> None:
     """Posts of 2 cm, whose apparent places lie several rows beside them: by single rows the same as in one."""
     run = pair(3000.0, 1810.0)

@@ -10,6 +10,8 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -174,39 +176,52 @@ MUTATIONS = [
 ]  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Copy:
+    """A copy of the program, and the process that runs tests with it in the place of the program."""
+
+    folder: Path
+    process: subprocess.Popen[str]
+
+    def outcome(self, *tests: str, which: str = "") -> tuple[int, str]:
+        """Return the status of tests, and what they print; they end with the first that fails."""
+        printed = self.folder / "printed"
+        options = ("-x", "-q", "-m", which, "-p", "no:cacheprovider", "-p", "no:xdist")
+        places = [f"tests/{file}" for file in tests]
+        words = [str(printed), *options, "-o", "addopts=--import-mode=importlib", *places]
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.process.stdin.write("\t".join(words) + "\n")
+        self.process.stdin.flush()
+        return int(self.process.stdout.readline()), printed.read_text(encoding="utf-8")
+
+
 @pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a copy of the program."""
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Copy]:
     folder = tmp_path_factory.mktemp("copy")
     shutil.copytree(ROOT / "src" / "musatpy", folder / "musatpy", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "card_formats", folder / "musatpy" / "card_formats")
     compileall.compile_dir(folder, quiet=2)  # once: of each mutation only the changed file is compiled anew
-    return folder
-
-
-def outcome(copy: Path, *tests: str, which: str = "") -> subprocess.CompletedProcess[str]:
-    """Run tests with the copy in the place of the program."""
-    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-    options = ("-x", "-q", "-m", which, "-p", "no:cacheprovider", "-p", "no:xdist")
-    places = [f"tests/{file}" for file in tests]
-    command = [sys.executable, "-m", "pytest", *options, "-o", "addopts=--import-mode=importlib", *places]
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, str(Path(__file__).with_name("warm_tests.py"))]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, env=environment, stdin=pipe, stdout=pipe, text=True) as process:
+        yield Copy(folder, process)
 
 
 @pytest.mark.slow
-def test_the_copy_passes_as_it_is(copy: Path) -> None:
-    result = outcome(copy, *sorted({tests for *_, tests in MUTATIONS}), which="not slow")
-    assert result.returncode == 0, result.stdout
+def test_the_copy_passes_as_it_is(copy: Copy) -> None:
+    status, printed = copy.outcome(*sorted({tests for *_, tests in MUTATIONS}), which="not slow")
+    assert status == 0, printed
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("file", "old", "new", "tests"), MUTATIONS)
-def test_a_wrong_sign_or_constant_is_noticed(copy: Path, file: str, old: str, new: str, tests: str) -> None:
-    path = copy / "musatpy" / file
+def test_a_wrong_sign_or_constant_is_noticed(copy: Copy, file: str, old: str, new: str, tests: str) -> None:
+    path = copy.folder / "musatpy" / file
     text = path.read_text(encoding="utf-8")
     assert text.count(old) >= 1 and old != new
     path.write_text(text.replace(old, new), encoding="utf-8")
     try:
-        assert outcome(copy, tests).returncode == 1, f"{old} may be {new}"
+        assert copy.outcome(tests)[0] == 1, f"{old} may be {new}"
     finally:
         path.write_text(text, encoding="utf-8")

@@ -82,6 +82,7 @@ def test_the_water_over_the_points_of_a_bottom(run: Path) -> None:
         assert np.abs(below[:, None] - of_points).min(axis=1).max() < 1e-6  # m, of the mean of two tides
 
 
+@pytest.mark.slow
 def test_the_picture_is_the_same_from_run_to_run(run: Path, tmp_path: Path) -> None:
     pictures = []
     for folder in (tmp_path / "a", tmp_path / "b"):

@@ -196,6 +196,7 @@ def test_a_local_run_has_no_other_system(tmp_path: Path) -> None:
     assert result.exit_code == 1 and "stand nowhere on the ellipsoid" in result.output
 
 
+@pytest.mark.slow
 def test_a_coordinate_that_is_missing_is_a_reason_of_its_point(tmp_path: Path) -> None:
     points = points_file(tmp_path, "EPSG:4978")
     lines = points.read_text().splitlines()
