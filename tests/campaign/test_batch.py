@@ -78,6 +78,7 @@ def test_the_manual_has_the_schema_of_the_summary():
     assert with_table(text, SCHEMA) == text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("content", "left"), [("tables", ["small0.json", "small0.lst"]), ("none", ["small0.lst"])])
 def test_a_batch_writes_what_of_records_is_asked_for(tmp_path, content, left):
     decks_in(tmp_path, small=1)

@@ -121,6 +121,7 @@ def test_files_for_gis_are_read_by_other_programs(run: Path, tmp_path: Path) -> 
     assert len(lines) == sum(row["lines"] for row in record["contours"])
 
 
+@pytest.mark.slow
 def test_files_in_the_system_of_the_job_are_read_by_other_programs(run: Path, tmp_path: Path) -> None:
     """NAD 27 is on the ellipsoid of the job: its longitudes and latitudes are those of the record."""
     options = ("--gis", "--las", "--crs", "EPSG:4267")
@@ -159,6 +160,7 @@ def features(path: Path, layer: str | None = None) -> tuple[str, dict[str, np.nd
     return meta["crs"], dict(zip(meta["fields"].tolist(), columns, strict=True)), xy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("crs", "message"),
     [
@@ -186,6 +188,7 @@ def test_a_system_without_a_way_to_wgs_84_has_no_geojson(run: Path, tmp_path: Pa
     assert (tmp_path / "st_thomas_as11.gpkg").exists() and not list(tmp_path.glob("*.geojson"))
 
 
+@pytest.mark.slow
 def test_a_grid_may_be_predicted_by_collocation(run: Path, tmp_path: Path) -> None:
     """The record has what points that were left out say of it, and the listing a page."""
     deck = changed(tmp_path, ("GRD BAY      ", "GRD BAY     C"))

@@ -51,6 +51,7 @@ def points(folder: Path) -> dict[str, np.ndarray]:
     return {name: np.array([row[name] or [np.nan] * 3 for row in rows]) for name in ("position", "sigma")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "more", "listing"),
     [
@@ -80,6 +81,7 @@ def test_a_run_that_has_converged_has_no_word_of_it(runs: Path, tmp_path: Path) 
     assert all(page.splitlines()[1] == "" for page in pages(tmp_path / "st_thomas_as11.lst"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("punched", ["result.pun", "st_thomas.pun"])
 def test_a_punched_deck_gives_the_points_of_its_run(runs: Path, tmp_path: Path, punched: str) -> None:
     """Cards have stations to .1 mm and 1e-4 arc seconds, which is 1 mm at 2,400 m. Sigmas: of the stages alone."""

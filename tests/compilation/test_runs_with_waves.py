@@ -68,6 +68,7 @@ def in_model(stereo: Stereomodel, ground: FloatArray) -> FloatArray:
 PLACES = grid((100.0, 800.0), 700.0, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("deck", "program", "least", "options"),
     [

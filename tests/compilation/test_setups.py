@@ -164,6 +164,7 @@ def test_corrections_that_points_do_not_determine_have_no_sigma() -> None:
         moved_right_stage(stereo, read_again().part(np.arange(0)))
 
 
+@pytest.mark.slow
 def test_the_command_lists_the_models_before_anything_is_read(tmp_path: Path) -> None:
     runner = CliRunner()
     run = str(FIXTURES / "st_thomas/st_thomas.crd")

@@ -72,6 +72,7 @@ def compare(run: Triangulation, solution: model.Solution, points: list[int]) -> 
             np.testing.assert_allclose(compiled.apparent[0], bathymetric.apparent[row], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("deck", "program", "sigmas", "options"),
     [

@@ -234,6 +234,7 @@ def test_processes_make_the_same_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.coordinates(place), system.coordinates(place))
 
 
+@pytest.mark.slow
 def test_the_water_over_a_point_is_that_of_the_adjustment() -> None:
     """Plane and depth over points of a geographic job with tilted water, by both."""
     ellipsoid = Ellipsoid("WGS84")

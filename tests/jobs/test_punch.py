@@ -82,6 +82,7 @@ def test_a_restart_on_land_comes_to_rest_at_once(plan: Plan, program: Program) -
     assert second.observations == first.observations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("refraction", [Refraction.WATPT, SLOW(Refraction.RIGOROUS), Refraction.NONE])
 def test_a_restart_of_program_iia_with_water_ends_in_the_same_place(refraction: Refraction) -> None:
     """Its first triangulation is without refraction, wherever it starts: there are as many passes as before."""

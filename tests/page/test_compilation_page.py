@@ -30,6 +30,7 @@ def page(compiled, monkeypatch):
     return read(compiled)
 
 
+@pytest.mark.slow
 def test_models_points_and_bottom(page, compiled):
     record = json.loads(compiled.read_text())
     assert "COMPILED" in page.text and "Points with coordinates257 of 257" in page.text

@@ -52,6 +52,7 @@ def test_axes_have_units() -> None:
         assert ", m" in texts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_few_soundings_are_drawn(number: int) -> None:
     differences, xy = sample()

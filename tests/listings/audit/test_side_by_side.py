@@ -132,6 +132,7 @@ def test_a_changed_sigma_attitude_or_residual_is_a_difference(tmp_path):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deck", sorted(set(GOLDEN.entries) - set(GOLDEN.runs)))
 def test_a_golden_listing_is_like_the_record_of_a_fresh_run(deck, tmp_path):
     (path := tmp_path / "new.json").write_text(run_of(deck).record)

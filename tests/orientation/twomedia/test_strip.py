@@ -115,6 +115,7 @@ def test_a_wrong_point_is_left_out_of_a_join() -> None:
     assert 0.7 < join.sigma0 < 1.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lab", "aerial"])
 @pytest.mark.parametrize("plane", ["model", "free", "level", "known"])
 def test_a_strip_without_errors_is_the_truth(name: str, plane: str) -> None:
