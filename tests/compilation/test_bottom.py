@@ -31,13 +31,23 @@ def places(X: tuple[float, float], seed: int, number: int = 60) -> FloatArray:
     return np.concatenate([corners, np.column_stack([draws.uniform(*X, number), draws.uniform(-500, 500, number)])])
 
 
-def bottom(*extents: tuple[float, float], deeper: tuple[float, ...] = (), grids: GridSpecs | None = None) -> Bottom:
-    """Return the bottom of models of one pair of photos, each of its part of a plane, by so much deeper."""
+def bottom(
+    *extents: tuple[float, float],
+    deeper: tuple[float, ...] = (),
+    grids: GridSpecs | None = None,
+    slips: tuple[float, ...] = (),
+) -> Bottom:
+    """Return the bottom of models of one pair of photos, each of its part of a plane, by so much deeper.
+
+    The last points of each model were set at the heights `slips`, flagged as submerged all the same.
+    """
     run = pair(3000.0, 1810.0)
     names = np.array([f"M{row}" for row in range(len(extents))])
     xy = [places(extent, row) for row, extent in enumerate(extents)]
     shift = [*deeper, *[0.0] * len(extents)]
     points = [np.column_stack([at, -depths(at) - more]) for at, more in zip(xy, shift, strict=False)]
+    for at in points:
+        at[len(at) - len(slips) :, 2] = slips
     model = np.repeat(np.arange(len(extents)), [len(at) for at in xy])
     count = len(model)
     deck = Compilation(
@@ -95,6 +105,13 @@ def test_models_apart_have_surfaces_of_their_own_and_a_third_may_join_them() -> 
     joined = bottom(_WEST, _FAR, (900.0, 1500.0))
     assert [surface.models for surface in joined.surfaces] == [("M0", "M1", "M2")]
     assert [edge.models for edge in joined.edges] == [("M0", "M2"), ("M1", "M2")]
+
+
+def test_a_submerged_point_above_the_water_is_not_in_the_bottom() -> None:
+    (surface,) = bottom(_WEST, slips=(30.0, 0.2)).surfaces
+    # The second one is less than three sigmas of its height above the water.
+    assert surface.tin is not None and len(surface.tin.z) == 63
+    assert -0.2 < surface.tin.z.min() < -0.1
 
 
 def grid_specs(spacing: float, *corners: tuple[float, float], collocated: bool = False) -> GridSpecs:

@@ -171,6 +171,11 @@ class Compiled:
         """(k,) points of the shoreline with a position."""
         return np.asarray((self.deck.stages.kind[self.rows] == SHORE) & np.isfinite(self.over_water))
 
+    @cached_property
+    def too_high(self) -> BoolArray:
+        """(k,) points that are flagged as submerged and stand above the water, by their sigmas."""
+        return np.asarray(self.submerged & (self.over_water > _ABOVE * self.sigma[:, 2]))
+
     def warnings(self) -> Iterator[str]:
         """Yield what is odd about the run and the readings."""
         if self.run.caution:
@@ -193,7 +198,7 @@ class Compiled:
             lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
         )
         yield from self._worst(
-            np.where(self.submerged & (over > _ABOVE), over, np.nan),
+            np.where(self.too_high, over, np.nan),
             lambda row: f"is flagged as submerged and stands {self.over_water[row]:.2f} m above the water",
         )
         yield from self._worst(

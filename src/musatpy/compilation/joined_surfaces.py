@@ -3,7 +3,8 @@
 The bottom has depths below the sounding datum at the submerged points. Points of the shoreline belong to it and
 bound it: triangles between these alone are land. The foreshore, dry points up to a height above the datum, belongs
 to it where the deck says so. Heights are those of all points, land and bottom. Points of the run read again check
-the model, and are in no surface; nor are spikes of profiles. Where models overlap they are joined in the middle: of
+the model, and are in no surface; nor are spikes of profiles. A point that is flagged as submerged and stands above
+the water contradicts itself, and is not in the bottom. Where models overlap they are joined in the middle: of
 the points there each keeps those that are nearer to its own middle. What both say there is the edge match.
 """
 
@@ -187,7 +188,7 @@ def _values(compiled: Compiled, of: Of) -> tuple[FloatArray, FloatArray, BoolArr
     if of is Of.HEIGHT:
         return compiled.height, compiled.sigma[:, 2], read & np.isfinite(compiled.height)
     (depth, sigma), spec = compiled.datum_depth, compiled.deck.contours
-    wet = compiled.submerged | (kind == SHORE)
+    wet = (compiled.submerged & ~compiled.too_high) | (kind == SHORE)
     if spec is not None and np.isfinite(spec.drying):
         wet = wet | (depth >= -spec.drying)
     return depth, sigma, read & wet & np.isfinite(depth)
