@@ -194,5 +194,9 @@ def _faults(path: Path, dataset: Any, crs: pyproj.CRS | None) -> list[Problem]:
     elif transform.b or transform.d or transform.a <= 0.0 or transform.e >= 0.0:
         problems.append(fault(path, "", "the raster is turned or mirrored", "a north-up grid"))
     elif abs(transform.a + transform.e) > _SQUARE * transform.a:
-        problems.append(fault(path, "", f"pixels of {transform.a:g} by {-transform.e:g}", "square ones"))
+        problems.append(
+            fault(
+                path, "", f"pixels of {transform.a:g} by {-transform.e:g}", "square ones (`gdalwarp -tr SIZE SIZE`)"
+            )
+        )
     return problems
