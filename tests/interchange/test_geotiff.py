@@ -107,7 +107,11 @@ def test_a_raster_of_scaled_integers(tmp_path: Path) -> None:
         (None, (10, 0, 1000, 0, -10, 2000), ["the raster has no coordinate system; expected: one in the file"]),
         ("EPSG:32620", (10, 1, 1000, 1, -10, 2000), ["the raster is turned or mirrored; expected: a north-up"]),
         ("EPSG:32620", (10, 0, 1000, 0, 10, 2000), ["the raster is turned or mirrored; expected: a north-up"]),
-        (None, (10, 0, 1000, 0, -20, 2000), ["no coordinate system", "pixels of 10 by 20; expected: square ones (`gdalwarp -tr"]),
+        (
+            None,
+            (10, 0, 1000, 0, -20, 2000),
+            ["no coordinate system", "pixels of 10 by 20; expected: square ones (`gdalwarp -tr"],
+        ),
     ],
 )
 def test_rasters_without_a_place(
