@@ -15,15 +15,19 @@ import sys
 from pathlib import Path
 
 import click
+import jinja2
+import matplotlib
 import numpy
 import pyproj
 import pytest
 import scipy
 
+from page.browser import browser, chromium
+
 pytestmark = pytest.mark.slow
 
 README = Path(__file__).parents[2] / "README.md"
-PACKAGES = (click, numpy, pyproj, scipy)
+PACKAGES = (click, jinja2, matplotlib, numpy, pyproj, scipy)
 
 
 class Stranger:
@@ -107,6 +111,15 @@ def test_a_stranger_runs_an_example_and_changes_an_option(stranger):
     assert f"Set for this run {'.' * 33} OP2.editing=LIST" in listing.read_text()
     assert json.loads(listing.with_suffix(".json").read_text())["options"]["editing"] == "LIST"
 
+    (hands_over,) = (name for name, does in commands.items() if "page of a run" in does)
+    page = stranger.folder / stranger.says(f"musat {hands_over} st_thomas.json").split()[-1]
+    assert "OP2.editing=LIST" in page.read_text()
+    if chromium() is None:
+        pytest.skip("no Chromium here to open the page; all the rest went well")
+    with browser() as tab:
+        tab.open(page.as_uri())
+        assert "ACCEPTED" in tab.evaluate("document.body.innerText") and not tab.said()
+
 
 @pytest.mark.parametrize("name", ["cayman", "lagoon"])
 def test_what_an_example_says_works(name, stranger):
@@ -115,12 +128,13 @@ def test_what_an_example_says_works(name, stranger):
 
 
 def test_the_commands_of_the_readme_lead_to_a_result(stranger):
-    block = re.search(r"five\ncommands:\n\n```sh\n(.*?)```", README.read_text(), re.DOTALL)
-    commands = block[1].splitlines()
-    assert len(commands) == 5 and commands[1].startswith("pip install musatpy-")
-    for command in commands[2:]:
-        said = stranger.says(command.replace("less ", "cat "))
-    assert "ACCEPTED" in "".join(said.splitlines()[:6])
+    block = re.search(r"```sh\n(.*?)```", README.read_text(), re.DOTALL)
+    install, *commands, listing, page = block[1].splitlines()
+    assert install.startswith("pip install 'musatpy-") and len(commands) == 2
+    for command in commands:
+        stranger.says(command)
+    assert "ACCEPTED" in "".join(stranger.says(listing.replace("less ", "cat ")).splitlines()[:6])
+    assert (stranger.folder / stranger.says(page).split()[-1]).suffix == ".html"
 
 
 def test_a_slip_is_answered_with_what_was_meant(stranger):
