@@ -228,8 +228,8 @@ def _other_than_run(path: Path) -> str:
         names = {line[:3] for line in file if line.strip()}
     if not names or names & {b"STA", b"STX"}:
         return ""
-    found = "a compilation deck (MDL cards)" if b"MDL" in names else "no deck with exposure stations (STA cards)"
-    return f"it is {found}; expected the record of a run, NAME.json, or the deck that it punched, NAME.pun"
+    content = "a compilation deck (MDL cards)" if b"MDL" in names else "no deck with exposure stations (STA cards)"
+    return f"it is {content}; expected the record of a run, NAME.json, or the deck that it punched, NAME.pun"
 
 
 def raw_loop(loop: Loop, deck: Path) -> RawLoop:

@@ -142,14 +142,14 @@ def _wanted_of(
     return dict(_in_columns(found, wanted)) if by_rows else found
 
 
-def _hold_against(record: dict[str, Any], said: Schema, schema: Schema, path: Path) -> None:
-    """Raise `RecordError` with the places where a record is not as is `said`."""
-    if _fits([record], said):
+def _hold_against(record: dict[str, Any], form: Schema, schema: Schema, path: Path) -> None:
+    """Raise `RecordError` with the places where a record is not in a `form`."""
+    if _fits([record], form):
         return
     left_out = schema["properties"].keys() - set(schema["required"]) if record.get("content") == _SOME else ()
     faults = [
         (where, f"{message}{_LEFT_OUT if where in left_out else ''}")
-        for where, message in islice(_faults(record, said, ""), _LISTED)
+        for where, message in islice(_faults(record, form, ""), _LISTED)
     ]
     raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
 

@@ -57,7 +57,7 @@ def command(ctx: click.Context, name: str | None, values: tuple[str, ...], forma
     try:
         cards = {mnemonic: card for family in reversed(families) for mnemonic, card in family.cards.items()}
         spec = card_named(cards, name)
-        settings = [setting_of(spec, *_said(text)) for text in values]
+        settings = [setting_of(spec, *_name_and_value(text)) for text in values]
     except SettingError as error:
         raise click.UsageError(str(error)) from error
     if not values:
@@ -80,7 +80,7 @@ def _families(formats_dir: Path | None) -> list[Family]:
     return [card_family(), load_family(card_formats_folder() / "as11")]
 
 
-def _said(text: str) -> tuple[str, str]:
+def _name_and_value(text: str) -> tuple[str, str]:
     """Return name and value of `water_level=ONE`."""
     name, equals, value = text.partition("=")
     if not equals:

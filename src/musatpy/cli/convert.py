@@ -58,9 +58,9 @@ def command(
         raise click.UsageError("--deck is for files that do not hold everything; FROM is a deck itself")
     stem = source.resolve().name if source.is_dir() else source.stem
     _check_overwriting(from_family, source, to_family, target, stem)
-    said, warnings = from_family.read(source, {} if deck is None else deck_parts(deck))
+    parts, warnings = from_family.read(source, {} if deck is None else deck_parts(deck))
     complain_of(warnings)
-    rendered = to_family.render(said, target, stem)
+    rendered = to_family.render(parts, target, stem)
     write_files(rendered.contents)
     for file in rendered.contents:
         tell(f"wrote {name_of(file)}")

@@ -226,8 +226,8 @@ def _of_run(deck: CardDeck, run: Block | None) -> Iterator[Problem]:
     for row, index in enumerate(number(water, "index").tolist()):
         known = None if run.water is None else run.water.index
         if known is None or abs(index - known) > _INDEX_DIGITS:
-            said = "no water" if known is None else f"water of the index {known:.6f}"
-            yield problem(deck, water, row, "index", f"the run has {said}")
+            water_of_run = "no water" if known is None else f"water of the index {known:.6f}"
+            yield problem(deck, water, row, "index", f"the run has {water_of_run}")
     for row in range(len(earth)):
         if message := _other_ellipsoid(earth, row, run):
             yield problem(deck, earth, row, "name", message)

@@ -133,10 +133,10 @@ class Rows(Node[Source], Generic[Source, Item]):
     def schema(self) -> Schema:
         fields = properties_of(self.fields)
         for field in self.fields:
-            said = fields["properties"][field.name]
-            about = {key: said.pop(key) for key in ("unit", "description") if key in said}
+            items = fields["properties"][field.name]
+            about = {key: items.pop(key) for key in ("unit", "description") if key in items}
             digits = {} if field.digits is None else {"digits": field.digits}
-            fields["properties"][field.name] = {"type": "array", "items": said, **about, **digits}
+            fields["properties"][field.name] = {"type": "array", "items": items, **about, **digits}
         return {"type": "object", "description": self.text, "columns": True, **fields}
 
     def json(self, source: Source) -> Json:

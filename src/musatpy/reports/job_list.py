@@ -94,8 +94,8 @@ def _job(job: Summary) -> list[str]:
 def _waves(block: Block) -> dict[str, str]:
     """Return the names of the waves, and which of them have sigmas."""
     names = zip(block.waves.ids, block.waves.unknown, strict=True)
-    said = ", ".join(f"{name} (to be found)" if unknown else str(name) for name, unknown in names)
-    return {"waves on the water": said} if said else {}
+    waves = ", ".join(f"{name} (to be found)" if unknown else str(name) for name, unknown in names)
+    return {"waves on the water": waves} if waves else {}
 
 
 def _stated(block: Block) -> dict[str, str]:

@@ -134,7 +134,7 @@ def read_tables() -> Sequence[Node[Statistics]]:
     return [read.get(node, node) for node in tables()]
 
 
-def _said(nodes: Sequence[Node[Statistics]], statistics: Statistics) -> list[Node[Statistics]]:
+def _present(nodes: Sequence[Node[Statistics]], statistics: Statistics) -> list[Node[Statistics]]:
     """Return what stands in the record: without fields that are seldom there and have nothing to say."""
     return [node for node in nodes if not is_seldom(node) or node.json(statistics)]
 
@@ -142,7 +142,7 @@ def _said(nodes: Sequence[Node[Statistics]], statistics: Statistics) -> list[Nod
 def record(solution: Solution) -> dict[str, Json]:
     """Return the record of a solution as it is written: dictionaries, lists, texts and numbers."""
     statistics = Statistics(solution)
-    return {table.name: table.json(statistics) for table in _said(tables(), statistics)}
+    return {table.name: table.json(statistics) for table in _present(tables(), statistics)}
 
 
 def record_of(statistics: Statistics, names: Container[str] | None = None) -> dict[str, Json]:
@@ -150,13 +150,13 @@ def record_of(statistics: Statistics, names: Container[str] | None = None) -> di
 
     It has the shape of `musatpy.json_files.read_record`.
     """
-    said = _said(read_tables(), statistics)
-    return {table.name: table.json(statistics) for table in said if names is None or table.name in names}
+    present = _present(read_tables(), statistics)
+    return {table.name: table.json(statistics) for table in present if names is None or table.name in names}
 
 
 def held_tables(statistics: Statistics, names: Container[str]) -> dict[str, Json]:
     """Return what is named of `record_of`; the columns of its tables are worked out where they are looked at."""
-    return {node.name: node.held(statistics) for node in _said(read_tables(), statistics) if node.name in names}
+    return {node.name: node.held(statistics) for node in _present(read_tables(), statistics) if node.name in names}
 
 
 def schema() -> Schema:
@@ -195,4 +195,4 @@ def dumps(record: dict[str, Json]) -> str:
 
 def texts_of(statistics: Statistics, content: RecordContent = RecordContent.FULL) -> Iterator[str]:
     """Yield the text of `record` piece by piece."""
-    yield from record_texts(_said(tables(content), statistics), statistics)
+    yield from record_texts(_present(tables(content), statistics), statistics)

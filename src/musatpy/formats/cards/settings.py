@@ -11,7 +11,7 @@ from musatpy.formats.cards.spec import DATA_COLUMNS, END_MNEMONIC, CardSpec, Fam
 from musatpy.fortran import FieldError
 
 _PARTS = ("deg", "min", "sec")
-_SAID = re.compile(r"([^.=\s]+)\.([^.=\s]+)\s*=(.*)", re.DOTALL)
+_SETTING = re.compile(r"([^.=\s]+)\.([^.=\s]+)\s*=(.*)", re.DOTALL)
 
 
 class SettingError(MusatError):
@@ -45,14 +45,14 @@ def settings_of(texts: Iterable[str], family: Family) -> tuple[Setting, ...]:
     """
     settings: dict[tuple[str, str], Setting] = {}
     for text in texts:
-        said = _SAID.fullmatch(text.strip())
-        if said is None:
+        match = _SETTING.fullmatch(text.strip())
+        if match is None:
             raise SettingError(f"'{text}' is not CARD.FIELD=VALUE, such as OP2.water_level=ONE")
-        spec = card_named(family.cards, said[1])
+        spec = card_named(family.cards, match[1])
         single = [card.mnemonic for card in family.cards.values() if card.repeat == "one" and card.fields]
         if spec.mnemonic not in single:
             raise SettingError(f"{spec.mnemonic}: a deck may have many such cards; set are {', '.join(single)}")
-        setting = setting_of(spec, said[2], said[3])
+        setting = setting_of(spec, match[2], match[3])
         settings[setting.card, setting.name] = setting
     return tuple(settings.values())
 
