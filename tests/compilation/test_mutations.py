@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import cache_from_source
 from pathlib import Path
 
 import pytest
@@ -182,6 +183,7 @@ class Copy:
 
     folder: Path
     process: subprocess.Popen[str]
+    loaded: frozenset[str]  # modules of the program that are not read again
 
     def outcome(self, *tests: str, which: str = "") -> tuple[int, str]:
         """Return the status of tests, and what they print; they end with the first that fails."""
@@ -205,7 +207,8 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Copy]:
     command = [sys.executable, str(Path(__file__).with_name("warm_tests.py"))]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, env=environment, stdin=pipe, stdout=pipe, text=True) as process:
-        yield Copy(folder, process)
+        assert process.stdout is not None
+        yield Copy(folder, process, frozenset(process.stdout.readline().split()))
 
 
 @pytest.mark.slow
@@ -220,8 +223,10 @@ def test_a_wrong_sign_or_constant_is_noticed(copy: Copy, file: str, old: str, ne
     path = copy.folder / "musatpy" / file
     text = path.read_text(encoding="utf-8")
     assert text.count(old) >= 1 and old != new
+    assert f"musatpy.{file.removesuffix('.py').replace('/', '.')}" not in copy.loaded
     path.write_text(text.replace(old, new), encoding="utf-8")
     try:
         assert copy.outcome(tests)[0] == 1, f"{old} may be {new}"
     finally:
         path.write_text(text, encoding="utf-8")
+        Path(cache_from_source(path)).unlink(missing_ok=True)  # of a file as old and as long
