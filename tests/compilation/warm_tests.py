@@ -14,8 +14,8 @@ import pytest
 
 # Most of what a short test costs is to import these.
 LOADED = (
-    "click.testing", "hypothesis", "matplotlib.figure", "pyproj", "scipy.interpolate", "scipy.linalg", "scipy.optimize",
-    "scipy.sparse.linalg", "scipy.spatial", "scipy.stats",
+    "click.testing", "hypothesis", "matplotlib.figure", "pyproj", "scipy.interpolate", "scipy.linalg",
+    "scipy.optimize", "scipy.sparse.linalg", "scipy.spatial", "scipy.stats",
     "musatpy.adjustment", "musatpy.formats.checks", "musatpy.simulation", "musatpy.json_files",
 )  # fmt: skip
 
