@@ -26,6 +26,20 @@ from record_rows import with_rows
 
 ROOT = Path(__file__).parents[1]
 OF_ROWS = Path(__file__).parent / "records" / "st_thomas_1.10.json.gz"
+DIGITS = """
+[[rule]]
+name = "digits"
+relative = 1e-8
+absolute = 1e-12
+
+# Lengths of steps between heights of metres, by the order of the formula of their components: 3e-12 m.
+[[rule]]
+name = "steps"
+section = "^(iterations|water_passes)$"
+column = "^(translation|movement|rms_movement)$"
+relative = 1e-8
+absolute = 1e-11
+"""
 VERSIONS = (
     "[[rule]]\nname = 'versions'\nsection = '(top)'\ncolumn = '^(schema_version|content|settings)$'\nskip = true\n"
 )
@@ -87,7 +101,7 @@ def test_a_record_of_rows_is_read_as_columns(tmp_path: Path) -> None:
     limit = "1e-8"  # sigmas: records of one deck, and digits that the new one has not
     assert CliRunner().invoke(main, ["compare", str(path), str(now), "--limit", limit]).exit_code == 0
     rules = tmp_path / "rules.toml"
-    rules.write_text("[[rule]]\nname = 'digits'\nrelative = 1e-8\nabsolute = 1e-11\n\n" + VERSIONS)
+    rules.write_text(DIGITS + VERSIONS)
     result = CliRunner().invoke(main, ["diff", str(path), str(now), "--rules", str(rules)])
     assert result.exit_code == 0, result.output
 

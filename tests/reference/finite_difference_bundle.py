@@ -15,6 +15,8 @@ from musatpy.geometry.frames import middle_of
 from musatpy.model import Block, CoordinateSystem, Treatment, WaterLevel
 from reference.rays import rotation, sighted
 
+_STILL = 1e-9  # of its scale (m, mrad, 1e-4, .01), by which an unknown changes in the last step
+
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
@@ -163,7 +165,7 @@ def _tide_groups(block: Block) -> tuple[np.ndarray, np.ndarray]:
 
 
 def solve(block: Block, x: np.ndarray, iterations: int = 8) -> Result:
-    """Gauss-Newton from `x`; scaled unknowns, central differences with a step of a 1e-4th of their scale."""
+    """Gauss-Newton from `x` until it stands still; central differences with steps of a thousandth of a scale."""
     problem = Problem(block)
     scale = np.ones(problem.size)
     scale[problem.part["stations"]] = np.tile([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3], len(block.photos.ids))
@@ -172,6 +174,8 @@ def solve(block: Block, x: np.ndarray, iterations: int = 8) -> Result:
         J = jacobian(problem, x, scale)
         step, *_ = np.linalg.lstsq(J, -problem.misclosures(x), rcond=None)
         x = x + step * scale
+        if np.abs(step).max() < _STILL:
+            break
     J, v = jacobian(problem, x, scale), problem.misclosures(x)
     dof = len(v) - problem.size
     covariance = np.linalg.inv(J.T @ J) * (v @ v / dof) * np.outer(scale, scale)

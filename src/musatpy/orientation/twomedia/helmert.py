@@ -263,15 +263,22 @@ def _descended(
     return Orientation.of(x)
 
 
-def refined(problem: Problem, near: Orientation) -> Adjusted:
-    """Return the minima to which steps at the adjusted values lead from starts (s,) near them."""
-    x = near.vector.copy()
+def refined(problem: Problem, near: Orientation, measured: FloatArray | None = None) -> Adjusted:
+    """Return the minima to which steps at the adjusted values lead from starts (s,) near them.
+
+    Where `measured` (s, n, 2) are given, each start has images of its own in the place of those of the problem.
+    """
+
+    def of(rows: slice | IntArray) -> Problem:
+        return problem if measured is None else replace(problem, image=measured[rows])
+
+    x, everyone = near.vector.copy(), of(slice(None))
     plain = _trust(problem, len(x))
-    image, control = (values.copy() for values in _measured(problem, len(x)))
+    image, control = (values.copy() for values in _measured(everyone, len(x)))
     converged, active = np.zeros(len(x), dtype=bool), np.arange(len(x))
     for _ in range(_LAST_STEPS):
         at = Orientation.of(x[active])
-        linear, real = linearised(problem, at, image[active], control[active])
+        linear, real = linearised(of(active), at, image[active], control[active])
         N, rhs, T = _normals(problem, at, linear, plain[active])
         usable = real & np.isfinite(N).all(axis=(1, 2))
         inverse = np.linalg.pinv(np.where(usable[:, None, None], N, 1.0), hermitian=True)
@@ -279,7 +286,7 @@ def refined(problem: Problem, near: Orientation) -> Adjusted:
         step = np.where(usable[:, None], (T @ (inverse @ rhs[..., None]))[..., 0], 0.0)
         sigma = np.sqrt(np.maximum(np.einsum("sxu,suv,sxv->sx", T, inverse, T), 0.0))
         before = image[active]
-        image[active], control[active] = _corrected(problem, linear, step, control[active])
+        image[active], control[active] = _corrected(of(active), linear, step, control[active])
         still = np.abs(step) <= _SAME * sigma + _ROUNDING * np.maximum(np.abs(x[active]), 1.0)
         fitted = np.abs(image[active] - before) <= _SAME * problem.image_sigma
         converged[active] = usable & still.all(axis=-1) & fitted.all(axis=(1, 2))
@@ -288,7 +295,7 @@ def refined(problem: Problem, near: Orientation) -> Adjusted:
         if not len(active):
             break
     at = Orientation.of(x)
-    linear, real = linearised(problem, at, image, control)
+    linear, real = linearised(everyone, at, image, control)
     full = [part.full for part in linear]
     N, _, T = _normals(problem, at, full, plain)
     return Adjusted(
@@ -305,7 +312,7 @@ def refined(problem: Problem, near: Orientation) -> Adjusted:
 
 def _measured(problem: Problem, starts: int) -> tuple[FloatArray, FloatArray]:
     """Return the measured images (s, n, 2) and control (s, c, 3)."""
-    image = np.broadcast_to(problem.image, (starts, *problem.image.shape))
+    image = np.broadcast_to(problem.image, (starts, *problem.image.shape[-2:]))
     return image, np.broadcast_to(problem.control, (starts, *problem.control.shape))
 
 
