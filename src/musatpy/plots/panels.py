@@ -23,7 +23,7 @@ MAPS_NEED = {
     "points": ("position",),
 }
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of classes
-_STATIONS = 200  # that are drawn in a panel, at most: more would hide the points
+_STATIONS = 200  # that are drawn in a panel with their footprints, at most: more would hide the points
 _PANEL = 5.0  # inches, of the long side of a map
 _COLUMNS = 5  # of the legend
 NAMED = 2  # what is drawn under points: footprints and stations
@@ -81,9 +81,9 @@ def new_panels(block: PointMap, titles: list[str], title: str, named: int) -> tu
 
 
 def draw_block(axes: Any, block: PointMap) -> None:
-    """Draw footprints and stations of a block."""
-    draw_outlines(axes, block.outlines)
+    """Draw footprints and stations of a block, where these are not too many."""
     if len(block.stations) <= _STATIONS:
+        draw_outlines(axes, block.outlines)
         axes.plot(*block.stations.T, "+", color=INK, markersize=4, label="stations")
 
 
