@@ -14,7 +14,7 @@ from musatpy.plots.footprints import ground_of, outlines
 from musatpy.plots.mapping import INK, SHADES, dot_size, draw_outlines, dress, enlarge_signs, view_of
 from musatpy.plots.plane import Plane, plane_of
 from musatpy.plots.sheet import Margins, Sheet, legend_below, legend_lines, new_sheet
-from musatpy.plots.tables import Tables, numbers, part
+from musatpy.plots.tables import Tables, numbers, part, worked_out_once
 
 MAPS_NEED = {
     "options": ("system",),
@@ -41,6 +41,7 @@ class PointMap:
     bounds: FloatArray  # (2, 2)
 
 
+@worked_out_once
 def point_map(tables: Tables) -> PointMap:
     """Return the map of the points of a run or a compilation, of the latter without photos.
 

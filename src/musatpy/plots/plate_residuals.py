@@ -14,7 +14,7 @@ from musatpy.plots.mapping import DRY, INK, LIGHT, WET
 from musatpy.plots.painted import add_arrows
 from musatpy.plots.picture import Picture
 from musatpy.plots.sheet import Margins, legend_below, new_sheet
-from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
+from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts, worked_out_once
 from musatpy.plots.wording import counted, measure, rms
 from musatpy.units import MICROMETRE
 
@@ -54,6 +54,7 @@ class PlateResiduals:
         return np.sqrt(squares / np.where(count, 2.0 * count, np.nan))
 
 
+@worked_out_once
 def plate_residuals(tables: Tables) -> PlateResiduals:
     """Return the residuals of plates. Raises `NothingToShowError` where there are none."""
     plates, stations, points = part(tables, "plates"), part(tables, "stations"), part(tables, "points")
