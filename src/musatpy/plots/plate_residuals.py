@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ class PlateResiduals:
     submerged: BoolArray  # (m,)
     used: BoolArray  # (m,) took part in the solution
 
-    @property
+    @cached_property
     def rms(self) -> FloatArray:
         """(n,) um, of the coordinates of each photo, NaN of one without residuals."""
         count = np.bincount(self.photo, minlength=len(self.photos))
