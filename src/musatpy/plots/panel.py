@@ -44,7 +44,7 @@ class _Ticks:
     def grid(self, visible: bool | None = None, which: str = "major", axis: str = "both", **style: Any) -> None:
         for name, scale in self.scales.items():
             if axis in (name, "both"):
-                scale.grid = style if visible or style else {}
+                scale.grid = {"color": _GRID, **style} if visible or style else {}
 
     def tick_params(self, axis: str = "both", **options: Any) -> None:
         for name, scale in self.scales.items():
@@ -136,7 +136,7 @@ def _draw_grid(axes: Any, renderer: Any) -> None:
             starts = np.repeat(_ticks(axes, number)[0][:, None], 2, axis=1)
             ends = starts.copy()
             starts[:, 1 - number], ends[:, 1 - number] = (box.y0, box.y1) if number == 0 else (box.x0, box.x1)
-            lines(renderer, starts, ends, color=_GRID, **style)
+            lines(renderer, starts, ends, **style)
 
 
 def _draw_frame(axes: Any, renderer: Any) -> None:
