@@ -46,7 +46,9 @@ class _Ticks:
             if axis in (name, "both"):
                 scale.grid = {"color": _GRID, **style} if visible or style else {}
 
-    def tick_params(self, axis: str = "both", **options: Any) -> None:
+    def tick_params(self, axis: str = "both", which: str = "major", **options: Any) -> None:
+        if which == "minor":  # which earlier versions of matplotlib set as axes are made
+            return
         for name, scale in self.scales.items():
             if axis in (name, "both"):
                 scale.size = options.get("labelsize", scale.size)
