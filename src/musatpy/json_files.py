@@ -241,8 +241,7 @@ def _fits(values: Sequence[Any], schema: Schema) -> bool:
     choices = schema.get("enum", [schema["const"]] if "const" in schema else None)
     if choices is not None and any(value not in choices for value in values):
         return False
-    tables = [value for value in values if type(value) is dict]
-    lists = [value for value in values if type(value) is list]
+    tables, lists = (_of_type(values, kind, kinds) for kind in (dict, list))
     if lists and "items" in schema:
         low, high = schema.get("minItems", 0), schema.get("maxItems", float("inf"))
         if not all(low <= length <= high for length in set(map(len, lists))):
@@ -250,6 +249,13 @@ def _fits(values: Sequence[Any], schema: Schema) -> bool:
         if not _fits(list(chain.from_iterable(lists)), schema["items"]):
             return False
     return not tables or _columns_fit(tables, schema)
+
+
+def _of_type(values: Sequence[Any], kind: type, kinds: set[type]) -> Sequence[Any]:
+    """Return the values of one type, of those whose types are `kinds`: most places have one only."""
+    if kind not in kinds:
+        return ()
+    return values if len(kinds) == 1 else [value for value in values if type(value) is kind]
 
 
 def _are_near(values: Sequence[float | None]) -> bool:

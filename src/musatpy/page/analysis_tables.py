@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from musatpy.page.accuracy import Depths, Sample
 from musatpy.page.cells import cell_text, count_of, number_text
 from musatpy.page.parts import Head, PageTable
-from musatpy.page.stated import anchor_of, row_of
+from musatpy.page.stated import anchor_of, rows_at
 from musatpy.plots.tables import Tables, part
 from musatpy.reports import analyses
 from musatpy.soundings.s44 import source
@@ -44,7 +44,7 @@ def sample_table(found: Sequence[Sample]) -> PageTable:
 def analysis_table(tables: Tables, path: str, title: str, row: str, *, folded: bool = True) -> PageTable | None:
     """Return one of the standard analyses, a row for each component; None where the record has none."""
     table = part(tables, path)
-    components = [row_of(table, n) for n in range(len(table.get("component", ())))]
+    components = rows_at(table, range(len(table.get("component", ()))))
     if not components:
         return None
     rows = []

@@ -11,7 +11,7 @@ from musatpy.page.parts import Chapter, PagePicture
 from musatpy.page.stated import anchor_of
 from musatpy.plots.gallery import file_of
 from musatpy.plots.picture import Picture
-from musatpy.plots.tables import Tables
+from musatpy.plots.tables import SharedTables, Tables
 
 # What a data URI within double quotes of HTML has to escape, in this order; quotes of SVG become single ones.
 _ESCAPES = {"'": "&apos;", "%": "%25", "#": "%23", "<": "%3C", ">": "%3E", "&": "%26", '"': "'"}
@@ -21,7 +21,7 @@ _PROLOG = re.compile(r"^.*?(?=<svg)", re.DOTALL)
 
 def pictures_chapter(pictures: Sequence[Picture[Any]], tables: Tables) -> Chapter:
     """Return the chapter of the pictures that a record has something to show in."""
-    return Chapter(title="Pictures", anchor="pictures", parts=list(_shown(pictures, tables)))
+    return Chapter(title="Pictures", anchor="pictures", parts=list(_shown(pictures, SharedTables(tables))))
 
 
 def _shown(pictures: Sequence[Picture[Any]], tables: Tables) -> Iterator[PagePicture]:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from musatpy.errors import Problem, RecordError
 from musatpy.json_files import known_of, read_json_file
-from musatpy.page.compilation_page import compilation_page
+from musatpy.page.parts import Page
 from musatpy.page.rendering import check_packages, html_of
-from musatpy.page.run_page import run_page
-from musatpy.page.soundings_page import soundings_page
 from musatpy.plots.tables import Tables
-from musatpy.reports import compilation, soundings
 
 _OF_COMPILATION, _OF_SOUNDINGS = "compilation_version", "soundings_version"
 _RUN_NEEDS = {
@@ -53,20 +50,30 @@ def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
 
     Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
     """
-    page = run_page
+    return html_of(_page_of(tables)(tables, {file.name: _sha256(file) for file in files}))
+
+
+def _page_of(tables: Tables) -> Callable[[Tables, Mapping[str, str]], Page]:
+    """Return what makes the page of tables; what makes the others is not loaded."""
     if _OF_COMPILATION in tables:
-        page = compilation_page
+        from musatpy.page.compilation_page import compilation_page as page
     elif _OF_SOUNDINGS in tables:
-        page = soundings_page
-    return html_of(page(tables, {file.name: _sha256(file) for file in files}))
+        from musatpy.page.soundings_page import soundings_page as page
+    else:
+        from musatpy.page.run_page import run_page as page
+    return page
 
 
 def tables_of_record(path: Path) -> dict[str, Any]:
     """Return what the record of a run or a compilation has; raises as `page_of_record`."""
     record = read_json_file(path)
     if isinstance(record, dict) and _OF_COMPILATION in record:
+        from musatpy.reports import compilation
+
         return known_of(record, path, _COMPILATION_NEEDS, schema=compilation.schema())
     if isinstance(record, dict) and _OF_SOUNDINGS in record:
+        from musatpy.reports import soundings
+
         return known_of(record, path, _SOUNDINGS_NEED, schema=soundings.schema())
     if not isinstance(record, dict) or "schema_version" not in record:
         message = "is not the record of a run, of a compilation or of a comparison with soundings"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import MusatError, printable
-from musatpy.page.parts import Page
+from musatpy.page.parts import Page, PageTable
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _MARKS = {"ACCEPTED": "✓", "COMPILED": "✓", "COMPARED": "✓", "DOUBTFUL": "?"}
@@ -41,5 +41,21 @@ def render(template: str, **values: Any) -> str:
         lstrip_blocks=True,
         finalize=lambda value: printable(value) if type(value) is str else value,
     )
+    environment.globals["lines"] = _lines
     style = Markup((_TEMPLATES / "style.css").read_text(encoding="utf-8"))
     return environment.get_template(template).render(style=style, **values)
+
+
+def _lines(table: PageTable) -> Any:
+    """Return the rows of a table as HTML: a template would ask of every cell what is so of its column."""
+    from markupsafe import Markup, escape
+
+    tags = []
+    for head in table.heads:
+        begin = '<td class="x">' if head.is_text else "<td>"
+        tags.append(('<th scope="row">', "</th>") if head.is_id else (begin, "</td>"))
+    lines = []
+    for row in table.rows:
+        cells = [f"{begin}{escape(printable(text))}{end}" for (begin, end), text in zip(tags, row, strict=True)]
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    return Markup("\n".join(lines))

@@ -46,7 +46,7 @@ class Shown:
         numbers = self._numbers(table)
         if not len(numbers):
             return None
-        rows = [row for n in self._order(table, numbers) for row in _rows(table, n, self.report)]
+        rows = list(_rows(table, self._order(table, numbers), self.report))
         if not rows:
             return None
         columns = [column for column in _columns(self.report, system_of(tables)) if self._is_shown(column, rows[0])]
@@ -172,23 +172,32 @@ def table_at(tables: Tables, report: Report[Any]) -> Mapping[str, Any]:
     return table
 
 
-def row_of(table: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Return a row of a table of columns."""
-    return {name: column[number] for name, column in table.items()}
+def rows_at(table: Mapping[str, Any], numbers: Sequence[int]) -> list[dict[str, Any]]:
+    """Return rows of a table of columns."""
+    columns = [_taken(column, numbers) for column in table.values()]
+    return [dict(zip(table, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
-def _rows(table: Mapping[str, Any], number: int, report: Report[Any]) -> Iterator[Row]:
-    """Yield what a statement prints of a row: one line, or one for each entry of a nested table or of lists."""
-    row = row_of(table, number)
-    if report.nested:
-        inner = row[report.nested] or {}
-        for entry in range(len(next(iter(inner.values()), ()))):
-            yield {**row, **row_of(inner, entry)}
-    elif report.expand and report.table is not None:
-        for entry in range(len(row[report.expand[0]])):
-            yield {**row, **{name: row[name][entry] for name in report.expand}}
-    else:
-        yield row
+def _taken(column: Any, numbers: Sequence[int]) -> Sequence[Any]:
+    """Return entries of a column: of an array, of a run whose record was not read, all at once."""
+    if getattr(column, "array", None) is not None:
+        taken: Sequence[Any] = column[np.array(numbers, dtype=np.int64)]
+        return taken
+    return [column[number] for number in numbers]
+
+
+def _rows(table: Mapping[str, Any], numbers: Sequence[int], report: Report[Any]) -> Iterator[Row]:
+    """Yield what a statement prints of rows: a line of each, or of each entry of a nested table or of lists."""
+    for row in rows_at(table, numbers):
+        if report.nested:
+            inner = row[report.nested] or {}
+            for entry in rows_at(inner, range(len(next(iter(inner.values()), ())))):
+                yield {**row, **entry}
+        elif report.expand and report.table is not None:
+            for n in range(len(row[report.expand[0]])):
+                yield {**row, **{name: row[name][n] for name in report.expand}}
+        else:
+            yield row
 
 
 def _columns(report: Report[Any], system: str) -> Iterator[Column[Any]]:

@@ -14,7 +14,7 @@ from musatpy.page.accuracy import Depths, Sample, axes_of, depths_of, root_mean_
 from musatpy.page.analysis_tables import ORDERS, SAMPLES
 from musatpy.page.cells import count_of, number_text
 from musatpy.page.parts import Chapter, Fact, Facts, Page, PagePicture, PageTable, Reason, Texts
-from musatpy.page.stated import row_of
+from musatpy.page.stated import rows_at
 from musatpy.plots.tables import Tables, flags, part, texts
 from musatpy.reports.answer import USE
 from musatpy.reports.titles import REFRACTION
@@ -32,7 +32,7 @@ def top_of(tables: Tables, chapters: Sequence[Chapter]) -> Page:
     grade = str(verdict.get("grade") or _grade_without_verdict(tables))
     titles = [" ".join(title.split()) for title in tables.get("titles") or ()]
     reasons = verdict.get("reasons") or {}
-    rows = [row_of(reasons, n) for n in range(len(reasons.get("text", ())))]
+    rows = rows_at(reasons, range(len(reasons.get("text", ()))))
     places = anchors(chapters)
     return Page(
         title=titles[0] if titles else "Aerotriangulation",
@@ -92,7 +92,7 @@ def _images(tables: Tables) -> int:
 def _causes(tables: Tables) -> list[str]:
     """Return the likely causes in words; of one group those after the first begin with `or`."""
     table = part(tables, "causes")
-    rows = [row_of(table, n) for n in range(min(_CAUSES, len(table.get("cause", ()))))]
+    rows = rows_at(table, range(min(_CAUSES, len(table.get("cause", ())))))
     found, groups = [], set()
     for row in rows:
         lead = "or: " if row["group"] in groups else ""

@@ -9,6 +9,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.mapping import MOST_ARROWS, SHADES, dot_size, draw_arrows, finish, new_map, shown_size, view_of
+from musatpy.plots.painted import add_names
 from musatpy.plots.picture import Picture
 from musatpy.plots.wording import counted, measure
 
@@ -52,11 +53,8 @@ def figure(found: BottomPoints) -> Any:
 def _write_some(axes: Any, places: FloatArray, fall: FloatArray) -> None:
     """Write the corrections of some points beside them: shades alone do not say a number."""
     step = -(-len(fall) // _NAMED)
-    ground = {"facecolor": "white", "alpha": 0.7, "pad": 0.4, "linewidth": 0}
-    for row in np.argsort(fall, kind="stable")[::step].tolist():
-        axes.annotate(
-            f"{fall[row]:z.1f}", places[row], textcoords="offset points", xytext=(5, 4), fontsize=7, bbox=ground
-        )
+    rows = np.argsort(fall, kind="stable")[::step]
+    add_names(axes, places[rows], np.array([f"{value:z.1f}" for value in fall[rows].tolist()]))
 
 
 CORRECTIONS = Picture(

@@ -14,7 +14,7 @@ from musatpy.plots.given_lines import given_line, given_soundings
 from musatpy.plots.picture import Picture
 from musatpy.plots.profile import Profile, profile_picture
 from musatpy.plots.records import KINDS, read_tables
-from musatpy.plots.tables import Tables
+from musatpy.plots.tables import SharedTables, Tables
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,6 +72,7 @@ def pictures_of(
 
     Raises `MusatError` without matplotlib, and where what is given for a profile cannot be brought there.
     """
+    tables = SharedTables(tables)
     files, sentences, reasons = {}, [], {}
     for picture in pictures:
         found = rendered(picture, tables)

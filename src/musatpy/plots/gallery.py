@@ -73,6 +73,8 @@ def _marks_of(artist: Any) -> int:
     from matplotlib.collections import Collection, LineCollection, PolyCollection
     from matplotlib.lines import Line2D
 
+    if (number := getattr(artist, "marks", None)) is not None:
+        return int(number)
     if isinstance(artist, Line2D):
         return np.size(artist.get_xdata()) if artist.get_marker() not in ("", "None", " ", None) else 1
     if isinstance(artist, Collection):

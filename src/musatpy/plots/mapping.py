@@ -9,7 +9,10 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.canvas import new_figure
 from musatpy.plots.enlarged import largest_of_cells, magnification, round_length
+from musatpy.plots.painted import add_arrows, add_names
+from musatpy.plots.panel import add_panel
 from musatpy.plots.plane import Plane
+from musatpy.plots.sheet import draw_bar
 
 INK, GREY, LIGHT = "black", "0.45", "0.75"
 DRY, WET, CONTROL = "#9a6700", "#00457c", "#b3001b"  # apart in grey too, and never without a marker of their own
@@ -64,7 +67,7 @@ def new_map(bounds: FloatArray, plane: Plane, title: str) -> tuple[Any, Any]:
     """Return a figure and its axes for bounds (2, 2) m. Raises `MusatError` where matplotlib is missing."""
     figure = new_figure(1.0, 1.0)
     figure.set_layout_engine("none")
-    axes = figure.add_subplot()
+    axes = add_panel(figure, [0.0, 0.0, 1.0, 1.0])
     dress(axes, bounds, plane)
     axes.set_title(title, fontsize=11)
     return figure, axes
@@ -104,9 +107,7 @@ def finish(figure: Any, axes: Any, *, shade: Any = None, label: str = "") -> Any
         enlarge_signs(figure.legend(handles, labels, loc="lower center", ncols=columns, fontsize=8))
     if shade is not None:
         place = [(left + width + 0.15) / whole[0], below / whole[1], 0.18 / whole[0], height / whole[1]]
-        bar = figure.add_axes(place)
-        figure.colorbar(shade, cax=bar, label=label)
-        bar.tick_params(labelsize=8)
+        draw_bar(figure, place, shade, label)
     return figure
 
 
@@ -156,7 +157,7 @@ def draw_arrows(
     place = key_place(axes, line)
     tails = np.concatenate([places[rows], [place - [0.5 * factor * unit, 0.0]]])
     arrows = factor * np.concatenate([vectors[rows], [[unit, 0.0]]])
-    axes.quiver(*tails.T, *arrows.T, angles="xy", scale_units="xy", scale=1.0, color=color, width=0.0025, zorder=3)
+    add_arrows(axes, tails, arrows, color=color, width=0.0025)
     write_key(axes, place, f"{what}, {factor:,g} times enlarged: {unit:g} m")
 
 
@@ -175,9 +176,4 @@ def name_places(axes: Any, xy: FloatArray, names: TextArray) -> None:
     """Write names beside places (n, 2); of many, every second, third, ... only."""
     known = np.flatnonzero(np.isfinite(xy).all(axis=1))
     step = -(-len(known) // _NAMES) or 1
-    ground = {"facecolor": "white", "alpha": 0.7, "pad": 0.4, "linewidth": 0}
-    for row in known[::step].tolist():
-        axes.annotate(
-            str(names[row]), xy[row], textcoords="offset points", xytext=(5, 5), fontsize=7, annotation_clip=True,
-            bbox=ground, zorder=4,
-        )  # fmt: skip
+    add_names(axes, xy[known[::step]], names[known[::step]])

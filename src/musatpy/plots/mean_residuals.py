@@ -10,6 +10,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.plots.enlarged import magnification
 from musatpy.plots.mapping import GREY, INK, SHADES
+from musatpy.plots.painted import add_arrows
 from musatpy.plots.picture import Picture
 from musatpy.plots.plate_residuals import NEEDS, PlateResiduals, enlarged_text, plate_residuals
 from musatpy.plots.sheet import Margins, bar_beside, legend_below, new_sheet
@@ -162,10 +163,7 @@ def _draw(axes: Any, part: CellMeans, factor: float, most: int) -> Any:
         vmax=max(most, 2), interpolation="nearest",
     )  # fmt: skip
     for rows, color, width in ((part.drawn & ~part.beyond, GREY, 0.0022), (part.beyond, INK, 0.0045)):
-        axes.quiver(
-            *part.places[rows].T, *(factor * part.mean[rows]).T, angles="xy", scale_units="xy", scale=1.0,
-            color=color, width=width,
-        )  # fmt: skip
+        add_arrows(axes, part.places[rows], factor * part.mean[rows], color=color, width=width)
     axes.set_title(f"{counted(int(part.count.sum()), 'image')} of {part.what}", fontsize=9)
     axes.set_xlabel("x, mm")
     axes.set_ylabel("y, mm")

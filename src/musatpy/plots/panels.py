@@ -14,7 +14,7 @@ from musatpy.plots.footprints import ground_of, outlines
 from musatpy.plots.mapping import INK, SHADES, dot_size, draw_outlines, dress, enlarge_signs, view_of
 from musatpy.plots.plane import Plane, plane_of
 from musatpy.plots.sheet import Margins, Sheet, legend_below, legend_lines, new_sheet
-from musatpy.plots.tables import Tables, numbers, part
+from musatpy.plots.tables import Tables, numbers, part, worked_out_once
 
 MAPS_NEED = {
     "options": ("system",),
@@ -23,7 +23,7 @@ MAPS_NEED = {
     "points": ("position",),
 }
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of classes
-_STATIONS = 200  # that are drawn in a panel, at most: more would hide the points
+_STATIONS = 200  # that are drawn in a panel with their footprints, at most: more would hide the points
 _PANEL = 5.0  # inches, of the long side of a map
 _COLUMNS = 5  # of the legend
 NAMED = 2  # what is drawn under points: footprints and stations
@@ -41,6 +41,7 @@ class PointMap:
     bounds: FloatArray  # (2, 2)
 
 
+@worked_out_once
 def point_map(tables: Tables) -> PointMap:
     """Return the map of the points of a run or a compilation, of the latter without photos.
 
@@ -81,9 +82,9 @@ def new_panels(block: PointMap, titles: list[str], title: str, named: int) -> tu
 
 
 def draw_block(axes: Any, block: PointMap) -> None:
-    """Draw footprints and stations of a block."""
-    draw_outlines(axes, block.outlines)
+    """Draw footprints and stations of a block, where these are not too many."""
     if len(block.stations) <= _STATIONS:
+        draw_outlines(axes, block.outlines)
         axes.plot(*block.stations.T, "+", color=INK, markersize=4, label="stations")
 
 

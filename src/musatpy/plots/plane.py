@@ -12,7 +12,7 @@ from musatpy.errors import SystemsError
 from musatpy.geometry.crs import local_map
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System, TangentPlane, geographic
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, worked_out_once
 
 _FARTHEST = 1e6  # m from the middle of the stations, of what has a place
 
@@ -82,6 +82,7 @@ def _kept(positions: FloatArray, distance: FloatArray) -> FloatArray:
     return np.where((distance < _FARTHEST)[:, None], positions, np.nan)
 
 
+@worked_out_once
 def plane_of(tables: Tables) -> Plane:
     """Return the plane of a record. Raises `NothingToShowError` where its system, or a station, is not there."""
     system, middle = _system_and_middle(tables)

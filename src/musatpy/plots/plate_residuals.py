@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,10 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.plots.enlarged import magnification, round_length
 from musatpy.plots.footprints import frames
 from musatpy.plots.mapping import DRY, INK, LIGHT, WET
+from musatpy.plots.painted import add_arrows
 from musatpy.plots.picture import Picture
 from musatpy.plots.sheet import Margins, legend_below, new_sheet
-from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
+from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts, worked_out_once
 from musatpy.plots.wording import counted, measure, rms
 from musatpy.units import MICROMETRE
 
@@ -45,7 +47,7 @@ class PlateResiduals:
     submerged: BoolArray  # (m,)
     used: BoolArray  # (m,) took part in the solution
 
-    @property
+    @cached_property
     def rms(self) -> FloatArray:
         """(n,) um, of the coordinates of each photo, NaN of one without residuals."""
         count = np.bincount(self.photo, minlength=len(self.photos))
@@ -53,6 +55,7 @@ class PlateResiduals:
         return np.sqrt(squares / np.where(count, 2.0 * count, np.nan))
 
 
+@worked_out_once
 def plate_residuals(tables: Tables) -> PlateResiduals:
     """Return the residuals of plates. Raises `NothingToShowError` where there are none."""
     plates, stations, points = part(tables, "plates"), part(tables, "stations"), part(tables, "points")
@@ -149,7 +152,7 @@ def _set_axes(axes: Any, middle: FloatArray, pitch: FloatArray, low: FloatArray,
         setter((tiles[:, None] + marks).ravel(), [f"{mark:zg}" for mark in marks] * len(tiles), fontsize=7)
     axes.set_xlabel("x, mm", fontsize=8)
     axes.set_ylabel("y, mm", fontsize=8)
-    axes.spines[["top", "right", "left", "bottom"]].set_visible(False)
+    axes.set_frame_on(False)
 
 
 def _frames(corners: FloatArray) -> Any:
@@ -174,9 +177,7 @@ def _draw_residuals(axes: Any, plates: PlateResiduals, tile: IntArray, middle: F
         share = inside_share(plates.xy[rows], arrow, corners.min(axis=1), corners.max(axis=1))
         axes.plot(*at.T, marker, color=shade, markerfacecolor=shade if fill else "none", markersize=3.5)
         whole = share >= 1.0
-        axes.quiver(
-            *at[whole].T, *arrow[whole].T, angles="xy", scale_units="xy", scale=1.0, color=shade, width=0.0015,
-        )  # fmt: skip
+        add_arrows(axes, at[whole], arrow[whole], color=shade, width=0.0015)
         ends = at + share[:, None] * arrow
         axes.plot(*np.stack([at[~whole], ends[~whole]], axis=1).transpose(2, 1, 0), "-", color=shade, linewidth=1.0)
 

@@ -19,7 +19,7 @@ from musatpy.plots.panels import (
     point_map,
 )
 from musatpy.plots.picture import Picture
-from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
+from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, texts
 from musatpy.plots.wording import counted
 
 _RAYS = (2, 3, 4, 6, 9)  # most of a class
@@ -55,7 +55,8 @@ def redundancy_map(tables: Tables) -> RedundancyMap:
     if not len(plates):
         raise NothingToShowError("the record has no observation of a plate")
     owners = list(observed["of"])
-    row = rows_of(ids, np.array([owners[number][-1] for number in plates.tolist()], dtype=np.str_))
+    known = {name: number for number, name in enumerate(ids.tolist())}
+    row = np.array([known.get(owners[number][-1], -1) for number in plates.tolist()], dtype=np.int64)
     plates, row = plates[row >= 0], row[row >= 0]
     if not len(plates):
         raise NothingToShowError("no observed point is in the record")

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from musatpy.canvas import new_figure
+from musatpy.plots.panel import add_panel
 
+_SHADES = 128  # of a bar
 _LINE = 0.19  # inches, of a line of the legend
 _HEAD = 0.3  # of the title of a sheet
 _LETTER, _TITLE = 0.068, 0.092  # of a letter of 8 points, and of the title
@@ -66,16 +68,29 @@ def new_sheet(
             widths[column] / width,
             heights[row] / height,
         ]
-        panels[row, column] = figure.add_axes(place)
+        panels[row, column] = add_panel(figure, place)
     return Sheet(figure=figure, panels=panels)
 
 
 def bar_beside(figure: Any, axes: Any, shade: Any, label: str) -> None:
     """Draw what shades mean right of a panel."""
     place, (width, _) = axes.get_position(), figure.get_size_inches()
-    bar = figure.add_axes([place.x1 + 0.15 / width, place.y0, 0.18 / width, place.height])
-    figure.colorbar(shade, cax=bar, label=label)
+    draw_bar(figure, [place.x1 + 0.15 / width, place.y0, 0.18 / width, place.height], shade, label)
+
+
+def draw_bar(figure: Any, place: Sequence[float], shade: Any, label: str) -> None:
+    """Draw what shades mean at a place of a figure."""
+    bar = add_panel(figure, place)
+    low, high = shade.get_clim()
+    steps = np.linspace(low, high, _SHADES)[:, None]
+    bar.imshow(
+        steps, origin="lower", extent=(0.0, 1.0, low, high), aspect="auto", cmap=shade.get_cmap(), vmin=low,
+        vmax=high, alpha=shade.get_alpha(),
+    )  # fmt: skip
+    bar.set_xticks([])
+    bar.scales["y"].after = True
     bar.tick_params(labelsize=8)
+    bar.set_ylabel(label)
 
 
 def room_of(names: Sequence[str]) -> float:

@@ -6,14 +6,39 @@ A table is a mapping of fields to columns, one entry per row; tables of groups a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 
 Tables = Mapping[str, Any]
+N = TypeVar("N")
+
+
+class SharedTables(dict[str, Any]):
+    """Tables that several pictures are made of, with what `worked_out_once` has found of them."""
+
+    def __init__(self, tables: Tables) -> None:
+        super().__init__(tables)
+        self.found: dict[Callable[[Tables], Any], Any] = {}
+
+
+def worked_out_once(function: Callable[[Tables], N]) -> Callable[[Tables], N]:
+    """Return a function of tables that is asked once of each `SharedTables`: nobody changes what it returns."""
+
+    @wraps(function)
+    def asked(tables: Tables) -> N:
+        if not isinstance(tables, SharedTables):
+            return function(tables)
+        if function not in tables.found:
+            tables.found[function] = function(tables)
+        known: N = tables.found[function]
+        return known
+
+    return asked
 
 
 class NothingToShowError(Exception):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy import image_observations
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import ObservationKind
 from musatpy.reports import result_record
 from musatpy.reports.encoding import Json, names
@@ -57,9 +57,9 @@ def _besides_images(statistics: Statistics) -> _Observed | None:
     return _Observed(statistics, np.flatnonzero(observed.kind != ObservationKind.PLATE))
 
 
-def _kinds(some: _Observed) -> list[str]:
-    of = some.quality.observed.kind
-    return some.of_kinds(of, lambda kind, _: names(ObservationKind, [kind.kind]))
+def _kinds(some: _Observed) -> TextArray:
+    kinds, which = np.unique(some.quality.observed.kind[some.rows], return_inverse=True)
+    return np.array(names(ObservationKind, kinds.tolist()), dtype=np.str_)[which]
 
 
 def _owners(some: _Observed) -> list[list[str]]:
