@@ -10,7 +10,6 @@ pytest.importorskip("matplotlib")
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 
-from musatpy import canvas
 from musatpy.lettering import renderer_of
 
 _DPI = 110
@@ -51,11 +50,3 @@ def test_other_texts_are_drawn_by_matplotlib(given):
 
 def test_a_name_of_strange_letters_is_drawn():
     ink(renderer_of(330.0, 220.0, _DPI), s="foto Ж 写")
-
-
-def test_matplotlib_is_loaded_with_its_function_for_manuals_put_back():
-    from matplotlib import artist
-
-    before = artist.kwdoc
-    canvas.load_matplotlib()
-    assert artist.kwdoc is before

@@ -33,24 +33,6 @@ def check_matplotlib() -> Any:
     return Figure
 
 
-def load_matplotlib() -> None:
-    """Load matplotlib, where it is there, for a program of its own: without the manuals that it writes of artists.
-
-    They take a third of its time to load, and are what `help` says of the artists.
-    """
-    try:
-        from matplotlib import artist
-    except ImportError:
-        return
-    module: Any = artist
-    written = module.kwdoc
-    module.kwdoc = lambda _: ""
-    try:
-        check_matplotlib()
-    finally:
-        module.kwdoc = written
-
-
 def new_figure(width: float, height: float, layout: str = "constrained") -> Any:
     """Return an empty figure of the given size (inches), by default one that lays its panels out by their texts.
 

@@ -31,13 +31,11 @@ def command(record: Path, out: Path | None, inputs: tuple[Path, ...], quiet: boo
     One HTML file with pictures, without scripts, that needs no network: verdict, data, accuracy, pictures, worst
     observations, tables. The record may be of an earlier version. Needs jinja2 and matplotlib.
     """
-    from musatpy.canvas import load_matplotlib
     from musatpy.files import write_file
     from musatpy.page.records import page_of_record
 
     place = record.with_suffix(".html") if out is None else out
     refuse_overwriting([place], [record, *inputs])
-    load_matplotlib()
     with cycles_left_alone():
         write_file(place, page_of_record(record, inputs).encode())
     if not quiet:

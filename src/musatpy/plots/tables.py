@@ -19,26 +19,26 @@ N = TypeVar("N")
 
 
 class SharedTables(dict[str, Any]):
-    """Tables that several pictures are made of, with what `worked_out_once` has found of them."""
+    """Tables that several pictures are made of, with what `worked_out_once` has made of them."""
 
     def __init__(self, tables: Tables) -> None:
         super().__init__(tables)
-        self.found: dict[Callable[[Tables], Any], Any] = {}
+        self.results: dict[Callable[[Tables], Any], Any] = {}
 
 
 def worked_out_once(function: Callable[[Tables], N]) -> Callable[[Tables], N]:
     """Return a function of tables that is asked once of each `SharedTables`: nobody changes what it returns."""
 
     @wraps(function)
-    def asked(tables: Tables) -> N:
+    def once(tables: Tables) -> N:
         if not isinstance(tables, SharedTables):
             return function(tables)
-        if function not in tables.found:
-            tables.found[function] = function(tables)
-        known: N = tables.found[function]
+        if function not in tables.results:
+            tables.results[function] = function(tables)
+        known: N = tables.results[function]
         return known
 
-    return asked
+    return once
 
 
 class NothingToShowError(Exception):
