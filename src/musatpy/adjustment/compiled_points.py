@@ -294,7 +294,7 @@ class CompiledPoints(CompiledRows):
             component=np.tile(np.arange(2), len(images)),
             residual=residual[images].reshape(-1),
             weight=network.weight[images].reshape(-1),
-            cofactor=image[images].reshape(-1),
-            covariance=covariance[images].reshape(-1, 3),
+            cofactor=image.take(images, axis=0).reshape(-1),
+            covariance=covariance.take(images, axis=0).reshape(-1, 3),
         )
         return Spread(point=sequence.point[rows], points=point[rows], images=part)

@@ -57,15 +57,16 @@ def joined(parts: Iterable[Part]) -> Observations:
     """Return the observations of all parts in the order of kinds, rows and components."""
     every = list(parts)
     kind, row, component, weight, order = _ordered(every)
+    weight = weight[order]
     covariance = np.concatenate([part.covariance for part in every])
     return Observations(
         kind=kind[order],
         row=row[order],
         component=component[order],
         residual=np.concatenate([part.residual for part in every])[order],
-        sigma=1.0 / np.sqrt(weight[order]),
-        redundancy=1.0 - weight[order] * np.concatenate([part.cofactor for part in every])[order],
-        influence=(covariance * weight[:, None])[order],
+        sigma=1.0 / np.sqrt(weight),
+        redundancy=1.0 - weight * np.concatenate([part.cofactor for part in every])[order],
+        influence=covariance.take(order, axis=0) * weight[:, None],
     )
 
 

@@ -239,7 +239,7 @@ class NotPositiveDefiniteError(Exception):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SparseFactor:
-    """Cholesky factor, front by front: L11 of the own unknowns, in its lower half, L21 of the boundary's."""
+    """Cholesky factor, front by front: L11 of the own unknowns, zero above its diagonal, L21 of the boundary's."""
 
     pattern: Pattern
     own: tuple[FloatArray, ...]
@@ -293,7 +293,7 @@ class SparseFactor:
     def _inverse(self, i: int, above: FloatArray | None) -> FloatArray:
         """Return the inverse (b size, b size) of front i, given that of its parent."""
         plan, L21 = self.pattern.plan[i], self.below[i]
-        inverse = np.tril(lapack.dtrtri(self.own[i], lower=1)[0])
+        inverse = lapack.dtrtri(self.own[i], lower=1)[0]
         if above is None or not len(L21):
             return np.asarray(inverse.T @ inverse)
         p = plan.own
@@ -322,7 +322,7 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
         for i in fronts:
             own, left = _assembled(pattern.plan[i], pattern.size, values, updates)
             F, p = own.T, len(own)  # in the order of FORTRAN, its lower half
-            diagonal[i], failed = lapack.dpotrf(F[:p], lower=1, clean=0)
+            diagonal[i], failed = lapack.dpotrf(F[:p], lower=1)
             if failed:
                 raise NotPositiveDefiniteError(pattern.fronts[i].own)
             below[i] = np.zeros((0, p))
