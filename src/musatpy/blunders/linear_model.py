@@ -14,6 +14,7 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
+from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
@@ -74,6 +75,16 @@ class PointChecks:
         """Return some of the points."""
         rows = {one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "cofactors"}
         return PointChecks(**rows, cofactors=self.cofactors)
+
+    def image_drops(self) -> list[Drop]:
+        """Return what each image (m) of every point explains, both coordinates."""
+        m = self.rays.shape[1]
+        rows = 2 * np.arange(m)[:, None] + np.arange(2)
+        v, weight = (values[:, rows].reshape(-1, 2) for values in (self.residual, self.weight))
+        Q = self.cofactor[:, rows[:, :, None], rows[:, None, :]].reshape(-1, 2, 2)
+        every = dropped(v, weight, Q, IMAGES_CHECKED)
+        parts = {one.name: getattr(every, one.name) for one in fields(every)}
+        return [Drop(**{name: part[image::m] for name, part in parts.items()}) for image in range(m)]
 
     def drop(self, rows: IntArray) -> Drop:
         """Return what the observations `rows` (s,) of every point explain."""
@@ -148,7 +159,7 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
-    state = _by_images(network, ground_points.settle(network, state))
+    state = _by_images(network, ground_points.settle(network, state, CompiledPassPoints.of(network)))
     problem = scene.problem(factors)
     line = problem.linearise(problem.with_squares(state))
     factor = factorised(line.matrix)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sightings import images
+from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
@@ -152,11 +152,12 @@ def _imagined(scene: Scene, state: State, photo: int, points: IntArray, covarian
         refracted=np.asarray(scene.block.points.bathymetric[points]),
     )
     ground = state.ground[points]
-    predicted = images(imagined, state, np.arange(k), ground, stations=False)
+    xy = image_coordinates(imagined, state, np.arange(k), ground)
     measured = network.xy[network.photo == photo]
     seen = collinearity.in_front(ground - state.position[photo], state.M[np.full(k, photo)])
     low, high = measured.min(axis=0) - _RIM, measured.max(axis=0) + _RIM
-    seen &= ((predicted.xy > low) & (predicted.xy < high)).all(axis=1)
-    B = (predicted.by_ground @ np.swapaxes(network.frame.axes(ground), 1, 2))[seen]
-    C = covariance[points[seen]]
-    return _Imagined(point=points[seen], xy=predicted.xy[seen], covariance=B @ C @ np.swapaxes(B, 1, 2))
+    rows = np.flatnonzero(seen & ((xy > low) & (xy < high)).all(axis=1))
+    predicted = images(imagined, state, rows, ground[rows], stations=False)
+    B = predicted.by_ground @ np.swapaxes(network.frame.axes(ground[rows]), 1, 2)
+    C = covariance[points[rows]]
+    return _Imagined(point=points[rows], xy=predicted.xy, covariance=B @ C @ np.swapaxes(B, 1, 2))
