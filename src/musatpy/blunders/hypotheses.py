@@ -298,16 +298,16 @@ def _common(model: LinearModel) -> Iterator[Hypothesis]:
             c = np.zeros((k, checks.residual.shape[1]))
             if column.images is not None:
                 c[:, : 2 * m] = column.images[checks.rays].reshape(k, -1)
-            if column.control is not None and len(column.control):
+            if column.control is not None and c.shape[1] > 2 * m:
                 c[:, 2 * m : 2 * m + 3] = np.where(
                     checks.control[:, None] >= 0, column.control[checks.control], 0.0
                 )
             weighted = checks.weight * c
-            by_point = np.einsum("koi,ko->ki", checks.ground, weighted)
+            by_point = (weighted[:, None] @ checks.ground)[:, 0]
             of_points = np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point)
             weight += float(np.sum(weighted * c)) - float(of_points)
             pull += float(np.sum(weighted * checks.residual))
-            np.add.at(coupling, checks.unknowns, np.einsum("kot,ko->kt", checks.partials, weighted))
+            np.add.at(coupling, checks.unknowns, (weighted[:, None] @ checks.partials)[:, 0])
         if column.stations is not None:
             weighted = model.station_weight * column.stations
             coupling[: n * q] += weighted.reshape(-1)
