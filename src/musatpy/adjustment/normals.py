@@ -244,6 +244,8 @@ class Cofactors(Bordered):
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
         """Return the cofactors (k, m q + X, m q + X) of photos (k, m) and global unknowns (k, X)."""
         k, m = photo.shape
+        if not index.shape[1]:
+            return self.of_photos(photo)
         split = m * self.pattern.size
         out = np.empty((k, split + index.shape[1], split + index.shape[1]))
         out[:, :split, :split] = self.of_photos(photo)

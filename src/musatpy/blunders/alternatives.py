@@ -8,7 +8,7 @@ go out.
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -164,24 +164,10 @@ def _intersected(
 
     A point may be in it more than once, with other rays, or other images xy (k, m, 2). The stations stay.
     """
-    rays, point, (k, m) = group.rays.reshape(-1), group.point, group.rays.shape
-    every = replace(group, point=np.arange(k), rays=np.arange(k * m).reshape(k, m))
-    priors = {one.name: getattr(network.priors, one.name)[point] for one in fields(network.priors)}
-    tried = replace(
-        network,
-        photo=network.photo[rays],
-        point=np.repeat(np.arange(k), m),
-        xy=network.xy[rays] if xy is None else xy.reshape(-1, 2),
-        weight=network.weight[rays],
-        refracted=network.refracted[rays],
-        priors=replace(network.priors, **priors),
-        pass_groups=() if group.known else (every,),
-        control_groups=(every,) if group.known else (),
-        kept_groups=(),
-        _gathered=[],
-    )
-    first = ground_points.start_ground(tried, replace(state, ground=state.ground[point])).ground
-    met = replace(state, ground=first, squares=np.zeros(k))
+    rays = group.rays
+    tried, every = network.apart(group, network.xy[rays] if xy is None else xy, network.refracted[rays])
+    first = ground_points.start_ground(tried, replace(state, ground=state.ground[group.point])).ground
+    met = replace(state, ground=first, squares=np.zeros(len(first)))
     ground = ground_points.settle(tried, met, CompiledPassPoints.of(tried)).ground
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
     return point_squares(tried, state, every, ground), ground
