@@ -146,6 +146,42 @@ def test_points_that_depend_on_unknown_water_go_by_numpy(monkeypatch: pytest.Mon
 
 
 @pytest.mark.slow
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 10.0), tilt=st.sampled_from([0.0, 2e-3]))
+def test_both_have_the_same_normal_equations_with_a_level_of_each_photo(
+    seed: int, shift: float, tilt: float
+) -> None:
+    """Seven unknowns a photo, the water level or tilted; compiled kernels have all points that are on their own."""
+    block = read_deck(FIXTURES / DECKS[0])
+    unknown = {"program": Program.IIIA, "refraction": Refraction.RIGOROUS, "water_level": WaterLevel.PHOTO}
+    water = replace(block.water, tilt_east=tilt)
+    block = replace(block, options=replace(block.options, **unknown), water=water)
+    parts, state = prepared(block, None)
+    draws = np.random.default_rng(seed)
+    wet = block.points.bathymetric[block.plates.point]
+    network = parts.network.with_plates(parts.network.xy, wet)
+    state = replace(
+        state,
+        position=state.position + shift * draws.normal(size=state.position.shape),
+        tide=state.tide + 0.1 * draws.normal(size=state.tide.shape),
+    )
+    assert network.pattern.size == 7
+    with pytest.MonkeyPatch.context() as patch:
+        (a, after_a), (b, after_b) = (linearised(patch, kind, network, state, block.options) for kind in BOTH)
+        patch.setenv(kernels.VARIABLE, kernels.NUMBA)
+        compiled = replace(network).compiled
+    assert compiled is not None and all(group.known for group in compiled.others)  # those of equal elevations
+    scale = 1.0 / np.sqrt(b.matrix.diagonal())
+    levels = b.matrix.of_single_photos()[:, 6]
+    assert (np.abs(levels[:, :6]).max(axis=1) > 0.0).any()
+    assert_like(a.matrix.scaled(scale).blocks, b.matrix.scaled(scale).blocks, 1e-11)
+    assert_like(a.rhs * scale, b.rhs * scale, 1e-11)
+    assert a.objective == pytest.approx(b.objective, rel=1e-12)
+    assert_like(after_a.ground, after_b.ground)
+    assert_like(after_a.squares, after_b.squares, 1e-9)
+
+
+@pytest.mark.slow
 def test_a_point_behind_a_camera_has_no_squares(monkeypatch: pytest.MonkeyPatch) -> None:
     network, state, options = job(DECKS[2])
     ground = state.ground.copy()
@@ -161,21 +197,24 @@ def test_a_point_behind_a_camera_has_no_squares(monkeypatch: pytest.MonkeyPatch)
 
 
 PROGRAMS = [
-    (Program.IIIA, Refraction.RIGOROUS),
-    (Program.IIA, Refraction.RIGOROUS),
-    (Program.IIA, Refraction.WATPT),
+    (Program.IIIA, Refraction.RIGOROUS, WaterLevel.KNOWN),
+    (Program.IIIA, Refraction.RIGOROUS, WaterLevel.PHOTO),
+    (Program.IIA, Refraction.RIGOROUS, WaterLevel.KNOWN),
+    (Program.IIA, Refraction.WATPT, WaterLevel.KNOWN),
 ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
-@pytest.mark.parametrize(("program", "refraction"), PROGRAMS)
+@pytest.mark.parametrize(("program", "refraction", "level"), PROGRAMS)
 def test_both_have_the_same_solution(
-    monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction
+    monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction, level: WaterLevel
 ) -> None:
     """Positions to the rounding of geocentric coordinates, the rest to 1e-9 of the largest."""
     block = read_deck(FIXTURES / deck)
-    block = replace(block, options=replace(block.options, program=program, refraction=refraction))
+    options = replace(block.options, program=program, refraction=refraction, water_level=level)
+    photos = replace(block.photos, tide_sigma=np.where(np.isnan(block.photos.tide), np.nan, 0.05))
+    block = replace(block, options=options, photos=photos)
     solutions = []
     for kind in BOTH:
         monkeypatch.setenv(kernels.VARIABLE, kind)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from musatpy.adjustment import threads
+from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, factorise
 
 
@@ -74,6 +75,21 @@ def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(
     inverse = np.linalg.inv(N).reshape(count, size, count, size)
     i, j = pattern.pairs.T
     np.testing.assert_allclose(factor.selected_inverse(), inverse[i, :, j], atol=1e-12 * np.abs(inverse).max())
+
+
+def test_cofactors_of_photos_in_any_order_are_those_of_the_dense_matrix() -> None:
+    rng = np.random.default_rng(5)
+    count, cliques = cliques_of(3, 6, rng)
+    pattern = Pattern.of(count, 6, cliques)
+    blocks = matrix_on(pattern, cliques, rng)
+    nothing = np.zeros((6 * count, 0))
+    cofactors = Cofactors(pattern=pattern, blocks=blocks, border=nothing, corner=np.zeros((0, 0)))
+    whole = dense(pattern, blocks)
+    for clique in cliques:
+        rows = pattern.rows(clique)
+        np.testing.assert_allclose(
+            cofactors.of_photos(clique), whole[rows[:, :, None], rows[:, None, :]], rtol=1e-12
+        )
 
 
 def test_parts_that_do_not_meet_are_factorised_one_by_one() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from altered import added, altered
 from blunders.study import strip
+from musatpy.adjustment.ground import point_squares
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
 from musatpy.blunders.linear_model import dropped, linear_model, put_in_again
@@ -49,6 +50,33 @@ def test_the_squares_that_a_hypothesis_explains_are_lost_by_the_adjustment(kind:
     trial = with_hypothesis(case, best, None)
     # two percent: a metre is a thousandth of the flying height, and turns the rays by as much
     assert squares - trial.squares == pytest.approx(best.squares, rel=0.02, abs=0.01 * squares)
+
+
+def test_images_of_points_together_explain_what_each_does() -> None:
+    case = wrong()
+    for checks in linear_model(case.scene, case.factors(), case.state).points:
+        for image, together in enumerate(checks.image_drops()):
+            alone = checks.drop(np.array([2 * image, 2 * image + 1]))
+            for name in ("squares", "parameters", "error", "sigma"):
+                np.testing.assert_allclose(getattr(together, name), getattr(alone, name), rtol=1e-12)
+
+
+def test_points_apart_have_the_squares_that_they_have_together() -> None:
+    """Each of them twice, the second time with its images 10 um to the right."""
+    case = wrong()
+    network, state = case.scene.network, case.state
+    for group in network.groups:
+        twice = group.part(np.repeat(np.arange(len(group.point)), 2))
+        xy = network.xy[twice.rays]
+        xy[1::2, :, 0] += 0.01
+        alone, every = network.apart(twice, xy, network.refracted[twice.rays])
+        ground = state.ground[twice.point]
+        squares = point_squares(alone, state, every, ground)
+        np.testing.assert_allclose(squares[::2], point_squares(network, state, group, ground[::2]), rtol=1e-12)
+        moved = network.xy + np.array([0.01, 0.0])
+        moved_squares = point_squares(network.with_plates(moved, network.refracted), state, group, ground[::2])
+        np.testing.assert_allclose(squares[1::2], moved_squares, rtol=1e-12)
+        assert (np.abs(moved_squares - squares[::2]) > 1e-3).all()
 
 
 def test_errors_are_given_minus_true() -> None:

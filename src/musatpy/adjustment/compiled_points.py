@@ -13,6 +13,7 @@ import numpy as np
 from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.ground import RIDGE, hold, prior_rows
 from musatpy.adjustment.kernels import compiled_points
+from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.reliability import Part
@@ -31,12 +32,13 @@ Result = TypeVar("Result")
 
 
 def split(network: Network, groups: Iterable[PointGroup]) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, ...]]:
-    """Return the points of groups that have no unknowns but their own and those of their stations, and others.
+    """Return the points of groups that have no unknowns but their own and those of their photos, and others.
 
-    Others are kept points, those of equal elevations, and where water or waves are unknown all with a wet ray.
+    Others are kept points, those of equal elevations, and all with a wet ray through waves, or where the border has
+    unknowns of the water.
     """
     border = network.border
-    unknown = network.water.unknown or border.count(ObservationKind.WAVE) > 0 or network.sea is not None
+    unknown = network.sea is not None or any(len(border.numbers(kind.observed)) for kind in WATER)
     plain, others = [], []
     for group in groups:
         if group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
@@ -130,6 +132,7 @@ class CompiledRows:
             row=row,
             normal=plain(over.normal),
             depth=plain(over.depth),
+            rise=1.0 / over.secant if network.water.per_photo else np.zeros(0),
             refraction=float(state.index),
         )
         return water

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import ModuleType
 from typing import TYPE_CHECKING, Self
@@ -150,6 +150,30 @@ class Network:
             return self
         sea = self.sea if waves is None else self.sea.at(waves)
         return replace(self, sea=sea.known, border=self.border.having(ObservationKind.WAVE, ()))
+
+    def apart(self, group: PointGroup, xy: FloatArray, refracted: BoolArray) -> tuple[Self, PointGroup]:
+        """Return a network of the k points of a group alone, and that group in it.
+
+        Each point counts for itself with its own images xy (k, m, 2) and rays that are `refracted` (k, m), so that
+        one can be there more than once.
+        """
+        (k, m), rays = group.rays.shape, group.rays.reshape(-1)
+        every = replace(group, point=np.arange(k), rays=np.arange(k * m).reshape(k, m))
+        priors = {one.name: getattr(self.priors, one.name)[group.point] for one in fields(self.priors)}
+        alone = replace(
+            self,
+            photo=self.photo[rays],
+            point=np.repeat(np.arange(k), m),
+            xy=xy.reshape(-1, 2),
+            weight=self.weight[rays],
+            refracted=refracted.reshape(-1),
+            priors=replace(self.priors, **priors),
+            pass_groups=() if group.known else (every,),
+            control_groups=(every,) if group.known else (),
+            kept_groups=(),
+            _gathered=[],
+        )
+        return alone, every
 
     def with_unknown_points(self) -> Self:
         """Return the network as if nothing were known of its points."""

@@ -209,12 +209,16 @@ class Cofactors(Bordered):
         """Return the cofactors (k, m q, m q) of the unknowns of photos (k, m) that meet each other."""
         k, m = photo.shape
         q = self.pattern.size
-        low = np.minimum(photo[:, :, None], photo[:, None, :])
-        high = np.maximum(photo[:, :, None], photo[:, None, :])
-        blocks = self.blocks[self.pattern.find(low, high)]
-        turned = (photo[:, :, None] > photo[:, None, :])[..., None, None]
-        blocks = np.where(turned, np.swapaxes(blocks, -1, -2), blocks)
-        return np.swapaxes(blocks, 2, 3).reshape(k, m * q, m * q)
+        i, j = np.triu_indices(m)
+        first, second = photo[:, i], photo[:, j]
+        upper = self.blocks[self.pattern.find(np.minimum(first, second), np.maximum(first, second))]
+        turned = first > second
+        if turned.any():
+            upper[turned] = np.swapaxes(upper[turned], 1, 2)
+        out = np.empty((k, m, q, m, q))
+        out[:, j, :, i] = np.moveaxis(np.swapaxes(upper, 2, 3), 1, 0)
+        out[:, i, :, j] = np.moveaxis(upper, 1, 0)
+        return out.reshape(k, m * q, m * q)
 
     def times(self, factor: float) -> Cofactors:
         """Return the cofactors multiplied by a factor; those of a lost run may be infinite."""
@@ -240,6 +244,8 @@ class Cofactors(Bordered):
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
         """Return the cofactors (k, m q + X, m q + X) of photos (k, m) and global unknowns (k, X)."""
         k, m = photo.shape
+        if not index.shape[1]:
+            return self.of_photos(photo)
         split = m * self.pattern.size
         out = np.empty((k, split + index.shape[1], split + index.shape[1]))
         out[:, :split, :split] = self.of_photos(photo)

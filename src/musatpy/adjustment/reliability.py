@@ -118,7 +118,7 @@ def image_partials(network: Network, piece: Piece) -> tuple[FloatArray, FloatArr
     E = piece.E
     k, m = piece.group.rays.shape
     A, B, q = E.normals.images.by_station, E.normals.B, network.pattern.size
-    a = -np.einsum("kmai,kit->kmat", B, piece.F)
+    a = -(B.reshape(k, 2 * m, 3) @ piece.F).reshape(k, m, 2, -1)
     stations = a[..., : m * q].reshape(k, m, 2, m, q)
     ray = np.arange(m)
     stations[:, ray, :, ray] += np.moveaxis(A, 1, 0)

@@ -18,7 +18,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 
 def water_over(network: Network, state: State, group: PointGroup, X: FloatArray) -> FloatArray:
@@ -35,7 +35,7 @@ class Local:
     rhs: FloatArray  # (k, u)
     cofactors: FloatArray  # (k, u, u)
 
-    def part(self, rows: BoolArray) -> Local:
+    def part(self, rows: BoolArray | IntArray) -> Local:
         """Return some of the points."""
         return Local(matrix=self.matrix[rows], rhs=self.rhs[rows], cofactors=self.cofactors[rows])
 
@@ -55,8 +55,13 @@ def best_states(
     k, m = tides.shape
     local = None if cofactors is None else _local(present, state, group, X, cofactors)
     squares, height = np.full((2 * m + 1, k), np.inf), np.zeros((m + 1, k))
-    for j in range(m + 1):
-        squares[2 * j], height[j] = _tried(_with_state(network, group, rank >= j), state, group, X, local)
+    row = np.tile(np.arange(k), m + 1)
+    tries = group.part(row)
+    every_state, tries = network.apart(
+        tries, network.xy[tries.rays], np.concatenate([rank >= j for j in range(m + 1)])
+    )
+    found = _tried(every_state, state, tries, X[row], None if local is None else local.part(row))
+    squares[::2], height[:] = (values.reshape(m + 1, k) for values in found)
     tide = np.sort(tides, axis=1).T
     sunk, risen = height[1:] < tide, height[:-1] >= tide  # under tide j in state j, and over it in state j - 1
     squares[2::2][sunk] = squares[:-1:2][risen] = np.inf

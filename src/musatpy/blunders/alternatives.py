@@ -13,8 +13,10 @@ from itertools import combinations
 
 import numpy as np
 
-from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.compiled_conditions import CompiledPassPoints
+from musatpy.adjustment.ground import point_squares
+from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
@@ -24,6 +26,7 @@ from musatpy.blunders.scene import Scene
 _AS_GOOD = 16.0  # of squares over sigma0 squared: a choice that is worse by less explains the point too
 _MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
 _MOST = 1000  # choices that are tried of one point
+_PART = 2**14  # rays that are tried at a time
 
 
 def wrong_images(network: Network, state: State, out: BoolArray, sigma0: float) -> tuple[BoolArray, State]:
@@ -58,12 +61,13 @@ def exchanged_images(network: Network, state: State, point: int) -> list[tuple[i
         if not len(part.point) or part.rays.shape[1] < 2:
             continue
         m = part.rays.shape[1]
-        for first, second in combinations(part.rays[0].tolist(), 2):
-            xy = network.xy.copy()
-            xy[[first, second]] = xy[[second, first]]
-            squares, _ = _squares(network.with_plates(xy, network.refracted), state, part, np.arange(m))
-            if squares[0] < _MEET * chi_square_limit(_redundancy(part, m)):
-                pairs.append((int(network.photo[first]), int(network.photo[second])))
+        exchanged = np.array(list(combinations(range(m), 2)))
+        order = np.tile(np.arange(m), (len(exchanged), 1))
+        np.put_along_axis(order, exchanged, exchanged[:, ::-1], axis=1)
+        tries = part.part(np.zeros(len(exchanged), dtype=int))
+        squares, _ = _intersected(network, state, tries, network.xy[part.rays[0][order]])
+        fits = squares < _MEET * chi_square_limit(_redundancy(part, m))
+        pairs += [tuple(photos) for photos in network.photo[part.rays[0]][exchanged[fits]].tolist()]
     return pairs
 
 
@@ -119,9 +123,9 @@ def _chosen(
         if tried > _MOST:
             wrong[rows] = out[rows]
             break
-        tries = [_squares(network, state, group.part(open_), kept) for kept in choices]
-        squares = np.stack([misfits for misfits, _ in tries], axis=1) / sigma0**2
-        positions = np.stack([X for _, X in tries], axis=1)[np.arange(len(rows)), squares.argmin(axis=1)]
+        squares, positions = _of_choices(network, state, group.part(open_), np.stack(choices))
+        squares /= sigma0**2
+        positions = positions[np.arange(len(rows)), squares.argmin(axis=1)]
         best = squares.min(axis=1)
         fits = best < chi_square_limit(_redundancy(group, m - number))
         taken = np.stack([~np.isin(np.arange(m), kept) for kept in choices])  # (c, m)
@@ -139,8 +143,31 @@ def _redundancy(group: PointGroup, images: int) -> int:
 
 def _squares(network: Network, state: State, group: PointGroup, kept: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the weighted squares (k,) of points with only the images `kept` of theirs, and their positions."""
-    part = replace(group, rays=group.rays[:, kept])
-    start = nearest_ground(network, state, part, 0.0)
-    ground, _ = settle_group(network, state, part, start)
+    return _intersected(network, state, replace(group, rays=group.rays[:, kept]))
+
+
+def _of_choices(
+    network: Network, state: State, group: PointGroup, choices: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the squares (k, c) and positions (k, c, 3) of points with `choices` (c, r) of their images only."""
+    (k, _), (c, r) = group.rays.shape, choices.shape
+    tries = replace(group, point=np.repeat(group.point, c), rays=group.rays[:, choices].reshape(-1, r))
+    parts = [_intersected(network, state, part) for part in parts_of([tries], _PART)]
+    squares, ground = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return squares.reshape(k, c), ground.reshape(k, c, 3)
+
+
+def _intersected(
+    network: Network, state: State, group: PointGroup, xy: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted squares (k,) and the positions (k, 3) of points of a group by its rays and what is known.
+
+    A point may be in it more than once, with other rays, or other images xy (k, m, 2). The stations stay.
+    """
+    rays = group.rays
+    tried, every = network.apart(group, network.xy[rays] if xy is None else xy, network.refracted[rays])
+    first = ground_points.start_ground(tried, replace(state, ground=state.ground[group.point])).ground
+    met = replace(state, ground=first, squares=np.zeros(len(first)))
+    ground = ground_points.settle(tried, met, CompiledPassPoints.of(tried)).ground
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
-    return point_squares(network, state, part, ground), ground
+    return point_squares(tried, state, every, ground), ground

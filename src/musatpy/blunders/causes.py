@@ -11,11 +11,11 @@ from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.blunders.competition import Rival, rivals
 from musatpy.blunders.far_stations import misplaced
-from musatpy.blunders.finding_list import findings
+from musatpy.blunders.finding_list import flag_findings
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import CARDS, CONTROL
 from musatpy.blunders.search import Search
-from musatpy.model import Block, Blunder, Cause, CauseKind, CoordinateSystem
+from musatpy.model import Block, Cause, CauseKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 MOST = 12  # causes that are named
@@ -111,20 +111,19 @@ def _named(search: Search) -> Iterator[Cause]:
             advice=f"it is point {new}: {ADVICE[_C.NAME]}",
         )
     changed = {str(points[flag.point]) for flag in search.flags}
-    for finding in findings(search):
-        if finding.blunder in (Blunder.DRY_FLAG, Blunder.WET_FLAG):
-            yield Cause(
-                kind=_C.FLAG,
-                cards=_CARDS[_C.FLAG],
-                points=(finding.point,),
-                component=finding.blunder.value,
-                size=finding.size,
-                unit="m",
-                parameters=1,
-                drop=finding.test**2 * variance if finding.point in changed else 0.0,
-                test=finding.test,
-                advice=ADVICE[_C.FLAG],
-            )
+    for finding in flag_findings(search):
+        yield Cause(
+            kind=_C.FLAG,
+            cards=_CARDS[_C.FLAG],
+            points=(finding.point,),
+            component=finding.blunder.value,
+            size=finding.size,
+            unit="m",
+            parameters=1,
+            drop=finding.test**2 * variance if finding.point in changed else 0.0,
+            test=finding.test,
+            advice=ADVICE[_C.FLAG],
+        )
 
 
 def _cause(search: Search, rival: Rival) -> Cause:

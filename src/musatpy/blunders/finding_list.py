@@ -38,6 +38,15 @@ def findings(search: Search) -> tuple[Finding, ...]:
         *_tides(search),
         *_flags(search),
     ]
+    return _in_order(listed)
+
+
+def flag_findings(search: Search) -> tuple[Finding, ...]:
+    """Return those of `findings` that are wrong flags."""
+    return _in_order(list(_flags(search)))
+
+
+def _in_order(listed: list[Finding]) -> tuple[Finding, ...]:
     order = list(Blunder)
     ranked = [listed[row] for row in falling([finding.test for finding in listed], _DECIMALS).tolist()]
     return tuple(sorted(ranked, key=lambda finding: order.index(finding.blunder)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.sightings import images
+from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
@@ -106,11 +106,12 @@ def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
 def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
     """Yield single images, all images, and what is known of points."""
     m = checks.rays.shape[1]
-    for image in range(m):
+    for image, drop in enumerate(checks.image_drops()):
         rows = np.array([2 * image, 2 * image + 1])
-        yield from _largest(model, checks, CauseKind.IMAGE, rows, image)
+        yield from _largest(model, checks, CauseKind.IMAGE, rows, drop, image)
     if m > 1:
-        yield from _largest(model, checks, CauseKind.IMAGES, np.arange(2 * m), None)
+        rows = np.arange(2 * m)
+        yield from _largest(model, checks, CauseKind.IMAGES, rows, checks.drop(rows))
     if (checks.weight[:, 2 * m :] > 0.0).any():
         for kind, rows in (
             (CauseKind.HORIZONTAL, np.arange(2)),
@@ -118,13 +119,13 @@ def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
             (CauseKind.CONTROL, np.arange(3)),
             (CauseKind.ELEVATION, np.array([3])),
         ):
-            yield from _largest(model, checks, kind, 2 * m + rows, None)
+            yield from _largest(model, checks, kind, 2 * m + rows, checks.drop(2 * m + rows))
 
 
 def _largest(
-    model: LinearModel, checks: PointChecks, kind: CauseKind, rows: IntArray, image: int | None
+    model: LinearModel, checks: PointChecks, kind: CauseKind, rows: IntArray, drop: Drop, image: int | None = None
 ) -> Iterator[Hypothesis]:
-    drop, m = checks.drop(rows), checks.rays.shape[1]
+    m = checks.rays.shape[1]
     squares = np.where(drop.parameters > 0, drop.squares, 0.0)
     if kind is CauseKind.CONTROL:  # with one of its parts known only, it is that part
         known = checks.weight[:, rows] > 0.0
@@ -235,7 +236,7 @@ def _columns(model: LinearModel) -> Iterator[_Column]:
     network, state, block = model.network, model.state, model.scene.block
     used = np.flatnonzero(taking_part(network))
     ground = state.ground[network.point[used]]
-    sights = images(network, state, used, ground)
+    xy = image_coordinates(network, state, used, ground)
     photo = network.photo[used]
     m, n, q = len(network.photo), network.photos, model.stations.shape[1]
 
@@ -244,7 +245,7 @@ def _columns(model: LinearModel) -> Iterator[_Column]:
         column[used[rows]] = value[rows]
         return column
 
-    ray = (sights.xy - network.principal_point[photo]) / network.focal_length[photo][:, None]
+    ray = (xy - network.principal_point[photo]) / network.focal_length[photo][:, None]
     for camera in range(len(block.cameras.ids)):
         taken = block.photos.camera[photo] == camera
         if taken.any():
@@ -253,9 +254,13 @@ def _columns(model: LinearModel) -> Iterator[_Column]:
                 unit = np.tile(-np.eye(2)[axis], (len(used), 1))
                 member = 2 * camera + axis
                 yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=of_images(unit, taken))
-    if sights.by_water is not None and network.refracted.any() and not network.border.count(_K.WATER_INDEX):
-        by_index = -sights.by_water[..., 3]
-        yield _Column(kind=CauseKind.INDEX, images=of_images(by_index, np.ones(len(used), dtype=bool)))
+    wet = used[network.refracted[used]]
+    if len(wet) and not network.border.count(_K.WATER_INDEX):
+        by_water = images(network, state, wet, state.ground[network.point[wet]]).by_water
+        if by_water is not None:
+            column = np.zeros((m, 2))
+            column[wet] = -by_water[..., 3]
+            yield _Column(kind=CauseKind.INDEX, images=column)
     yield from _units(block, n, q)
     if network.water.per_photo:
         for name, photos in tide_groups(block, network.water.level_weight > 0.0):
@@ -277,27 +282,32 @@ def _units(block: Block, photos: int, unknowns: int) -> Iterator[_Column]:
     yield _Column(kind=CauseKind.UNIT, member=1, stations=stations)
 
 
+def _controlled(model: LinearModel, column: _Column) -> tuple[PointChecks, ...]:
+    """Return the points with control, where that has the common error."""
+    return () if column.control is None else tuple(each for each in model.points if (each.control >= 0).any())
+
+
 def _common(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
     n, q = model.network.photos, model.stations.shape[1]
     for column in _columns(model):
         coupling = np.zeros(len(model.step))
         weight = pull = 0.0
-        for checks in model.points:
+        for checks in model.points if column.images is not None else _controlled(model, column):
             k, m = checks.rays.shape
             c = np.zeros((k, checks.residual.shape[1]))
             if column.images is not None:
                 c[:, : 2 * m] = column.images[checks.rays].reshape(k, -1)
-            if column.control is not None and len(column.control):
+            if column.control is not None and c.shape[1] > 2 * m:
                 c[:, 2 * m : 2 * m + 3] = np.where(
                     checks.control[:, None] >= 0, column.control[checks.control], 0.0
                 )
             weighted = checks.weight * c
-            by_point = np.einsum("koi,ko->ki", checks.ground, weighted)
+            by_point = (weighted[:, None] @ checks.ground)[:, 0]
             of_points = np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point)
             weight += float(np.sum(weighted * c)) - float(of_points)
             pull += float(np.sum(weighted * checks.residual))
-            np.add.at(coupling, checks.unknowns, np.einsum("kot,ko->kt", checks.partials, weighted))
+            np.add.at(coupling, checks.unknowns, (weighted[:, None] @ checks.partials)[:, 0])
         if column.stations is not None:
             weighted = model.station_weight * column.stations
             coupling[: n * q] += weighted.reshape(-1)

@@ -14,6 +14,7 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
+from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
@@ -31,7 +32,6 @@ from musatpy.model import ObservationKind
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
-_PRIORS = 4  # rows of what is known of a point: east, north, up, and up against its level
 
 _K = ObservationKind
 
@@ -48,7 +48,7 @@ class Drop:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointChecks:
-    """The images (m of each), then the four priors, of k points: o = 2 m + 4 rows."""
+    """The images (m of each), then the four priors of k points if any has some: o = 2 m + 4 rows, or 2 m."""
 
     point: IntArray  # (k,)
     rays: IntArray  # (k, m)
@@ -74,6 +74,16 @@ class PointChecks:
         """Return some of the points."""
         rows = {one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "cofactors"}
         return PointChecks(**rows, cofactors=self.cofactors)
+
+    def image_drops(self) -> list[Drop]:
+        """Return what each image (m) of every point explains, both coordinates."""
+        m = self.rays.shape[1]
+        rows = 2 * np.arange(m)[:, None] + np.arange(2)
+        v, weight = (values[:, rows].reshape(-1, 2) for values in (self.residual, self.weight))
+        Q = self.cofactor[:, rows[:, :, None], rows[:, None, :]].reshape(-1, 2, 2)
+        every = dropped(v, weight, Q, IMAGES_CHECKED)
+        parts = {one.name: getattr(every, one.name) for one in fields(every)}
+        return [Drop(**{name: part[image::m] for name, part in parts.items()}) for image in range(m)]
 
     def drop(self, rows: IntArray) -> Drop:
         """Return what the observations `rows` (s,) of every point explain."""
@@ -148,7 +158,7 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
-    state = _by_images(network, ground_points.settle(network, state))
+    state = _by_images(network, ground_points.settle(network, state, CompiledPassPoints.of(network)))
     problem = scene.problem(factors)
     line = problem.linearise(problem.with_squares(state))
     factor = factorised(line.matrix)
@@ -222,21 +232,21 @@ def _checks_of(
     k = len(rays)
     a, b = reliability.image_partials(network, piece)
     v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
-    a_known, b_known = reliability.prior_partials(piece)
     known = E.normals.priors
-    v_known = np.zeros((k, _PRIORS)) if known is None else -known.deviation
-    w_known = np.zeros((k, _PRIORS)) if known is None else known.weight
-    a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
+    if known is not None:
+        a_known, b_known = reliability.prior_partials(piece)
+        a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
+        v = np.concatenate([v, -known.deviation], axis=1)
+        weight = np.concatenate([weight, known.weight], axis=1)
     unknowns = network.unknowns(piece.group, E.extras.index)
-    v = np.concatenate([v, v_known], axis=1)
-    v = v + np.einsum("kot,kt->ko", a, step[unknowns]) + np.einsum("koi,ki->ko", b, E.shift)
+    v = v + (a @ step[unknowns][..., None] + b @ E.shift[..., None])[..., 0]
     return PointChecks(
         point=piece.group.point,
         rays=rays,
         control=control,
         member=member,
         residual=v,
-        weight=np.concatenate([weight, w_known], axis=1),
+        weight=weight,
         partials=a,
         ground=b,
         inverse=E.inverse,

@@ -7,13 +7,14 @@ points lie about that it is there by chance in less than one case of a thousand.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sightings import images
+from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
@@ -25,6 +26,7 @@ _NEAR = 6.0  # sigmas of an image: from image to predicted image, both with erro
 _APART = 5.0  # times as far must the second nearest point be
 _CHANCE = 1e-3  # expected number of points that lie so near by chance
 _FEW = 5  # points near a photo, for there to be a density
+_TOGETHER = 32  # photos whose points are looked at together: some megabytes
 _DETERMINED = 2  # good images of a point that can be predicted
 
 
@@ -50,11 +52,9 @@ def lookalikes(
     determined = np.bincount(network.point[good], minlength=network.points) >= _DETERMINED
     determined &= np.isfinite(covariance).all(axis=(1, 2))
     rows, points, distances, alone = [], [], [], []
-    around = _near(network)
-    for photo in np.unique(network.photo[suspect]).tolist():
+    photos = np.unique(network.photo[suspect])
+    for photo, seen in zip(photos.tolist(), _imagined(scene, state, photos, determined, covariance), strict=True):
         suspects = suspect[network.photo[suspect] == photo]
-        points_near = around(photo)
-        seen = _imagined(scene, state, photo, points_near[determined[points_near]], covariance)
         if len(seen.point) < _FEW:
             continue
         off, chance = _compared(network, suspects, seen, sigma0)
@@ -142,21 +142,42 @@ class _Imagined:
     covariance: FloatArray  # (k, 2, 2) mm2, the station without error
 
 
-def _imagined(scene: Scene, state: State, photo: int, points: IntArray, covariance: FloatArray) -> _Imagined:
+def _imagined(
+    scene: Scene, state: State, photos: IntArray, determined: BoolArray, covariance: FloatArray
+) -> Iterator[_Imagined]:
+    """Yield what each of some photos (c,) would show of the points (p,) that are determined."""
+    around = _near(scene.network)
+    for first in range(0, len(photos), _TOGETHER):
+        part = photos[first : first + _TOGETHER]
+        near = [around(photo) for photo in part.tolist()]
+        yield from _imagined_at_once(
+            scene, state, part, [points[determined[points]] for points in near], covariance
+        )
+
+
+def _imagined_at_once(
+    scene: Scene, state: State, photos: IntArray, near: list[IntArray], covariance: FloatArray
+) -> Iterator[_Imagined]:
+    """Yield what each of some photos (c,) would show of the points near it (c arrays)."""
     network = scene.network
-    k = len(points)
+    number = np.repeat(np.arange(len(photos)), [len(points) for points in near])
+    photo, points = photos[number], np.concatenate(near)
     imagined = replace(
         network,
-        photo=np.full(k, photo),
+        photo=photo,
         point=points,
         refracted=np.asarray(scene.block.points.bathymetric[points]),
     )
     ground = state.ground[points]
-    predicted = images(imagined, state, np.arange(k), ground, stations=False)
-    measured = network.xy[network.photo == photo]
-    seen = collinearity.in_front(ground - state.position[photo], state.M[np.full(k, photo)])
-    low, high = measured.min(axis=0) - _RIM, measured.max(axis=0) + _RIM
-    seen &= ((predicted.xy > low) & (predicted.xy < high)).all(axis=1)
-    B = (predicted.by_ground @ np.swapaxes(network.frame.axes(ground), 1, 2))[seen]
-    C = covariance[points[seen]]
-    return _Imagined(point=points[seen], xy=predicted.xy[seen], covariance=B @ C @ np.swapaxes(B, 1, 2))
+    xy = image_coordinates(imagined, state, np.arange(len(points)), ground)
+    measured = [network.xy[network.photo == each] for each in photos.tolist()]
+    low = np.array([own.min(axis=0) - _RIM for own in measured])[number]
+    high = np.array([own.max(axis=0) + _RIM for own in measured])[number]
+    seen = collinearity.in_front(ground - state.position[photo], state.M[photo])
+    rows = np.flatnonzero(seen & ((xy > low) & (xy < high)).all(axis=1))
+    predicted = images(imagined, state, rows, ground[rows], stations=False)
+    B = predicted.by_ground @ np.swapaxes(network.frame.axes(ground[rows]), 1, 2)
+    spread = B @ covariance[points[rows]] @ np.swapaxes(B, 1, 2)
+    cut = np.searchsorted(number[rows], np.arange(len(photos) + 1))
+    for start, stop in pairwise(cut.tolist()):
+        yield _Imagined(point=points[rows[start:stop]], xy=predicted.xy[start:stop], covariance=spread[start:stop])

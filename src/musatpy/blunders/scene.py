@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Outcome, SingularNormalsError, iterate
+from musatpy.adjustment.iteration import SHORT, Near, Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
@@ -181,10 +181,13 @@ def ones(scene: Scene) -> Factors:
     return {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
 
 
-def adjusted(scene: Scene, factors: Factors, state: State, steps: int) -> Outcome:
-    """Return the outcome of at most so many iterations. Raises `SingularNormalsError`."""
+def adjusted(scene: Scene, factors: Factors, state: State, steps: int, start: Near | None = None) -> Outcome:
+    """Return the outcome of at most so many iterations, from near a minimum by `start`.
+
+    Raises `SingularNormalsError`.
+    """
     problem = scene.problem(factors)
-    return iterate(problem, problem.with_squares(state), steps)
+    return iterate(problem, problem.with_squares(state), steps, start=start)
 
 
 def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State, Factor | None]:
@@ -197,10 +200,13 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State,
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
     short, factor, whole = 0, None, True
+    near: Near | None = None
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     for _ in range(_TURNS):
-        # a few points that cross the tides one by one hardly move the stations: one step, until they rest
-        outcome = adjusted(scene, factors, state, steps if whole else 1)
+        # a few points that cross the tides one by one hardly move the stations: one step, until they rest, for
+        # which the matrix of before serves
+        outcome = adjusted(scene, factors, state, steps if whole else 1, Near() if whole and near else near)
+        near = Near(kept=outcome.kept) if outcome.kept else near
         state, factor = outcome.state, None if outcome.last is None else outcome.last.factor
         short = short + 1 if outcome.failure and whole else 0
         if (outcome.is_final and whole) or short == SHORT:

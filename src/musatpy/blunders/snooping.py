@@ -44,7 +44,10 @@ _K = ObservationKind
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Units:
-    """The o observations by what can be taken out: images, horizontal or vertical control, stations, and so on."""
+    """The o observations by what can be taken out: images, horizontal or vertical control, stations, and so on.
+
+    Those of a unit follow each other, and so do the units.
+    """
 
     kind: IntArray  # (o,)
     row: IntArray  # (o,)
@@ -67,13 +70,12 @@ class Units:
 
     def first(self) -> IntArray:
         """Return (units,) the first observation of every unit."""
-        return np.unique(self.unit, return_index=True)[1]
+        return np.flatnonzero(np.diff(self.unit, prepend=-1))
 
     def per_unit(self, value: FloatArray) -> FloatArray:
         """Return (units,) the largest value of the observations of each unit."""
-        out = np.zeros(self.count)
-        np.maximum.at(out, self.unit, np.nan_to_num(value))
-        return out
+        largest = np.maximum.reduceat(np.nan_to_num(value), self.first())
+        return np.asarray(np.maximum(largest, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,7 +169,8 @@ def units_of(scene: Scene) -> Units:
     order = np.lexsort((component, row, kind))
     kind, row, component = kind[order], row[order], component[order]
     part = (kind == _K.CONTROL) & (component == _UP)
-    unit = np.unique(np.stack([kind, row, part], axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    begins = np.diff(kind, prepend=-1) | np.diff(row, prepend=-1) | np.diff(part.astype(int), prepend=0)
+    unit = np.cumsum(begins != 0) - 1
     block, points = scene.block, len(scene.block.points.ids)
     place = points + unit
     for of, table in (

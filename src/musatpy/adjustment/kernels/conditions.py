@@ -21,11 +21,11 @@ from musatpy.adjustment.kernels.points import (
     Stations,
     Sums,
     Water,
-    bend,
     point_normals,
     room_for,
     times,
 )
+from musatpy.adjustment.kernels.wet_rays import bend
 from musatpy.arrays import FloatArray, IntArray
 
 

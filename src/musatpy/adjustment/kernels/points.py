@@ -1,8 +1,8 @@
 """Points by collinearity, one after the other: images, partials, elimination and sums in one pass.
 
 The numpy twins are `sightings.images`, `ground.point_normals`, `collinear.eliminate` and `collinear.reduced`, and
-of single rays `refraction.flat.incidence` and `geometry.collinearity`, whose equations these loops follow. Points
-have no unknowns but their own three and those of their stations; what has more goes by the twins.
+of single images `geometry.collinearity`, whose equations these loops follow. Points have no unknowns but their own
+three and those of their stations: six or, with a water level of each, seven. What has more goes by the twins.
 
 What every function works at are some `rows` of a sequence of points; where sums of several of them are added up is
 for who calls them, so that threads can share the work.
@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from musatpy.adjustment.kernels.compiling import compiled, inlined
+from musatpy.adjustment.kernels.wet_rays import bend, bend_with_partials
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 
-_MAX_STEPS = 60
-Q = 6  # unknowns of a station in its images
+Q = 6  # unknowns of a station in its images; those with a level of its own have one more
+LEVELS = Q + 1
 
 
 class Stations(NamedTuple):
@@ -50,6 +51,7 @@ class Water(NamedTuple):
     row: IntArray  # (r,) of the ray among those, -1 where it is dry
     normal: FloatArray  # (w, 3)
     depth: FloatArray  # (w,) m, of the points
+    rise: FloatArray  # (w,) m of depth by one of the level of the photo; (0,) where levels are known
     refraction: float  # index of the water
 
 
@@ -88,11 +90,11 @@ class Eliminated(NamedTuple):
 class Room(NamedTuple):
     """Room for one point with up to m rays."""
 
-    A: FloatArray  # (m, 2, 6) weighted images by stations
+    A: FloatArray  # (m, 2, 7) weighted images by stations
     B: FloatArray  # (m, 2, 3) by the point
     residual: FloatArray  # (m, 2)
-    W: FloatArray  # (m, 6, 3) N_sp
-    F: FloatArray  # (m, 3, 6) N_pp^-1 N_ps
+    W: FloatArray  # (m, 7, 3) N_sp
+    F: FloatArray  # (m, 3, 7) N_pp^-1 N_ps
     N: FloatArray  # (3, 3) N_pp
     inverse: FloatArray  # (3, 3)
     rhs: FloatArray  # (3,)
@@ -107,8 +109,8 @@ def room_for(start: IntArray, rows: IntArray) -> Room:
     for p in rows:
         m = max(m, start[p + 1] - start[p])
     return Room(
-        np.empty((m, 2, Q)), np.empty((m, 2, 3)), np.empty((m, 2)), np.empty((m, Q, 3)), np.empty((m, 3, Q)),
-        np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
+        np.empty((m, 2, LEVELS)), np.empty((m, 2, 3)), np.empty((m, 2)), np.empty((m, LEVELS, 3)),
+        np.empty((m, 3, LEVELS)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
     )  # fmt: skip
 
 
@@ -136,79 +138,25 @@ def find_pairs(start: IntArray, photo: IntArray, first: IntArray, second: IntArr
 
 
 @inlined
-def _air_tangent(H: float, h: float, D: float, n: float) -> float:
-    """Return tan(I) of a ray to the water: `refraction.flat.air_tangent`, ETL-0306 (4.10)."""
-    n2 = n * n
-    t = D / (H + h / n)
-    for _ in range(_MAX_STEPS):
-        g2 = 1.0 / (n2 + (n2 - 1.0) * t * t)
-        g = math.sqrt(g2)
-        step = (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
-        t += step
-        if not abs(step) > 4e-16 * abs(t) + 1e-300:
-            break
-        if not abs(step) > 1e-8 * abs(t):
-            g2 = 1.0 / (n2 + (n2 - 1.0) * t * t)
-            g = math.sqrt(g2)
-            t += (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
-            break
-    return t
-
-
-@inlined
-def bend(
-    row: int, water: Water, gap0: float, gap1: float, gap2: float, v: FloatArray
-) -> tuple[float, float, float, float, float]:
-    """Set v (3,) from camera to water point of a wet ray; the gap is the vector to the point.
-
-    Returns the horizontal direction e of the ray, the height of the camera above the water and tan(I), of
-    `refraction.flat.incidence`.
-    """
-    up0, up1, up2 = water.normal[row, 0], water.normal[row, 1], water.normal[row, 2]
-    h, fall = water.depth[row], -(up0 * gap0 + up1 * gap1 + up2 * gap2)
-    e0, e1, e2 = gap0 + up0 * fall, gap1 + up1 * fall, gap2 + up2 * fall
-    D = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
-    if D > 0.0:
-        e0, e1, e2 = e0 / D, e1 / D, e2 / D
-    H = fall - h
-    t = _air_tangent(H, h, D, water.refraction)
-    v[0], v[1], v[2] = e0 * H * t - up0 * H, e1 * H * t - up1 * H, e2 * H * t - up2 * H
-    return e0, e1, e2, H, t
-
-
-@inlined
-def _bend_with_partials(
-    row: int, water: Water, gap0: float, gap1: float, gap2: float, v: FloatArray, by: FloatArray
-) -> None:
-    """Set v (3,) as `bend` does, and its partials by (2, 3, 3) camera and ground: `refraction.flat.incidence`."""
-    e0, e1, e2, H, t = bend(row, water, gap0, gap1, gap2, v)
-    n, h = water.refraction, water.depth[row]
-    g = 1.0 / math.sqrt(n * n + (n * n - 1.0) * t * t)
-    air = 1.0 / (1.0 + t * t)
-    air3 = air * math.sqrt(air)
-    water2 = 1.0 / (1.0 + t * g * t * g)
-    water3 = water2 * math.sqrt(water2)
-    spread = h * air3 + n * water3 * H
-    kappa = n * water3 * H / spread
-    Q_H = t * air3 * h / spread
-    Q_h = -n * t * g * water3 * H / spread
-    ratio = H / (H + h * g)
-    for i in range(3):
-        e_i, up_i = e0 if i == 0 else e1 if i == 1 else e2, water.normal[row, i]
-        for j in range(3):
-            e_j, up_j = e0 if j == 0 else e1 if j == 1 else e2, water.normal[row, j]
-            K = (kappa - ratio) * e_i * e_j - ratio * up_i * up_j + (ratio if i == j else 0.0)
-            by[0, i, j] = -K + (e_i * Q_H - up_i) * up_j
-            by[1, i, j] = K - e_i * Q_h * up_j
-
-
-@inlined
 def _through(rows: FloatArray, by: FloatArray, out: FloatArray) -> None:
     """Set the rows out (2, 3) to the product of others with a matrix (3, 3)."""
     for c in range(2):
         x, y, z = rows[c, 0], rows[c, 1], rows[c, 2]
         for i in range(3):
             out[c, i] = x * by[0, i] + y * by[1, i] + z * by[2, i]
+
+
+@inlined
+def _by_level(w: int, water: Water, by_ground: FloatArray, A: FloatArray) -> None:
+    """Set the partials of an image by the level of the water, A (2, 7) with those by the camera in the first rows.
+
+    The water that rises is camera and ground that sink: `refraction.flat.incidence` by its level.
+    """
+    for c in range(2):
+        along = 0.0
+        for i in range(3):
+            along += (A[c, i] + by_ground[c, i]) * water.normal[w, i]
+        A[c, Q] = -along * water.rise[w]
 
 
 @inlined
@@ -273,13 +221,18 @@ def _images(
         seen &= stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2 < 0.0
         room.vector[0], room.vector[1], room.vector[2] = v0, v1, v2
         if w >= 0:
-            _bend_with_partials(w, water, v0, v1, v2, room.vector, room.by)
+            bend_with_partials(w, water, v0, v1, v2, room.vector, room.by)
         _image(r, k, at, stations, by_station, room)
         if w >= 0:
             if by_station:
                 _through(room.B[k], room.by[0], room.A[k])
-                _through(room.A[k], stations.axes[n].T, room.A[k])
             _through(room.B[k], room.by[1], room.B[k])
+            if by_station:
+                if len(water.rise):
+                    _by_level(w, water, room.B[k], room.A[k])
+                _through(room.A[k], stations.axes[n].T, room.A[k])
+        elif by_station and len(water.rise):
+            room.A[k, 0, Q] = room.A[k, 1, Q] = 0.0
         if row >= 0:
             _along_known(known.axes[row], known.free[row], room.B[k])
     return seen
@@ -345,10 +298,10 @@ def times(N: FloatArray, b: FloatArray) -> tuple[float, float, float]:
 
 
 @inlined
-def cross(m: int, room: Room) -> None:
-    """Set W (m, 6, 3) = N_sp and F (m, 3, 6) = N_pp^-1 N_ps of a point: `collinear.eliminate`."""
+def cross(m: int, size: int, room: Room) -> None:
+    """Set W (m, size, 3) = N_sp and F (m, 3, size) = N_pp^-1 N_ps of a point: `collinear.eliminate`."""
     for k in range(m):
-        for a in range(Q):
+        for a in range(size):
             x, y = room.A[k, 0, a], room.A[k, 1, a]
             w0, w1, w2 = (
                 x * room.B[k, 0, 0] + y * room.B[k, 1, 0],
@@ -362,24 +315,51 @@ def cross(m: int, room: Room) -> None:
 
 
 @inlined
-def _add_blocks(p: int, m: int, pairs: Pairs, room: Room, sums: Sums) -> None:
+def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums) -> None:
     """Add a point to the reduced normal matrix of its stations: `collinear.reduced`."""
     pair = pairs.start[p]
     for k in range(m):
         e = pairs.slot[pair] - sums.first
-        for a in range(Q):
+        for a in range(size):
             x, y = room.A[k, 0, a], room.A[k, 1, a]
-            for b in range(Q):
+            for b in range(size):
                 sums.blocks[e, a, b] += x * room.A[k, 0, b] + y * room.A[k, 1, b]
         for other in range(k, m):
             e = pairs.slot[pair] - sums.first
             pair += 1
-            for a in range(Q):
+            for a in range(size):
                 w0, w1, w2 = room.W[k, a, 0], room.W[k, a, 1], room.W[k, a, 2]
-                for b in range(Q):
+                for b in range(size):
                     sums.blocks[e, a, b] -= (
                         w0 * room.F[other, 0, b] + w1 * room.F[other, 1, b] + w2 * room.F[other, 2, b]
                     )
+
+
+@inlined
+def _add_point(
+    p: int,
+    size: int,
+    at: Measured,
+    pairs: Pairs,
+    matrix: bool,
+    room: Room,
+    sums: Sums,
+    x: float,
+    y: float,
+    z: float,
+) -> None:
+    """Add a point, whose shift is (x, y, z), to the normal equations of its stations, of `size` unknowns each."""
+    m = at.start[p + 1] - at.start[p]
+    for k in range(m):
+        n = at.photo[at.start[p] + k]
+        v0, v1 = room.residual[k, 0], room.residual[k, 1]
+        v0 += room.B[k, 0, 0] * x + room.B[k, 0, 1] * y + room.B[k, 0, 2] * z
+        v1 += room.B[k, 1, 0] * x + room.B[k, 1, 1] * y + room.B[k, 1, 2] * z
+        for a in range(size):
+            sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
+    if matrix:
+        cross(m, size, room)
+        _add_blocks(p, m, size, pairs, room, sums)
 
 
 @compiled
@@ -394,7 +374,6 @@ def eliminate(
     """
     room, gain = room_for(at.start, rows), 0.0
     for p in rows:
-        m = at.start[p + 1] - at.start[p]
         point_normals(p, at, stations, water, known, ridge, True, room)
         x, y, z = times(room.inverse, room.rhs)
         gain += x * room.rhs[0] + y * room.rhs[1] + z * room.rhs[2]
@@ -402,16 +381,10 @@ def eliminate(
         for i in range(3):
             for j in range(3):
                 out.inverse[p, i, j] = room.inverse[i, j]
-        for k in range(m):
-            n = at.photo[at.start[p] + k]
-            v0, v1 = room.residual[k, 0], room.residual[k, 1]
-            v0 += room.B[k, 0, 0] * x + room.B[k, 0, 1] * y + room.B[k, 0, 2] * z
-            v1 += room.B[k, 1, 0] * x + room.B[k, 1, 1] * y + room.B[k, 1, 2] * z
-            for a in range(Q):
-                sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
-        if matrix:
-            cross(m, room)
-            _add_blocks(p, m, pairs, room, sums)
+        if len(water.rise):
+            _add_point(p, LEVELS, at, pairs, matrix, room, sums, x, y, z)
+        else:
+            _add_point(p, Q, at, pairs, matrix, room, sums, x, y, z)
     return gain
 
 
@@ -433,6 +406,8 @@ def follow(
                 change = 0.0
                 for a in range(Q):
                     change += room.A[k, c, a] * step[n, a]
+                if len(water.rise):
+                    change += room.A[k, c, Q] * step[n, Q]
                 for i in range(3):
                     room.rhs[i] += room.B[k, c, i] * change
         x, y, z = of.shift[p, 0], of.shift[p, 1], of.shift[p, 2]

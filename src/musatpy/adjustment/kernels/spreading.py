@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.points import (
+    LEVELS,
     Known,
     Measured,
     Pairs,
@@ -35,34 +36,34 @@ class Spread(NamedTuple):
 
 
 @inlined
-def _of_stations(p: int, m: int, pairs: Pairs, Q: FloatArray, F: FloatArray, G: FloatArray) -> None:
-    """Set G (m, 3, 6) = F Q_ss of the stations of a point."""
+def _of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, F: FloatArray, G: FloatArray) -> None:
+    """Set G (m, 3, size) = F Q_ss of the stations of a point."""
     pair = pairs.start[p]
     for k in range(m):
         for i in range(3):
-            for a in range(SIZE):
+            for a in range(size):
                 G[k, i, a] = 0.0
     for k in range(m):
         for other in range(k, m):
             e = pairs.slot[pair]
             pair += 1
             for i in range(3):
-                for a in range(SIZE):
+                for a in range(size):
                     f, total = F[k, i, a], 0.0
-                    for b in range(SIZE):
+                    for b in range(size):
                         G[other, i, b] += f * Q[e, a, b]
                         total += Q[e, a, b] * F[other, i, b]
                     G[k, i, a] += total if other > k else 0.0
 
 
 @inlined
-def _set_point(p: int, m: int, G: FloatArray, room: Room, out: Spread) -> None:
+def _set_point(p: int, m: int, size: int, G: FloatArray, room: Room, out: Spread) -> None:
     """Set N to the cofactors of a point along working axes, and those along its own."""
     for i in range(3):
         for j in range(3):
             total = room.inverse[i, j]
             for k in range(m):
-                for a in range(SIZE):
+                for a in range(size):
                     total += G[k, i, a] * room.F[k, j, a]
             room.N[i, j] = total
     for i in range(3):
@@ -76,7 +77,7 @@ def _set_point(p: int, m: int, G: FloatArray, room: Room, out: Spread) -> None:
 
 @inlined
 def _set_images(
-    p: int, m: int, at: Measured, pairs: Pairs, Q: FloatArray, G: FloatArray, room: Room, out: Spread
+    p: int, m: int, size: int, at: Measured, pairs: Pairs, Q: FloatArray, G: FloatArray, room: Room, out: Spread
 ) -> None:
     """Set the cofactors of the images of a point, and of these with its position."""
     pair = pairs.start[p]
@@ -86,15 +87,15 @@ def _set_images(
         pair += m - k
         for c in range(2):
             total, root = 0.0, 1.0 / math.sqrt(at.weight[r, c])
-            for a in range(SIZE):
+            for a in range(size):
                 out.diagonal[n, a] += room.A[k, c, a] * room.A[k, c, a]
                 of_row = 0.0
-                for b in range(SIZE):
+                for b in range(size):
                     of_row += Q[e, a, b] * room.A[k, c, b]
                 total += room.A[k, c, a] * of_row
             for i in range(3):
                 by_station, by_point = 0.0, 0.0
-                for a in range(SIZE):
+                for a in range(size):
                     by_station += room.A[k, c, a] * G[k, i, a]
                 for j in range(3):
                     by_point += room.B[k, c, j] * room.N[j, i]
@@ -110,6 +111,18 @@ def _set_images(
                 )
 
 
+@inlined
+def _set(
+    p: int, size: int, at: Measured, pairs: Pairs, Q: FloatArray, G: FloatArray, room: Room, out: Spread
+) -> None:
+    """Set the cofactors of a point and of its images, its stations of `size` unknowns each."""
+    m = at.start[p + 1] - at.start[p]
+    cross(m, size, room)
+    _of_stations(p, m, size, pairs, Q, room.F, G)
+    _set_point(p, m, size, G, room, out)
+    _set_images(p, m, size, at, pairs, Q, G, room, out)
+
+
 @compiled
 def spread(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, pairs: Pairs,
@@ -123,9 +136,8 @@ def spread(
     room = room_for(at.start, rows)
     G = np.empty_like(room.F)
     for p in rows:
-        m = at.start[p + 1] - at.start[p]
         point_normals(p, at, stations, water, known, ridge, True, room)
-        cross(m, room)
-        _of_stations(p, m, pairs, Q, room.F, G)
-        _set_point(p, m, G, room, out)
-        _set_images(p, m, at, pairs, Q, G, room, out)
+        if len(water.rise):
+            _set(p, LEVELS, at, pairs, Q, G, room, out)
+        else:
+            _set(p, SIZE, at, pairs, Q, G, room, out)
