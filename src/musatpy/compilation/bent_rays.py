@@ -16,6 +16,7 @@ Value = TypeVar("Value", float, FloatArray)
 Vector = tuple[Value, Value, Value]
 Image = tuple[tuple[Value, Value], tuple[Vector[Value], Vector[Value]]]  # and its partials
 Numbers = tuple[float, float, float]
+Matrix = tuple[Numbers, Numbers, Numbers]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +39,19 @@ class Bent(Generic[Value]):
         ratio = self.ratio
         a, b = (self.kappa - ratio) * along, (self.t * self.g * self.kappa) * along - ratio * up
         return ratio * x + a * ex + b * ux, ratio * y + a * ey + b * uy, ratio * z + a * ez + b * uz
+
+
+def matrix(M: FloatArray) -> Matrix:
+    """Return a matrix (3, 3) by plain numbers."""
+    (a, b, c), (d, e, f), (p, q, r) = M.tolist()
+    return (a, b, c), (d, e, f), (p, q, r)
+
+
+def turned_by(M: Matrix, v: Vector[Value]) -> Vector[Value]:
+    """Return M v."""
+    (a, b, c), (d, e, f), (p, q, r) = M
+    x, y, z = v
+    return a * x + b * y + c * z, d * x + e * y + f * z, p * x + q * y + r * z
 
 
 def bent(gap: Vector[Value], up: Vector[Value], depth: Value, index: float) -> Bent[Value]:
@@ -71,9 +85,9 @@ def pictured(M: tuple[Numbers, Numbers, Numbers], focal_length: float, v: Vector
     `collinearity.image_by_vector`.
     """
     (a, b, c), (d, e, f), (p, q, r) = M
-    x, y, z = v
-    scale = -focal_length / (p * x + q * y + r * z)
-    right, up = scale * (a * x + b * y + c * z), scale * (d * x + e * y + f * z)
+    along, across, away = turned_by(M, v)
+    scale = -focal_length / away
+    right, up = scale * along, scale * across
     by = scale / focal_length
     k, m = right * by, up * by
     partials = (scale * a + k * p, scale * b + k * q, scale * c + k * r), (

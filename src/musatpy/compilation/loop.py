@@ -10,12 +10,13 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.compilation.bent_rays import Image
+from musatpy.compilation.bent_rays import Image, Matrix, Numbers, Value, Vector, matrix, turned_by
 from musatpy.compilation.pair_images import (
     APART,
     AT_REST,
@@ -105,16 +106,40 @@ class Loop:
         out[left] = self._approached(xy[left])
         return out
 
+    @cached_property
+    def _axes(self) -> Matrix:
+        """The axes of the model by plain numbers."""
+        return matrix(self.stereo.axes)
+
+    @cached_property
+    def _origin(self) -> Numbers:
+        """The origin of the model by plain numbers."""
+        x, y, z = self.stereo.origin.tolist()
+        return x, y, z
+
     def _vertical(self, X: FloatArray) -> Vertical:
         """Return the vertical of marks (3, c), in the model."""
-        up, height = self.stereo.run.frame.vertical(self.stereo.working(X.T))
-        return self.stereo.axes @ up.T, np.ascontiguousarray(height)
+        x, y, z = X
+        up, height = self._vertical_at(x, y, z)
+        return np.stack(up), height
+
+    def _vertical_at(self, x: Value, y: Value, z: Value) -> tuple[Vector[Value], Value]:
+        """Return the vertical at a mark by components."""
+        (a, b, c), (d, e, f), (g, h, i) = axes = self._axes
+        sx, sy, sz = self._origin
+        up, height = self.stereo.run.frame.vertical_at(
+            a * x + d * y + g * z + sx, b * x + e * y + h * z + sy, c * x + f * y + i * z + sz
+        )
+        return turned_by(axes, up), height
 
     def _stages_of_one(self, mark: FloatArray) -> Stages:
         """Return the stages of one mark (1, 3), by plain numbers."""
         water, both, partials = self.pair.water, [], []
         (x, y, z), X = mark[0].tolist(), mark.T
-        vertical = self._vertical(X) if self.drive is Drive.TRUE else None
+        vertical = None
+        if self.drive is Drive.TRUE:
+            up, height = self._vertical_at(x, y, z)
+            vertical = np.array(up)[:, None], np.array([height])
         for side in self.pair.sides:
             sx, sy, sz = side.place
             gap, surface = (x - sx, y - sy, z - sz), None

@@ -16,7 +16,7 @@ from numpy import einsum
 
 from musatpy.adjustment.ground import RIDGE
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.compilation.bent_rays import Image, Numbers, Value, Vector, bent, pictured
+from musatpy.compilation.bent_rays import Image, Matrix, Numbers, Value, Vector, bent, matrix, pictured
 from musatpy.geometry.frames import Frame, GeocentricFrame
 
 Vertical = tuple[FloatArray, FloatArray]  # up (3, c) and height (c,) m
@@ -36,20 +36,19 @@ class Side:
     tide: float
 
     @cached_property
-    def rows(self) -> tuple[Numbers, Numbers, Numbers]:
-        """Return M by plain numbers."""
-        (a, b, c), (d, e, f), (p, q, r) = self.M.tolist()
-        return (a, b, c), (d, e, f), (p, q, r)
+    def rows(self) -> Matrix:
+        """M by plain numbers."""
+        return matrix(self.M)
 
     @cached_property
     def place(self) -> Numbers:
-        """Return the station by plain numbers."""
+        """The station by plain numbers."""
         x, y, z = self.station.tolist()
         return x, y, z
 
     @cached_property
     def middle(self) -> tuple[float, float]:
-        """Return the principal point by plain numbers."""
+        """The principal point by plain numbers."""
         x, y = self.principal_point.tolist()
         return x, y
 
