@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from musatpy.arrays import FloatArray
-from musatpy.refraction.flat import air_tangent, air_tangent_of_one
+from musatpy.refraction.flat import tangent_of_equals
 
 Value = TypeVar("Value", float, FloatArray)
 Vector = tuple[Value, Value, Value]
@@ -21,23 +21,27 @@ Matrix = tuple[Numbers, Numbers, Numbers]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bent(Generic[Value]):
-    """A refracted ray: `pair_images.Rays` by components, with t = tan(I), t g = tan(theta) and secant2 of theta."""
+    """A refracted ray: `pair_images.Rays` by components; excess: kappa - ratio; tilt: -Q_h.
+
+    t and under: tangents of its angles in air and in water.
+    """
 
     v: Vector[Value]
     e: Vector[Value]
     u: Vector[Value]
     kappa: Value
     ratio: Value
+    excess: Value
     t: Value
-    g: Value
-    secant2: Value
+    under: Value
+    tilt: Value
 
     def by_point(self, w: Vector[Value]) -> Vector[Value]:
         """Return the partials by the point of what has the partials w by v: `Rays.by_point`."""
         (x, y, z), (ex, ey, ez), (ux, uy, uz) = w, self.e, self.u
         along, up = x * ex + y * ey + z * ez, x * ux + y * uy + z * uz
         ratio = self.ratio
-        a, b = (self.kappa - ratio) * along, (self.t * self.g * self.kappa) * along - ratio * up
+        a, b = self.excess * along, self.tilt * along - ratio * up
         return ratio * x + a * ex + b * ux, ratio * y + a * ey + b * uy, ratio * z + a * ez + b * uz
 
 
@@ -66,16 +70,14 @@ def bent(gap: Vector[Value], up: Vector[Value], depth: Value, index: float) -> B
     one = 1.0 / (D + (D == 0.0))  # 0 at the nadir
     ex, ey, ez = ex * one, ey * one, ez * one
     H = fall - h
-    t = air_tangent_of_one(H, h, D, n) if isinstance(H, float) else air_tangent(H, h, D, n)
-    t2 = t * t
-    g2 = 1.0 / (n * n + (n * n - 1.0) * t2)
-    g, secant2 = g2**0.5, 1.0 + t2 * g2  # of the angle in water
-    air2, water2 = 1.0 / (1.0 + t2), 1.0 / secant2
-    of_water = n * water2 * water2**0.5 * H
-    Q = H * t
+    t = tangent_of_equals(H, h, D, n)
+    g2 = 1.0 / (n * n + (n * n - 1.0) * (t * t))
+    g = g2**0.5
+    # `flat` has cos^3 I and cos^3 theta here: cos I = n g cos theta
+    kappa, ratio, Q = H / (H + (n * n) * h * (g2 * g)), H / (H + h * g), H * t
     return Bent(
         v=(ex * Q - ux * H, ey * Q - uy * H, ez * Q - uz * H), e=(ex, ey, ez), u=up,
-        kappa=of_water / (h * air2 * air2**0.5 + of_water), ratio=H / (H + h * g), t=t, g=g, secant2=secant2,
+        kappa=kappa, ratio=ratio, excess=kappa - ratio, t=t, under=t * g, tilt=t * g * kappa,
     )  # fmt: skip
 
 

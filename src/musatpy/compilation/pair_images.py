@@ -20,7 +20,7 @@ from musatpy.compilation.bent_rays import Image, Matrix, Numbers, Value, Vector,
 from musatpy.geometry.frames import Frame, GeocentricFrame
 
 Vertical = tuple[FloatArray, FloatArray]  # up (3, c) and height (c,) m
-CHUNK = 8192  # points at a time
+CHUNK = 12288  # points at a time
 AT_REST = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
 APART = 1e-6  # squared sine of the angle between rays, from which on they meet clearly
 
@@ -218,10 +218,10 @@ def refracted(gap: FloatArray, over: Over, index: float) -> Rays:
     """Return the refracted rays to points from a station `gap` (3, c) away."""
     x, y, z = gap
     ray = bent((x, y, z), over.components, over.depth, index)
-    tilt = ray.t * ray.g * ray.kappa
     return Rays(
         v=np.stack(ray.v), e=np.stack(ray.e), u=over.normal, kappa=ray.kappa, ratio=ray.ratio,
-        Q_H=ray.t * (1.0 - ray.kappa), Q_h=-tilt, Q_n=tilt * over.depth * ray.secant2 / index,
+        Q_H=ray.t * (1.0 - ray.kappa), Q_h=-ray.tilt,
+        Q_n=ray.tilt * over.depth * (1.0 + ray.under * ray.under) / index,
     )  # fmt: skip
 
 

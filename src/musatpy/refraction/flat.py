@@ -76,8 +76,8 @@ def air_tangent(height: ArrayLike, depth: ArrayLike, distance: ArrayLike, index:
     return tangent
 
 
-def air_tangent_of_one(height: float, depth: float, distance: float, index: float) -> float:
-    """Return `air_tangent` of one ray, by plain numbers: what a loop that follows one mark has no time to wrap."""
+def tangent_of_equals(height: Value, depth: Value, distance: Value, index: float) -> Value:
+    """Return `air_tangent` of one ray by plain numbers, or of a chunk of rays by arrays of one shape."""
     return _newton(height, depth, distance, index)
 
 
@@ -85,7 +85,7 @@ def _any(given: bool | BoolArray) -> bool:
     return given if isinstance(given, bool) else bool(given.any())
 
 
-def _newton(H: Value, h: Value, D: Value, n: Value) -> Value:
+def _newton(H: Value, h: Value, D: Value, n: Value | float) -> Value:
     t = D / (H + h / n)
     n2 = n * n
     excess = n2 - 1.0
