@@ -229,7 +229,9 @@ def images(side: Side, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the images (2, c) mm of vectors (3, c), and their partials (2, 3, c) by these."""
     x, y, z = v
     (right, up), by_v = pictured(side.rows, side.focal_length, (x, y, z))
-    return np.stack([right, up]) + side.principal_point[:, None], np.stack([np.stack(row) for row in by_v])
+    xy = np.stack([right, up])
+    xy += side.principal_point[:, None]
+    return xy, np.stack([*by_v[0], *by_v[1]]).reshape(2, 3, -1)
 
 
 def image_of(
