@@ -60,7 +60,10 @@ class Frame(ABC):
 
     @abstractmethod
     def vertical_at(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
-        """Return `vertical` by components: numbers of one position, or arrays of many."""
+        """Return `vertical` by components, numbers of one position or arrays of many, without PROJ.
+
+        Heights are those of PROJ to some nanometres near the ellipsoid, to a micrometre 10 km from it.
+        """
 
 
 def middle_of(stations: FloatArray) -> FloatArray:
@@ -113,8 +116,14 @@ class GeocentricFrame(Frame):
         return self.ellipsoid.vertical(x + a, y + b, z + c)
 
     def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        up, height = self.vertical_at(*np.moveaxis(np.asarray(working, dtype=float), -1, 0))
-        return np.stack(up, axis=-1), height
+        """Return the same; the longitude is where the place is, which saves its sine and cosine."""
+        place = np.asarray(working) + self.origin
+        latitude, height = np.moveaxis(self.ellipsoid.geographic(place)[..., [0, 2]], -1, 0)
+        up, off_axis = np.empty(place.shape), np.hypot(place[..., 0], place[..., 1])
+        scale = np.cos(latitude) / np.where(off_axis > 0.0, off_axis, 1.0)
+        np.multiply(place[..., :2], scale[..., None], out=up[..., :2])
+        up[..., 2] = np.sin(latitude)
+        return up, height
 
     @cached_property
     def _middle(self) -> tuple[float, float, float]:
