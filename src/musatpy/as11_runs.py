@@ -215,7 +215,7 @@ def run_of(path: Path, anyway: bool = False) -> Triangulation:
         raise DeckError([Problem(file=str(path), message=other)] if other else problems)
     try:
         run = of_block(block)
-        if not (anyway or block.raw) and (fault := unadjusted(run)):
+        if not anyway and (fault := unadjusted(run)):
             raise CompilationError([Problem(message=fault)])
     except CompilationError as error:
         raise CompilationError(_of_file(path, error)) from error

@@ -69,6 +69,19 @@ def test_stages_and_marks_are_inverse(st_thomas: Stereomodel, drive: Drive) -> N
 
 
 @pytest.mark.parametrize("drive", Drive)
+def test_one_mark_is_followed_as_many_are(st_thomas: Stereomodel, drive: Drive) -> None:
+    """By plain numbers and by arrays, below the tilted water and above it, at the height of a camera too."""
+    loop = Loop(stereo=st_thomas, drive=drive)
+    many = loop.stages(MARKS)
+    for number in range(len(MARKS)):
+        one = loop.stages(MARKS[number : number + 1])
+        np.testing.assert_allclose(one.xy[0], many.xy[number], rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose(one.by_mark[0], many.by_mark[number], rtol=1e-9, atol=1e-12)
+    with np.errstate(all="ignore"):
+        assert not np.isfinite(loop.stages(st_thomas.stations[:1]).xy[0, 0]).all()
+
+
+@pytest.mark.parametrize("drive", Drive)
 def test_partials_of_the_stages(st_thomas: Stereomodel, drive: Drive) -> None:
     """Central differences over 1 m; the vertical is held, and what its turn adds is up to 1.5e-6 of them."""
     loop, h = Loop(stereo=st_thomas, drive=drive), 0.5

@@ -163,7 +163,7 @@ def test_a_deck_that_cannot_be_a_run_is_refused_with_its_reasons(runs: Path, tmp
     assert "Traceback" not in result.output
 
 
-@pytest.mark.parametrize("name", ["st_thomas/st_thomas", "cayman/cayman_clean"])
+@pytest.mark.parametrize("name", ["st_thomas/st_thomas", "cayman/cayman_clean", "st_thomas_raw/st_thomas_raw"])
 def test_the_deck_of_a_run_that_is_still_to_be_adjusted_is_refused(name: str, tmp_path: Path) -> None:
     run = stage_readings.FIXTURES / f"{name}.crd"
     result = invoked("as11", "compile", run, stage_readings.DECK, "-o", tmp_path)

@@ -7,13 +7,16 @@ as they did at the exposure of each photo, whatever the time on the plotter.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.compilation.bent_rays import Image, Matrix, Numbers, Value, Vector, matrix, turned_by
 from musatpy.compilation.pair_images import (
     APART,
     AT_REST,
@@ -23,10 +26,10 @@ from musatpy.compilation.pair_images import (
     Water,
     chunks,
     curvature,
+    image_of,
     inverse,
     look,
     met,
-    sight,
     size,
     step,
     sunk,
@@ -81,12 +84,15 @@ class Loop:
         """
         if self.drive is Drive.TRUE and self.sea is not None:
             return self._through_waves(self.sea, mark)
+        if len(mark) == 1:
+            with suppress(ZeroDivisionError):  # as high as a camera: infinite, as arrays have it
+                return self._stages_of_one(mark)
         both, partials = np.empty((2, 2, len(mark))), np.empty((2, 2, 3, len(mark)))  # as they come: points last
         for rows in chunks(len(mark)):
             X = np.ascontiguousarray(mark[rows].T)
             vertical = self._vertical(X) if self.drive is Drive.TRUE else None
             for number, side in enumerate(self.pair.sides):
-                both[number, :, rows], partials[number, ..., rows] = self._images(side, X, vertical)
+                self._put_images(both[number, :, rows], partials[number, ..., rows], side, X, vertical)
         return Stages(xy=np.moveaxis(both, -1, 0), by_mark=np.moveaxis(partials, -1, 0))
 
     def mark(self, xy: FloatArray) -> FloatArray:
@@ -100,29 +106,75 @@ class Loop:
         out[left] = self._approached(xy[left])
         return out
 
+    @cached_property
+    def _axes(self) -> Matrix:
+        """The axes of the model by plain numbers."""
+        return matrix(self.stereo.axes)
+
+    @cached_property
+    def _origin(self) -> Numbers:
+        """The origin of the model by plain numbers."""
+        x, y, z = self.stereo.origin.tolist()
+        return x, y, z
+
     def _vertical(self, X: FloatArray) -> Vertical:
         """Return the vertical of marks (3, c), in the model."""
-        up, height = self.stereo.run.frame.vertical(self.stereo.working(X.T))
-        return self.stereo.axes @ up.T, np.ascontiguousarray(height)
+        x, y, z = X
+        up, height = self._vertical_at(x, y, z)
+        return np.stack(up), height
 
-    def _images(self, side: Side, X: FloatArray, vertical: Vertical | None) -> tuple[FloatArray, FloatArray]:
-        """Return the images (2, c) of marks (3, c) on a side, and their partials (2, 3, c).
+    def _vertical_at(self, x: Value, y: Value, z: Value) -> tuple[Vector[Value], Value]:
+        """Return the vertical at a mark by components."""
+        (a, b, c), (d, e, f), (g, h, i) = axes = self._axes
+        sx, sy, sz = self._origin
+        up, height = self.stereo.run.frame.vertical_at(
+            a * x + d * y + g * z + sx, b * x + e * y + h * z + sy, c * x + f * y + i * z + sz
+        )
+        return turned_by(axes, up), height
+
+    def _stages_of_one(self, mark: FloatArray) -> Stages:
+        """Return the stages of one mark (1, 3), by plain numbers."""
+        water, both, partials = self.pair.water, [], []
+        (x, y, z), X = mark[0].tolist(), mark.T
+        vertical = None
+        if self.drive is Drive.TRUE:
+            up, height = self._vertical_at(x, y, z)
+            vertical = np.array(up)[:, None], np.array([height])
+        for side in self.pair.sides:
+            sx, sy, sz = side.place
+            gap, surface = (x - sx, y - sy, z - sz), None
+            if vertical is not None:
+                over = water_over(water, side.tide, X, *vertical)
+                depth = float(over.depth[0])
+                if depth > 0.0:
+                    (ux,), (uy,), (uz,) = over.normal.tolist()
+                    surface = (ux, uy, uz), depth
+            (right, up), by_mark = image_of(side, gap, surface, water.index)
+            both.append((right, up))
+            partials.append(by_mark)
+        return Stages(xy=np.array([both]), by_mark=np.array([partials]))
+
+    def _put_images(
+        self, xy: FloatArray, by_mark: FloatArray, side: Side, X: FloatArray, vertical: Vertical | None
+    ) -> None:
+        """Put the images of marks (3, c) on a side into xy (2, c), and their partials into by_mark (2, 3, c).
 
         True marks have their vertical: those below the water are refracted.
         """
-        if vertical is None:
-            of = sight(side, X)
-            return of.xy, of.by_point
-        over, index = water_over(self.pair.water, side.tide, X, *vertical), self.pair.water.index
-        wet = over.depth > 0.0
-        if wet.all():
-            of = sight(side, X, over, index)
-            return of.xy, of.by_point
-        xy, by_mark = self._images(side, X, None)
-        if wet.any():
-            of = sight(side, X[:, wet], over.part(wet), index)
-            xy[:, wet], by_mark[..., wet] = of.xy, of.by_point
-        return xy, by_mark
+        (x, y, z), (sx, sy, sz) = X, side.place
+        gap, index = (x - sx, y - sy, z - sz), self.pair.water.index
+        over = None if vertical is None else water_over(self.pair.water, side.tide, X, *vertical)
+        wet = np.zeros(len(x), dtype=bool) if over is None else over.depth > 0.0
+        if over is not None and wet.all():
+            _put(xy, by_mark, image_of(side, gap, (over.components, over.depth), index))
+            return
+        _put(xy, by_mark, image_of(side, gap, None, index))
+        if over is not None and wet.any():
+            below = over.part(wet)
+            (gx, gy, gz), some = gap, np.empty((2, 4, int(wet.sum())))
+            part = image_of(side, (gx[wet], gy[wet], gz[wet]), (below.components, below.depth), index)
+            _put(some[:, 0], some[:, 1:], part)
+            xy[:, wet], by_mark[..., wet] = some[:, 0], some[:, 1:]
 
     def _clear_marks(self, xy: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the marks (3, c) of stages (4, c), and which are clear: at rest, not on the water line."""
@@ -178,6 +230,15 @@ class Loop:
         focal_length, principal_point = stereo.camera("focal_length"), stereo.camera("principal_point")
         xy, by_v = collinearity.image_by_vector(v, stereo.rotation, focal_length, principal_point)
         return Stages(xy=xy, by_mark=by_v @ stereo.axes @ by_mark)
+
+
+def _put(xy: FloatArray, by_mark: FloatArray, image: Image[FloatArray]) -> None:
+    """Put an image by components into xy (2, c), and its partials into by_mark (2, 3, c)."""
+    places, partials = image
+    for row, (place, by) in enumerate(zip(places, partials, strict=True)):
+        xy[row] = place
+        for axis, component in enumerate(by):
+            by_mark[row, axis] = component
 
 
 def _pair(stereo: Stereomodel) -> Pair:

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy import einsum
 
 from musatpy.adjustment.ground import RIDGE
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.compilation.bent_rays import Image, Matrix, Numbers, Value, Vector, bent, matrix, pictured
 from musatpy.geometry.frames import Frame, GeocentricFrame
-from musatpy.refraction.flat import air_tangent
 
 Vertical = tuple[FloatArray, FloatArray]  # up (3, c) and height (c,) m
-CHUNK = 8192  # points at a time
+CHUNK = 12288  # points at a time
 AT_REST = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
 APART = 1e-6  # squared sine of the angle between rays, from which on they meet clearly
 
@@ -33,6 +34,23 @@ class Side:
     focal_length: float  # mm
     principal_point: FloatArray  # (2,) mm
     tide: float
+
+    @cached_property
+    def rows(self) -> Matrix:
+        """M by plain numbers."""
+        return matrix(self.M)
+
+    @cached_property
+    def place(self) -> Numbers:
+        """The station by plain numbers."""
+        x, y, z = self.station.tolist()
+        return x, y, z
+
+    @cached_property
+    def middle(self) -> tuple[float, float]:
+        """The principal point by plain numbers."""
+        x, y = self.principal_point.tolist()
+        return x, y
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,6 +88,12 @@ class Over:
     depth: FloatArray  # (c,)
     gradient: FloatArray  # (3, c) or (3, 1)
     secant: FloatArray  # (c,) or (1,)
+
+    @property
+    def components(self) -> Vector[FloatArray]:
+        """Return those of the normal."""
+        x, y, z = self.normal
+        return x, y, z
 
     def part(self, rows: BoolArray) -> Over:
         """Return that over some of the points."""
@@ -191,37 +215,40 @@ def water_over(water: Water, tide: float, X: FloatArray, up: FloatArray, height:
 
 
 def refracted(gap: FloatArray, over: Over, index: float) -> Rays:
-    """Return the refracted rays to points from a station `gap` (3, c) away: `flat.incidence`."""
-    u, h, n = over.normal, over.depth, index
-    fall = -dot(gap, u)
-    e = gap + u * fall
-    D = np.sqrt(dot(e, e))
-    e *= 1.0 / np.where(D > 0.0, D, 1.0)  # 0 at the nadir
-    H = fall - h
-    t = air_tangent(H, h, D, n)
-    t2 = t * t
-    g2 = 1.0 / (n * n + (n * n - 1.0) * t2)
-    g, secant2 = np.sqrt(g2), 1.0 + t2 * g2  # of the angle in water
-    air2, water2 = 1.0 / (1.0 + t2), 1.0 / secant2
-    of_water = n * water2 * np.sqrt(water2) * H
-    kappa = of_water / (h * air2 * np.sqrt(air2) + of_water)
-    v, tilt = e * (H * t), t * g * kappa
-    v -= u * H
+    """Return the refracted rays to points from a station `gap` (3, c) away."""
+    x, y, z = gap
+    ray = bent((x, y, z), over.components, over.depth, index)
     return Rays(
-        v=v, e=e, u=u, kappa=kappa, ratio=H / (H + h * g),
-        Q_H=t * (1.0 - kappa), Q_h=-tilt, Q_n=tilt * h * secant2 / n,
+        v=np.stack(ray.v), e=np.stack(ray.e), u=over.normal, kappa=ray.kappa, ratio=ray.ratio,
+        Q_H=ray.t * (1.0 - ray.kappa), Q_h=-ray.tilt,
+        Q_n=ray.tilt * over.depth * (1.0 + ray.under * ray.under) / index,
     )  # fmt: skip
 
 
 def images(side: Side, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the images (2, c) mm of vectors (3, c), and their partials (2, 3, c) by these: `image_by_vector`."""
-    UVS = turned(side.M, v)
-    scale = -side.focal_length / UVS[2]
-    M, xy = side.M, scale * UVS[:2]
-    by_v = (xy * (scale / side.focal_length))[:, None, :] * M[2][:, None]
-    by_v += scale * M[:2, :, None]
+    """Return the images (2, c) mm of vectors (3, c), and their partials (2, 3, c) by these."""
+    x, y, z = v
+    (right, up), by_v = pictured(side.rows, side.focal_length, (x, y, z))
+    xy = np.stack([right, up])
     xy += side.principal_point[:, None]
-    return xy, by_v
+    return xy, np.stack([*by_v[0], *by_v[1]]).reshape(2, 3, -1)
+
+
+def image_of(
+    side: Side, gap: Vector[Value], surface: tuple[Vector[Value], Value] | None, index: float
+) -> Image[Value]:
+    """Return the image of a point `gap` from the station by components, and its partials by the point.
+
+    surface: normal of the water over it, and its depth; None: along a straight ray.
+    """
+    if surface is None:
+        (x, y), by_point = pictured(side.rows, side.focal_length, gap)
+    else:
+        ray = bent(gap, *surface, index)
+        (x, y), (of_x, of_y) = pictured(side.rows, side.focal_length, ray.v)
+        by_point = ray.by_point(of_x), ray.by_point(of_y)
+    px, py = side.middle
+    return (x + px, y + py), by_point
 
 
 def entering(

@@ -31,7 +31,8 @@ def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
         shade = _draw(axes, surface, lines, limits, "Blues" if of_depth else "terrain")
         _draw_models(axes, compiled, surface)
     if shade is not None:
-        figure.colorbar(shade, ax=axes, label=f"{bottom.of}, m")
+        bar = axes.inset_axes((1.03, 0.0, 0.04, 1.0))  # as high as the map, which fills its place one way only
+        figure.colorbar(shade, cax=bar, label=f"{bottom.of}, m")
     return {"png": png(figure), "pdf": pdf(figure)}
 
 

@@ -25,6 +25,8 @@ from musatpy.reduction.planar import Plane
 from musatpy.reduction.plate_steps import PlateReduction, Step
 from musatpy.reduction.refined_block import reduction_of
 
+_ONE = np.eye(2)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlateChain:
@@ -147,13 +149,13 @@ def _undone(steps: Sequence[Step], H: FloatArray, xy: FloatArray) -> tuple[Float
 
     H (..., 3, 3) is the homography to readings from the plane before the steps.
     """
-    partials = np.eye(2)
+    partials = _ONE
     for step in reversed(steps):
         before = step.inverse(xy)
         partials = _backwards(step, before, xy) @ partials
         xy = before
     plane, shift, down = H[..., :2, :2], H[..., :2, 2], H[..., 2, :2]
-    weight = np.sum(xy * down, axis=-1) + H[..., 2, 2]
+    weight = np.einsum("...i,...i->...", xy, down) + H[..., 2, 2]
     read = ((plane @ xy[..., None])[..., 0] + shift) / weight[..., None]
     return read, (plane - read[..., None] * down[..., None, :]) / weight[..., None, None] @ partials
 
@@ -161,5 +163,5 @@ def _undone(steps: Sequence[Step], H: FloatArray, xy: FloatArray) -> tuple[Float
 def _backwards(step: Step, before: FloatArray, after: FloatArray) -> FloatArray:
     """Return the derivatives (k, 2, 2) of the points before a step by those after it."""
     if isinstance(step, Lens) and step.side is Side.IDEAL:  # the distortion is stated where the points are known
-        return np.asarray(np.eye(2) + step.distortion_partials(after))
+        return np.asarray(_ONE + step.distortion_partials(after))
     return inverse(step.partials(before))

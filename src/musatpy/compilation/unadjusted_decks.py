@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.triangulation import Triangulation, of_block
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.model.compilation import RECOVERABLE
+from musatpy.reduction.readings_job import reduce
 
 _PAIRS = 10  # of photos that are looked at
 _MISFIT = 6.0  # plate sigmas that half the y-parallaxes of adjusted photos are well below
@@ -16,8 +17,11 @@ _MISFIT = 6.0  # plate sigmas that half the y-parallaxes of adjusted photos are 
 def unadjusted(run: Triangulation) -> str:
     """Return what says that the stations of a deck are not those of its plates; empty where nothing does.
 
-    A punched deck may have no plate measurements.
+    A punched deck may have no plate measurements. Raises `DeckError` as `reduction.readings_job.reduce` where they
+    are raw.
     """
+    if run.block.raw:
+        run = of_block(reduce(run.block)[0])
     last = len(run.block.photos.ids) - 2
     first = np.unique(np.linspace(0, max(last, 0), _PAIRS).astype(np.int64))[: max(last + 1, 0)]
     off = np.concatenate([np.zeros(0), *(np.abs(_y_parallaxes(run, left)) for left in first.tolist())])

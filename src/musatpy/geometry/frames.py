@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.geodesy import Ellipsoid, Value
 
 _FINEST = -6.0  # decimals of a middle of stations
 
@@ -57,6 +58,13 @@ class Frame(ABC):
         level = self.level(working)  # once for both
         return self.axes_at(level)[..., 2, :], level[..., 2]
 
+    @abstractmethod
+    def vertical_at(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
+        """Return `vertical` by components, numbers of one position or arrays of many, without PROJ.
+
+        Heights are those of PROJ to some nanometres near the ellipsoid, to a micrometre 10 km from it.
+        """
+
 
 def middle_of(stations: FloatArray) -> FloatArray:
     """Return the middle (3,) of stations (n, 3): the working origin, about which water tilts.
@@ -82,6 +90,10 @@ class LocalFrame(Frame):
         shape = np.asarray(level).shape[:-1]
         return np.broadcast_to(np.eye(3), (*shape, 3, 3))
 
+    def vertical_at(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
+        none = 0.0 * z
+        return (none, none, none + 1.0), z + float(self.origin[2])
+
 
 class GeocentricFrame(Frame):
     """A geocentric job: working axes are the geocentric ones, the vertical is that of the ellipsoid."""
@@ -99,6 +111,10 @@ class GeocentricFrame(Frame):
     def axes_at(self, level: ArrayLike) -> FloatArray:
         return self.ellipsoid.frame(level)
 
+    def vertical_at(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
+        a, b, c = self._middle
+        return self.ellipsoid.vertical(x + a, y + b, z + c)
+
     def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the same; the longitude is where the place is, which saves its sine and cosine."""
         place = np.asarray(working) + self.origin
@@ -108,6 +124,11 @@ class GeocentricFrame(Frame):
         np.multiply(place[..., :2], scale[..., None], out=up[..., :2])
         up[..., 2] = np.sin(latitude)
         return up, height
+
+    @cached_property
+    def _middle(self) -> tuple[float, float, float]:
+        x, y, z = self.origin.tolist()
+        return x, y, z
 
 
 class GeographicFrame(GeocentricFrame):

@@ -67,28 +67,30 @@ class Lens:
         """Return the distortion d (..., 2) mm at plate coordinates xy (..., 2)."""
         x, y = xy[..., 0] - self.centre[0], xy[..., 1] - self.centre[1]
         q = x * x + y * y
-        g = _polynomial(self.k, q) + self._table(q)[0]
-        p1, p2, p3 = self.p
+        g = _polynomial(self._k, q) + self._table(q)[0]
+        p1, p2, p3 = self._p
         c = 1.0 + p3 * q
-        dx = x * g + (p1 * (q + 2 * x * x) + 2 * p2 * x * y) * c
-        dy = y * g + (2 * p1 * x * y + p2 * (q + 2 * y * y)) * c
-        return np.stack([dx, dy], axis=-1)
+        out = np.empty_like(xy)
+        out[..., 0] = x * g + (p1 * (q + 2 * x * x) + 2 * p2 * x * y) * c
+        out[..., 1] = y * g + (2 * p1 * x * y + p2 * (q + 2 * y * y)) * c
+        return out
 
     def distortion_partials(self, xy: FloatArray) -> FloatArray:
         """Return the derivatives (..., 2, 2) of the distortion by xy; at a radius of the table, the outer ones."""
         x, y = xy[..., 0] - self.centre[0], xy[..., 1] - self.centre[1]
         q = x * x + y * y
         table, slope = self._table(q)
-        g = _polynomial(self.k, q) + table
-        dg = 2.0 * (_slope(self.k, q) + slope)  # dg/dx = dg x, dg/dy = dg y
-        p1, p2, p3 = self.p
+        g = _polynomial(self._k, q) + table
+        dg = 2.0 * (_slope(self._k, q) + slope)  # dg/dx = dg x, dg/dy = dg y
+        p1, p2, p3 = self._p
         c, ex, ey = 1.0 + p3 * q, p1 * (q + 2 * x * x) + 2 * p2 * x * y, 2 * p1 * x * y + p2 * (q + 2 * y * y)
         mixed = 2 * (p1 * y + p2 * x)  # d ex/dy = d ey/dx
-        xx = g + dg * x * x + (6 * p1 * x + 2 * p2 * y) * c + ex * 2 * p3 * x
-        xy_ = dg * x * y + mixed * c + ex * 2 * p3 * y
-        yx = dg * x * y + mixed * c + ey * 2 * p3 * x
-        yy = g + dg * y * y + (2 * p1 * x + 6 * p2 * y) * c + ey * 2 * p3 * y
-        return np.stack([np.stack([xx, xy_], axis=-1), np.stack([yx, yy], axis=-1)], axis=-2)
+        out = np.empty((*xy.shape, 2), dtype=xy.dtype)
+        out[..., 0, 0] = g + dg * x * x + (6 * p1 * x + 2 * p2 * y) * c + ex * 2 * p3 * x
+        out[..., 0, 1] = dg * x * y + mixed * c + ex * 2 * p3 * y
+        out[..., 1, 0] = dg * x * y + mixed * c + ey * 2 * p3 * x
+        out[..., 1, 1] = g + dg * y * y + (2 * p1 * x + 6 * p2 * y) * c + ey * 2 * p3 * y
+        return out
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the ideal places (..., 2) of measured ones."""
@@ -118,6 +120,16 @@ class Lens:
         )
 
     @cached_property
+    def _k(self) -> tuple[float, ...]:
+        """Those by plain numbers."""
+        return tuple(self.k.tolist())
+
+    @cached_property
+    def _p(self) -> tuple[float, ...]:
+        """Those by plain numbers."""
+        return tuple(self.p.tolist())
+
+    @cached_property
     def _intervals(self) -> tuple[FloatArray, FloatArray]:
         """Start and slope (t,) of the lines between radii: D = start + slope r, start 0 in the first."""
         knots, values = np.concatenate([[0.0], self.radius]), np.concatenate([[0.0], self.radial])
@@ -136,9 +148,9 @@ class Lens:
         return slope + start / r, -0.5 * start / r**3
 
 
-def _polynomial(k: FloatArray, q: FloatArray) -> FloatArray:
+def _polynomial(k: tuple[float, ...], q: FloatArray) -> FloatArray:
     return k[0] + q * (k[1] + q * (k[2] + q * k[3]))
 
 
-def _slope(k: FloatArray, q: FloatArray) -> FloatArray:
+def _slope(k: tuple[float, ...], q: FloatArray) -> FloatArray:
     return k[1] + q * (2.0 * k[2] + q * 3.0 * k[3])

@@ -43,5 +43,6 @@ def solve(J: FloatArray, b: FloatArray) -> FloatArray:
 def inverse(J: FloatArray) -> FloatArray:
     """Return the inverses of 2 by 2 matrices (..., 2, 2); not finite where there is none."""
     a, b, c, d = J[..., 0, 0], J[..., 0, 1], J[..., 1, 0], J[..., 1, 1]
-    adjoint = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
+    adjoint = np.empty_like(J)
+    adjoint[..., 0, 0], adjoint[..., 0, 1], adjoint[..., 1, 0], adjoint[..., 1, 1] = d, -b, -c, a
     return adjoint / (a * d - b * c)[..., None, None]

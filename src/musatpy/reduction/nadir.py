@@ -22,6 +22,7 @@ from musatpy.reduction.inversion import TOLERANCE
 _TURNS = 60
 DOWN = np.array([0.0, 0.0, -1.0])  # the nadir of a vertical photo, in its own system
 DOWN.flags.writeable = False
+_ONE = np.eye(3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +47,7 @@ class Displacement(ABC):
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the displaced images (..., 2) mm of images xy (..., 2)."""
-        bent = self._bent(xy)
+        bent = self._bent(*self._vector(xy))
         return self.view.principal_point - self.view.focal_length * bent[..., :2] / bent[..., 2:]
 
     def inverse(self, xy: FloatArray) -> FloatArray:
@@ -57,17 +58,16 @@ class Displacement(ABC):
         """
         b, c = self.coefficients
         n, f = self.view.nadir, self.view.focal_length
-        w = self._vector(xy)[0]
+        w, along, square = self._vector(xy)
         down = n[..., 2:] / f
-        along, square = np.sum(w * n, axis=-1, keepdims=True), np.sum(w * w, axis=-1, keepdims=True)
         s = np.zeros_like(along)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             for _ in range(_TURNS):
                 scale = 1.0 - down * s
                 t, squared = scale * along - s, scale * (scale * square - 2.0 * s * along) + s * s
                 new = b * t + c * (squared / t - t)
-                change, s = np.abs(new - s), new
-                if not np.any(change > TOLERANCE):
+                change, s = abs(new - s), new
+                if not (change > TOLERANCE).any():
                     break
             v = (1.0 - down * s) * w - n * s
         return np.where(change <= TOLERANCE, self.view.principal_point + v[..., :2], np.nan)
@@ -78,22 +78,26 @@ class Displacement(ABC):
         v, t, square = self._vector(xy)
         n = self.view.nadir
         by_v = (b - c) * n + c * (2.0 * v / t - square * n / t**2)
-        by_v = (np.eye(3) + n[..., :, None] * by_v[..., None, :])[..., :2]
-        bent = self._bent(xy)
+        by_v = (_ONE + n[..., :, None] * by_v[..., None, :])[..., :2]
+        bent = self._bent(v, t, square)
         third = bent[..., 2, None, None]
         ratio = bent[..., :2, None] / third
         return -self.view.focal_length / third * (by_v[..., :2, :] - ratio * by_v[..., 2:, :])
 
     def _vector(self, xy: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return v (..., 3), and t and v^2 (..., 1)."""
-        away = xy - self.view.principal_point
-        v = np.concatenate([away, np.full_like(away[..., :1], -self.view.focal_length)], axis=-1)
-        return v, np.sum(v * self.view.nadir, axis=-1, keepdims=True), np.sum(v * v, axis=-1, keepdims=True)
+        v = np.empty((*xy.shape[:-1], 3), dtype=xy.dtype)
+        v[..., :2], v[..., 2] = xy - self.view.principal_point, -self.view.focal_length
+        return v, _product(v, self.view.nadir), _product(v, v)
 
-    def _bent(self, xy: FloatArray) -> FloatArray:
+    def _bent(self, v: FloatArray, t: FloatArray, square: FloatArray) -> FloatArray:
         b, c = self.coefficients
-        v, t, square = self._vector(xy)
         return v + self.view.nadir * (b * t + c * (square / t - t))
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the products (..., 1) of vectors (..., 3)."""
+    return np.asarray(np.einsum("...i,...i->...", a, b)[..., None])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

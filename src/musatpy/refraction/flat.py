@@ -11,6 +11,7 @@ water. An adjustment needs that: which rays are wet must not change under its fe
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ from musatpy.refraction.snell import water_tangent_ratio
 
 _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the second-level cache
 _MAX_STEPS = 60
+Value = TypeVar("Value", float, FloatArray)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,23 +76,33 @@ def air_tangent(height: ArrayLike, depth: ArrayLike, distance: ArrayLike, index:
     return tangent
 
 
-def _newton(H: FloatArray, h: FloatArray, D: FloatArray, n: FloatArray) -> FloatArray:
+def tangent_of_equals(height: Value, depth: Value, distance: Value, index: float) -> Value:
+    """Return `air_tangent` of one ray by plain numbers, or of a chunk of rays by arrays of one shape."""
+    return _newton(height, depth, distance, index)
+
+
+def _any(given: bool | BoolArray) -> bool:
+    return given if isinstance(given, bool) else bool(given.any())
+
+
+def _newton(H: Value, h: Value, D: Value, n: Value | float) -> Value:
     t = D / (H + h / n)
     n2 = n * n
     excess = n2 - 1.0
     ray = H > 0.0  # others would keep all at it to the last step
     for _ in range(_MAX_STEPS):
         g2 = 1.0 / (n2 + excess * t * t)
-        g = np.sqrt(g2)
+        g = g2**0.5
         step = (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
         t = t + step
         # Grazing rays over deep water start far below the root and take more steps than the usual three.
-        left, size = np.abs(step), np.abs(t)
-        if not (ray & (left > 4e-16 * size + 1e-300)).any():
+        left, size = abs(step), abs(t)
+        if not _any(ray & (left > 4e-16 * size + 1e-300)):
             break
-        if not (ray & (left > 1e-8 * size)).any():
-            g = water_tangent_ratio(t, n)  # the convergence is quadratic: one more step ends at rounding
-            t = t + (D - t * (H + h * g)) / (H + h * n2 * g**3)
+        if not _any(ray & (left > 1e-8 * size)):
+            g2 = 1.0 / (n2 + excess * t * t)  # the convergence is quadratic: one more step ends at rounding
+            g = g2**0.5
+            t = t + (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
             break
     return t
 
