@@ -67,16 +67,16 @@ def samples(tables: Tables) -> list[Sample]:
     difference, used = numbers(control, "difference", 3), flags(control, "used", 3)
     fixed = flags(control, "fixed", 1)[:, 0]
     checks = kinds == _CHECK
-    found = []
+    every = []
     for what, rows, counts in (
         ("Control", ~checks & ~fixed, used),
         ("Check points", checks, np.ones_like(used)),
     ):
         for axis, component in enumerate(axes_of(tables)):
             values = np.where(rows & counts[:, axis], difference[:, axis], np.nan)
-            found.append(_sample(what, component, values, names))
-        found.append(_sample(what, "Depth", *_given_depths(tables, of_checks=what != "Control")))
-    return [sample for sample in found if sample.statistics.size]
+            every.append(_sample(what, component, values, names))
+        every.append(_sample(what, "Depth", *_given_depths(tables, of_checks=what != "Control")))
+    return [sample for sample in every if sample.statistics.size]
 
 
 def _sample(what: str, component: str, values: FloatArray, names: TextArray) -> Sample:
@@ -92,9 +92,9 @@ def _given_depths(tables: Tables, *, of_checks: bool) -> tuple[FloatArray, TextA
     return np.where(is_check == of_checks, numbers(points, "residual"), np.nan), texts(points, "point")
 
 
-def root_mean_squares(found: Sequence[Sample], what: str) -> dict[str, DifferenceStatistics]:
+def root_mean_squares(every: Sequence[Sample], what: str) -> dict[str, DifferenceStatistics]:
     """Return the samples of control or check points by their component."""
-    return {sample.component: sample.statistics for sample in found if sample.what == what}
+    return {sample.component: sample.statistics for sample in every if sample.what == what}
 
 
 def depths_of(tables: Tables) -> Depths:

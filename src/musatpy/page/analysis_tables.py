@@ -18,10 +18,10 @@ _METRES = "m"
 _UNITS = {"rad": "° ′ ″"}
 
 
-def sample_table(found: Sequence[Sample]) -> PageTable:
+def sample_table(every: Sequence[Sample]) -> PageTable:
     """Return samples of control and check points in numbers, as the analyses of the listing define them."""
     rows = []
-    for sample in found:
+    for sample in every:
         s = sample.statistics
         values = [number_text(value, 3) for value in (s.mean, s.rms, s.deviation, s.maximum)]
         rows.append([sample.what, sample.component, f"{s.size:,}", *values, s.maximum_id])

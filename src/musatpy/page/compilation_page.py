@@ -67,7 +67,7 @@ def compilation_page(tables: Tables, files: Mapping[str, str]) -> Page:
     """Return the page of the record of a compilation; `files` as `run_page` has them."""
     pictures, tables = pictures_chapter(PICTURES, tables), in_columns(tables)
     depths = _depths(tables)
-    found = [
+    contents = [
         ("Data", _data(tables)),
         (_LEFT_OUT.title, tables_of(_LEFT, tables)),
         ("Accuracy", _accuracy(tables, depths)),
@@ -75,7 +75,7 @@ def compilation_page(tables: Tables, files: Mapping[str, str]) -> Page:
         ("The Bottom", tables_of(_BOTTOM, tables)),
         ("Points", chain(stated_tables(tables, _POINTS), tables_of(_OF_POINTS, tables))),
     ]
-    chapters = [Chapter(title=title, anchor=anchor_of(title), parts=list(parts)) for title, parts in found]
+    chapters = [Chapter(title=title, anchor=anchor_of(title), parts=list(parts)) for title, parts in contents]
     chapters.insert(3, pictures)
     job, reasons = part(tables, "job"), list(_reasons(tables))
     titles = [" ".join(title.split()) for title in job.get("titles") or ()]

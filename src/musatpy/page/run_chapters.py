@@ -37,7 +37,7 @@ _HELD = (
 
 def chapters_of(tables: Tables) -> list[Chapter]:
     """Return the chapters of a run but those of pictures, whose place is behind the accuracy, and of the record."""
-    found = [
+    contents = [
         ("Data", _data(tables)),
         ("What Was Left Out", _left_out(tables)),
         ("Accuracy", _accuracy(tables)),
@@ -46,7 +46,7 @@ def chapters_of(tables: Tables) -> list[Chapter]:
         ("Stations And Points", _results(tables)),
         ("How It Was Computed", _computed(tables)),
     ]
-    chapters = [Chapter(title=title, anchor=anchor_of(title), parts=list(parts)) for title, parts in found]
+    chapters = [Chapter(title=title, anchor=anchor_of(title), parts=list(parts)) for title, parts in contents]
     return [chapter for chapter in chapters if chapter.parts]
 
 
@@ -108,9 +108,9 @@ def _left_out(tables: Tables) -> Iterator[Part]:
 
 
 def _accuracy(tables: Tables) -> Iterator[Part]:
-    found, depths = samples(tables), depths_of(tables)
-    if found:
-        yield sample_table(found)
+    every, depths = samples(tables), depths_of(tables)
+    if every:
+        yield sample_table(every)
     else:
         yield Texts(texts=["No control point or check point says how far positions are from given ones."])
     yield from tables_of(CONTROL, tables)

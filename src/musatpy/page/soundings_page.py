@@ -82,11 +82,11 @@ def soundings_page(tables: Tables, files: Mapping[str, str]) -> Page:
     Raises `MusatError` where no sounding meets the bottom.
     """
     try:
-        found = differences_of(tables)
+        differences = differences_of(tables)
     except NothingToShowError as error:
         raise MusatError(f"the record has nothing to show: {error}") from error
     pictures, tables = pictures_chapter(PICTURES, tables), in_columns(tables)
-    warning = scale_warning(found)
+    warning = scale_warning(differences)
     chapters = [
         Chapter(title=title, anchor=anchor_of(title), parts=list(parts))
         for title, parts in (
@@ -101,7 +101,7 @@ def soundings_page(tables: Tables, files: Mapping[str, str]) -> Page:
         title="Comparison With Soundings",
         lines=["Compiled less sounded depths: positive where the compiled bottom is deeper."],
         grade=Grade.DOUBTFUL if warning else COMPARED,
-        use=USE[Grade.DOUBTFUL] if warning else _order_met(found),
+        use=USE[Grade.DOUBTFUL] if warning else _order_met(differences),
         reasons=[Reason(grade=Grade.DOUBTFUL, text=warning)] if warning else (),
         causes=(),
         notes=(),
@@ -111,9 +111,9 @@ def soundings_page(tables: Tables, files: Mapping[str, str]) -> Page:
     )
 
 
-def _order_met(found: Differences) -> str:
+def _order_met(differences: Differences) -> str:
     """Return the strictest order that the differences meet, in words."""
-    met = [order.name for order in order_shares(found) if order.met]
+    met = [order.name for order in order_shares(differences) if order.met]
     return f"95 % of the differences are within {f'S-44 {met[0]}' if met else 'no order of S-44'}"
 
 

@@ -225,7 +225,7 @@ def anchor_of(title: str) -> str:
 
 def labels_of(mapped: Mapped, tables: Tables) -> dict[str, list[Any]]:
     """Return the labels of a section with their values in printed units, as far as the record has any."""
-    found: dict[str, list[Any]] = {}
+    by_label: dict[str, list[Any]] = {}
     for label, origin in mapped.columns.items():
         if label.endswith("*"):
             continue
@@ -239,8 +239,8 @@ def labels_of(mapped: Mapped, tables: Tables) -> dict[str, list[Any]]:
             values = [sum((at(tables, origin.field) or {}).values())]
         else:
             values = [at(tables, path) for path in (origin.field, *origin.then)]
-        found[label] = [v / unit if isinstance(v, float) else v for v in values if v is not None]
-    return {label: values for label, values in found.items() if values}
+        by_label[label] = [v / unit if isinstance(v, float) else v for v in values if v is not None]
+    return {label: values for label, values in by_label.items() if values}
 
 
 def _count(table: Any, where: str) -> int:

@@ -40,7 +40,7 @@ def top_of(tables: Tables, chapters: Sequence[Chapter]) -> Page:
         grade=grade,
         use=USE[Grade(grade)],
         reasons=[
-            Reason(grade=row["grade"], text=row["text"], link=_found(places, str(row["section"]))) for row in rows
+            Reason(grade=row["grade"], text=row["text"], link=_anchor(places, str(row["section"]))) for row in rows
         ],
         causes=_causes(tables) if rows else (),
         notes=verdict.get("notes") or (),
@@ -51,16 +51,16 @@ def top_of(tables: Tables, chapters: Sequence[Chapter]) -> Page:
 
 def anchors(chapters: Sequence[Chapter]) -> dict[str, str]:
     """Return the anchors of all that chapters have, by its title."""
-    found: dict[str, str] = {}
+    anchors: dict[str, str] = {}
     for chapter in chapters:
-        found[chapter.title] = chapter.anchor
+        anchors[chapter.title] = chapter.anchor
         for piece in chapter.parts:
             if isinstance(piece, PageTable | Texts | PagePicture) and piece.anchor:
-                found.setdefault(piece.title, piece.anchor)
-    return found
+                anchors.setdefault(piece.title, piece.anchor)
+    return anchors
 
 
-def _found(places: Mapping[str, str], section: str) -> str:
+def _anchor(places: Mapping[str, str], section: str) -> str:
     """Return the anchor of the table whose title begins as a section of the listing does, empty without one."""
     return next((anchor for title, anchor in places.items() if section and title.startswith(section)), "")
 
@@ -93,7 +93,7 @@ def _causes(tables: Tables) -> list[str]:
     """Return the likely causes in words; of one group those after the first begin with `or`."""
     table = part(tables, "causes")
     rows = rows_at(table, range(min(_CAUSES, len(table.get("cause", ())))))
-    found, groups = [], set()
+    sentences, groups = [], set()
     for row in rows:
         lead = "or: " if row["group"] in groups else ""
         groups.add(row["group"])
@@ -108,14 +108,14 @@ def _causes(tables: Tables) -> list[str]:
             unit=row["unit"],
             advice=row["advice"],
         )
-        found.append(f"{lead}{cause}")
-    return found
+        sentences.append(f"{lead}{cause}")
+    return sentences
 
 
 def _figures(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
-    found, depths = samples(tables), depths_of(tables)
+    every, depths = samples(tables), depths_of(tables)
     facts = [_sigma0(tables, places), *_plates(tables, places)]
-    facts += [_rms(tables, found, what, places) for what in ("Control", "Check points")]
+    facts += [_rms(tables, every, what, places) for what in ("Control", "Check points")]
     facts += [_depths(depths, places), *_s44(depths, places), *_hidden(tables, places), _blunders(tables, places)]
     return [fact for fact in facts if fact.value]
 
@@ -127,7 +127,7 @@ def _sigma0(tables: Tables, places: Mapping[str, str]) -> Fact:
         low, high = (number_text(math.sqrt(test[name]), 3) for name in ("low", "high"))
         detail = f"by chance {low} to {high} (95 %)" + ("" if test["accepted"] else ": outside")
     value = number_text(solution.get("sigma0"), 4) or "not finite"
-    return Fact(label="Sigma0", value=value, detail=detail, link=_found(places, "Statistics: Sigma0"))
+    return Fact(label="Sigma0", value=value, detail=detail, link=_anchor(places, "Statistics: Sigma0"))
 
 
 def _plates(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
@@ -137,21 +137,21 @@ def _plates(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
         return []
     value = " and ".join(number_text(axis / MICROMETRE, 2) for axis in rms)
     detail = f"{count:,} images that took part"
-    link = _found(places, "Plate Residuals Of The Job")
+    link = _anchor(places, "Plate Residuals Of The Job")
     return [Fact(label="RMS of plate residuals, x and y", value=f"{value} µm", detail=detail, link=link)]
 
 
-def _rms(tables: Tables, found: Sequence[Sample], what: str, places: Mapping[str, str]) -> Fact:
-    own = root_mean_squares(found, what)
-    names = [name for name in (*axes_of(tables), "Depth") if name in own]
-    value = ", ".join(number_text(own[name].rms, 3) for name in names)
-    sizes = sorted({own[name].size for name in names})
+def _rms(tables: Tables, every: Sequence[Sample], what: str, places: Mapping[str, str]) -> Fact:
+    statistics = root_mean_squares(every, what)
+    names = [name for name in (*axes_of(tables), "Depth") if name in statistics]
+    value = ", ".join(number_text(statistics[name].rms, 3) for name in names)
+    sizes = sorted({statistics[name].size for name in names})
     least = f"{sizes[0]:,} to " if len(sizes) > 1 else ""
     return Fact(
         label=f"RMS of {'control residuals' if what == 'Control' else 'check points'}, {', '.join(names)}",
         value=f"{value} m" if value else "",
         detail=f"{least}{count_of(sizes[-1], 'point')} in each component" if sizes else "",
-        link=_found(places, SAMPLES),
+        link=_anchor(places, SAMPLES),
     )
 
 
@@ -163,7 +163,7 @@ def _depths(depths: Depths, places: Mapping[str, str]) -> Fact:
         label="Sigma of depths, median",
         value=f"{np.median(sigma):.3f} m",
         detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m deep",
-        link=_found(places, "Depths Of Bathymetric Points"),
+        link=_anchor(places, "Depths Of Bathymetric Points"),
     )
 
 
@@ -178,7 +178,7 @@ def _s44(depths: Depths, places: Mapping[str, str]) -> list[Fact]:
             label="Order of S-44 that 95 % of the depths meet",
             value=best,
             detail=f"{exclusive}: {met:,} of {count:,} points",
-            link=_found(places, ORDERS),
+            link=_anchor(places, ORDERS),
         )
     ]
 
@@ -193,7 +193,7 @@ def _hidden(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
             label="Points weakly checked",
             value=f"{sum(weak):,} of {len(weak):,}",
             detail=f"an undetected error may move them by more than {FAR:.0f} sigmas",
-            link=_found(places, "Statistics: Points That Undetected"),
+            link=_anchor(places, "Statistics: Points That Undetected"),
         )
     ]
 
@@ -205,5 +205,5 @@ def _blunders(tables: Tables, places: Mapping[str, str]) -> Fact:
         return Fact(label="Blunders", value="not looked for")
     detail = ", ".join(f"{action} {count}" for action, count in actions.items()) or "none were found"
     return Fact(
-        label="Blunders", value=f"{sum(actions.values()):,}", detail=detail, link=_found(places, "Blunders Found")
+        label="Blunders", value=f"{sum(actions.values()):,}", detail=detail, link=_anchor(places, "Blunders Found")
     )

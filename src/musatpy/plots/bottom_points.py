@@ -56,12 +56,12 @@ def is_compilation(tables: Tables) -> bool:
 
 def submerged_points(tables: Tables) -> BottomPoints:
     """Return `bottom_points`. Raises `NothingToShowError` too where none is submerged and has an apparent place."""
-    found = bottom_points(tables)
-    if not found.submerged.any():
+    data = bottom_points(tables)
+    if not data.submerged.any():
         raise NothingToShowError("no point is submerged")
-    if not np.isfinite(found.shift[found.submerged]).all(axis=1).any():
+    if not np.isfinite(data.shift[data.submerged]).all(axis=1).any():
         raise NothingToShowError("no submerged point has an apparent place")
-    return found
+    return data
 
 
 def _of_run(tables: Tables) -> BottomPoints:

@@ -50,36 +50,36 @@ def compiled_depths(tables: Tables) -> CompiledDepths:
     )
 
 
-def _depth_sentence(found: CompiledDepths) -> str:
-    deepest, wet = int(found.depth.argmax()), found.depth > 0.0
+def _depth_sentence(data: CompiledDepths) -> str:
+    deepest, wet = int(data.depth.argmax()), data.depth > 0.0
     return (
-        f"{counted(len(found.ids), 'compiled point')}, {counted(int(wet.sum()), 'of them', 'of them')} below "
-        f"{found.datum}: the greatest depth is {measure(found.depth[deepest], 'm')} (point {found.ids[deepest]})."
+        f"{counted(len(data.ids), 'compiled point')}, {counted(int(wet.sum()), 'of them', 'of them')} below "
+        f"{data.datum}: the greatest depth is {measure(data.depth[deepest], 'm')} (point {data.ids[deepest]})."
     )
 
 
-def _depth_figure(found: CompiledDepths) -> Any:
-    bounds, _ = view_of(found.places, found.places)
-    drawing, axes = new_map(bounds, found.block.plane, f"Compiled depths below {found.datum}")
-    size = (1.5 * dot_size(bounds, len(found.ids))) ** 2
-    high = max(float(found.depth.max()), 0.1)
+def _depth_figure(data: CompiledDepths) -> Any:
+    bounds, _ = view_of(data.places, data.places)
+    drawing, axes = new_map(bounds, data.block.plane, f"Compiled depths below {data.datum}")
+    size = (1.5 * dot_size(bounds, len(data.ids))) ** 2
+    high = max(float(data.depth.max()), 0.1)
     shade = None
     for kind, (marker, label) in _CLASSES.items():
         for wet in (False, True):
-            rows = (found.kind == kind) & ((found.depth > 0.0) == wet)
+            rows = (data.kind == kind) & ((data.depth > 0.0) == wet)
             if not rows.any():
                 continue
             drawn = axes.scatter(
-                *found.places[rows].T, c=found.depth[rows], marker=marker, s=size, cmap=SHADES, vmin=0.0, vmax=high,
+                *data.places[rows].T, c=data.depth[rows], marker=marker, s=size, cmap=SHADES, vmin=0.0, vmax=high,
                 edgecolors="0.3", linewidths=0.3, label=f"{rows.sum():,} {label}{'' if wet else ' on land'}",
             )  # fmt: skip
             if wet:
                 shade = drawn
             else:
                 drawn.set_facecolor("none")
-    for row in range(0, len(found.ids), -(-len(found.ids) // _NAMED)):
+    for row in range(0, len(data.ids), -(-len(data.ids) // _NAMED)):
         axes.annotate(
-            f"{found.depth[row]:z.1f}", found.places[row], textcoords="offset points", xytext=(4, 4), fontsize=6
+            f"{data.depth[row]:z.1f}", data.places[row], textcoords="offset points", xytext=(4, 4), fontsize=6
         )
     return finish(drawing, axes, shade=shade, label="depth, m")
 

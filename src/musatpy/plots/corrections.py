@@ -16,29 +16,29 @@ from musatpy.plots.wording import counted, measure
 _NAMED = 25  # points whose corrections are written
 
 
-def sentence(found: BottomPoints) -> str:
+def sentence(data: BottomPoints) -> str:
     """Return what the map says."""
-    known = found.submerged & np.isfinite(found.shift).all(axis=1)
-    fall, side = -found.shift[known, 2], np.linalg.norm(found.shift[known, :2], axis=1)
+    known = data.submerged & np.isfinite(data.shift).all(axis=1)
+    fall, side = -data.shift[known, 2], np.linalg.norm(data.shift[known, :2], axis=1)
     worst = int(np.abs(fall).argmax())
     text = (
         f"Refraction lowers {counted(len(fall), 'submerged point')} by {measure(float(np.median(fall)), 'm')} in "
-        f"the median, by {measure(fall[worst], 'm')} at most (point {found.ids[known][worst]}), and moves them "
+        f"the median, by {measure(fall[worst], 'm')} at most (point {data.ids[known][worst]}), and moves them "
         f"sideways by {measure(side.max(), 'm')} at most"
     )
-    factor = found.factor[known & np.isfinite(found.factor)]
+    factor = data.factor[known & np.isfinite(data.factor)]
     if len(factor):
         text += f"; corrected over apparent depths: {np.median(factor):.3f} in the median"
     return text + "."
 
 
-def figure(found: BottomPoints) -> Any:
+def figure(data: BottomPoints) -> Any:
     """Return the figure of corrections. Raises `MusatError` where matplotlib is missing."""
-    rows = found.submerged & np.isfinite(found.shift).all(axis=1)
-    places, shift, number = found.places[rows, :2], found.shift[rows], int(rows.sum())
+    rows = data.submerged & np.isfinite(data.shift).all(axis=1)
+    places, shift, number = data.places[rows, :2], data.shift[rows], int(rows.sum())
     bounds, _ = view_of(places, places, keys=1)
-    drawing, axes = new_map(bounds, found.plane, "Refraction: corrected minus apparent points")
-    dry = found.places[~found.submerged, :2]
+    drawing, axes = new_map(bounds, data.plane, "Refraction: corrected minus apparent points")
+    dry = data.places[~data.submerged, :2]
     axes.plot(*dry[np.isfinite(dry).all(axis=1)].T, ".", color="0.6", markersize=2, label="other points")
     shade = axes.scatter(
         *places.T, c=-shift[:, 2], s=(1.5 * dot_size(bounds, number)) ** 2, cmap=SHADES, edgecolors="0.3",

@@ -80,50 +80,50 @@ def correlations(tables: Tables) -> Correlations:
     )
 
 
-def sentence(found: Correlations) -> str:
+def sentence(data: Correlations) -> str:
     """Return what the correlations say."""
-    row, column = found.strongest
-    upper = np.abs(found.value[np.triu_indices(len(found.names), 1)])
+    row, column = data.strongest
+    upper = np.abs(data.value[np.triu_indices(len(data.names), 1)])
     text = (
-        f"Of the unknowns of photo {found.photo}"
-        f"{' with the water' if len(found.names) > 6 else ''}, {found.names[column]} and {found.names[row]} are "
-        f"correlated most: {found.value[row, column]:+.3f}; "
+        f"Of the unknowns of photo {data.photo}"
+        f"{' with the water' if len(data.names) > 6 else ''}, {data.names[column]} and {data.names[row]} are "
+        f"correlated most: {data.value[row, column]:+.3f}; "
         f"{counted(int((upper >= _HIGH).sum()), 'pair')} of {_HIGH:g} and more"
     )
-    if len(found.inflation):
-        worst = int(np.nanargmax(found.inflation))
-        text += f"; largest variance inflation of the water {found.inflation[worst]:.3g} ({found.inflated[worst]})"
+    if len(data.inflation):
+        worst = int(np.nanargmax(data.inflation))
+        text += f"; largest variance inflation of the water {data.inflation[worst]:.3g} ({data.inflated[worst]})"
     return text + "."
 
 
-def figure(found: Correlations) -> Any:
+def figure(data: Correlations) -> Any:
     """Return the figure of correlations. Raises `MusatError` where matplotlib is missing."""
-    number, bars = len(found.names), len(found.inflated)
+    number, bars = len(data.names), len(data.inflated)
     side = max(_CELL * number, _LEAST)
-    room = room_of(found.names)
-    beside = 0.9 + room_of(found.inflated.tolist())
+    room = room_of(data.names)
+    beside = 0.9 + room_of(data.inflated.tolist())
     margins = Margins(left=room, below=max(room, 0.55), beside=beside, right=0.2 if bars else 0.9)
     sheet = new_sheet(([side, 3.0] if bars else [side], [side]), margins)
     panels = sheet.panels[0]
     axes = panels[0]
-    shade = axes.imshow(np.abs(found.value), cmap=SHADES, vmin=0.0, vmax=1.0)
-    for (row, column), value in np.ndenumerate(found.value):
+    shade = axes.imshow(np.abs(data.value), cmap=SHADES, vmin=0.0, vmax=1.0)
+    for (row, column), value in np.ndenumerate(data.value):
         if np.isfinite(value) and row != column:
             ink = "black" if abs(value) > 0.6 else "white"
             axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7, color=ink)
-    axes.set_xticks(range(number), found.names, rotation=90, fontsize=8)
-    axes.set_yticks(range(number), found.names, fontsize=8)
-    axes.set_title(f"Correlations of the unknowns of photo {found.photo}", fontsize=10)
+    axes.set_xticks(range(number), data.names, rotation=90, fontsize=8)
+    axes.set_yticks(range(number), data.names, fontsize=8)
+    axes.set_title(f"Correlations of the unknowns of photo {data.photo}", fontsize=10)
     bar_beside(sheet.figure, axes, shade, "size of the correlation")
     if bars:
-        panels[1].barh(range(bars), found.inflation, color="0.7", edgecolor="0.3", height=0.5)
-        panels[1].set_yticks(range(bars), found.inflated.tolist(), fontsize=8)
+        panels[1].barh(range(bars), data.inflation, color="0.7", edgecolor="0.3", height=0.5)
+        panels[1].set_yticks(range(bars), data.inflated.tolist(), fontsize=8)
         panels[1].set_ylim(max(bars, 4) - 0.5, -0.5)
         panels[1].set_xscale("log")
-        panels[1].set_xlim(1.0, 3.0 * max(float(np.nanmax(found.inflation)), 1.0))
+        panels[1].set_xlim(1.0, 3.0 * max(float(np.nanmax(data.inflation)), 1.0))
         panels[1].set_xlabel("variance inflation factor")
         panels[1].set_title("Unknowns of all photos", fontsize=10)
-        for row, value in enumerate(found.inflation.tolist()):
+        for row, value in enumerate(data.inflation.tolist()):
             place = (max(value, 1.0), row)
             panels[1].annotate(f"{value:.3g}", place, textcoords="offset points", xytext=(3, -3), fontsize=7)
     return sheet.figure

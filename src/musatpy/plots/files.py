@@ -75,11 +75,11 @@ def pictures_of(
     tables = SharedTables(tables)
     files, sentences, reasons = {}, [], {}
     for picture in pictures:
-        found = rendered(picture, tables)
-        if found is None:
+        picture_file = rendered(picture, tables)
+        if picture_file is None:
             reasons[picture.name] = picture.reason(tables)
             continue
-        suffix, data = found
+        suffix, data = picture_file
         files[stem.with_name(f"{stem.name}.{picture.name}.{suffix}")] = data
         sentences.append(picture.sentence(tables))
     return files, sentences, reasons

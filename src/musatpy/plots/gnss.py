@@ -61,27 +61,25 @@ def observed_stations(tables: Tables) -> ObservedStations:
     )
 
 
-def sentence(found: ObservedStations) -> str:
+def sentence(data: ObservedStations) -> str:
     """Return what the differences say."""
     spread = ", ".join(
-        f"{name} {measure(rms(found.difference[:, axis]), 'm')}" for axis, name in enumerate(found.names)
+        f"{name} {measure(rms(data.difference[:, axis]), 'm')}" for axis, name in enumerate(data.names)
     )
-    test = np.abs(found.difference) / np.where(found.sigma > 0.0, found.sigma, np.nan)
+    test = np.abs(data.difference) / np.where(data.sigma > 0.0, data.sigma, np.nan)
     text = (
-        f"Adjusted minus observed positions of {counted(len(found.photos), 'station')}, root mean squares: {spread}"
+        f"Adjusted minus observed positions of {counted(len(data.photos), 'station')}, root mean squares: {spread}"
     )
     if np.isfinite(test).any():
         row, axis = np.unravel_index(np.nanargmax(test), test.shape)
-        text += (
-            f"; the largest in sigmas is {test[row, axis]:.1f} (photo {found.photos[row]}, {found.names[axis]}: "
-        )
-        text += f"{measure(found.difference[row, axis], 'm')})"
+        text += f"; the largest in sigmas is {test[row, axis]:.1f} (photo {data.photos[row]}, {data.names[axis]}: "
+        text += f"{measure(data.difference[row, axis], 'm')})"
     return text + "."
 
 
-def figure(found: ObservedStations) -> Any:
+def figure(data: ObservedStations) -> Any:
     """Return the figure of stations. Raises `MusatError` where matplotlib is missing."""
-    bounds, _ = view_of(found.places, found.places, keys=1)
+    bounds, _ = view_of(data.places, data.places, keys=1)
     width, height = (bounds[1] - bounds[0]).tolist()
     tall = max(_MAP * height / max(width, height), 3.0)
     sizes = [_WIDE], [tall, _LOW, _LOW, _LOW]
@@ -89,33 +87,33 @@ def figure(found: ObservedStations) -> Any:
     sheet = new_sheet(sizes, margins, title="Stations, adjusted minus observed", legend=1)
     axes, *components = sheet.panels[:, 0].tolist()
     axes.set_aspect("equal")
-    dress(axes, bounds, found.plane)
-    axes.plot(*found.places.T, "o", color=INK, markerfacecolor="white", markersize=4)
-    name_places(axes, found.places, found.photos)
-    shown = 2.0 * shown_size(bounds, len(found.photos))
-    draw_arrows(axes, found.places, turned(found.difference[:, :2], found.turns), shown, "in plan", color=WET)
-    for axis, (panel, name) in enumerate(zip(components, found.names, strict=True)):
+    dress(axes, bounds, data.plane)
+    axes.plot(*data.places.T, "o", color=INK, markerfacecolor="white", markersize=4)
+    name_places(axes, data.places, data.photos)
+    shown = 2.0 * shown_size(bounds, len(data.photos))
+    draw_arrows(axes, data.places, turned(data.difference[:, :2], data.turns), shown, "in plan", color=WET)
+    for axis, (panel, name) in enumerate(zip(components, data.names, strict=True)):
         if axis:
             panel.sharex(components[0])
-        _draw_component(panel, found, axis)
+        _draw_component(panel, data, axis)
         panel.tick_params(labelbottom=panel is components[-1])
         panel.set_ylabel(f"{name}, m", fontsize=9)
-    step = -(-len(found.photos) // _TICKS)
-    number = np.arange(1.0, len(found.photos) + 1.0)
-    panel.set_xticks(number[::step], found.photos[::step].tolist(), rotation=90, fontsize=7)
+    step = -(-len(data.photos) // _TICKS)
+    number = np.arange(1.0, len(data.photos) + 1.0)
+    panel.set_xticks(number[::step], data.photos[::step].tolist(), rotation=90, fontsize=7)
     panel.set_xlabel("photo")
     legend_below(sheet.figure, 2, *panel.get_legend_handles_labels())
     return sheet.figure
 
 
-def _draw_component(axes: Any, found: ObservedStations, axis: int) -> None:
-    number = np.arange(1.0, len(found.photos) + 1.0)
-    band = NORMAL * found.sigma[:, axis]
+def _draw_component(axes: Any, data: ObservedStations, axis: int) -> None:
+    number = np.arange(1.0, len(data.photos) + 1.0)
+    band = NORMAL * data.sigma[:, axis]
     axes.fill_between(
         number, -band, band, step="mid", color="0.85", linewidth=0, label=f"{NORMAL:g} sigma of the observed"
     )
     axes.axhline(0.0, color=INK, linewidth=0.6)
-    axes.plot(number, found.difference[:, axis], ".", color=WET, markersize=4, label="difference")
+    axes.plot(number, data.difference[:, axis], ".", color=WET, markersize=4, label="difference")
     axes.tick_params(labelsize=8)
 
 

@@ -61,33 +61,33 @@ def residuals_by_kind(tables: Tables) -> list[Residuals]:
     observed = part(tables, "observations")
     kind, value = texts(observed, "kind"), numbers(observed, "standardised")
     known = np.isfinite(value)
-    found = []
+    data = []
     for name in dict.fromkeys(kind.tolist()):
         values = value[known & (kind == name)]
         if len(values) >= LEAST:
-            found.append(Residuals(kind=str(name).replace("_", " "), values=np.sort(values)))
-    if not found:
+            data.append(Residuals(kind=str(name).replace("_", " "), values=np.sort(values)))
+    if not data:
         raise NothingToShowError("no kind of observation has three checked residuals")
-    return found
+    return data
 
 
-def sentence(found: list[Residuals]) -> str:
+def sentence(data: list[Residuals]) -> str:
     """Return what the histograms say."""
     parts = [
         f"{of_kind.kind}: {counted(len(of_kind.values), 'residual')}, root mean square {of_kind.deviation:.2f}, "
         f"{of_kind.beyond(NORMAL):.1%} beyond {NORMAL:g} (5 % expected), largest {np.abs(of_kind.values).max():.2f}"
-        for of_kind in found
+        for of_kind in data
     ]
     return "Residuals over their own sigmas; " + "; ".join(parts) + "."
 
 
-def figure(found: list[Residuals]) -> Any:
+def figure(data: list[Residuals]) -> Any:
     """Return the figure of all kinds. Raises `MusatError` where matplotlib is missing."""
-    sizes = [_WIDTH] * 2, [_HEIGHT] * len(found)
+    sizes = [_WIDTH] * 2, [_HEIGHT] * len(data)
     title = "Normalised residuals beside the normal distribution"
     sheet = new_sheet(sizes, Margins(between=0.6, beside=0.7), title=title, legend=1)
     panels = sheet.panels
-    for (bars, dots), of_kind in zip(panels, found, strict=True):
+    for (bars, dots), of_kind in zip(panels, data, strict=True):
         _draw_bars(bars, of_kind)
         _draw_quantiles(dots, of_kind)
     panels[-1, 0].set_xlabel("residual over its own sigma")

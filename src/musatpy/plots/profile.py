@@ -136,10 +136,10 @@ def profile(
     rows = rows[order]
     sounded, beside = np.empty((0, 3)), half
     if soundings:
-        found = soundings(bottom.plane)
-        offset = along(best.vertices, found.places)[1]
+        data = soundings(bottom.plane)
+        offset = along(best.vertices, data.places)[1]
         beside = min(half, half_corridor(offset, _length(best), _SOUNDED)) if within is None else within
-        sounded = _in_corridor(best, beside, found.places, np.column_stack([found.height, found.sigma]))
+        sounded = _in_corridor(best, beside, data.places, np.column_stack([data.height, data.sigma]))
     water, photos = _water(tables, bottom, best, rows)
     dry = bottom.places[~bottom.submerged]
     return Profile(
@@ -213,47 +213,47 @@ def _water(tables: Tables, bottom: BottomPoints, line: Line, rows: IntArray) -> 
     return np.column_stack([distance, height])[near], texts(stations, "photo")[near]
 
 
-def sentence(found: Profile) -> str:
+def sentence(data: Profile) -> str:
     """Return what the profile says."""
-    fall = found.apparent - found.corrected
+    fall = data.apparent - data.corrected
     text = (
-        f"Along {found.line.name}: {counted(len(found.distance), 'submerged point')} within "
-        f"{measure(found.half, 'm')} of the line, depths {measure(np.nanmin(found.depth), 'm')} to "
-        f"{measure(np.nanmax(found.depth), 'm')}, refraction lowers them by {measure(float(np.median(fall)), 'm')} "
+        f"Along {data.line.name}: {counted(len(data.distance), 'submerged point')} within "
+        f"{measure(data.half, 'm')} of the line, depths {measure(np.nanmin(data.depth), 'm')} to "
+        f"{measure(np.nanmax(data.depth), 'm')}, refraction lowers them by {measure(float(np.median(fall)), 'm')} "
         f"in the median"
     )
-    if np.isfinite(found.sigma).any():
-        text += f"; {NORMAL:g} sigma of a height is typically {measure(NORMAL * np.nanmedian(found.sigma), 'm')}"
-    if len(found.sounded):
-        text += f"; {counted(len(found.sounded), 'sounding')} within {measure(found.beside, 'm')}"
+    if np.isfinite(data.sigma).any():
+        text += f"; {NORMAL:g} sigma of a height is typically {measure(NORMAL * np.nanmedian(data.sigma), 'm')}"
+    if len(data.sounded):
+        text += f"; {counted(len(data.sounded), 'sounding')} within {measure(data.beside, 'm')}"
     return text + "."
 
 
-def figure(found: Profile) -> Any:
+def figure(data: Profile) -> Any:
     """Return the figure of a profile. Raises `MusatError` where matplotlib is missing."""
-    number = 4 + bool(len(found.dry)) + bool(len(found.sounded))
+    number = 4 + bool(len(data.dry)) + bool(len(data.sounded))
     sheet = new_sheet(([9.0], [3.9]), Margins(), legend=legend_lines(number, _COLUMNS))
     axes = sheet.panels[0, 0]
-    axes.set_title(f"Profile along {found.line.name}, points within {measure(found.half, 'm')}", fontsize=11)
-    joined = len(found.distance) <= _JOINED
-    band = NORMAL * np.nan_to_num(found.sigma)
-    low, high = found.corrected - band, found.corrected + band
-    axes.fill_between(found.distance, low, high, color="0.85", linewidth=0, label=f"{NORMAL:g} sigma")
+    axes.set_title(f"Profile along {data.line.name}, points within {measure(data.half, 'm')}", fontsize=11)
+    joined = len(data.distance) <= _JOINED
+    band = NORMAL * np.nan_to_num(data.sigma)
+    low, high = data.corrected - band, data.corrected + band
+    axes.fill_between(data.distance, low, high, color="0.85", linewidth=0, label=f"{NORMAL:g} sigma")
     for height, marker, style, shade, label in (
-        (found.apparent, "^", "--", GREY, "apparent: straight rays"),
-        (found.corrected, "o", "-", WET, "corrected"),
+        (data.apparent, "^", "--", GREY, "apparent: straight rays"),
+        (data.corrected, "o", "-", WET, "corrected"),
     ):
         axes.plot(
-            found.distance, height, marker, color=shade, markersize=4 if joined else 2, linewidth=1.0, label=label,
+            data.distance, height, marker, color=shade, markersize=4 if joined else 2, linewidth=1.0, label=label,
             linestyle=style if joined else "none",
         )  # fmt: skip
-    if len(found.dry):
-        axes.plot(*found.dry.T, "s", color=DRY, markersize=3, label="dry points")
-    _draw_water(axes, found)
-    if len(found.sounded):
-        label = f"soundings within {measure(found.beside, 'm')}"
-        axes.plot(*found.sounded[:, :2].T, "+", color=INK, markersize=5, label=label, zorder=4)
-    _set_heights(axes, found)
+    if len(data.dry):
+        axes.plot(*data.dry.T, "s", color=DRY, markersize=3, label="dry points")
+    _draw_water(axes, data)
+    if len(data.sounded):
+        label = f"soundings within {measure(data.beside, 'm')}"
+        axes.plot(*data.sounded[:, :2].T, "+", color=INK, markersize=5, label=label, zorder=4)
+    _set_heights(axes, data)
     axes.set_xlabel("distance along the line, m")
     axes.set_ylabel("height, m")
     axes.ticklabel_format(useOffset=False, style="plain")
@@ -262,20 +262,20 @@ def figure(found: Profile) -> Any:
     return sheet.figure
 
 
-def _set_heights(axes: Any, found: Profile) -> None:
+def _set_heights(axes: Any, data: Profile) -> None:
     """Have the bottom fill the picture: land that is higher is cut off."""
-    lowest = found.corrected - NORMAL * np.nan_to_num(found.sigma)
-    shown = [found.corrected, lowest, found.apparent, found.water[:, 1], found.sounded[:, 1]]
+    lowest = data.corrected - NORMAL * np.nan_to_num(data.sigma)
+    shown = [data.corrected, lowest, data.apparent, data.water[:, 1], data.sounded[:, 1]]
     low, high = (float(of([of(part) for part in shown if len(part)])) for of in (np.nanmin, np.nanmax))
     border = 0.15 * max(high - low, 0.1)
     axes.set_ylim(low - border, high + 2.0 * border)
 
 
-def _draw_water(axes: Any, found: Profile) -> None:
-    order = np.argsort(found.water[:, 0], kind="stable")
-    axes.plot(*found.water[order].T, "-", color="#2a7fb8", linewidth=1.2, label="water, at each photo")
-    if len(found.water) <= 30:
-        for (distance, height), name in zip(found.water.tolist(), found.photos.tolist(), strict=True):
+def _draw_water(axes: Any, data: Profile) -> None:
+    order = np.argsort(data.water[:, 0], kind="stable")
+    axes.plot(*data.water[order].T, "-", color="#2a7fb8", linewidth=1.2, label="water, at each photo")
+    if len(data.water) <= 30:
+        for (distance, height), name in zip(data.water.tolist(), data.photos.tolist(), strict=True):
             axes.annotate(
                 name, (distance, height), textcoords="offset points", xytext=(0, 5), fontsize=7, ha="center"
             )

@@ -71,35 +71,35 @@ def redundancy_map(tables: Tables) -> RedundancyMap:
     )
 
 
-def sentence(found: RedundancyMap) -> str:
+def sentence(data: RedundancyMap) -> str:
     """Return what the maps say."""
-    known = found.rays > 0
-    two = int((found.rays[known] <= 2).sum())
-    weak = float(np.mean(found.plates < _WEAK))
-    wet = found.submerged & known
+    known = data.rays > 0
+    two = int((data.rays[known] <= 2).sum())
+    weak = float(np.mean(data.plates < _WEAK))
+    wet = data.submerged & known
     text = (
-        f"{counted(int(known.sum()), 'point')} with {found.rays[known].mean():.1f} rays in the mean, {two:,} with "
-        f"two only; mean redundancy number of plate coordinates {found.plates.mean():.2f}, {weak:.0%} of them "
+        f"{counted(int(known.sum()), 'point')} with {data.rays[known].mean():.1f} rays in the mean, {two:,} with "
+        f"two only; mean redundancy number of plate coordinates {data.plates.mean():.2f}, {weak:.0%} of them "
         f"below {_WEAK:g}"
     )
     if wet.any():
-        text += f"; submerged points have {found.rays[wet].mean():.1f} rays"
+        text += f"; submerged points have {data.rays[wet].mean():.1f} rays"
     return text + "."
 
 
-def figure(found: RedundancyMap) -> Any:
+def figure(data: RedundancyMap) -> Any:
     """Return the figure of the maps. Raises `MusatError` where matplotlib is missing."""
-    rays = np.where(found.rays > 0, np.searchsorted(_RAYS, found.rays), -1)
-    known = np.isfinite(found.redundancy)
-    grade = np.where(known, np.searchsorted(_NUMBERS, np.nan_to_num(found.redundancy), side="right"), -1)
+    rays = np.where(data.rays > 0, np.searchsorted(_RAYS, data.rays), -1)
+    known = np.isfinite(data.redundancy)
+    grade = np.where(known, np.searchsorted(_NUMBERS, np.nan_to_num(data.redundancy), side="right"), -1)
     classes = (_RAY_CLASSES, _NUMBER_CLASSES)
     used = [np.unique(values[values >= 0])[::-1].tolist() for values in (rays, grade)]
     titles = ["rays of points", "mean redundancy number r of their images"]
     named = NAMED + sum(map(len, used))
-    sheet, panels = new_panels(found.block, titles, "How well images check each other", named)
+    sheet, panels = new_panels(data.block, titles, "How well images check each other", named)
     for axes, names, values, drawn in zip(panels, classes, (rays, grade), used, strict=True):
-        draw_block(axes, found.block)
-        draw_grades(axes, found.block, values, names, drawn)
+        draw_block(axes, data.block)
+        draw_grades(axes, data.block, values, names, drawn)
     return finish_panels(sheet, panels)
 
 

@@ -91,28 +91,28 @@ def sigma_maps(tables: Tables) -> SigmaMaps:
 def sentence(sigmas: SigmaMaps) -> str:
     """Return what the maps say."""
     parts = []
-    for found in sigmas.maps:
-        known = np.isfinite(found.value)
-        worst = int(np.nanargmax(found.value))
-        best = int(np.flatnonzero(np.cumsum(np.bincount(found.grade[known])) >= CONFIDENCE * known.sum())[0])
+    for sigma in sigmas.maps:
+        known = np.isfinite(sigma.value)
+        worst = int(np.nanargmax(sigma.value))
+        best = int(np.flatnonzero(np.cumsum(np.bincount(sigma.grade[known])) >= CONFIDENCE * known.sum())[0])
         parts.append(
-            f"{found.what} of {counted(int(known.sum()), 'point')}: typical "
-            f"{measure(np.nanmedian(found.value), 'm')}, largest {measure(found.value[worst], 'm')} (point "
-            f"{sigmas.ids[worst]}), class of 95 % of them {found.classes[best]}"
+            f"{sigma.what} of {counted(int(known.sum()), 'point')}: typical "
+            f"{measure(np.nanmedian(sigma.value), 'm')}, largest {measure(sigma.value[worst], 'm')} (point "
+            f"{sigmas.ids[worst]}), class of 95 % of them {sigma.classes[best]}"
         )
     return "Uncertainties at 95 % in steps of S-44; " + "; ".join(parts) + "."
 
 
 def figure(sigmas: SigmaMaps) -> Any:
     """Return the figure of the maps. Raises `MusatError` where matplotlib is missing."""
-    titles = [f"{found.what}, 95 %" for found in sigmas.maps]
-    grades = np.unique([found.grade[sigmas.block.seen] for found in sigmas.maps])
+    titles = [f"{sigma.what}, 95 %" for sigma in sigmas.maps]
+    grades = np.unique([sigma.grade[sigmas.block.seen] for sigma in sigmas.maps])
     used = grades[grades >= 0].tolist()
     title = "Uncertainty of points in steps of S-44"
     sheet, panels = new_panels(sigmas.block, titles, title, NAMED + len(used))
-    for axes, found in zip(panels, sigmas.maps, strict=True):
+    for axes, sigma in zip(panels, sigmas.maps, strict=True):
         draw_block(axes, sigmas.block)
-        draw_grades(axes, sigmas.block, found.grade, found.classes, used)
+        draw_grades(axes, sigmas.block, sigma.grade, sigma.classes, used)
     return finish_panels(sheet, panels)
 
 

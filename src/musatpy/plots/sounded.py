@@ -26,26 +26,26 @@ class SoundedPlan:
 def differences_of(tables: Tables) -> Differences:
     """Return the differences of a comparison. Raises `NothingToShowError` where there are none."""
     table = part(tables, "differences")
-    found = Differences(
+    data = Differences(
         names=texts(table, "sounding"),
         compiled=numbers(table, "compiled"),
         sounded=numbers(table, "sounded"),
         sigma=numbers(table, "sigma"),
     )
-    if not len(found.names):
+    if not len(data.names):
         raise NothingToShowError("no sounding meets the bottom")
-    return found
+    return data
 
 
 def sounded_plan(tables: Tables) -> SoundedPlan:
     """Return the differences with their places. Raises `NothingToShowError` where there are none."""
-    found, places = differences_of(tables), numbers(part(tables, "differences"), "place", 2)
-    return SoundedPlan(differences=found, places=places if len(places) == len(found.names) else None)
+    data, places = differences_of(tables), numbers(part(tables, "differences"), "place", 2)
+    return SoundedPlan(differences=data, places=places if len(places) == len(data.names) else None)
 
 
-def sentence(found: SoundedPlan) -> str:
+def sentence(data: SoundedPlan) -> str:
     """Return what the picture says."""
-    differences = found.differences
+    differences = data.differences
     good = ~differences.blunders
     middle, spread = median_and_spread(differences.difference[good])
     shares = ", ".join(f"{order.share:.0%} {order.name}" for order in order_shares(differences))
@@ -56,9 +56,9 @@ def sentence(found: SoundedPlan) -> str:
     )
 
 
-def figure(found: SoundedPlan) -> Any:
+def figure(data: SoundedPlan) -> Any:
     """Return the figure of differences. Raises `MusatError` where matplotlib is missing."""
-    return difference_figure(found.differences, found.places, "Compiled and sounded depths")
+    return difference_figure(data.differences, data.places, "Compiled and sounded depths")
 
 
 SOUNDINGS = Picture(

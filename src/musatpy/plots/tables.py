@@ -47,10 +47,10 @@ class NothingToShowError(Exception):
 
 def part(tables: Tables, name: str) -> Mapping[str, Any]:
     """Return a table or group by its name, an empty one where the record has none."""
-    found: Any = tables
+    value: Any = tables
     for step in name.split("."):
-        found = (found or {}).get(step)
-    return found or {}
+        value = (value or {}).get(step)
+    return value or {}
 
 
 def numbers(table: Mapping[str, Any], field: str, *shape: int) -> FloatArray:
@@ -61,8 +61,8 @@ def numbers(table: Mapping[str, Any], field: str, *shape: int) -> FloatArray:
     values = table.get(field, ())
     array = getattr(values, "array", None)  # of a run whose record was not read
     if array is not None:
-        found = array.astype(float).reshape(-1, *shape)
-        return np.where(np.isfinite(found), found, np.nan)
+        values = array.astype(float).reshape(-1, *shape)
+        return np.where(np.isfinite(values), values, np.nan)
     nothing = np.full(shape, np.nan).tolist()
     try:
         return np.array([nothing if row is None else row for row in values], dtype=float).reshape(-1, *shape)
@@ -95,5 +95,5 @@ def rows_of(ids: TextArray, names: TextArray) -> IntArray:
     """Return the rows (k,) of names in ids, -1 of one that is not there."""
     row = {name: number for number, name in enumerate(ids.tolist())}
     first = np.flatnonzero(np.append([True] * bool(len(names)), names[1:] != names[:-1]))  # of equal ones in a row
-    found = np.array([row.get(name, -1) for name in names[first].tolist()], dtype=np.int64)
-    return np.repeat(found, np.diff(np.append(first, len(names))))
+    numbers_of_rows = np.array([row.get(name, -1) for name in names[first].tolist()], dtype=np.int64)
+    return np.repeat(numbers_of_rows, np.diff(np.append(first, len(names))))

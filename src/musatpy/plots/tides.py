@@ -61,40 +61,40 @@ def tides(tables: Tables) -> Tides:
     )
 
 
-def sentence(found: Tides) -> str:
+def sentence(data: Tides) -> str:
     """Return what the tides say."""
-    level = np.where(np.isfinite(found.adjusted), found.adjusted, found.given)
+    level = np.where(np.isfinite(data.adjusted), data.adjusted, data.given)
     text = (
         f"The water stands at {measure(np.nanmin(level), 'm')} to {measure(np.nanmax(level), 'm')} at "
-        f"{counted(len(found.photos), 'exposure')}"
+        f"{counted(len(data.photos), 'exposure')}"
     )
-    moved = np.abs(found.correction)
+    moved = np.abs(data.correction)
     if np.isfinite(moved).any() and np.nanmax(moved) > 0.0:
         worst = int(np.nanargmax(moved))
-        text += f"; the adjustment moved it by {measure(found.correction[worst], 'm')} at most (photo "
-        text += f"{found.photos[worst]})"
-        if found.sigma[worst] > 0.0:
-            text += f", {moved[worst] / found.sigma[worst]:.1f} of its sigma"
+        text += f"; the adjustment moved it by {measure(data.correction[worst], 'm')} at most (photo "
+        text += f"{data.photos[worst]})"
+        if data.sigma[worst] > 0.0:
+            text += f", {moved[worst] / data.sigma[worst]:.1f} of its sigma"
     else:
         text += "; the adjustment kept the heights given"
     return text + "."
 
 
-def figure(found: Tides) -> Any:
+def figure(data: Tides) -> Any:
     """Return the figure of tides. Raises `MusatError` where matplotlib is missing."""
-    turned = not found.timed and len(found.photos) > _UPRIGHT
+    turned = not data.timed and len(data.photos) > _UPRIGHT
     sheet = new_sheet(([8.0], [3.5]), Margins(below=1.0 if turned else 0.55), legend=1)
     axes = sheet.panels[0, 0]
     axes.set_title("Water at the exposures", fontsize=11)
-    _draw_given(axes, found)
-    axes.plot(found.at, found.adjusted, "x", color=WET, markersize=5, label="adjusted")
-    _draw_groups(axes, found)
-    if found.timed:
+    _draw_given(axes, data)
+    axes.plot(data.at, data.adjusted, "x", color=WET, markersize=5, label="adjusted")
+    _draw_groups(axes, data)
+    if data.timed:
         axes.set_xlabel("time of the exposure, s")
     else:
-        step = -(-len(found.photos) // _NAMES)
-        names = found.photos[::step].tolist()
-        axes.set_xticks(found.at[::step], names, rotation=90 if turned else 0, fontsize=8)
+        step = -(-len(data.photos) // _NAMES)
+        names = data.photos[::step].tolist()
+        axes.set_xticks(data.at[::step], names, rotation=90 if turned else 0, fontsize=8)
         axes.set_xlabel("photo")
     axes.set_ylabel("height of the water, m")
     axes.ticklabel_format(axis="y", useOffset=False, style="plain")
@@ -103,28 +103,28 @@ def figure(found: Tides) -> Any:
     return sheet.figure
 
 
-def _draw_given(axes: Any, found: Tides) -> None:
-    half = np.where(found.sigma > 0.0, NORMAL * found.sigma, 0.0)
+def _draw_given(axes: Any, data: Tides) -> None:
+    half = np.where(data.sigma > 0.0, NORMAL * data.sigma, 0.0)
     label = f"given, with {NORMAL:g} sigma"
     style: dict[str, Any] = {"color": GREY, "markerfacecolor": "none", "markersize": 5}
-    if len(found.at) <= _BARS:
-        axes.errorbar(found.at, found.given, half, fmt="o", linewidth=0.8, capsize=2, label=label, **style)
+    if len(data.at) <= _BARS:
+        axes.errorbar(data.at, data.given, half, fmt="o", linewidth=0.8, capsize=2, label=label, **style)
         return
-    order = np.argsort(found.at, kind="stable")
-    low, high = (found.given - half)[order], (found.given + half)[order]
-    axes.fill_between(found.at[order], low, high, color="0.9", linewidth=0)
-    axes.plot(found.at, found.given, "o", label=label, **style)
+    order = np.argsort(data.at, kind="stable")
+    low, high = (data.given - half)[order], (data.given + half)[order]
+    axes.fill_between(data.at[order], low, high, color="0.9", linewidth=0)
+    axes.plot(data.at, data.given, "o", label=label, **style)
 
 
-def _draw_groups(axes: Any, found: Tides) -> None:
+def _draw_groups(axes: Any, data: Tides) -> None:
     """Draw a line where a group of common corrections ends, and its name."""
-    if found.timed or len(set(found.groups.tolist())) < 2:
+    if data.timed or len(set(data.groups.tolist())) < 2:
         return
-    begins = np.flatnonzero(np.append(True, found.groups[1:] != found.groups[:-1]))
+    begins = np.flatnonzero(np.append(True, data.groups[1:] != data.groups[:-1]))
     for row in begins.tolist():
-        axes.axvline(found.at[row] - 0.5, color=INK, linestyle=":", linewidth=0.7)
+        axes.axvline(data.at[row] - 0.5, color=INK, linestyle=":", linewidth=0.7)
         axes.annotate(
-            str(found.groups[row]), (found.at[row] - 0.5, 1.0), xycoords=("data", "axes fraction"), fontsize=7,
+            str(data.groups[row]), (data.at[row] - 0.5, 1.0), xycoords=("data", "axes fraction"), fontsize=7,
             textcoords="offset points", xytext=(3, -9),
         )  # fmt: skip
 
