@@ -153,26 +153,21 @@ def checked(told: FloatArray, plane: str) -> FloatArray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("plane", "common"), [("tide", True), ("known", False)])
-def test_errors_of_a_strip_by_chance(plane: str, common: bool) -> None:
+def test_errors_of_a_strip_by_chance() -> None:
+    """Over a known plane; other waters are held to differences below."""
     true, sights = small_strip()
-    water, tiny = waters(true)[plane], 1e-3
-    strip = orient_strip(sights, water, common_plane=common)
+    water, tiny = waters(true)["known"], 1e-3
+    strip = orient_strip(sights, water, common_plane=False)
     draws, total, number = np.random.default_rng(2), 0.0, 16
     for _ in range(number):
         drawn = {
             name: getattr(sights, name) + tiny * sigma * draws.normal(size=sigma.shape)
             for name, sigma in (("image", sights.image_sigma), ("control", sights.control_sigma))
         }
-        after = replace(
-            water,
-            level=None if water.level is None else water.level + tiny * (water.level_sigma or 0.0) * draws.normal(),
-            slope=tuple(tiny * (water.slope_sigma or 0.0) * draws.normal(size=2)),
-        )
-        moved = elements(orient_strip(replace(sights, **drawn), after, common_plane=common)) - elements(strip)
+        moved = elements(orient_strip(replace(sights, **drawn), water, common_plane=False)) - elements(strip)
         total = total + np.square(moved / tiny) / number
     told = variances(strip)
-    loose = checked(told, plane)
+    loose = checked(told, "known")
     ratio = np.sqrt(total[loose] / told[loose])
     assert 0.85 < np.sqrt(np.mean(np.square(ratio))) < 1.15  # 16 draws, of which one moves all elements together
     assert 0.4 < ratio.min() and ratio.max() < 1.7
