@@ -135,6 +135,13 @@ def test_a_path_is_driven_at_its_rate(st_thomas: Stereomodel) -> None:
     assert (result.seconds > 0.0).all()
 
 
+def test_cycles_off_the_plates_are_told(st_thomas: Stereomodel) -> None:
+    path, loop = np.array([[0.0, 0.0, 0.0, -5.0], [10.0, 4000.0, 0.0, -5.0]]), Loop(stereo=st_thomas)
+    result = driven(loop, path, 10.0)
+    outside = (np.abs(result.xy) > 114.3).any(axis=(1, 2))
+    assert result.off(loop).tolist() == result.t[outside].tolist() and 0 < outside.sum() < len(result.t)
+
+
 def test_a_path_in_nanoseconds_is_refused(st_thomas: Stereomodel) -> None:
     with pytest.raises(CompilationError, match=r"5e\+10 cycles .* t counts seconds"):
         driven(Loop(stereo=st_thomas), np.array([[0.0, 0, 0, 0], [1e9, 0, 0, 0]]), 50.0)

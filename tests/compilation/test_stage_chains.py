@@ -128,7 +128,7 @@ def test_a_path_may_be_in_the_system_of_the_job(run: Triangulation) -> None:
     path = in_model(stereo, path_in_job(run), GEOGRAPHIC)
     np.testing.assert_allclose(path[:, 1:], MARKS[:2], rtol=0, atol=1e-6)
     result = driven(RawLoop(loop=Loop(stereo=stereo), chain=chain(run)), path, 2.0)
-    assert len(result.t) == 9 and result.without == 0
+    assert len(result.t) == 9 and not len(result.off(Loop(stereo=stereo)))
 
 
 def test_raw_stages_are_driven_at_the_shell(run: Triangulation, tmp_path: Path) -> None:

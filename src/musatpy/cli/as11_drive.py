@@ -73,10 +73,9 @@ def command(
         rate,
     )
     write_files({target: driven_csv(result).encode()})
-    if result.without:
-        complain(
-            f"{name_of(path)}: {count_of(result.without, 'cycle')} without readings: off the plate or its lens"
-        )
+    if len(off := result.off(loop)):
+        cycles = count_of(len(off), "cycle")
+        complain(f"{name_of(path)}: {cycles} off the plates or a lens, t = {off[0]:g} to {off[-1]:g} s")
     late = f"{1e3 * np.quantile(result.seconds, 0.99):.2f} ms, at most {1e3 * result.seconds.max():.2f}"
     tell(
         f"{name_of(target)}: {len(result.t)} cycles at {rate:g} Hz, {result.missed} missed; 99 % within {late} ms; "

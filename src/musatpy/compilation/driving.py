@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.loop import Stages
-from musatpy.compilation.stereomodels import Stereomodel
+from musatpy.compilation.loop import Loop, Stages
+from musatpy.compilation.stereomodels import Stereomodel, off_plate
 from musatpy.errors import CompilationError, Problem
 from musatpy.model import CoordinateSystem
 from musatpy.pointfiles.csv_tables import column_faults, names_of, number
@@ -33,9 +33,10 @@ class Driver(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Driven:
-    """c cycles: times t (c,) s, stages xy (c, 2, 2) mm, and the seconds (c,) that each cycle took."""
+    """c cycles: times t (c,) s, marks (c, 3) m in the model, stages xy (c, 2, 2) mm, seconds (c,) of each."""
 
     t: FloatArray
+    marks: FloatArray
     xy: FloatArray
     seconds: FloatArray
     rate: float
@@ -52,10 +53,13 @@ class Driven:
         speed = change / np.diff(self.t)
         return float(speed[np.isfinite(speed)].max(initial=0.0))
 
-    @property
-    def without(self) -> int:
-        """Cycles whose mark no reading of the stages shows."""
-        return int(np.count_nonzero(np.isnan(self.xy).any(axis=(1, 2))))
+    def off(self, loop: Loop) -> FloatArray:
+        """Return the times at which the mark stands off the plates, or no reading of the stages shows it.
+
+        `loop` is that of refined stages.
+        """
+        unread = np.isnan(self.xy).any(axis=(1, 2))
+        return self.t[unread | off_plate(loop.stereo, loop.stages(self.marks).xy).any(axis=1)]
 
 
 def columns_of(stereo: Stereomodel, *, of_job: bool) -> tuple[str, ...]:
@@ -117,7 +121,7 @@ def driven(loop: Driver, path: FloatArray, rate: float) -> Driven:
         start = time.perf_counter()
         xy[cycle] = loop.stages(marks[cycle : cycle + 1]).xy[0]
         seconds[cycle] = time.perf_counter() - start
-    return Driven(t=t, xy=xy, seconds=seconds, rate=rate)
+    return Driven(t=t, marks=marks, xy=xy, seconds=seconds, rate=rate)
 
 
 def driven_csv(result: Driven) -> str:
