@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,6 +71,19 @@ def test_a_run_that_has_not_converged_is_said_on_every_page(
     assert not list(tmp_path.iterdir())
     assert invoked(*words, "--anyway").exit_code == 0
     assert all(page.splitlines()[1] == "*** THE RUN HAS NOT CONVERGED ***" for page in pages(tmp_path / listing))
+
+
+@pytest.mark.parametrize("grade", ["DOUBTFUL", "REJECTED"])
+def test_a_verdict_against_the_run_is_said_on_every_page(runs: Path, tmp_path: Path, grade: str) -> None:
+    record = json.loads((runs / "st_thomas.json").read_bytes())
+    assert record["verdict"]["grade"] == "ACCEPTED"
+    reasons = [{"grade": grade, "concern": "sigma0", "text": text, "section": ""} for text in ("one", "another")]
+    record["verdict"] |= {"grade": grade, "reasons": reasons}
+    (tmp_path / "run.json").write_text(json.dumps(record))
+    result = invoked("as11", "compile", tmp_path / "run.json", stage_readings.DECK, "-o", tmp_path)
+    assert result.exit_code == 0 and f"the run is {grade.lower()}: one; another\n" in result.output
+    listing = pages(tmp_path / "st_thomas_as11.lst")
+    assert all(page.splitlines()[1] == f"*** THE RUN IS {grade} ***" for page in listing)
 
 
 def test_a_run_that_has_converged_has_no_word_of_it(runs: Path, tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from musatpy.model import (
     Cameras,
     CoordinateSystem,
     EllipsoidSpec,
+    Grade,
     LevelPairs,
     Options,
     Photos,
@@ -73,7 +74,10 @@ _NEEDS = {
     "stated": ("answer",),
 }  # fmt: skip
 
-_OF_LATER = {"level_pairs": ("photos", "of_first", "of_second", "level")}  # fields of records from 1.10 on
+_OF_LATER = {  # fields that older records lack
+    "level_pairs": ("photos", "of_first", "of_second", "level"),
+    "verdict": ("grade", "reasons"),
+}
 
 
 def of_record(path: Path, anyway: bool = False) -> Triangulation:
@@ -95,6 +99,7 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         sea = waves_of_run(replace(block, **_waves(record)), _adjusted_waves(water))
     except CompilationError as error:
         raise CompilationError([replace(problem, file=str(path)) for problem in error.problems]) from error
+    caution, because = (UNCONVERGED, unconverged) if unconverged else _doubts(record)
     return Triangulation(
         block=block,
         given=_array(stations["given_position"], 3),
@@ -110,9 +115,17 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
         freedom=freedom_of(solution["degrees_of_freedom"]),
         sea=sea,
         stated=_stated(record["stated"]),
-        caution=UNCONVERGED if unconverged else "",
-        because=unconverged,
+        caution=caution,
+        because=because,
     )
+
+
+def _doubts(record: dict[str, Any]) -> tuple[str, str]:
+    """Return what the verdict on a run that has converged says against it, and why; nothing of one accepted."""
+    verdict = record.get("verdict")
+    if verdict is None or Grade(verdict["grade"]) is Grade.ACCEPTED:
+        return "", ""
+    return f"the run is {verdict['grade'].lower()}", "; ".join(reason["text"] for reason in verdict["reasons"])
 
 
 def _stated(stated: Any) -> SystemSpec | None:
