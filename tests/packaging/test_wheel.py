@@ -58,6 +58,7 @@ def test_the_metadata_say_what_it_is(wheel):
     classifiers = metadata.get_all("Classifier")
     assert "Environment :: Console" in classifiers and "Programming Language :: Python :: 3.11" in classifiers
     assert metadata["Requires-Python"] == ">=3.11"
+    assert metadata["Project-URL"].startswith("Report ETL-0306, https://")
     assert {"notebook", "plots", "gis", "las", "fast"} <= set(metadata.get_all("Provides-Extra"))
 
 
