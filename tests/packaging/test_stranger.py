@@ -114,8 +114,13 @@ def test_a_stranger_runs_an_example_and_changes_an_option(stranger):
     (hands_over,) = (name for name, does in commands.items() if "page of a run" in does)
     page = stranger.folder / stranger.says(f"musat {hands_over} st_thomas.json").split()[-1]
     assert "OP2.editing=LIST" in page.read_text()
-    if chromium() is None:
-        pytest.skip("no Chromium here to open the page; all the rest went well")
+
+
+@pytest.mark.skipif(chromium() is None, reason="no Chromium here")
+def test_a_stranger_opens_the_page(stranger):
+    stranger.says("musat example st_thomas -o job")
+    stranger.says("musat run job/st_thomas.crd")
+    page = stranger.folder / stranger.says("musat report job/st_thomas.json").split()[-1]
     with browser() as tab:
         tab.open(page.as_uri())
         assert "ACCEPTED" in tab.evaluate("document.body.innerText") and not tab.said()
