@@ -13,6 +13,7 @@ from musatpy.compilation.joined_surfaces import Of, Surface
 from musatpy.surfaces.contours import Contour
 
 _PANEL = 6.0  # inches
+_BESIDE, _ABOVE = 1.8, 1.2  # inches: bar and numbers beside a map, title and numbers above and below it
 
 
 def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
@@ -31,9 +32,15 @@ def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
         shade = _draw(axes, surface, lines, limits, "Blues" if of_depth else "terrain")
         _draw_models(axes, compiled, surface)
     if shade is not None:
-        bar = axes.inset_axes((1.03, 0.0, 0.04, 1.0))  # as high as the map, which fills its place one way only
-        figure.colorbar(shade, cax=bar, label=f"{bottom.of}, m")
+        figure.set_figheight(height_of(figure.axes))
+        figure.colorbar(shade, ax=axes, label=f"{bottom.of}, m")
     return {"png": png(figure), "pdf": pdf(figure)}
+
+
+def height_of(maps: list[Any]) -> float:
+    """Return the height (inches) of a figure whose maps are as high as it allows: the bar beside them is so too."""
+    slope = max(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())) for axes in maps)
+    return min(_PANEL, (_PANEL - _BESIDE) * slope + _ABOVE)
 
 
 def _lines_of(bottom: Bottom, surface: Surface) -> list[Contour]:
