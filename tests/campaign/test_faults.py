@@ -309,7 +309,8 @@ def test_files_that_may_not_grow(tmp_path):
     def small_files():
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    ran = musat("batch", ".", "-q", cwd=tmp_path, preexec_fn=small_files)
+    uncached = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python would keep half a compiled module
+    ran = musat("batch", ".", "-q", cwd=tmp_path, preexec_fn=small_files, env=uncached)
     assert ran.returncode == 1
     said = ran.stderr.splitlines()
     assert len(said) == 2 and all(line.endswith(": File too large") for line in said)

@@ -252,7 +252,7 @@ def test_a_full_disk_leaves_the_old_file(record: Path, tmp_path: Path, name: str
     else:
         np.savetxt(source, apparent(3000), "%.9f", ",", header="x,y,z", comments="")
     (tmp_path / name).write_bytes(b"of an earlier run")
-    command = [sys.executable, "-c", _FULL, "20000", *words(record, source, tmp_path / name)]
+    command = [sys.executable, "-B", "-c", _FULL, "20000", *words(record, source, tmp_path / name)]
     ran = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ran.returncode == 1 and "Traceback" not in ran.stderr and name in ran.stderr, ran.stderr
     assert (tmp_path / name).read_bytes() == b"of an earlier run"
