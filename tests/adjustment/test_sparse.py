@@ -156,8 +156,10 @@ def test_factor_and_inverse_do_not_depend_on_the_number_of_threads(monkeypatch: 
     for most in (1, 3):
         monkeypatch.setattr(threads, "_MOST", most)
         pattern = Pattern.of(count, 6, cliques, place)
-        subtrees, top = pattern.shares
-        assert len(subtrees) > 4 and sum(len(part) for part in subtrees) + len(top) == len(pattern.fronts)
+        subtrees, *above = pattern.plan.stages
+        assert len(subtrees) > 4 and len(above) > 2
+        fronts = [front for stage in pattern.plan.stages for part in stage for front in part]
+        assert sorted(fronts) == list(range(len(pattern.fronts)))
         factor = factorise(pattern, blocks)
         found.append((factor.solve(np.ones(6 * count)), factor.selected_inverse()))
     for a, b in zip(*found, strict=True):
