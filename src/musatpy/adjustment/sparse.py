@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from musatpy.adjustment import dense
+from musatpy.adjustment.dense import Columns
 from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_of
 from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray
@@ -225,15 +225,15 @@ class Plan:
             rows=rows[:, None] + blocks[front, None] * np.arange(size),
         )
 
-    def columns(self, fronts: range, entering: FloatArray) -> list[FloatArray]:
-        """Return the own columns (n, p) of some fronts, where blocks (e, size, size) of the plan have entered."""
+    def columns(self, fronts: range, entering: FloatArray) -> list[Columns]:
+        """Return the own columns of some fronts, where blocks (e, size, size) of the plan have entered."""
         of = self.fronts[fronts.start : fronts.stop]
         begin, size = of[0].columns.start, entering.shape[1]
         pairs = slice(of[0].pairs.start, of[-1].pairs.stop)
         store = np.zeros((of[-1].columns.stop - begin, size))
         store[self.rows[pairs] - begin] = entering[pairs]
         own = (store[front.columns.start - begin : front.columns.stop - begin] for front in of)
-        return [rows.reshape(front.own, front.size).T for rows, front in zip(own, of, strict=True)]
+        return [Columns(rows.reshape(front.own, front.size).T) for rows, front in zip(own, of, strict=True)]
 
     @cached_property
     def stages(self) -> list[list[range]]:
@@ -314,29 +314,22 @@ class NotPositiveDefiniteError(Exception):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SparseFactor:
-    """Cholesky factor L, front by front: its columns (n, p) of the p own unknowns, in the n unknowns of the front.
-
-    What stands above its diagonal is anything.
-    """
+    """Cholesky factor, front by front."""
 
     pattern: Pattern
-    columns: tuple[FloatArray, ...]
+    columns: tuple[Columns, ...]
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Return N^-1 rhs, (v * size,) or (v * size, r)."""
         pattern, given = self.pattern, np.asarray(rhs, dtype=float)
-        x = np.ascontiguousarray(given.reshape(len(given), -1).T[:, pattern.eliminated]).T  # as FORTRAN has it
+        x = given.reshape(len(given), -1)[pattern.eliminated]
         fronts = list(zip(pattern.plan.fronts, self.columns, strict=True))
         for front, L in fronts:
-            own = x[front.eliminated]
-            dense.solve_lower(L, own, transposed=False)
-            if len(front.boundary):
-                x[front.boundary] -= L[front.own :] @ own
-        for front, L in fronts[::-1]:
-            own = x[front.eliminated]
-            if len(front.boundary):
-                own -= L[front.own :].T @ x[front.boundary]
-            dense.solve_lower(L, own, transposed=True)
+            update = L.forward(x[front.eliminated])
+            if len(update):
+                x[front.boundary] -= update
+        for front, L in reversed(fronts):
+            L.backward(x[front.eliminated], x[front.boundary])
         out = np.empty_like(given)
         out[pattern.eliminated] = x.reshape(given.shape)
         return out
@@ -352,7 +345,7 @@ class SparseFactor:
             for i in reversed(fronts):
                 front = plan.fronts[i]
                 Z = inverses.pop(i) if front.parent >= 0 else room.take(front.size)
-                dense.invert(self.columns[i], Z.T)
+                self.columns[i].invert(Z.T)
                 for child, runs in front.children:
                     inverses[child] = room.take(plan.fronts[child].size)
                     _hand_down(Z, runs, inverses[child], plan.fronts[child].own)
@@ -393,7 +386,7 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
     plan = pattern.plan
     entering = values[plan.pairs]
     entering[plan.turned] = np.swapaxes(entering[plan.turned], 1, 2)
-    columns: dict[int, FloatArray] = {}
+    columns: dict[int, Columns] = {}
     updates: dict[int, FloatArray] = {}
     room = Room()
 
@@ -404,9 +397,9 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
             updates[i] = room.take(front.size - front.own)
             updates[i].fill(0.0)
             for child, runs in front.children:
-                _add_update(updates[child], runs, columns[i].T, updates[i])
+                _add_update(updates[child], runs, columns[i].array.T, updates[i])
                 room.give(updates.pop(child))
-            if not dense.eliminate(columns[i], updates[i].T):
+            if not columns[i].eliminate(updates[i].T):
                 raise NotPositiveDefiniteError(pattern.fronts[i].own)
 
     for stage in plan.stages:
