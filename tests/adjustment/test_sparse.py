@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from musatpy.adjustment import threads
-from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.normals import Cofactors, NormalMatrix, factorised
 from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, factorise
 
 
@@ -156,9 +156,28 @@ def test_factor_and_inverse_do_not_depend_on_the_number_of_threads(monkeypatch: 
     for most in (1, 3):
         monkeypatch.setattr(threads, "_MOST", most)
         pattern = Pattern.of(count, 6, cliques, place)
-        subtrees, top = pattern.shares
-        assert len(subtrees) > 4 and sum(len(part) for part in subtrees) + len(top) == len(pattern.fronts)
+        subtrees, *above = pattern.plan.stages
+        assert len(subtrees) > 4 and len(above) > 2
+        fronts = [front for stage in pattern.plan.stages for part in stage for front in part]
+        assert sorted(fronts) == list(range(len(pattern.fronts)))
         factor = factorise(pattern, blocks)
         found.append((factor.solve(np.ones(6 * count)), factor.selected_inverse()))
     for a, b in zip(*found, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("exponent", range(-12, 0))
+@pytest.mark.parametrize("limit", [1e-10, 1e-8, 1e-4])
+def test_weak_is_what_has_a_smallest_eigenvalue_below_the_limit(exponent: int, limit: float) -> None:
+    """Of a matrix with a unit diagonal, in which all blocks meet: it is weak against one alternating vector."""
+    count, size, weakest = 6, 6, 3.0 * 10.0**exponent
+    u = (-1.0) ** np.arange(count * size)
+    N = np.eye(len(u)) + (weakest - 1.0) * (np.outer(u, u) - np.eye(len(u))) / (len(u) - 1)
+    np.testing.assert_allclose(np.linalg.eigvalsh(N)[0], weakest, atol=1e-14)
+    pattern = Pattern.of(count, size, [np.arange(count)[None]])
+    i, j = pattern.pairs.T
+    blocks = N.reshape(count, size, count, size)[i, :, j]
+    corner = np.zeros((0, 0))
+    factor = factorised(NormalMatrix(pattern=pattern, blocks=blocks, border=np.zeros((len(u), 0)), corner=corner))
+    assert factor is not None
+    assert factor.is_weak(limit) == (weakest < limit)

@@ -182,7 +182,7 @@ def iterate(
                 return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
             factor = factorised(line.matrix, damping)
             tried = start is not None  # that iteration has determined the unknowns
-            if number == 1 and (factor is None or not (tried or factor.smallest_eigenvalue() >= SINGULAR)):
+            if number == 1 and (factor is None or (not tried and factor.is_weak(SINGULAR))):
                 raise SingularNormalsError(line.matrix)
             accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:

@@ -16,6 +16,7 @@ ILL_DETERMINED = 1e-8  # below which the normals are suspicious enough to say so
 PARAMETERS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading", "water level")
 _SUBSPACE = 20  # weak directions looked for at once
 _FEW = 4  # of them do, in two rounds, where only the smallest eigenvalue is asked for
+_SHARE = 1e-3  # of the weakest direction, which four random vectors all stay below by a chance of (8e-4)^4
 _ROUNDS = 4  # of inverse iteration: weak eigenvalues stand apart from the others by many powers of ten
 
 
@@ -277,10 +278,18 @@ class Factor:
         level = cho_solve(self.corner, rhs[split:] - self.matrix.border.T @ photo)
         return np.concatenate([photo - self.solved_border @ level, level])
 
-    def smallest_eigenvalue(self) -> float:
-        """Return an estimate of the smallest eigenvalue of the scaled matrix, by inverse iteration."""
+    def is_weak(self, limit: float) -> bool:
+        """Return whether the smallest eigenvalue of the scaled matrix is estimated below a limit.
+
+        A random vector has a share of about one in the weakest direction, which N^-1 multiplies by the inverse of
+        the eigenvalue: where all of some vectors stay short, it is above the limit but by a chance of 1e-12.
+        Otherwise it comes by inverse iteration.
+        """
+        solved = self.solve_scaled(_start(self, _FEW))
+        if limit * np.linalg.norm(solved, axis=0).max() < _SHARE:
+            return False
         values, _ = _weakest(self, _FEW, rounds=2)
-        return float(values[0])
+        return not values[0] >= limit
 
     def cofactors(self) -> Cofactors:
         """Return the elements of N^-1 inside the pattern."""
@@ -328,10 +337,14 @@ def weak_directions(matrix: NormalMatrix, limit: float) -> tuple[FloatArray, Flo
 
 def _weakest(factor: Factor, count: int, rounds: int) -> tuple[FloatArray, FloatArray]:
     """Return some smallest eigenvalues, ascending, and vectors of a factorised matrix, by inverse iteration."""
-    size = factor.matrix.size
-    # a fixed start: the same deck must always give the same listing
-    vectors = np.random.default_rng(0).normal(size=(size, min(count, size)))
+    vectors = _start(factor, count)
     for _ in range(rounds):
         vectors, _ = np.linalg.qr(factor.solve_scaled(vectors))
     values, turn = np.linalg.eigh(vectors.T @ factor.matrix.times(vectors))
     return values, vectors @ turn
+
+
+def _start(factor: Factor, count: int) -> FloatArray:
+    """Return random vectors (u, count), fewer for few unknowns: the same deck must always give the same listing."""
+    size = factor.matrix.size
+    return np.random.default_rng(0).normal(size=(size, min(count, size)))

@@ -204,7 +204,7 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
 def _weakness(
     block: Block, network: Network, state: State, matrix: NormalMatrix, factor: Factor
 ) -> tuple[str, ...]:
-    if factor.smallest_eigenvalue() >= ILL_DETERMINED:
+    if not factor.is_weak(ILL_DETERMINED):
         return ()
     weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, block)
     return tuple(f"ill-determined: {sentence}" for sentence in weak)

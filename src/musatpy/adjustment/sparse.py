@@ -8,14 +8,16 @@ follow from root to leaves without any others (Takahashi 1973). No matrix of the
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Iterator
+import math
+from collections import defaultdict, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import blas, lapack
 
+from musatpy.adjustment.dense import Columns
 from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_of
 from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray
@@ -136,26 +138,9 @@ class Pattern:
         return fronts_of(self.graph, dissect_by_place(self.graph, self.place))
 
     @cached_property
-    def plan(self) -> tuple[FrontPlan, ...]:
-        """What every front takes from where, and where its unknowns are in the order of elimination."""
-        return tuple(_plans(self))
-
-    @cached_property
-    def shares(self) -> tuple[list[range], list[int]]:
-        """Subtrees of the fronts that threads can work at side by side, and the fronts above them."""
-        work = np.array([plan.own * (plan.blocks * self.size) ** 2 for plan in self.plan], dtype=float)
-        first = np.arange(len(self.plan))  # front of each subtree: it is numbered before its root
-        for i, plan in enumerate(self.plan):
-            for child, _ in plan.children:
-                first[i] = min(first[i], first[child])
-                work[i] += work[child]
-        largest = work[[plan.parent < 0 for plan in self.plan]].sum() / _SHARES
-        roots = [
-            i
-            for i, plan in enumerate(self.plan)
-            if work[i] <= largest and (plan.parent < 0 or work[plan.parent] > largest)
-        ]
-        return [range(int(first[i]), i + 1) for i in roots], np.flatnonzero(work > largest).tolist()
+    def plan(self) -> Plan:
+        """What every front takes from where."""
+        return Plan.of(self)
 
     @cached_property
     def eliminated(self) -> IntArray:
@@ -165,68 +150,158 @@ class Pattern:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrontPlan:
-    """A front of some blocks, and which entries of the matrix enter it; `own` is the count of its own unknowns.
+    """A front of `size` unknowns, of which the first `own` are eliminated there.
 
-    entries (r,) rows of the pairs, at block rows and columns of the lower half, `turned` those on the other side.
-    Of each child its number, and the runs of its boundary in the unknowns of this front: first and last there, and
-    where they begin here. start: of the own unknowns in the order of elimination, boundary: the others in it.
+    pairs: those of the plan that enter it; columns: its own columns in the rows of the plan; eliminated: its own
+    unknowns in the order of elimination, boundary: the others in it. Of each child its number, and the runs of its
+    boundary in the unknowns of this front: first and last there, and where they begin here.
     """
 
     own: int
-    blocks: int
-    entries: IntArray
-    row: IntArray
-    column: IntArray
-    turned: IntArray
-    children: tuple[tuple[int, tuple[tuple[int, int, int], ...]], ...]
-    parent: int
-    start: int
+    size: int
+    pairs: slice
+    columns: slice
+    eliminated: slice
     boundary: IntArray
+    children: list[tuple[int, list[tuple[int, int, int]]]]
+    parent: int
 
 
-def _plans(pattern: Pattern) -> Iterator[FrontPlan]:
-    size, fronts = pattern.size, pattern.fronts
-    owner, rank = np.empty((2, pattern.count), dtype=np.int64)
-    for number, front in enumerate(fronts):
-        owner[front.own] = number
-    rank[np.concatenate([front.own for front in fronts])] = np.arange(pattern.count)
-    where = np.minimum(owner[pattern.pairs[:, 0]], owner[pattern.pairs[:, 1]])
-    order = np.argsort(where, kind="stable")
-    cut = np.searchsorted(where[order], np.arange(len(fronts) + 1))
-    place, start = np.empty(pattern.count, dtype=np.int64), 0
-    for number, front in enumerate(fronts):
-        place[front.blocks] = np.arange(len(front.blocks))
-        entries = order[cut[number] : cut[number + 1]]
-        i, j = place[pattern.pairs[entries]].T
-        own = len(front.own)
-        children = ((child, _runs(place[fronts[child].boundary], own, size)) for child in front.children)
-        yield FrontPlan(
-            own=len(front.own) * size,
-            blocks=len(front.blocks),
-            entries=entries,
-            row=np.maximum(i, j),
-            column=np.minimum(i, j),
-            turned=np.flatnonzero(i > j),
-            children=tuple(children),
-            parent=front.parent,
-            start=start,
-            boundary=_expand(rank[front.boundary], size),
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """The fronts of a pattern, and where its blocks are in their own columns.
+
+    Front by front, of every own unknown the unknowns of the front, in rows of `size`: the lower half of the matrix.
+    """
+
+    fronts: tuple[FrontPlan, ...]
+    pairs: IntArray  # (e,) rows of the pairs, front by front
+    turned: IntArray  # of those whose first block is eliminated after the second
+    rows: IntArray  # (e, size) where the rows of each block are, of those turned its columns
+
+    @classmethod
+    def of(cls, pattern: Pattern) -> Plan:
+        """Return the plan of a pattern."""
+        size, count, fronts = pattern.size, pattern.count, pattern.fronts
+        own, others = np.array([(len(front.own), len(front.boundary)) for front in fronts]).T
+        parent = np.array([front.parent for front in fronts])
+        blocks, number = own + others, np.arange(len(fronts))
+        rank, owner = np.empty(count, dtype=np.int64), np.repeat(number, own)
+        rank[np.concatenate([front.own for front in fronts])] = np.arange(count)
+        boundary, child = rank[np.concatenate([front.boundary for front in fronts])], np.repeat(number, others)
+        # a front has its blocks in the order of their elimination
+        keys = np.sort(np.concatenate([owner * count + np.arange(count), child * count + boundary]))
+        begin = _bounds(blocks)
+
+        def place(front: IntArray, block: IntArray) -> IntArray:
+            return np.searchsorted(keys, front * count + block) - begin[front]
+
+        i, j = rank[pattern.pairs.T]
+        order = np.argsort(owner[np.minimum(i, j)], kind="stable")
+        i, j = i[order], j[order]
+        column, row = np.minimum(i, j), np.maximum(i, j)
+        front = owner[column]
+        columns = _bounds(own * size * blocks)
+        rows = columns[front] + place(front, column) * size * blocks[front] + place(front, row)
+        pairs, eliminated, cut = _bounds(np.bincount(front)), _bounds(own) * size, _bounds(others)
+        runs = _runs(place(parent[child], boundary), own[parent[child]], cut, size)
+        plans = tuple(
+            FrontPlan(
+                own=int(own[k]) * size,
+                size=int(blocks[k]) * size,
+                pairs=slice(pairs[k], pairs[k + 1]),
+                columns=slice(columns[k], columns[k + 1]),
+                eliminated=slice(eliminated[k], eliminated[k + 1]),
+                boundary=_expand(boundary[cut[k] : cut[k + 1]], size),
+                children=[(child, runs[child]) for child in front.children],
+                parent=front.parent,
+            )
+            for k, front in enumerate(fronts)
         )
-        start += len(front.own) * size
+        return cls(
+            fronts=plans,
+            pairs=order,
+            turned=np.flatnonzero(i > j),
+            rows=rows[:, None] + blocks[front, None] * np.arange(size),
+        )
+
+    def columns(self, fronts: range, entering: FloatArray) -> list[Columns]:
+        """Return the own columns of some fronts, where blocks (e, size, size) of the plan have entered."""
+        of = self.fronts[fronts.start : fronts.stop]
+        begin, size = of[0].columns.start, entering.shape[1]
+        pairs = slice(of[0].pairs.start, of[-1].pairs.stop)
+        store = np.zeros((of[-1].columns.stop - begin, size))
+        store[self.rows[pairs] - begin] = entering[pairs]
+        own = (store[front.columns.start - begin : front.columns.stop - begin] for front in of)
+        return [Columns(rows.reshape(front.own, front.size).T) for rows, front in zip(own, of, strict=True)]
+
+    @cached_property
+    def stages(self) -> list[list[range]]:
+        """Fronts that threads work at side by side, stage by stage: subtrees, then those above them by height."""
+        work = np.array([front.own * front.size**2 for front in self.fronts], dtype=float)
+        first = np.arange(len(work))  # front of each subtree: it is numbered before its root
+        for i, front in enumerate(self.fronts):
+            for child, _ in front.children:
+                first[i] = min(first[i], first[child])
+                work[i] += work[child]
+        largest = work[[front.parent < 0 for front in self.fronts]].sum() / _SHARES
+        stages: list[list[range]] = [[]]
+        height = np.zeros(len(work), dtype=int)
+        for i, front in enumerate(self.fronts):
+            if work[i] > largest:
+                height[i] = 1 + max((height[child] for child, _ in front.children), default=0)
+                stages += [[]] if height[i] == len(stages) else []
+                stages[height[i]].append(range(i, i + 1))
+            elif front.parent < 0 or work[front.parent] > largest:
+                stages[0].append(range(int(first[i]), i + 1))
+        return stages
 
 
-def _runs(place: IntArray, own: int, size: int) -> tuple[tuple[int, int, int], ...]:
-    """Return the runs of places that follow one another: first, last, and the first place, in unknowns.
+def _bounds(sizes: IntArray) -> IntArray:
+    """Return where things of these sizes begin one after the other, and the end."""
+    return np.concatenate([[0], np.cumsum(sizes)])
+
+
+def _runs(place: IntArray, own: IntArray, cut: IntArray, size: int) -> list[list[tuple[int, int, int]]]:
+    """Return the runs of places that follow one another, from cut to cut: first, last, first place, in unknowns.
 
     None has places before and behind `own`.
     """
-    places, runs = place.tolist(), []
-    first = 0
-    for last in range(1, len(places) + 1):
-        if last == len(places) or places[last] != places[last - 1] + 1 or places[last] == own:
-            runs.append((first * size, last * size, places[first] * size))
-            first = last
-    return tuple(runs)
+    new = (np.diff(place, prepend=-2) != 1) | (place == own)
+    new[cut[:-1][cut[:-1] < len(place)]] = True
+    first = np.flatnonzero(new)
+    last, of = np.append(first[1:], len(place)), np.searchsorted(cut, first, side="right") - 1
+    table = (np.stack([first - cut[of], last - cut[of], place[first]], axis=1) * size).tolist()
+    bounds = np.searchsorted(of, np.arange(len(cut)))
+    return [[tuple(run) for run in table[start:end]] for start, end in pairwise(bounds.tolist())]
+
+
+class Room:
+    """Square matrices, of any contents, in memory that is used again: fresh pages cost as much as small fronts.
+
+    Threads may share it.
+    """
+
+    _STEP = 48  # rows, by which sizes are rounded up
+    _MOST = 480  # rows that are worth keeping: more are few, and most of the memory
+
+    def __init__(self) -> None:
+        self._free: dict[int, list[FloatArray]] = defaultdict(list)
+
+    def take(self, n: int) -> FloatArray:
+        """Return a matrix (n, n)."""
+        rows = -(-n // self._STEP) * self._STEP if n <= self._MOST else n
+        try:
+            memory = self._free[rows].pop()
+        except IndexError:
+            memory = np.empty(rows * rows)
+        return memory[: n * n].reshape(n, n)
+
+    def give(self, matrix: FloatArray) -> None:
+        """Take back a matrix that nobody looks at any more."""
+        memory = matrix.base
+        if len(matrix) <= self._MOST and isinstance(memory, np.ndarray):
+            self._free[math.isqrt(len(memory))].append(memory)
 
 
 class NotPositiveDefiniteError(Exception):
@@ -239,74 +314,68 @@ class NotPositiveDefiniteError(Exception):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SparseFactor:
-    """Cholesky factor, front by front: L11 of the own unknowns, zero above its diagonal, L21 of the boundary's."""
+    """Cholesky factor, front by front."""
 
     pattern: Pattern
-    own: tuple[FloatArray, ...]
-    below: tuple[FloatArray, ...]
+    columns: tuple[Columns, ...]
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Return N^-1 rhs, (v * size,) or (v * size, r)."""
-        pattern = self.pattern
-        x = np.asarray(rhs, dtype=float)[pattern.eliminated]
-        fronts = list(zip(pattern.plan, self.own, self.below, strict=True))
-        for plan, L11, L21 in fronts:
-            own = slice(plan.start, plan.start + plan.own)
-            x[own] = lapack.dtrtrs(L11, x[own], lower=1)[0]
-            if len(L21):
-                x[plan.boundary] -= L21 @ x[own]
-        for plan, L11, L21 in fronts[::-1]:
-            own = slice(plan.start, plan.start + plan.own)
-            if len(L21):
-                x[own] -= L21.T @ x[plan.boundary]
-            x[own] = lapack.dtrtrs(L11, x[own], lower=1, trans=1)[0]
-        out = np.empty_like(x)
-        out[pattern.eliminated] = x
+        pattern, given = self.pattern, np.asarray(rhs, dtype=float)
+        x = given.reshape(len(given), -1)[pattern.eliminated]
+        fronts = list(zip(pattern.plan.fronts, self.columns, strict=True))
+        for front, L in fronts:
+            update = L.forward(x[front.eliminated])
+            if len(update):
+                x[front.boundary] -= update
+        for front, L in reversed(fronts):
+            L.backward(x[front.eliminated], x[front.boundary])
+        out = np.empty_like(given)
+        out[pattern.eliminated] = x.reshape(given.shape)
         return out
 
     def selected_inverse(self) -> FloatArray:
         """Return the blocks (e, size, size) of N^-1 of all pairs of the pattern."""
-        pattern, size = self.pattern, self.pattern.size
-        out = np.empty((len(pattern.pairs), size, size))
-        whole: dict[int, FloatArray] = {}  # inverse of the fronts whose children still need it
-        waiting = [len(plan.children) for plan in pattern.plan]
+        plan, size = self.pattern.plan, self.pattern.size
+        blocks = np.empty((len(plan.pairs), size, size))
+        inverses: dict[int, FloatArray] = {}  # of fronts that have that of their boundary from their parent
+        room = Room()
 
-        def invert(fronts: range | list[int]) -> None:
+        def invert(fronts: range) -> None:
             for i in reversed(fronts):
-                plan = pattern.plan[i]
-                Z = self._inverse(i, None if plan.parent < 0 else whole[plan.parent])
-                if plan.parent >= 0:
-                    waiting[plan.parent] -= 1
-                    if waiting[plan.parent] == 0:
-                        del whole[plan.parent]
-                if plan.children:
-                    whole[i] = Z
-                blocks = Z.reshape(plan.blocks, size, plan.blocks, size)[plan.row, :, plan.column, :]
-                out[plan.entries] = np.swapaxes(blocks, 1, 2)  # of the upper half, as pairs are
-                out[plan.entries[plan.turned]] = blocks[plan.turned]
+                front = plan.fronts[i]
+                Z = inverses.pop(i) if front.parent >= 0 else room.take(front.size)
+                self.columns[i].invert(Z.T)
+                for child, runs in front.children:
+                    inverses[child] = room.take(plan.fronts[child].size)
+                    _hand_down(Z, runs, inverses[child], plan.fronts[child].own)
+                rows = plan.rows[front.pairs] - front.columns.start
+                np.take(Z[: front.own].reshape(-1, size), rows, axis=0, out=blocks[front.pairs])
+                room.give(Z)
 
-        subtrees, top = pattern.shares
-        invert(top)
-        deque(side_by_side(invert, subtrees, pattern.order), maxlen=0)
+        for stage in reversed(plan.stages):
+            deque(side_by_side(invert, stage, self.pattern.order), maxlen=0)
+        return self._of_pairs(blocks)
+
+    def _of_pairs(self, blocks: FloatArray) -> FloatArray:
+        """Return blocks in the order of the plan, lower halves at the diagonal, in that of the pairs."""
+        plan, diagonal = self.pattern.plan, self.pattern.diagonal
+        blocks[plan.turned] = np.swapaxes(blocks[plan.turned], 1, 2)
+        out = np.empty_like(blocks)
+        out[plan.pairs] = blocks
+        i, j = np.triu_indices(self.pattern.size, 1)
+        out[diagonal[:, None], j, i] = out[diagonal[:, None], i, j]
         return out
 
-    def _inverse(self, i: int, above: FloatArray | None) -> FloatArray:
-        """Return the inverse (b size, b size) of front i, given that of its parent."""
-        plan, L21 = self.pattern.plan[i], self.below[i]
-        inverse = lapack.dtrtri(self.own[i], lower=1)[0]
-        if above is None or not len(L21):
-            return np.asarray(inverse.T @ inverse)
-        p = plan.own
-        Z = np.empty((p + len(L21), p + len(L21)))
-        runs = dict(self.pattern.plan[plan.parent].children)[i]
-        for first, last, at in runs:
-            for start, end, to in runs:
-                Z[p + first : p + last, p + start : p + end] = above[at : at + last - first, to : to + end - start]
-        G = L21 @ inverse
-        Z[p:, :p] = -Z[p:, p:] @ G
-        Z[:p, p:] = Z[p:, :p].T
-        Z[:p, :p] = inverse.T @ inverse - G.T @ Z[p:, :p]
-        return Z
+
+def _hand_down(above: FloatArray, runs: list[tuple[int, int, int]], Z: FloatArray, p: int) -> None:
+    """Set the inverse of the boundary of a front, in Z (n, n) behind its p own unknowns, from that of its parent.
+
+    The boundary has the `runs` there; upper halves.
+    """
+    for number, (first, last, at) in enumerate(runs):
+        for start, end, to in runs[number:]:
+            Z[p + first : p + last, p + start : p + end] = above[at : at + last - first, to : to + end - start]
 
 
 def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
@@ -314,50 +383,41 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
 
     Raises `NotPositiveDefiniteError`.
     """
-    diagonal: dict[int, FloatArray] = {}
-    below: dict[int, FloatArray] = {}
-    updates: dict[int, FloatArray] = {}
-
-    def eliminate(fronts: range | list[int]) -> None:
-        for i in fronts:
-            own, left = _assembled(pattern.plan[i], pattern.size, values, updates)
-            F, p = own.T, len(own)  # in the order of FORTRAN, its lower half
-            diagonal[i], failed = lapack.dpotrf(F[:p], lower=1)
-            if failed:
-                raise NotPositiveDefiniteError(pattern.fronts[i].own)
-            below[i] = np.zeros((0, p))
-            if len(left):
-                below[i] = blas.dtrsm(1.0, diagonal[i], F[p:], side=1, lower=1, trans_a=1)
-                updates[i] = blas.dsyrk(-1.0, below[i], beta=1.0, c=left.T, lower=1, overwrite_c=1).T
-
-    subtrees, top = pattern.shares
-    deque(side_by_side(eliminate, subtrees, pattern.order), maxlen=0)
-    eliminate(top)
-    numbers = range(len(pattern.plan))
-    return SparseFactor(
-        pattern=pattern, own=tuple(diagonal[i] for i in numbers), below=tuple(below[i] for i in numbers)
-    )
-
-
-def _assembled(
-    plan: FrontPlan, size: int, values: FloatArray, updates: dict[int, FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the upper half of a front, what its children leave added: own rows (p, n), others (n - p, n - p)."""
-    p, n = plan.own, plan.blocks * size
-    own, left = np.zeros((p, n)), np.zeros((n - p, n - p))
-    entering = values[plan.entries]
+    plan = pattern.plan
+    entering = values[plan.pairs]
     entering[plan.turned] = np.swapaxes(entering[plan.turned], 1, 2)
-    own.reshape(p // size, size, plan.blocks, size)[plan.column, :, plan.row, :] = entering
-    for child, runs in plan.children:
-        if not runs:
-            continue
-        update = updates.pop(child)
-        for number, (first, last, at) in enumerate(runs):
-            rows, offset = (own, 0) if at < p else (left, p)
-            for start, end, to in runs[number:]:
-                place = rows[at - offset : at - offset + last - first, to - offset : to - offset + end - start]
-                place += update[first:last, start:end]
-    return own, left
+    columns: dict[int, Columns] = {}
+    updates: dict[int, FloatArray] = {}
+    room = Room()
+
+    def eliminate(fronts: range) -> None:
+        columns.update(zip(fronts, plan.columns(fronts, entering), strict=True))
+        for i in fronts:
+            front = plan.fronts[i]
+            updates[i] = room.take(front.size - front.own)
+            updates[i].fill(0.0)
+            for child, runs in front.children:
+                _add_update(updates[child], runs, columns[i].array.T, updates[i])
+                room.give(updates.pop(child))
+            if not columns[i].eliminate(updates[i].T):
+                raise NotPositiveDefiniteError(pattern.fronts[i].own)
+
+    for stage in plan.stages:
+        deque(side_by_side(eliminate, stage, pattern.order), maxlen=0)
+    return SparseFactor(pattern=pattern, columns=tuple(columns[i] for i in range(len(plan.fronts))))
+
+
+def _add_update(update: FloatArray, runs: list[tuple[int, int, int]], own: FloatArray, left: FloatArray) -> None:
+    """Add what a child leaves, whose boundary has the `runs` in a front, to its rows: `own`, then `left`.
+
+    Upper halves.
+    """
+    p = len(own)
+    for number, (first, last, at) in enumerate(runs):
+        rows, offset = (own, 0) if at < p else (left, p)
+        for start, end, to in runs[number:]:
+            place = rows[at - offset : at - offset + last - first, to - offset : to - offset + end - start]
+            place += update[first:last, start:end]
 
 
 def _expand(blocks: IntArray, size: int) -> IntArray:
