@@ -52,7 +52,7 @@ class Conditions(NamedTuple):
 _D, _BA, _E, _BY_A, _FIRST, _SECOND = 0, 1, 2, 3, 4, 7  # rows of the vectors of a condition
 
 
-@inlined
+@compiled
 def _room(start: IntArray, rows: IntArray) -> Conditions:
     """Return room for the conditions of any point of some rows."""
     m = 2

@@ -102,7 +102,7 @@ class Room(NamedTuple):
     by: FloatArray  # (2, 3, 3) its partials by station and point
 
 
-@inlined
+@compiled
 def room_for(start: IntArray, rows: IntArray) -> Room:
     """Return room for any point of some rows."""
     m = 1
