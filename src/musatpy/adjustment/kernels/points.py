@@ -93,7 +93,6 @@ class Room(NamedTuple):
     A: FloatArray  # (m, 2, 7) weighted images by stations
     B: FloatArray  # (m, 2, 3) by the point
     residual: FloatArray  # (m, 2)
-    W: FloatArray  # (m, 7, 3) N_sp
     F: FloatArray  # (m, 3, 7) N_pp^-1 N_ps
     N: FloatArray  # (3, 3) N_pp
     inverse: FloatArray  # (3, 3)
@@ -109,7 +108,7 @@ def room_for(start: IntArray, rows: IntArray) -> Room:
     for p in rows:
         m = max(m, start[p + 1] - start[p])
     return Room(
-        np.empty((m, 2, LEVELS)), np.empty((m, 2, 3)), np.empty((m, 2)), np.empty((m, LEVELS, 3)),
+        np.empty((m, 2, LEVELS)), np.empty((m, 2, 3)), np.empty((m, 2)),
         np.empty((m, 3, LEVELS)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
     )  # fmt: skip
 
@@ -298,41 +297,27 @@ def times(N: FloatArray, b: FloatArray) -> tuple[float, float, float]:
 
 
 @inlined
-def cross(m: int, size: int, room: Room) -> None:
-    """Set W (m, size, 3) = N_sp and F (m, 3, size) = N_pp^-1 N_ps of a point: `collinear.eliminate`."""
-    for k in range(m):
-        for a in range(size):
-            x, y = room.A[k, 0, a], room.A[k, 1, a]
-            w0, w1, w2 = (
-                x * room.B[k, 0, 0] + y * room.B[k, 1, 0],
-                x * room.B[k, 0, 1] + y * room.B[k, 1, 1],
-                x * room.B[k, 0, 2] + y * room.B[k, 1, 2],
-            )
-            room.W[k, a, 0], room.W[k, a, 1], room.W[k, a, 2] = w0, w1, w2
-            room.F[k, 0, a] = room.inverse[0, 0] * w0 + room.inverse[1, 0] * w1 + room.inverse[2, 0] * w2
-            room.F[k, 1, a] = room.inverse[1, 0] * w0 + room.inverse[1, 1] * w1 + room.inverse[2, 1] * w2
-            room.F[k, 2, a] = room.inverse[2, 0] * w0 + room.inverse[2, 1] * w1 + room.inverse[2, 2] * w2
-
-
-@inlined
 def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums) -> None:
-    """Add a point to the reduced normal matrix of its stations: `collinear.reduced`."""
-    pair = pairs.start[p]
+    """Add a point to the reduced normal matrix of its stations, A'(I - B N_pp^-1 B')A: `collinear.reduced`."""
+    pair, A, B, N = pairs.start[p], room.A, room.B, room.inverse
     for k in range(m):
-        e = pairs.slot[pair] - sums.first
-        for a in range(size):
-            x, y = room.A[k, 0, a], room.A[k, 1, a]
-            for b in range(size):
-                sums.blocks[e, a, b] += x * room.A[k, 0, b] + y * room.A[k, 1, b]
+        for c in range(2):
+            for i in range(3):
+                room.by[0, c, i] = B[k, c, 0] * N[0, i] + B[k, c, 1] * N[1, i] + B[k, c, 2] * N[2, i]
+        Y = room.by[0]
         for other in range(k, m):
             e = pairs.slot[pair] - sums.first
             pair += 1
+            own = 1.0 if other == k else 0.0
+            p00 = own - Y[0, 0] * B[other, 0, 0] - Y[0, 1] * B[other, 0, 1] - Y[0, 2] * B[other, 0, 2]
+            p01 = -Y[0, 0] * B[other, 1, 0] - Y[0, 1] * B[other, 1, 1] - Y[0, 2] * B[other, 1, 2]
+            p10 = -Y[1, 0] * B[other, 0, 0] - Y[1, 1] * B[other, 0, 1] - Y[1, 2] * B[other, 0, 2]
+            p11 = own - Y[1, 0] * B[other, 1, 0] - Y[1, 1] * B[other, 1, 1] - Y[1, 2] * B[other, 1, 2]
             for a in range(size):
-                w0, w1, w2 = room.W[k, a, 0], room.W[k, a, 1], room.W[k, a, 2]
+                x = A[k, 0, a] * p00 + A[k, 1, a] * p10
+                y = A[k, 0, a] * p01 + A[k, 1, a] * p11
                 for b in range(size):
-                    sums.blocks[e, a, b] -= (
-                        w0 * room.F[other, 0, b] + w1 * room.F[other, 1, b] + w2 * room.F[other, 2, b]
-                    )
+                    sums.blocks[e, a, b] += x * A[other, 0, b] + y * A[other, 1, b]
 
 
 @inlined
@@ -358,7 +343,6 @@ def _add_point(
         for a in range(size):
             sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
     if matrix:
-        cross(m, size, room)
         _add_blocks(p, m, size, pairs, room, sums)
 
 

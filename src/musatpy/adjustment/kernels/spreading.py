@@ -16,7 +16,6 @@ from musatpy.adjustment.kernels.points import (
     Room,
     Stations,
     Water,
-    cross,
     point_normals,
     room_for,
 )
@@ -33,6 +32,19 @@ class Spread(NamedTuple):
     image: FloatArray  # (d, 2) cofactors of the adjusted images
     covariance: FloatArray  # (d, 2, 3) of the positions and the adjusted images
     diagonal: FloatArray  # (n, q) of the normal equations before points are eliminated, to which is added
+
+
+@inlined
+def _by_stations(m: int, size: int, room: Room) -> None:
+    """Set F (m, 3, size) = N_pp^-1 N_ps of a point: `collinear.eliminate`."""
+    for k in range(m):
+        for i in range(3):
+            y0, y1 = 0.0, 0.0
+            for j in range(3):
+                y0 += room.inverse[i, j] * room.B[k, 0, j]
+                y1 += room.inverse[i, j] * room.B[k, 1, j]
+            for a in range(size):
+                room.F[k, i, a] = y0 * room.A[k, 0, a] + y1 * room.A[k, 1, a]
 
 
 @inlined
@@ -117,7 +129,7 @@ def _set(
 ) -> None:
     """Set the cofactors of a point and of its images, its stations of `size` unknowns each."""
     m = at.start[p + 1] - at.start[p]
-    cross(m, size, room)
+    _by_stations(m, size, room)
     _of_stations(p, m, size, pairs, Q, room.F, G)
     _set_point(p, m, size, G, room, out)
     _set_images(p, m, size, at, pairs, Q, G, room, out)
