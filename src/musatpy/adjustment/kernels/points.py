@@ -93,7 +93,7 @@ class Room(NamedTuple):
     A: FloatArray  # (m, 2, 7) weighted images by stations
     B: FloatArray  # (m, 2, 3) by the point
     residual: FloatArray  # (m, 2)
-    F: FloatArray  # (m, 3, 7) N_pp^-1 N_ps
+    Y: FloatArray  # (m, 2, 3) B N_pp^-1
     N: FloatArray  # (3, 3) N_pp
     inverse: FloatArray  # (3, 3)
     rhs: FloatArray  # (3,)
@@ -109,7 +109,7 @@ def room_for(start: IntArray, rows: IntArray) -> Room:
         m = max(m, start[p + 1] - start[p])
     return Room(
         np.empty((m, 2, LEVELS)), np.empty((m, 2, 3)), np.empty((m, 2)),
-        np.empty((m, 3, LEVELS)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
+        np.empty((m, 2, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
     )  # fmt: skip
 
 
@@ -297,25 +297,30 @@ def times(N: FloatArray, b: FloatArray) -> tuple[float, float, float]:
 
 
 @inlined
-def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums) -> None:
-    """Add a point to the reduced normal matrix of its stations, A'(I - B N_pp^-1 B')A: `collinear.reduced`."""
-    pair, A, B, N = pairs.start[p], room.A, room.B, room.inverse
+def weigh(m: int, room: Room) -> None:
+    """Set Y (m, 2, 3) = B N_pp^-1 of a point."""
     for k in range(m):
         for c in range(2):
+            x, y, z = room.B[k, c, 0], room.B[k, c, 1], room.B[k, c, 2]
             for i in range(3):
-                room.by[0, c, i] = B[k, c, 0] * N[0, i] + B[k, c, 1] * N[1, i] + B[k, c, 2] * N[2, i]
-        Y = room.by[0]
+                room.Y[k, c, i] = x * room.inverse[0, i] + y * room.inverse[1, i] + z * room.inverse[2, i]
+
+
+@inlined
+def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums) -> None:
+    """Add a point to the reduced normal matrix of its stations, A'(I - B N_pp^-1 B')A: `collinear.reduced`."""
+    pair, A, B, Y = pairs.start[p], room.A, room.B, room.Y
+    for k in range(m):
         for other in range(k, m):
             e = pairs.slot[pair] - sums.first
             pair += 1
             own = 1.0 if other == k else 0.0
-            p00 = own - Y[0, 0] * B[other, 0, 0] - Y[0, 1] * B[other, 0, 1] - Y[0, 2] * B[other, 0, 2]
-            p01 = -Y[0, 0] * B[other, 1, 0] - Y[0, 1] * B[other, 1, 1] - Y[0, 2] * B[other, 1, 2]
-            p10 = -Y[1, 0] * B[other, 0, 0] - Y[1, 1] * B[other, 0, 1] - Y[1, 2] * B[other, 0, 2]
-            p11 = own - Y[1, 0] * B[other, 1, 0] - Y[1, 1] * B[other, 1, 1] - Y[1, 2] * B[other, 1, 2]
+            p00 = own - Y[k, 0, 0] * B[other, 0, 0] - Y[k, 0, 1] * B[other, 0, 1] - Y[k, 0, 2] * B[other, 0, 2]
+            p01 = -Y[k, 0, 0] * B[other, 1, 0] - Y[k, 0, 1] * B[other, 1, 1] - Y[k, 0, 2] * B[other, 1, 2]
+            p10 = -Y[k, 1, 0] * B[other, 0, 0] - Y[k, 1, 1] * B[other, 0, 1] - Y[k, 1, 2] * B[other, 0, 2]
+            p11 = own - Y[k, 1, 0] * B[other, 1, 0] - Y[k, 1, 1] * B[other, 1, 1] - Y[k, 1, 2] * B[other, 1, 2]
             for a in range(size):
-                x = A[k, 0, a] * p00 + A[k, 1, a] * p10
-                y = A[k, 0, a] * p01 + A[k, 1, a] * p11
+                x, y = A[k, 0, a] * p00 + A[k, 1, a] * p10, A[k, 0, a] * p01 + A[k, 1, a] * p11
                 for b in range(size):
                     sums.blocks[e, a, b] += x * A[other, 0, b] + y * A[other, 1, b]
 
@@ -343,6 +348,7 @@ def _add_point(
         for a in range(size):
             sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
     if matrix:
+        weigh(m, room)
         _add_blocks(p, m, size, pairs, room, sums)
 
 
