@@ -204,7 +204,7 @@ def _image(r: int, k: int, at: Measured, stations: Stations, by_station: bool, r
 
 
 @inlined
-def _images(
+def images(
     p: int, at: Measured, stations: Stations, water: Water, known: Known, by_station: bool, room: Room
 ) -> bool:
     """Set the weighted residuals and partials of the images of a point; return whether all cameras see it.
@@ -263,7 +263,7 @@ def point_normals(
     observed, of its largest. The images have partials by their stations only where asked for.
     """
     row = known.row[p]
-    squares = 0.0 if _images(p, at, stations, water, known, by_station, room) else np.inf
+    squares = 0.0 if images(p, at, stations, water, known, by_station, room) else np.inf
     n00 = n10 = n11 = n20 = n21 = n22 = b0 = b1 = b2 = 0.0
     for k in range(at.start[p + 1] - at.start[p]):
         for c in range(2):
@@ -307,22 +307,29 @@ def weigh(m: int, room: Room) -> None:
 
 
 @inlined
+def add_pair(
+    e: int, k: int, other: int, size: int, p00: float, p01: float, p10: float, p11: float, A: FloatArray, sums: Sums
+) -> None:
+    """Add A'PA of two rays to a block of the normal matrix; P (2, 2) weighs the images of one by those of the other."""
+    for a in range(size):
+        x, y = A[k, 0, a] * p00 + A[k, 1, a] * p10, A[k, 0, a] * p01 + A[k, 1, a] * p11
+        for b in range(size):
+            sums.blocks[e - sums.first, a, b] += x * A[other, 0, b] + y * A[other, 1, b]
+
+
+@inlined
 def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums) -> None:
     """Add a point to the reduced normal matrix of its stations, A'(I - B N_pp^-1 B')A: `collinear.reduced`."""
-    pair, A, B, Y = pairs.start[p], room.A, room.B, room.Y
+    pair, B, Y = pairs.start[p], room.B, room.Y
     for k in range(m):
         for other in range(k, m):
-            e = pairs.slot[pair] - sums.first
-            pair += 1
             own = 1.0 if other == k else 0.0
             p00 = own - Y[k, 0, 0] * B[other, 0, 0] - Y[k, 0, 1] * B[other, 0, 1] - Y[k, 0, 2] * B[other, 0, 2]
             p01 = -Y[k, 0, 0] * B[other, 1, 0] - Y[k, 0, 1] * B[other, 1, 1] - Y[k, 0, 2] * B[other, 1, 2]
             p10 = -Y[k, 1, 0] * B[other, 0, 0] - Y[k, 1, 1] * B[other, 0, 1] - Y[k, 1, 2] * B[other, 0, 2]
             p11 = own - Y[k, 1, 0] * B[other, 1, 0] - Y[k, 1, 1] * B[other, 1, 1] - Y[k, 1, 2] * B[other, 1, 2]
-            for a in range(size):
-                x, y = A[k, 0, a] * p00 + A[k, 1, a] * p10, A[k, 0, a] * p01 + A[k, 1, a] * p11
-                for b in range(size):
-                    sums.blocks[e, a, b] += x * A[other, 0, b] + y * A[other, 1, b]
+            add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, room.A, sums)
+            pair += 1
 
 
 @inlined
@@ -389,7 +396,7 @@ def follow(
         for i in range(3):
             room.rhs[i] = 0.0
         row = known.row[p]
-        _images(p, at, stations, water, known, True, room)
+        images(p, at, stations, water, known, True, room)
         for r in range(at.start[p], at.start[p + 1]):
             n, k = at.photo[r], r - at.start[p]
             for c in range(2):
