@@ -256,6 +256,12 @@ class CompiledPoints(CompiledRows):
         priors = prior_rows(self.network, state, known, state.ground[known])
         squares[known] += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
 
+    def set_residuals(self, state: State, residual: FloatArray) -> None:
+        """Set the residuals (all measurements, 2) mm of the images of the points."""
+        at, stations = self.measured(state.ground), self.stations(state)
+        water, rays = self.water(state, state.ground), self.sequence.rays
+        self.of_parts(lambda part: self.kernels.residuals(part.rows, at, stations, water, rays, residual))
+
     @property
     def bound(self) -> tuple[PointGroup, ...]:
         """The groups of points of which something is known."""

@@ -420,26 +420,48 @@ def follow(
             out[g, i] = at.ground[g, i] + along
 
 
+@inlined
+def _off(
+    r: int, g: int, at: Measured, stations: Stations, water: Water, vector: FloatArray
+) -> tuple[float, float, bool]:
+    """Return the residuals of image r of a point, and whether its camera sees it; `vector` (3,) is room for one."""
+    n, M, X, P = at.photo[r], stations.M, at.ground, stations.position
+    v0, v1, v2 = X[g, 0] - P[n, 0], X[g, 1] - P[n, 1], X[g, 2] - P[n, 2]
+    seen = M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
+    if water.row[r] >= 0:
+        bend(water.row[r], water, v0, v1, v2, vector)
+        v0, v1, v2 = vector[0], vector[1], vector[2]
+    scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
+    x = scale * (M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2)
+    y = scale * (M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2)
+    p = stations.principal_point
+    return x + p[n, 0] - at.xy[r, 0], y + p[n, 1] - at.xy[r, 1], seen
+
+
 @compiled
 def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out: FloatArray) -> None:
     """Set the weighted squares of the images of points, rows of out (g,), infinite behind a camera.
 
     `ground.point_squares`.
     """
-    room, M, X, P = room_for(at.start, rows[:0]), stations.M, at.ground, stations.position
+    vector = np.empty(3)
     for p in rows:
         total, g = 0.0, at.point[p]
         for r in range(at.start[p], at.start[p + 1]):
-            n = at.photo[r]
-            v0, v1, v2 = X[g, 0] - P[n, 0], X[g, 1] - P[n, 1], X[g, 2] - P[n, 2]
-            if not M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0:
+            x, y, seen = _off(r, g, at, stations, water, vector)
+            total += x * x * at.weight[r, 0] + y * y * at.weight[r, 1]
+            if not seen:
                 total = np.inf
-            if water.row[r] >= 0:
-                bend(water.row[r], water, v0, v1, v2, room.vector)
-                v0, v1, v2 = room.vector[0], room.vector[1], room.vector[2]
-            scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
-            for c in range(2):
-                image = scale * (M[n, c, 0] * v0 + M[n, c, 1] * v1 + M[n, c, 2] * v2)
-                off = image + stations.principal_point[n, c] - at.xy[r, c]
-                total += off * off * at.weight[r, c]
         out[g] = total if total < np.inf else np.inf
+
+
+@compiled
+def residuals(
+    rows: IntArray, at: Measured, stations: Stations, water: Water, rays: IntArray, out: FloatArray
+) -> None:
+    """Set the residuals of the images of points, rows `rays` (r,) of out (m, 2) mm: `sightings.residuals`."""
+    vector = np.empty(3)
+    for p in rows:
+        for r in range(at.start[p], at.start[p + 1]):
+            x, y, _ = _off(r, at.point[p], at, stations, water, vector)
+            out[rays[r], 0], out[rays[r], 1] = x, y
