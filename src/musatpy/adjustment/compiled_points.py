@@ -296,14 +296,16 @@ class CompiledPoints(CompiledRows):
             diagonal.stations += of_part
         rows, mine = loose.rows, np.zeros(network.points, dtype=bool)
         mine[sequence.point[rows]] = True
-        images = np.sort(rays[mine[network.point[rays]]])
+        taken = np.zeros(d, dtype=bool)
+        taken[rays[mine[network.point[rays]]]] = True
+        images = np.flatnonzero(taken)
         part = Part(
             kind=ObservationKind.PLATE,
             row=np.repeat(images, 2),
             component=np.tile(np.arange(2), len(images)),
-            residual=residual[images].reshape(-1),
-            weight=network.weight[images].reshape(-1),
+            residual=residual.take(images, axis=0).reshape(-1),
+            weight=network.weight.take(images, axis=0).reshape(-1),
             cofactor=image.take(images, axis=0).reshape(-1),
             covariance=covariance.take(images, axis=0).reshape(-1, 3),
         )
-        return Spread(point=sequence.point[rows], points=point[rows], images=part)
+        return Spread(point=sequence.point[rows], points=point.take(rows, axis=0), images=part)
