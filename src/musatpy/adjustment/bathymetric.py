@@ -11,8 +11,7 @@ from musatpy.adjustment.ground import PARALLEL, settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water_surface import surface
-from musatpy.adjustment.waterline import heights_and_water
+from musatpy.adjustment.water_surface import surface, water_heights
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.intersection import nearest_point, widest_angle
 from musatpy.model import BathymetricPoints, Block
@@ -91,7 +90,8 @@ def _water_levels(
     for group in groups:
         lost[group.point], giving[group.rays] = False, True
     rays = np.flatnonzero(giving | lost[measured.point])
-    point, water = measured.point[rays], heights_and_water(measured, state)[1][rays]
+    point = measured.point[rays]
+    water = water_heights(measured.slope(state.tilt), state.tide[measured.photo[rays]], state.ground[point])
     number = np.bincount(point, minlength=measured.points)
     total = np.bincount(point, weights=water, minlength=measured.points)
     return np.divide(total, number, out=np.full(measured.points, np.nan), where=number > 0)

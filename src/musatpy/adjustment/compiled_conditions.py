@@ -47,10 +47,10 @@ class CompiledPassPoints(CompiledRows):
         Without `matrix` to the right sides only.
         """
         at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
-        water = self.water(state, state.ground)
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
 
         def work(part: Part, sums: points.Sums) -> None:
-            self.conditions.add_conditions(part.rows, at, stations, water, sequence.pairs, matrix, sums)
+            self.conditions.add_conditions(part.rows, at, stations, water, known, sequence.pairs, matrix, sums)
 
         self.add(normals, matrix, work)
 

@@ -256,6 +256,12 @@ class CompiledPoints(CompiledRows):
         priors = prior_rows(self.network, state, known, state.ground[known])
         squares[known] += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
 
+    def set_residuals(self, state: State, residual: FloatArray) -> None:
+        """Set the residuals (all measurements, 2) mm of the images of the points."""
+        at, stations = self.measured(state.ground), self.stations(state)
+        water, rays = self.water(state, state.ground), self.sequence.rays
+        self.of_parts(lambda part: self.kernels.residuals(part.rows, at, stations, water, rays, residual))
+
     @property
     def bound(self) -> tuple[PointGroup, ...]:
         """The groups of points of which something is known."""
@@ -290,14 +296,16 @@ class CompiledPoints(CompiledRows):
             diagonal.stations += of_part
         rows, mine = loose.rows, np.zeros(network.points, dtype=bool)
         mine[sequence.point[rows]] = True
-        images = np.sort(rays[mine[network.point[rays]]])
+        taken = np.zeros(d, dtype=bool)
+        taken[rays[mine[network.point[rays]]]] = True
+        images = np.flatnonzero(taken)
         part = Part(
             kind=ObservationKind.PLATE,
             row=np.repeat(images, 2),
             component=np.tile(np.arange(2), len(images)),
-            residual=residual[images].reshape(-1),
-            weight=network.weight[images].reshape(-1),
+            residual=residual.take(images, axis=0).reshape(-1),
+            weight=network.weight.take(images, axis=0).reshape(-1),
             cofactor=image.take(images, axis=0).reshape(-1),
             covariance=covariance.take(images, axis=0).reshape(-1, 3),
         )
-        return Spread(point=sequence.point[rows], points=point[rows], images=part)
+        return Spread(point=sequence.point[rows], points=point.take(rows, axis=0), images=part)

@@ -28,6 +28,7 @@ _FEW_STEPS = 5  # for a trial: points that take more of them are running away
 STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
+_REACHED = 1e-9  # m from a height
 ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
@@ -323,12 +324,15 @@ def nearest_ground(network: Network, state: State, group: PointGroup, mean_heigh
 
 
 def _cut(network: Network, origin: FloatArray, direction: FloatArray, height: FloatArray) -> FloatArray:
-    """Return the points of single rays at given heights; three steps along the ray follow the curved surface."""
+    """Return the points of single rays at given heights; up to three steps along the ray follow a curved surface."""
     X = origin
     for _ in range(3):
-        up = network.frame.axes(X)[..., 2, :]
+        up, above = network.frame.vertical(X)
+        above = above - height
+        if np.abs(above).max(initial=0.0) < _REACHED:
+            break
         fall = -np.einsum("ki,ki->k", up, direction)
-        X = X + direction * ((network.frame.height(X) - height) / np.maximum(fall, _FLATTEST))[:, None]
+        X = X + direction * (above / np.maximum(fall, _FLATTEST))[:, None]
     return X
 
 

@@ -104,7 +104,7 @@ def precision(
     estimates = Errors(network=network, state=state, cofactors=held, inner=inner)
     spread = _spread(estimates, block, part, residual)
     points, depths = spread.points * unit_sigma**2, spread.depths * unit_sigma**2
-    unknowns = cofactors.times(unit_sigma**2)
+    unknowns = estimated = cofactors.times(unit_sigma**2)
     if full is not factor:
         # conditions with simple weights have no redundancy numbers of single observations
         spread = _spread(replace(estimates, cofactors=full.cofactors()), block, part, residual)
@@ -131,7 +131,7 @@ def precision(
         considered=considered.parameters if considered else None,
         pairs=_pairs(unknowns),
         levels=_level_pairs(unknowns),
-        water=_water_precision(network, cofactors.times(unit_sigma**2), considered),
+        water=_water_precision(network, estimated, considered),
     )
 
 

@@ -57,15 +57,15 @@ def joined(parts: Iterable[Part]) -> Observations:
     """Return the observations of all parts in the order of kinds, rows and components."""
     every = list(parts)
     kind, row, component, weight, order = _ordered(every)
-    weight = weight[order]
+    weight = weight.take(order)
     covariance = np.concatenate([part.covariance for part in every])
     return Observations(
-        kind=kind[order],
-        row=row[order],
-        component=component[order],
-        residual=np.concatenate([part.residual for part in every])[order],
+        kind=kind.take(order),
+        row=row.take(order),
+        component=component.take(order),
+        residual=np.concatenate([part.residual for part in every]).take(order),
         sigma=1.0 / np.sqrt(weight),
-        redundancy=1.0 - weight * np.concatenate([part.cofactor for part in every])[order],
+        redundancy=1.0 - weight * np.concatenate([part.cofactor for part in every]).take(order),
         influence=covariance.take(order, axis=0) * weight[:, None],
     )
 

@@ -280,13 +280,14 @@ def _points_of(network: Network, state: State, part: Participation, covariance: 
 
 
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:
-    rays = np.arange(len(network.photo))
-    ground = state.ground[network.point]
-    known = np.isfinite(ground).all(axis=1)
-    residual = np.full((len(rays), 2), np.nan)
-    residual[known] = sightings.residuals(network, state, rays[known])
+    known = np.isfinite(state.ground).all(axis=1)[network.point]
+    residual = np.full(network.xy.shape, np.nan)
+    if network.compiled is not None:
+        network.compiled.set_residuals(state, residual)
+    left = np.flatnonzero(known & np.isnan(residual[:, 0]))
+    residual[left] = sightings.residuals(network, state, left)
     correction = network.xy - measured.xy
-    bent = known & network.refracted
-    wet = np.ones(np.count_nonzero(bent), dtype=bool)
-    correction[bent] = refraction_displacement(network, state, rays[bent], ground[bent], wet)[1]
+    bent = np.flatnonzero(known & network.refracted)
+    wet = np.ones(len(bent), dtype=bool)
+    correction[bent] = refraction_displacement(network, state, bent, state.ground[network.point[bent]], wet)[1]
     return PlateResiduals(residual=residual, triangulated=part.used, correction=correction)

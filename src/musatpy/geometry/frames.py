@@ -90,6 +90,12 @@ class LocalFrame(Frame):
         shape = np.asarray(level).shape[:-1]
         return np.broadcast_to(np.eye(3), (*shape, 3, 3))
 
+    def height(self, working: ArrayLike) -> FloatArray:
+        return np.asarray(working, dtype=float)[..., 2] + self.origin[2]
+
+    def vertical(self, working: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        return np.broadcast_to(np.eye(3)[2], np.shape(working)), self.height(working)
+
     def vertical_at(self, x: Value, y: Value, z: Value) -> tuple[tuple[Value, Value, Value], Value]:
         none = 0.0 * z
         return (none, none, none + 1.0), z + float(self.origin[2])

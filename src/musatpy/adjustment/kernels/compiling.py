@@ -22,9 +22,10 @@ def inlined(function: Function) -> Function:
     """Return the same for a piece of kernels, which becomes part of them: arrays cost much to hand on.
 
     It is compiled once for all constants that it is called with; what does not depend on variables is dropped where
-    it has become a part.
+    it has become a part. Pieces make no arrays, so that none that they take needs to be counted: that is an atomic
+    addition each time, which takes longer than a ray.
     """
-    piece: Any = numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
+    piece: Any = numba.njit(nogil=True, error_model="numpy", forceinline=True, _nrt=False)(function)
     template, variable = piece.get_call_template, cast(Any, numba.types.unliteral)
 
     def of_variables(args: Iterable[Any], kws: Mapping[str, Any]) -> Any:

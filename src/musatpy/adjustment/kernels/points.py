@@ -93,8 +93,7 @@ class Room(NamedTuple):
     A: FloatArray  # (m, 2, 7) weighted images by stations
     B: FloatArray  # (m, 2, 3) by the point
     residual: FloatArray  # (m, 2)
-    W: FloatArray  # (m, 7, 3) N_sp
-    F: FloatArray  # (m, 3, 7) N_pp^-1 N_ps
+    Y: FloatArray  # (m, 2, 3) B N_pp^-1
     N: FloatArray  # (3, 3) N_pp
     inverse: FloatArray  # (3, 3)
     rhs: FloatArray  # (3,)
@@ -102,15 +101,15 @@ class Room(NamedTuple):
     by: FloatArray  # (2, 3, 3) its partials by station and point
 
 
-@inlined
+@compiled
 def room_for(start: IntArray, rows: IntArray) -> Room:
     """Return room for any point of some rows."""
     m = 1
     for p in rows:
         m = max(m, start[p + 1] - start[p])
     return Room(
-        np.empty((m, 2, LEVELS)), np.empty((m, 2, 3)), np.empty((m, 2)), np.empty((m, LEVELS, 3)),
-        np.empty((m, 3, LEVELS)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
+        np.empty((m, 2, LEVELS)), np.empty((m, 2, 3)), np.empty((m, 2)),
+        np.empty((m, 2, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
     )  # fmt: skip
 
 
@@ -205,7 +204,7 @@ def _image(r: int, k: int, at: Measured, stations: Stations, by_station: bool, r
 
 
 @inlined
-def _images(
+def images(
     p: int, at: Measured, stations: Stations, water: Water, known: Known, by_station: bool, room: Room
 ) -> bool:
     """Set the weighted residuals and partials of the images of a point; return whether all cameras see it.
@@ -264,7 +263,7 @@ def point_normals(
     observed, of its largest. The images have partials by their stations only where asked for.
     """
     row = known.row[p]
-    squares = 0.0 if _images(p, at, stations, water, known, by_station, room) else np.inf
+    squares = 0.0 if images(p, at, stations, water, known, by_station, room) else np.inf
     n00 = n10 = n11 = n20 = n21 = n22 = b0 = b1 = b2 = 0.0
     for k in range(at.start[p + 1] - at.start[p]):
         for c in range(2):
@@ -298,41 +297,39 @@ def times(N: FloatArray, b: FloatArray) -> tuple[float, float, float]:
 
 
 @inlined
-def cross(m: int, size: int, room: Room) -> None:
-    """Set W (m, size, 3) = N_sp and F (m, 3, size) = N_pp^-1 N_ps of a point: `collinear.eliminate`."""
+def weigh(m: int, room: Room) -> None:
+    """Set Y (m, 2, 3) = B N_pp^-1 of a point."""
     for k in range(m):
-        for a in range(size):
-            x, y = room.A[k, 0, a], room.A[k, 1, a]
-            w0, w1, w2 = (
-                x * room.B[k, 0, 0] + y * room.B[k, 1, 0],
-                x * room.B[k, 0, 1] + y * room.B[k, 1, 1],
-                x * room.B[k, 0, 2] + y * room.B[k, 1, 2],
-            )
-            room.W[k, a, 0], room.W[k, a, 1], room.W[k, a, 2] = w0, w1, w2
-            room.F[k, 0, a] = room.inverse[0, 0] * w0 + room.inverse[1, 0] * w1 + room.inverse[2, 0] * w2
-            room.F[k, 1, a] = room.inverse[1, 0] * w0 + room.inverse[1, 1] * w1 + room.inverse[2, 1] * w2
-            room.F[k, 2, a] = room.inverse[2, 0] * w0 + room.inverse[2, 1] * w1 + room.inverse[2, 2] * w2
+        for c in range(2):
+            x, y, z = room.B[k, c, 0], room.B[k, c, 1], room.B[k, c, 2]
+            for i in range(3):
+                room.Y[k, c, i] = x * room.inverse[0, i] + y * room.inverse[1, i] + z * room.inverse[2, i]
+
+
+@inlined
+def add_pair(
+    e: int, k: int, other: int, size: int, p00: float, p01: float, p10: float, p11: float, A: FloatArray, sums: Sums
+) -> None:
+    """Add A'PA of two rays to a block of the normal matrix; P (2, 2) weighs the images of one by those of the other."""
+    for a in range(size):
+        x, y = A[k, 0, a] * p00 + A[k, 1, a] * p10, A[k, 0, a] * p01 + A[k, 1, a] * p11
+        for b in range(size):
+            sums.blocks[e - sums.first, a, b] += x * A[other, 0, b] + y * A[other, 1, b]
 
 
 @inlined
 def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums) -> None:
-    """Add a point to the reduced normal matrix of its stations: `collinear.reduced`."""
-    pair = pairs.start[p]
+    """Add a point to the reduced normal matrix of its stations, A'(I - B N_pp^-1 B')A: `collinear.reduced`."""
+    pair, B, Y = pairs.start[p], room.B, room.Y
     for k in range(m):
-        e = pairs.slot[pair] - sums.first
-        for a in range(size):
-            x, y = room.A[k, 0, a], room.A[k, 1, a]
-            for b in range(size):
-                sums.blocks[e, a, b] += x * room.A[k, 0, b] + y * room.A[k, 1, b]
         for other in range(k, m):
-            e = pairs.slot[pair] - sums.first
+            own = 1.0 if other == k else 0.0
+            p00 = own - Y[k, 0, 0] * B[other, 0, 0] - Y[k, 0, 1] * B[other, 0, 1] - Y[k, 0, 2] * B[other, 0, 2]
+            p01 = -Y[k, 0, 0] * B[other, 1, 0] - Y[k, 0, 1] * B[other, 1, 1] - Y[k, 0, 2] * B[other, 1, 2]
+            p10 = -Y[k, 1, 0] * B[other, 0, 0] - Y[k, 1, 1] * B[other, 0, 1] - Y[k, 1, 2] * B[other, 0, 2]
+            p11 = own - Y[k, 1, 0] * B[other, 1, 0] - Y[k, 1, 1] * B[other, 1, 1] - Y[k, 1, 2] * B[other, 1, 2]
+            add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, room.A, sums)
             pair += 1
-            for a in range(size):
-                w0, w1, w2 = room.W[k, a, 0], room.W[k, a, 1], room.W[k, a, 2]
-                for b in range(size):
-                    sums.blocks[e, a, b] -= (
-                        w0 * room.F[other, 0, b] + w1 * room.F[other, 1, b] + w2 * room.F[other, 2, b]
-                    )
 
 
 @inlined
@@ -358,7 +355,7 @@ def _add_point(
         for a in range(size):
             sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
     if matrix:
-        cross(m, size, room)
+        weigh(m, room)
         _add_blocks(p, m, size, pairs, room, sums)
 
 
@@ -399,7 +396,7 @@ def follow(
         for i in range(3):
             room.rhs[i] = 0.0
         row = known.row[p]
-        _images(p, at, stations, water, known, True, room)
+        images(p, at, stations, water, known, True, room)
         for r in range(at.start[p], at.start[p + 1]):
             n, k = at.photo[r], r - at.start[p]
             for c in range(2):
@@ -423,26 +420,48 @@ def follow(
             out[g, i] = at.ground[g, i] + along
 
 
+@inlined
+def _off(
+    r: int, g: int, at: Measured, stations: Stations, water: Water, vector: FloatArray
+) -> tuple[float, float, bool]:
+    """Return the residuals of image r of a point, and whether its camera sees it; `vector` (3,) is room for one."""
+    n, M, X, P = at.photo[r], stations.M, at.ground, stations.position
+    v0, v1, v2 = X[g, 0] - P[n, 0], X[g, 1] - P[n, 1], X[g, 2] - P[n, 2]
+    seen = M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
+    if water.row[r] >= 0:
+        bend(water.row[r], water, v0, v1, v2, vector)
+        v0, v1, v2 = vector[0], vector[1], vector[2]
+    scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
+    x = scale * (M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2)
+    y = scale * (M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2)
+    p = stations.principal_point
+    return x + p[n, 0] - at.xy[r, 0], y + p[n, 1] - at.xy[r, 1], seen
+
+
 @compiled
 def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out: FloatArray) -> None:
     """Set the weighted squares of the images of points, rows of out (g,), infinite behind a camera.
 
     `ground.point_squares`.
     """
-    room, M, X, P = room_for(at.start, rows[:0]), stations.M, at.ground, stations.position
+    vector = np.empty(3)
     for p in rows:
         total, g = 0.0, at.point[p]
         for r in range(at.start[p], at.start[p + 1]):
-            n = at.photo[r]
-            v0, v1, v2 = X[g, 0] - P[n, 0], X[g, 1] - P[n, 1], X[g, 2] - P[n, 2]
-            if not M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0:
+            x, y, seen = _off(r, g, at, stations, water, vector)
+            total += x * x * at.weight[r, 0] + y * y * at.weight[r, 1]
+            if not seen:
                 total = np.inf
-            if water.row[r] >= 0:
-                bend(water.row[r], water, v0, v1, v2, room.vector)
-                v0, v1, v2 = room.vector[0], room.vector[1], room.vector[2]
-            scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
-            for c in range(2):
-                image = scale * (M[n, c, 0] * v0 + M[n, c, 1] * v1 + M[n, c, 2] * v2)
-                off = image + stations.principal_point[n, c] - at.xy[r, c]
-                total += off * off * at.weight[r, c]
         out[g] = total if total < np.inf else np.inf
+
+
+@compiled
+def residuals(
+    rows: IntArray, at: Measured, stations: Stations, water: Water, rays: IntArray, out: FloatArray
+) -> None:
+    """Set the residuals of the images of points, rows `rays` (r,) of out (m, 2) mm: `sightings.residuals`."""
+    vector = np.empty(3)
+    for p in rows:
+        for r in range(at.start[p], at.start[p + 1]):
+            x, y, _ = _off(r, at.point[p], at, stations, water, vector)
+            out[rays[r], 0], out[rays[r], 1] = x, y

@@ -16,12 +16,19 @@ from musatpy.adjustment.kernels.points import (
     Room,
     Stations,
     Water,
-    cross,
     point_normals,
     room_for,
+    weigh,
 )
 from musatpy.adjustment.kernels.points import Q as SIZE
 from musatpy.arrays import FloatArray, IntArray
+
+
+class Images(NamedTuple):
+    """Room for what up to m images of one point have of the errors of their stations."""
+
+    C: FloatArray  # (m, 2) cofactors
+    D: FloatArray  # (m, 2, 3) those with the position
 
 
 class Spread(NamedTuple):
@@ -36,35 +43,44 @@ class Spread(NamedTuple):
 
 
 @inlined
-def _of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, F: FloatArray, G: FloatArray) -> None:
-    """Set G (m, 3, size) = F Q_ss of the stations of a point."""
-    pair = pairs.start[p]
+def _of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
+    """Set the diagonal C (m, 2) of A Q A', the cofactors of the images of a point by their stations, and D = A Q A' Y."""
+    pair, A, Y = pairs.start[p], room.A, room.Y
     for k in range(m):
-        for i in range(3):
-            for a in range(size):
-                G[k, i, a] = 0.0
+        for c in range(2):
+            for i in range(3):
+                of.D[k, c, i] = 0.0
     for k in range(m):
         for other in range(k, m):
             e = pairs.slot[pair]
             pair += 1
-            for i in range(3):
+            c00 = c01 = c10 = c11 = 0.0
+            for b in range(size):
+                x = y = 0.0
                 for a in range(size):
-                    f, total = F[k, i, a], 0.0
-                    for b in range(size):
-                        G[other, i, b] += f * Q[e, a, b]
-                        total += Q[e, a, b] * F[other, i, b]
-                    G[k, i, a] += total if other > k else 0.0
+                    x += A[k, 0, a] * Q[e, a, b]
+                    y += A[k, 1, a] * Q[e, a, b]
+                c00, c01 = c00 + x * A[other, 0, b], c01 + x * A[other, 1, b]
+                c10, c11 = c10 + y * A[other, 0, b], c11 + y * A[other, 1, b]
+            for i in range(3):
+                of.D[k, 0, i] += c00 * Y[other, 0, i] + c01 * Y[other, 1, i]
+                of.D[k, 1, i] += c10 * Y[other, 0, i] + c11 * Y[other, 1, i]
+            if other == k:
+                of.C[k, 0], of.C[k, 1] = c00, c11
+            else:
+                for i in range(3):
+                    of.D[other, 0, i] += c00 * Y[k, 0, i] + c10 * Y[k, 1, i]
+                    of.D[other, 1, i] += c01 * Y[k, 0, i] + c11 * Y[k, 1, i]
 
 
 @inlined
-def _set_point(p: int, m: int, size: int, G: FloatArray, room: Room, out: Spread) -> None:
-    """Set N to the cofactors of a point along working axes, and those along its own."""
+def _set_point(p: int, m: int, room: Room, of: Images, out: Spread) -> None:
+    """Set N to the cofactors of a point along working axes, N_pp^-1 + Y' D, and those along its own."""
     for i in range(3):
         for j in range(3):
             total = room.inverse[i, j]
             for k in range(m):
-                for a in range(size):
-                    total += G[k, i, a] * room.F[k, j, a]
+                total += of.D[k, 0, i] * room.Y[k, 0, j] + of.D[k, 1, i] * room.Y[k, 1, j]
             room.N[i, j] = total
     for i in range(3):
         for j in range(3):
@@ -76,32 +92,21 @@ def _set_point(p: int, m: int, size: int, G: FloatArray, room: Room, out: Spread
 
 
 @inlined
-def _set_images(
-    p: int, m: int, size: int, at: Measured, pairs: Pairs, Q: FloatArray, G: FloatArray, room: Room, out: Spread
-) -> None:
+def _set_images(p: int, m: int, size: int, at: Measured, room: Room, of: Images, out: Spread) -> None:
     """Set the cofactors of the images of a point, and of these with its position."""
-    pair = pairs.start[p]
     for k in range(m):
-        r, e = at.start[p] + k, pairs.slot[pair]
-        n = at.photo[r]
-        pair += m - k
+        r = at.start[p] + k
+        n, row = at.photo[r], out.rays[r]
+        for a in range(size):
+            out.diagonal[n, a] += room.A[k, 0, a] * room.A[k, 0, a] + room.A[k, 1, a] * room.A[k, 1, a]
         for c in range(2):
-            total, root = 0.0, 1.0 / math.sqrt(at.weight[r, c])
-            for a in range(size):
-                out.diagonal[n, a] += room.A[k, c, a] * room.A[k, c, a]
-                of_row = 0.0
-                for b in range(size):
-                    of_row += Q[e, a, b] * room.A[k, c, b]
-                total += room.A[k, c, a] * of_row
+            total, root = of.C[k, c], 1.0 / math.sqrt(at.weight[r, c])
             for i in range(3):
-                by_station, by_point = 0.0, 0.0
-                for a in range(size):
-                    by_station += room.A[k, c, a] * G[k, i, a]
+                by_station, by_point = of.D[k, c, i], 0.0
                 for j in range(3):
                     by_point += room.B[k, c, j] * room.N[j, i]
                 total += room.B[k, c, i] * (by_point - 2.0 * by_station)
                 room.vector[i] = (by_point - by_station) * root
-            row = out.rays[r]
             out.image[row, c] = total * root * root
             for i in range(3):
                 out.covariance[row, c, i] = (
@@ -113,14 +118,12 @@ def _set_images(
 
 @inlined
 def _set(
-    p: int, size: int, at: Measured, pairs: Pairs, Q: FloatArray, G: FloatArray, room: Room, out: Spread
+    p: int, m: int, size: int, at: Measured, pairs: Pairs, Q: FloatArray, room: Room, of: Images, out: Spread
 ) -> None:
     """Set the cofactors of a point and of its images, its stations of `size` unknowns each."""
-    m = at.start[p + 1] - at.start[p]
-    cross(m, size, room)
-    _of_stations(p, m, size, pairs, Q, room.F, G)
-    _set_point(p, m, size, G, room, out)
-    _set_images(p, m, size, at, pairs, Q, G, room, out)
+    _of_stations(p, m, size, pairs, Q, room, of)
+    _set_point(p, m, room, of, out)
+    _set_images(p, m, size, at, room, of, out)
 
 
 @compiled
@@ -130,14 +133,17 @@ def spread(
 ) -> None:  # fmt: skip
     """Set the cofactors of points of which nothing is known, and of their images; Q (e, q, q) is of the stations.
 
-    `propagation.point_covariances`, Q_xx = N_pp^-1 + F Q_ss F', and `reliability.images`: with partials a by the
-    stations and b by the point, (a - b F) Q_ss (a - b F)' + b N_pp^-1 b' = a Q a' - 2 a Q F' b' + b Q_xx b'.
+    `propagation.point_covariances`, Q_xx = N_pp^-1 + F Q_ss F', and `reliability.images`: with partials A by the
+    stations, B by the point and F = Y'A, (A - B F) Q_ss (A - B F)' + B N_pp^-1 B' = C - 2 D B' + B Q_xx B', where
+    C = A Q_ss A' and D = C Y.
     """
     room = room_for(at.start, rows)
-    G = np.empty_like(room.F)
+    of = Images(np.empty(room.residual.shape), np.empty(room.Y.shape))
     for p in rows:
+        m = at.start[p + 1] - at.start[p]
         point_normals(p, at, stations, water, known, ridge, True, room)
+        weigh(m, room)
         if len(water.rise):
-            _set(p, LEVELS, at, pairs, Q, G, room, out)
+            _set(p, m, LEVELS, at, pairs, Q, room, of, out)
         else:
-            _set(p, SIZE, at, pairs, Q, G, room, out)
+            _set(p, m, SIZE, at, pairs, Q, room, of, out)
