@@ -43,8 +43,8 @@ Sample = Mapping[str, Discrepancy]  # by id
 class Squares(NamedTuple):
     """Squared residuals: how many there are, and their sum (um^2)."""
 
-    count: int
-    sum: float
+    number: int
+    total: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class _Residuals:
         frame = np.array([frames[photo] for photo in photos], dtype=int)
         is_nontrig = np.array([kind == "N" for kind in self.table.columns["Trig"]], dtype=bool)
         values, _ = self.cells.numbers
-        squares = {}
+        squares: dict[tuple[str, str], Squares] = {}
         for group, is_of_group in (("trig", ~is_nontrig), ("nontrig", is_nontrig), ("all", True)):
             rows = np.flatnonzero(np.isfinite(values) & is_of_group)
             counts = np.bincount(frame[rows], minlength=len(frames)).tolist()
@@ -248,10 +248,10 @@ def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint
             points = cells.get("Points", "")
             group, item = _GROUPS.get(points, ""), f"{points} points"
             by_frame = [squares for (_, kind), squares in along.squares.items() if kind == group]
-            squares = Squares(sum(frame.count for frame in by_frame), math.fsum(frame.sum for frame in by_frame))
+            squares = Squares(sum(frame.number for frame in by_frame), math.fsum(frame.total for frame in by_frame))
             count, cell = (number(cells.get(name, ""), line) for name in ("Number", column))
-            if group and along.axis == AXES[0] and count is not None and count.value != squares.count:
-                message = f"a number of {count.text}, the table of residuals has {squares.count}"
+            if group and along.axis == AXES[0] and count is not None and count.value != squares.number:
+                message = f"a number of {count.text}, the table of residuals has {squares.number}"
                 yield Misprint(line, table.name, item, message)
             if group and cell is not None:
                 yield from _rms(table.name, item, column, cell, squares, along.half, 1.0)
@@ -261,7 +261,7 @@ def _rms(
     table: str, item: str, what: str, cell: Printed, squares: Squares, half: float, scale: float
 ) -> Iterator[Misprint]:
     """Yield an RMS that is not that of residuals: their squares and rounding in um, `scale` the unit of the RMS."""
-    value, reach = math.sqrt(squares.sum / max(squares.count, 1)) * scale, half * scale
+    value, reach = math.sqrt(squares.total / max(squares.number, 1)) * scale, half * scale
     if abs(cell.value - value) > cell.half + reach + _ROUNDING:
         suspect = Suspect.of(what, cell, range_like(max(value - reach, 0.0), value + reach, cell))
         yield Misprint(cell.line, table, item, "is not the RMS of the residuals", (suspect,))
