@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from musatpy.arrays import TextArray
-from musatpy.compilation.compiled import Compiled
 from musatpy.soundings.s44 import NO_ORDER, orders_met, survey_orders
+
+if TYPE_CHECKING:  # it loads the adjustment, which those who read listings need not
+    from musatpy.compilation.compiled import Compiled
 
 
 def order_names() -> list[str]:

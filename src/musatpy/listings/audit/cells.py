@@ -104,7 +104,9 @@ def read_cells(
 
 
 def _is_whole(words: Sequence[str], kinds: Sequence[Kind], places: Sequence[int | None]) -> bool:
-    """Tell whether words are numbers as they should be, one for each cell: any other reading is dearer."""
+    """Tell whether words are numbers as they should be, or one count: any other reading is dearer."""
+    if len(words) == 1 and tuple(kinds) == ("count",):
+        return _COUNT.fullmatch(words[0]) is not None
     return len(words) == len(kinds) and all(
         kind == "number" and _NUMBER.fullmatch(word) and place in (None, len(word.partition(".")[2]))
         for word, kind, place in zip(words, kinds, places, strict=True)

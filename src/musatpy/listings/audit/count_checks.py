@@ -41,8 +41,8 @@ def check_counts(listing: Listing) -> Iterator[Misprint]:
     yield from _submerged(listing)
 
 
-def _ids(table: Table | None, heading: str) -> list[str]:
-    return table.columns.get(heading, []) if table else []
+def _ids(table: Table | None, heading: str) -> Sequence[str]:
+    return table.columns.get(heading, ()) if table else ()
 
 
 def _size(listing: Listing, name: str) -> int | None:
@@ -114,7 +114,9 @@ def _points(listing: Listing) -> Iterator[Misprint]:
 def _submerged(listing: Listing) -> Iterator[Misprint]:
     """Yield submerged points that one of the tables of them lacks; those without a position are not in all."""
     adjusted, depths = listing.table(Title.POINTS), listing.table(Title.DEPTHS)
-    tables = [(table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]]
+    tables: list[tuple[str, int, Sequence[str]]] = [
+        (table.name, table.line, [point.name for point in table.points]) for table in listing.submerged[:1]
+    ]
     if depths is not None:
         tables.append((depths.name, depths.line, _ids(depths, "Point")))
     if adjusted is not None and {"Point", "Bath"} <= set(adjusted.headings):

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.listings.audit.analysis_checks import NAMES
 from musatpy.listings.audit.analysis_tables import MAXIMUM_ID, SIZE
-from musatpy.listings.audit.cells import all_are, printed
+from musatpy.listings.audit.columns import Cells, number
 from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.job_options import INITIAL
 from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
@@ -26,16 +25,13 @@ from musatpy.units import MICROMETRE
 
 _GROUPS = {"triangulated": "trig", "not triangulated": "nontrig", "all": "all"}
 _ALONG = {"Latitude": "North", "Longitude": "East", "Elevation": "Up"}  # columns of the control residuals
-_NUMBER = re.compile(r"(?:-?\d{1,9} +\d{1,9} +)?-?(?:\d+\.?\d*|\.\d+)")
-_FIXED = r"-?\d*\.\d+"
 _OVERFLOW = re.compile(r"^\*{2,}$", re.M)  # one star is a mark
 _LARGE = 3.0  # sigmas: beyond, a residual is starred
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class Discrepancy:
-    """One difference of a sample, or one residual, with half the roundings that went into it."""
+class Discrepancy(NamedTuple):
+    """One difference of a sample, or one number of a table, with half the roundings that went into it."""
 
     value: float
     half: float
@@ -44,27 +40,29 @@ class Discrepancy:
 Sample = Mapping[str, Discrepancy]  # by id
 
 
+class Squares(NamedTuple):
+    """Squared residuals: how many there are, and their sum (um^2)."""
+
+    number: int
+    total: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Residuals:
-    """The residuals of plate measurements along an axis: each number is read once, as there are many."""
+    """The residuals of plate measurements along an axis."""
 
     table: Table
     axis: str
 
     @cached_property
-    def texts(self) -> list[str]:
-        """The residual of each row as it is printed."""
-        return self._texts(f"Resid. {self.axis}")
-
-    @cached_property
-    def values(self) -> list[Printed | None]:
+    def cells(self) -> Cells:
         """The residual of each row."""
-        return numbers(self.texts, self.table.lines)
+        return self._cells(f"Resid. {self.axis}")
 
     @cached_property
-    def sigmas(self) -> list[Printed | None]:
+    def sigmas(self) -> Cells:
         """The sigma of each row."""
-        return numbers(self._texts(f"Sigma {self.axis}"), self.table.lines)
+        return self._cells(f"Sigma {self.axis}")
 
     @cached_property
     def is_whole(self) -> bool:
@@ -72,24 +70,29 @@ class _Residuals:
         return _whole(self.table, "Photo", "Trig", f"Resid. {self.axis}")
 
     @cached_property
-    def squares(self) -> dict[tuple[str, str], list[float]]:
-        """Squared residuals (um^2) of each frame and kind."""
-        squares: dict[tuple[str, str], list[float]] = defaultdict(list)
-        photos, kinds = self.table.columns["Photo"], self.table.columns["Trig"]
-        for photo, kind, cell in zip(photos, kinds, self.values, strict=True):
-            if cell is not None:
-                squares[photo, "nontrig" if kind == "N" else "trig"].append(cell.value**2)
-        for (photo, _), part in list(squares.items()):
-            squares[photo, "all"] += part
-        return dict(squares)
+    def squares(self) -> dict[tuple[str, str], Squares]:
+        """The squares of each frame and kind."""
+        photos = self.table.columns["Photo"]
+        frames = {photo: n for n, photo in enumerate(dict.fromkeys(photos))}
+        frame = np.array([frames[photo] for photo in photos], dtype=int)
+        is_nontrig = np.array([kind == "N" for kind in self.table.columns["Trig"]], dtype=bool)
+        values, _ = self.cells.numbers
+        squares: dict[tuple[str, str], Squares] = {}
+        for group, is_of_group in (("trig", ~is_nontrig), ("nontrig", is_nontrig), ("all", True)):
+            rows = np.flatnonzero(np.isfinite(values) & is_of_group)
+            counts = np.bincount(frame[rows], minlength=len(frames)).tolist()
+            sums = np.bincount(frame[rows], values[rows] ** 2, len(frames)).tolist()
+            squares |= {(photo, group): Squares(counts[n], sums[n]) for photo, n in frames.items()}
+        return squares
 
     @cached_property
     def half(self) -> float:
         """The largest rounding of a residual, um."""
-        return max((cell.half for cell in self.values if cell is not None), default=0.0)
+        _, halves = self.cells.numbers
+        return float(np.max(halves[np.isfinite(halves)], initial=0.0))
 
-    def _texts(self, heading: str) -> list[str]:
-        return self.table.columns.get(heading) or [""] * len(self.table.lines)
+    def _cells(self, heading: str) -> Cells:
+        return self.table.columns.get(heading) or Cells([""] * len(self.table.lines))
 
 
 def check_against_tables(listing: Listing) -> Iterator[Misprint]:
@@ -110,35 +113,26 @@ def check_against_tables(listing: Listing) -> Iterator[Misprint]:
     yield from _submerged_heights(listing)
 
 
-def number(text: str, line: int) -> Printed | None:
-    """Return the number of a cell, None where it is blank, overflown or no number."""
-    return printed(text, line) if _NUMBER.fullmatch(text) else None
-
-
-def numbers(texts: Sequence[str], lines: Sequence[int]) -> list[Printed | None]:
-    """Return the numbers of a column, None where a cell is blank, overflown or no number."""
-    if not all_are(_FIXED, texts):
-        return list(map(number, texts, lines))
-    places = [len(text.partition(".")[2]) for text in texts]
-    halves = {n: 0.5 * 10.0**-n for n in set(places)}
-    return list(map(Printed, map(float, texts), map(halves.__getitem__, places), texts, lines))
-
-
-def _column(table: Table | None, key: str, heading: str, ids: Set[str] | None = None) -> dict[str, Printed]:
+def _column(table: Table | None, key: str, heading: str, ids: Set[str] | None = None) -> dict[str, Discrepancy]:
     """Return the numbers of a column by the ids of another, of all `ids`; empty where not both are whole."""
     if table is None or not _whole(table, key, heading):
         return {}
-    names, texts = table.columns[key], table.columns[heading]
-    rows = [n for n, name in enumerate(names) if ids is None or name in ids]
-    cells = numbers([texts[n] for n in rows], [table.lines[n] for n in rows])
-    return {names[n]: cell for n, cell in zip(rows, cells, strict=True) if cell is not None}
+    values, halves = table.columns[heading].numbers
+    rows = np.flatnonzero(np.isfinite(values)).tolist()
+    names = table.columns[key].texts
+    return {
+        names[n]: Discrepancy(value, half)
+        for n, value, half in zip(rows, values[rows].tolist(), halves[rows].tolist(), strict=True)
+        if ids is None or names[n] in ids
+    }
 
 
 def _whole(table: Table, *headings: str) -> bool:
     """Tell whether a table has columns in which every cell is legible, and none has overflown."""
     if not set(headings) <= set(table.headings) - table.illegible:
         return False
-    return not any(_OVERFLOW.search("\n".join(table.columns[heading])) for heading in headings)
+    columns = (table.columns[heading] for heading in headings)
+    return not any(column.decimals is None and _OVERFLOW.search("\n".join(column)) for column in columns)
 
 
 def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sample | None:
@@ -147,12 +141,12 @@ def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sampl
     if listing.stated:
         return None
     if analysis.kind == "check point":
-        return _direct(_column(listing.table(Title.CHECKS), "Point", name))
+        return _column(listing.table(Title.CHECKS), "Point", name) or None
     if analysis.kind == "ground point":
         residuals = listing.table(Title.CONTROL)
         used = _column(residuals, "Point", _ALONG.get(name, name))
         if name not in _ALONG:
-            return _direct(used)
+            return used or None
         adjusted, given = listing.table(Title.POINTS), listing.table(Title.GIVEN_CONTROL)
         return _differences(adjusted, given, "Point", component, set(used))
     if not listing.options.get(INITIAL, "").startswith("GIVEN"):
@@ -161,10 +155,6 @@ def _sample(listing: Listing, analysis: Analysis, component: Component) -> Sampl
     titles = (Title.POSITIONS, Title.INITIAL_POSITIONS) if is_position else (Title.ATTITUDES, Title.GIVEN_ATTITUDES)
     adjusted, given = (listing.table(title) for title in titles)
     return _differences(adjusted, given, "Photo", component, None)
-
-
-def _direct(cells: Mapping[str, Printed]) -> Sample | None:
-    return {name: Discrepancy(cell.value, cell.half) for name, cell in cells.items()} or None
 
 
 def _differences(
@@ -242,7 +232,7 @@ def _plates(table: PlateTable, residuals: Sequence[_Residuals]) -> Iterator[Misp
             return
         for group in GROUPS:
             for frame, cell in table.rms.get((group, along.axis), {}).items():
-                squares = along.squares.get((frame, group), [])
+                squares = along.squares.get((frame, group), Squares(0, 0.0))
                 item = f"{group}, {along.axis}"
                 yield from _rms(table.name, f"frame {frame}", item, cell, squares, along.half, MICROMETRE)
 
@@ -257,21 +247,21 @@ def _job(listing: Listing, residuals: Sequence[_Residuals]) -> Iterator[Misprint
         for line, cells in table.rows():
             points = cells.get("Points", "")
             group, item = _GROUPS.get(points, ""), f"{points} points"
-            by_frame = (squares for (_, kind), squares in along.squares.items() if kind == group)
-            squares = list(chain.from_iterable(by_frame))
+            by_frame = [squares for (_, kind), squares in along.squares.items() if kind == group]
+            squares = Squares(sum(frame.number for frame in by_frame), math.fsum(frame.total for frame in by_frame))
             count, cell = (number(cells.get(name, ""), line) for name in ("Number", column))
-            if group and along.axis == AXES[0] and count is not None and count.value != len(squares):
-                message = f"a number of {count.text}, the table of residuals has {len(squares)}"
+            if group and along.axis == AXES[0] and count is not None and count.value != squares.number:
+                message = f"a number of {count.text}, the table of residuals has {squares.number}"
                 yield Misprint(line, table.name, item, message)
             if group and cell is not None:
                 yield from _rms(table.name, item, column, cell, squares, along.half, 1.0)
 
 
 def _rms(
-    table: str, item: str, what: str, cell: Printed, squares: Sequence[float], half: float, scale: float
+    table: str, item: str, what: str, cell: Printed, squares: Squares, half: float, scale: float
 ) -> Iterator[Misprint]:
     """Yield an RMS that is not that of residuals: their squares and rounding in um, `scale` the unit of the RMS."""
-    value, reach = math.sqrt(math.fsum(squares) / len(squares)) * scale if squares else 0.0, half * scale
+    value, reach = math.sqrt(squares.total / max(squares.number, 1)) * scale, half * scale
     if abs(cell.value - value) > cell.half + reach + _ROUNDING:
         suspect = Suspect.of(what, cell, range_like(max(value - reach, 0.0), value + reach, cell))
         yield Misprint(cell.line, table, item, "is not the RMS of the residuals", (suspect,))
@@ -293,21 +283,14 @@ def _large(table: Table, residuals: Sequence[_Residuals]) -> Iterator[Misprint]:
 
 def _ratios(residuals: _Residuals) -> tuple[FloatArray, FloatArray]:
     """Return the smallest and largest |residual| / sigma (n,) that print as residuals and sigmas do."""
-    size, half = _with_halves(residuals.values)
-    sigma, half_sigma = _with_halves(residuals.sigmas)
+    size, half = residuals.cells.numbers
+    sigma, half_sigma = residuals.sigmas.numbers
     size = np.abs(size)
     is_bounded = np.isfinite(size) & (sigma > half_sigma)
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = (size - half) / (sigma + half_sigma), (size + half) / (sigma - half_sigma)
-    beyond = np.array([math.inf if text else 0.0 for text in residuals.texts])  # what is no number may be any
+    beyond = np.where(residuals.cells.is_blank, 0.0, math.inf)  # what is no number may be any
     return np.where(is_bounded, low, 0.0), np.where(is_bounded, high, beyond)
-
-
-def _with_halves(cells: Sequence[Printed | None]) -> tuple[FloatArray, FloatArray]:
-    """Return the values (n,) and half the last digits (n,) of cells, NaN where there is no number."""
-    pairs = [(math.nan, math.nan) if cell is None else cell[:2] for cell in cells]
-    values, halves = np.array(pairs, dtype=float).reshape(-1, 2).T
-    return values, halves
 
 
 def _depths(listing: Listing) -> Iterator[Misprint]:
@@ -340,6 +323,9 @@ def _submerged_heights(listing: Listing) -> Iterator[Misprint]:
         cells = level[point], depth[point], height[point]
         by_depth = level[point].value - depth[point].value
         if depths is not None and abs(by_depth - height[point].value) > sum(cell.half for cell in cells):
-            message = f"height {height[point].text}, by water level and depth {by_depth:.3f}"
-            line = depths.lines[depths.columns["Point"].index(point)]
-            yield Misprint(line, depths.name, f"point {point}", message)
+            points, heights = depths.columns["Point"], depths.columns["Height"]
+            text = next(
+                text for name, text in zip(points[::-1], heights[::-1], strict=True) if name == point and text
+            )
+            message = f"height {text}, by water level and depth {by_depth:.3f}"
+            yield Misprint(depths.lines[points.index(point)], depths.name, f"point {point}", message)

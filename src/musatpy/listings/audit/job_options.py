@@ -40,6 +40,8 @@ def options_of(lines: Sequence[Line], notes: Notes) -> dict[str, str]:
     options: dict[str, str] = {}
     name = ""
     for line in lines:
+        if not line.canonical and not name:
+            continue
         text = line.text.expandtabs() if "\t" in line.text else line.text
         dotted = " .." in text and bool(line.canonical)
         row = _ROW.match(text) if dotted else None
@@ -90,7 +92,7 @@ def missing_in(options: dict[str, str]) -> Iterator[str]:
     yield from (name for name in (INITIAL, *_NUMBERS) if name not in options)
 
 
-def undetermined_in(lines: Sequence[Line]) -> tuple[str, ...]:
+def undetermined_in(worded: Sequence[Line]) -> tuple[str, ...]:
     """Return the points that a listing says to have no position."""
-    matches = (_UNDETERMINED.match(line.text) for line in lines if "not determined" in line.text)
+    matches = (_UNDETERMINED.match(line.text) for line in worded if "not determined" in line.text)
     return tuple(match["name"] for match in matches if match)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from musatpy.listings.audit.cross_checks import number
+from musatpy.listings.audit.columns import number
 from musatpy.listings.audit.headings import AUDITED, MATRIX_AXES, OWN_SIGMAS, PLACES, TURNS, Audited
 from musatpy.listings.audit.job_options import FREEDOM, SIGMA0
 from musatpy.listings.audit.quantities import LOCAL_VERTICAL, NATIVE, SAME, Key, Quantity

@@ -12,14 +12,13 @@ from musatpy.listings.audit.spelling import canonical
 _OURS = canonical("MUSATPY")
 
 
-def note_pages(text: str, notes: Notes) -> None:
+def note_pages(rows: Sequence[str], notes: Notes) -> None:
     """Note pages that are missing, there twice or not in their order, and rows that are too wide.
 
     A page 1 begins another run.
     Headers of other programs tell nothing: their pages need not be numbered so.
     """
     before: int | None = None
-    rows = text.split("\n")
     wide = enumerate(rows, start=1) if max(map(len, rows)) > WIDEST else ()
     for number, row in wide:
         if len(row := row.rstrip()) > WIDEST:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from musatpy.listings.audit.cells import printed, words_of
 from musatpy.listings.audit.notes import Notes, labelled
 from musatpy.listings.audit.scan import Line, StandardReport
-from musatpy.listings.audit.spelling import canonical, required
+from musatpy.listings.audit.spelling import any_of, canonical, required
 from musatpy.listings.audit.structures import PlateTable, Printed, RepairKind
 
 _POINTS = "(?:Points|Pts)"
@@ -24,7 +24,7 @@ AXES = ("x", "y")
 RMS_LABELS = {(group, axis): f"RMS of {points} {axis}" for group, points in GROUPS.items() for axis in AXES}
 _STAR_LABELS = {group: f"Frame With Max RMS {points}" for group, points in GROUPS.items()}
 _FRAME, _WITH = "Frame", canonical("With")
-_REQUIRED = {required(label) for label in (*RMS_LABELS.values(), *_STAR_LABELS.values(), _FRAME)}
+_HAS_LABEL = any_of(required(label) for label in (*RMS_LABELS.values(), *_STAR_LABELS.values(), _FRAME))
 _PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings
 _TORN_STAR = re.compile(r"\*{1,3}")
@@ -58,7 +58,7 @@ def _together(first: PlateTable, second: PlateTable) -> PlateTable:
 
 def _with_labels(report: StandardReport) -> StandardReport:
     """Return a report without the lines that none of its labels can stand on: there are many up to the next one."""
-    lines = (line for line in report.lines if any(letters in line.canonical for letters in _REQUIRED))
+    lines = (line for line in report.lines if line.canonical and _HAS_LABEL(line.canonical))
     return replace(report, lines=tuple(lines))
 
 

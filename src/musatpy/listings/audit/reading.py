@@ -43,8 +43,10 @@ def read_listing(path: Path | str) -> Listing:
 def listing_of(text: str, name: str) -> Listing:
     """Return what the text of a listing says; raises `MusatError` where it has none of the standard reports."""
     notes = Notes(name)
-    note_pages(text, notes)
-    runs = [_run(lines, notes) for lines in runs_of(lines_of(text))]
+    # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
+    rows = text.replace("\r\n", "\n").split("\n")
+    note_pages(rows, notes)
+    runs = [_run(lines, notes) for lines in runs_of(lines_of(rows))]
     if not any(run.analyses or run.plates or run.submerged or _known(run) for run in runs) and not notes.unreadable:
         raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")
     return replace(
@@ -64,12 +66,13 @@ def _known(run: Listing) -> bool:
 def _run(lines: Sequence[Line], notes: Notes) -> Listing:
     """Return what one run says; its repairs and problems are noted."""
     notes.ids.clear()
+    worded = [line for line in lines if line.canonical]
     tables = tables_of(lines, notes)  # first: it knows the ids
     reports = list(standard_reports(lines, notes.repairs))
     analyses = [read_analysis(report, notes) for report in reports if report.kind not in ("plates", "submerged")]
     plates = read_plates([report for report in reports if report.kind == "plates"], notes)
     submerged = read_submerged([report for report in reports if report.kind == "submerged"], notes)
-    whole = whole_tables(tables, lines)
+    whole = whole_tables(tables, worded)
     listing = Listing(
         name=notes.file,
         options=options_of(lines, notes),
@@ -77,13 +80,13 @@ def _run(lines: Sequence[Line], notes: Notes) -> Listing:
         plates=tuple(plates),
         submerged=tuple(submerged),
         tables=whole,
-        undetermined=undetermined_in(lines),
+        undetermined=undetermined_in(worded),
         repairs=(),
         unreadable=(),
         cut=len(whole) < len(tables),
     )
     known = listing.rows | notes.titled | {problem.line or 0 for problem in notes.unreadable}
-    note_untitled(lines, known, notes)
+    note_untitled(worded, known, notes)
     _note_missing(listing, lines, notes)
     return listing
 

@@ -7,16 +7,19 @@ belongs to the column that it stands in most.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
-from itertools import chain, pairwise, zip_longest
+from itertools import chain, groupby, pairwise, zip_longest
+from operator import itemgetter
 from typing import NamedTuple
 
 from musatpy.errors import Problem
 from musatpy.listings.audit.cells import Kind, all_are, read_cells
+from musatpy.listings.audit.columns import Cells, Spans, sliced
 from musatpy.listings.audit.headings import audited_tables, names_of, put_right
 from musatpy.listings.audit.notes import Notes
 from musatpy.listings.audit.scan import Line
@@ -43,7 +46,6 @@ JOB_HEADING, JOB_ROWS = "Points", ("triangulated", "not triangulated", "all")  #
 _JOB_WORDS = {canonical(word): word for word in JOB_ROWS}
 _NUMBERS = 0.4  # of the words of a row at least have a digit
 _MARKS = ("*", '"')  # of our tables, a large residual and arc seconds; no stray characters
-Spans = tuple[tuple[int, int], ...]  # columns of print
 # How titles of our listings begin; those of the tables that the audit uses are taken whole.
 BEGINNINGS = ("Blunders: ", "Input: ", "Passes Of ", "Plate Reduction: ", "Statistics: ", "Water: ")
 
@@ -72,24 +74,45 @@ class _Raw:
     headings: tuple[str, ...]
     units: tuple[str, ...]
     right: tuple[bool, ...]  # headings that end where their column does: those of numbers
-    rows: list[Line]
-    cells: list[list[str]]  # of each column
-    loose: list[int]  # rows that do not stand in their columns: each word is in the column that it stands in most
-
-    def add(self, page: _Raw) -> None:
-        """Add the rows of another page."""
-        self.loose.extend(len(self.rows) + n for n in page.loose)
-        self.rows.extend(page.rows)
-        for column, cells in zip(self.cells, page.cells, strict=True):
-            column.extend(cells)
+    pages: list[tuple[Spans, list[Line]]]  # the columns of each page, and its rows
 
     @cached_property
-    def columns(self) -> list[list[str]]:
+    def rows(self) -> list[Line]:
+        """The rows of all pages."""
+        return list(chain.from_iterable(rows for _, rows in self.pages))
+
+    @cached_property
+    def cells(self) -> list[Cells]:
+        """The cells of each column."""
+        return self._parted[0]
+
+    @property
+    def loose(self) -> list[int]:
+        """Which rows do not stand in their columns: each word is in the column that it stands in most."""
+        return self._parted[1]
+
+    @cached_property
+    def columns(self) -> list[Cells]:
         """The cells of each column, of the rows that stand in their columns."""
         if not self.loose:
             return self.cells
         loose = set(self.loose)
-        return [[cell for n, cell in enumerate(column) if n not in loose] for column in self.cells]
+        return [Cells([cell for n, cell in enumerate(column) if n not in loose]) for column in self.cells]
+
+    @cached_property
+    def _parted(self) -> tuple[list[Cells], list[int]]:
+        parts: list[list[Cells]] = []
+        loose: list[int] = []
+        done = 0
+        for spans, pages in groupby(self.pages, key=itemgetter(0)):  # most tables have one set of columns
+            rows = [line.text for _, lines in pages for line in lines]
+            columns, others = _cells(rows, spans)
+            parts.append(columns)
+            loose += [done + n for n in others]
+            done += len(rows)
+        if len(parts) == 1:
+            return parts[0], loose
+        return [Cells(list(chain.from_iterable(column))) for column in zip(*parts, strict=True)], loose
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +144,7 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
         if before and len(before.headings) != len(table.headings):
             notes.lost(line, f"a page of '{table.title}' that has other columns than the page before")
         elif before:
-            before.add(table)
+            before.pages.extend(table.pages)
             continue
         headings = put_right(table.title, table.head, table.headings, notes)
         tables.append(replace(table, headings=headings))
@@ -133,10 +156,10 @@ def tables_of(lines: Sequence[Line], notes: Notes) -> list[Table]:
     return [_table(*table, words, notes) for table in with_columns]
 
 
-def whole_tables(tables: Sequence[Table], lines: Sequence[Line]) -> tuple[Table, ...]:
+def whole_tables(tables: Sequence[Table], worded: Sequence[Line]) -> tuple[Table, ...]:
     """Return the tables without those that a brief listing has cut to their worst rows."""
-    cuts = [line.number for line in lines if CUT.match(line.text)]
-    ends = [table.line for table in tables[1:]] + [lines[-1].number + 1]
+    cuts = [line.number for line in worded if CUT.match(line.text)]
+    ends = [*(table.line for table in tables[1:]), math.inf]
     return tuple(
         table
         for table, end in zip(tables, ends, strict=False)
@@ -159,8 +182,6 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         top -= 1
     head = _headed(lines[at].text, tuple(line.text for line in lines[top:at]))
     above = next((lines[n] for n in range(top - 1, -1, -1) if lines[n].text), lines[at])
-    rows = list(_rows(lines, at + 1, head.spans))
-    cells, loose = _cells(rows, head.spans)
     return _Raw(
         title=above.text.strip(),
         line=above.number,
@@ -168,9 +189,7 @@ def _raw(lines: Sequence[Line], at: int) -> _Raw:
         headings=head.headings,
         units=head.units,
         right=head.right,
-        rows=rows,
-        cells=cells,
-        loose=loose,
+        pages=[(head.spans, list(_rows(lines, at + 1, head.spans)))],
     )
 
 
@@ -224,18 +243,21 @@ def _ends(line: Line, before: Line, spans: Spans) -> bool:
     return sum(bool(re.search(r"\d", word)) for word in words) < _NUMBERS * len(words)
 
 
-def _cells(rows: Sequence[Line], spans: Spans) -> tuple[list[list[str]], list[int]]:
+def _cells(rows: Sequence[str], spans: Spans) -> tuple[list[Cells], list[int]]:
     """Return the cells of each column, and which rows do not stand in the columns."""
-    row, width = _in_columns(spans), spans[-1][1]
-    texts = [line.text.ljust(width) for line in rows]
-    if all_are(row.pattern, texts):
-        return [[text[start:end].strip() for text in texts] for start, end in spans], []
+    width = spans[-1][1]
+    texts = [row.ljust(width) for row in rows]
+    columns = sliced(texts, spans)
+    if columns is not None:
+        return columns, []
+    row = _in_columns(spans)
     are_loose = [row.fullmatch(text) is None for text in texts]
     cells = [
         _parted(text, spans) if is_loose else [text[start:end].strip() for start, end in spans]
         for text, is_loose in zip(texts, are_loose, strict=True)
     ]
-    return list(map(list, zip(*cells, strict=True))), [n for n, is_loose in enumerate(are_loose) if is_loose]
+    columns = [Cells(column) for column in zip(*cells, strict=True)]
+    return columns, [n for n, is_loose in enumerate(are_loose) if is_loose]
 
 
 @lru_cache(maxsize=64)
@@ -256,7 +278,7 @@ def _titled(raw: _Raw, notes: Notes) -> tuple[_Raw, bool]:
         if noisy:
             read = title if title.startswith(beginning) else beginning + title[noisy.end() :]
             break
-    if read is None and raw.rows:
+    if read is None and raw.pages[0][1]:
         notes.lost(Line(raw.line, raw.title), f"a table under the unknown title '{raw.title}'")
     whole = (title if read is None else read) + _CONTINUED * continued
     if whole != raw.title:
@@ -298,11 +320,13 @@ class _Words:
         return {word for name in ("Photo", "Point") for word, n in self._counts.get(name, {}).items() if n > 1}
 
 
-def _column(heading: str, unit: str, right: bool, column: Sequence[str]) -> _Column:
+def _column(heading: str, unit: str, right: bool, column: Cells) -> _Column:
     """Return what a column of a table holds."""
-    cells = [cell for cell in column if cell]
     if heading.split(" ")[0] in _NAMES:
         return _Column(heading=heading, kind=None, decimals=None)
+    if column.decimals is not None:
+        return _Column(heading=heading, kind="number", decimals=column.decimals)
+    cells = [cell for cell in column if cell]
     likely = {name: pattern for name, pattern in _KINDS.items() if cells and pattern.fullmatch(cells[0])}
     kinds = [name for name, pattern in likely.items() if all_are(pattern.pattern, cells)]
     if not kinds:
@@ -336,9 +360,11 @@ def _decimals(cell: str) -> int:
 def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes) -> Table:
     """Return a table; a cell that is not legible is noted, and blank."""
     illegible: dict[int, set[str]] = {}
+    put_right = []
     for column, cells, standing in zip(columns, raw.cells, raw.columns, strict=True):
         doubtful = _doubtful(column, standing, words)
         rows = [n for n, cell in enumerate(cells) if cell in doubtful] if doubtful else []
+        repaired = list(cells) if rows or raw.loose else []
         for n in sorted({*rows, *raw.loose}):
             line, text = raw.rows[n], cells[n]
             read = _cell(line.number, column, text, words, notes)
@@ -348,21 +374,24 @@ def _table(raw: _Raw, columns: tuple[_Column, ...], words: _Words, notes: Notes)
                 notes.unreadable.append(
                     Problem(file=notes.file, line=line.number, found=text, expected=expected, text=line.text)
                 )
-            cells[n] = read or ""
+            repaired[n] = read or ""
+        put_right.append(Cells(repaired) if repaired else cells)
     return Table(
         title=raw.title,
         line=raw.line,
         headings=raw.headings,
         units=raw.units,
         lines=[line.number for line in raw.rows],
-        columns=dict(zip(raw.headings, raw.cells, strict=True)),
+        columns=dict(zip(raw.headings, put_right, strict=True)),
         illegible_cells={line: frozenset(headings) for line, headings in illegible.items()},
     )
 
 
-def _doubtful(column: _Column, cells: Sequence[str], words: _Words) -> set[str]:
+def _doubtful(column: _Column, cells: Cells, words: _Words) -> set[str]:
     """Return the cells of a column that are not to be read as they stand, or of which something is to be noted."""
     kind, decimals = column.kind, column.decimals
+    if kind and decimals is not None and decimals == cells.decimals:
+        return set()
     if kind and decimals is not None and all_are(rf"|\*+|{_exactly(kind, decimals)}", cells):
         return set()
     rare = words.rare(column, set(cells)) if column.name in _NAMES else set(cells)

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 from itertools import chain, count, pairwise
 from typing import NamedTuple
 
-from musatpy.listings.audit.spelling import canonical, canonical_rows, noisy_pattern, pattern, required, respelt
+from musatpy.listings.audit.spelling import (
+    any_of,
+    canonical,
+    canonical_rows,
+    noisy_pattern,
+    pattern,
+    required,
+    respelt,
+)
 from musatpy.listings.audit.structures import Repair
 from musatpy.listings.lines import SKIPPED
 
@@ -23,6 +31,7 @@ _TITLES = (
     ("submerged", "Comparison of Computed", r"(?=.*[CG]\W?[oO0]\W?[oO0]\W?rd)"),
 )
 _REQUIRED = {title: required(title) for _, title, _ in _TITLES}
+_HAS_TITLE = any_of(_REQUIRED.values())
 _ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
 _OURS = canonical("AEROTRIANGULATION")  # the first title behind it
 _RUNS = ((False, ("No Refraction Correction", "Standard")), (True, ("Refraction Correction Applied", "Modified")))
@@ -49,17 +58,16 @@ class StandardReport:
     lines: tuple[Line, ...]
 
 
-def lines_of(text: str) -> list[Line]:
-    """Return the lines of a listing; page headers are blank, form feeds gone, carriage control is carried out.
+def lines_of(rows: Sequence[str]) -> list[Line]:
+    """Return the rows as lines: page headers are blank, form feeds gone, carriage control is carried out.
 
     What is wider than `WIDEST` is blank too: no row of print.
     """
-    # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
-    rows = text.replace("\f", "").replace("\r\n", "\n").split("\n")
+    rows = [row.replace("\f", "") if "\f" in row else row for row in rows]
     printed = [row for row in rows if row]
     controlled = bool(printed) and printed[0].startswith("1") and all(row[0] in SKIPPED for row in printed)
     skipped = [SKIPPED[row[0]] if row else 0 for row in rows] if controlled else []
-    rows = [row[controlled:].rstrip() for row in rows]
+    rows = [row[1:].rstrip() for row in rows] if controlled else [row.rstrip() for row in rows]
     rows = ["" if len(row) > WIDEST or ("PAGE" in row and PAGE_HEADER.search(row)) else row for row in rows]
     lines = list(map(Line, count(1), rows, canonical_rows(rows)))
     if not controlled:
@@ -73,23 +81,14 @@ def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
 
     Pages with the answer and the index of one are left out: they have no tables of their own.
     """
-    lines = _without_answers(lines)
-    starts = [at for at, line in enumerate(lines) if starts_ours(line)]
-    runs = [list(lines[first:last]) for first, last in pairwise([0, *starts, len(lines)])]
-    return [run for run in runs if any(line.text for line in run)] or [list(lines)]
-
-
-def _without_answers(lines: Sequence[Line]) -> list[Line]:
-    """Return the lines, blank from the title of each page 1 to the first title behind it."""
+    titles = [(at, line.canonical) for at, line in enumerate(lines) if line.canonical in (_ANSWER, _OURS)]
     blanked = list(lines)
-    held: int | None = None
-    for at, line in enumerate(lines):
-        if line.canonical == _ANSWER:
-            held = at
-        elif line.canonical == _OURS and held is not None:
-            blanked[held:at] = [Line(blank.number, "") for blank in lines[held:at]]
-            held = None
-    return blanked
+    for (first, title), (last, following) in pairwise(titles):
+        if (title, following) == (_ANSWER, _OURS):
+            blanked[first:last] = [Line(blank.number, "") for blank in lines[first:last]]
+    starts = [at for at, title in titles if title == _OURS]
+    runs = [blanked[first:last] for first, last in pairwise([0, *starts, len(lines)])]
+    return [run for run in runs if any(line.text for line in run)] or [blanked]
 
 
 def starts_ours(line: Line) -> bool:
@@ -102,7 +101,8 @@ def standard_reports(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[S
 
     Repairs of titles are added to `repairs`.
     """
-    starts = [(at, kind) for at, line in enumerate(lines) if line.canonical and (kind := _kind(line, repairs))]
+    likely = [(at, line) for at, line in enumerate(lines) if line.canonical and _HAS_TITLE(line.canonical)]
+    starts = [(at, kind) for at, line in likely if (kind := _kind(line, repairs))]
     for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
         title = lines[at : min(at + _NEAR, end)]
         yield StandardReport(

@@ -6,7 +6,7 @@ Noise is what `words` repairs in numbers: 1 and 0 as letters or letters as these
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 
 from musatpy.listings.audit.structures import Repair, RepairKind
@@ -15,7 +15,8 @@ _LIKE = {**dict.fromkeys("liI1|!", "[liI1|!]"), **dict.fromkeys("oO0", "[oO0]")}
 _SAME = str.maketrans("liI|!Oo", "1111100")
 # The same, letters and digits alone: of ASCII at one go, of which most listings are.
 _BARE = {n: None for n in range(128) if not chr(n).isalnum()} | _SAME
-_BARE_ROWS = {letter: same for letter, same in _BARE.items() if letter != ord("\n")}
+_BARE_ROWS = "".join(map(chr, range(128))).casefold().translate(_SAME).encode("ascii").ljust(256)
+_NO_LETTERS = bytes(n for n, same in _BARE.items() if same is None and n != ord("\n"))
 _NO_LETTER = re.compile(r"[\W_]+")
 _BETWEEN = r"[\W_]?"  # one stray character, or a break
 _LEAST = 4  # letters that tell whether it is worth while to look for all
@@ -32,7 +33,7 @@ def canonical_rows(rows: Sequence[str]) -> list[str]:
     """Return the canonical form of each row, nothing where it has no letter but what noise makes of digits."""
     text = "\n".join(rows)
     if text.isascii():  # of most listings: all rows at one go
-        found = text.casefold().translate(_BARE_ROWS).casefold().split("\n")
+        found = text.encode("ascii").translate(_BARE_ROWS, _NO_LETTERS).decode("ascii").split("\n")
     else:
         found = [lookalike(row.casefold()) for row in rows]
     return ["" if row.isdecimal() else row for row in found]
@@ -81,6 +82,11 @@ def required(phrase: str) -> str:
     while "(" in phrase:
         phrase = re.sub(r"\(\?:[^()]*\)\??", " ", phrase)
     return canonical(max(phrase.split(), key=len)[:_LEAST])
+
+
+def any_of(letters: Iterable[str]) -> Callable[[str], object]:
+    """Return what tells whether a canonical form has some of several letters: in one look, as lines are many."""
+    return re.compile("|".join(map(re.escape, set(letters)))).search
 
 
 def respelt(line: int, printed: str, read: str) -> Iterator[Repair]:

@@ -6,9 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from musatpy.errors import Problem
+
+if TYPE_CHECKING:
+    from musatpy.listings.audit.columns import Cells  # whose numbers are printed ones
 
 
 class RepairKind(StrEnum):
@@ -125,7 +128,7 @@ class Table:
     headings: tuple[str, ...]
     units: tuple[str, ...]  # their lower lines
     lines: Sequence[int]  # of the rows
-    columns: dict[str, list[str]]  # cells of all rows by heading, stripped; blank where they are not legible
+    columns: dict[str, Cells]  # by heading, of all rows
     illegible_cells: dict[int, frozenset[str]]  # line -> headings, where there are any
 
     @property
