@@ -12,6 +12,7 @@ from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_int64, c_void_
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 from scipy.linalg import cython_blas, cython_lapack
 
 from musatpy.arrays import FloatArray
@@ -22,13 +23,17 @@ _ZERO, _ONE, _MINUS_ONE = (byref(c_double(factor)) for factor in (0.0, 1.0, -1.0
 _STEP = byref(_Int(1))
 
 
-def _routine(module: ModuleType, name: str, arguments: int) -> Any:
-    """Return a routine of scipy, to be called with addresses."""
+def _address_of(module: ModuleType, name: str) -> int:
+    """Return the address of a routine of scipy, which takes addresses."""
     capsule = module.__pyx_capi__[name]
     name_of, address_of = pythonapi.PyCapsule_GetName, pythonapi.PyCapsule_GetPointer
     name_of.restype, name_of.argtypes = c_char_p, [py_object]
     address_of.restype, address_of.argtypes = c_void_p, [py_object, c_char_p]
-    return CFUNCTYPE(None, *[c_void_p] * arguments)(address_of(capsule, name_of(capsule)))
+    return address_of(capsule, name_of(capsule))
+
+
+def _routine(module: ModuleType, name: str, arguments: int) -> Any:
+    return CFUNCTYPE(None, *[c_void_p] * arguments)(_address_of(module, name))
 
 
 _dpotrf = _routine(cython_lapack, "dpotrf", 5)
@@ -38,6 +43,12 @@ _dtrsv = _routine(cython_blas, "dtrsv", 8)
 _dsyrk = _routine(cython_blas, "dsyrk", 10)
 _dsymm = _routine(cython_blas, "dsymm", 12)
 _dgemm = _routine(cython_blas, "dgemm", 13)
+# of dpotrf, dpotri, dtrsm, dsyrk, dsymm and dgemm, for compiled kernels
+ROUTINES = np.array(
+    [_address_of(cython_lapack, name) for name in ("dpotrf", "dpotri")]
+    + [_address_of(cython_blas, name) for name in ("dtrsm", "dsyrk", "dsymm", "dgemm")],
+    dtype=np.int64,
+)
 
 
 def _int(number: int) -> Any:

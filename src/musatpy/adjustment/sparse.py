@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from musatpy.adjustment.dense import Columns
 from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_of
 from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.compiled_fronts import CompiledSubtrees
 
 _SHARES = 8  # of the work, which a subtree has one of at most: fewer are left unequal, more leave much above them
 
@@ -143,6 +147,13 @@ class Pattern:
         return Plan.of(self)
 
     @cached_property
+    def compiled(self) -> CompiledSubtrees | None:
+        """The fronts as compiled kernels have them, None where numpy does all."""
+        from musatpy.adjustment.compiled_fronts import CompiledSubtrees  # which is made of patterns
+
+        return CompiledSubtrees.of(self)
+
+    @cached_property
     def eliminated(self) -> IntArray:
         """(v size,) the unknowns in the order of their elimination."""
         return _expand(np.concatenate([front.own for front in self.fronts]), self.size)
@@ -225,15 +236,18 @@ class Plan:
             rows=rows[:, None] + blocks[front, None] * np.arange(size),
         )
 
-    def columns(self, fronts: range, entering: FloatArray) -> list[Columns]:
-        """Return the own columns of some fronts, where blocks (e, size, size) of the plan have entered."""
-        of = self.fronts[fronts.start : fronts.stop]
+    def entered(self, part: range, entering: FloatArray) -> tuple[FloatArray, list[Columns]]:
+        """Return the own columns of some fronts, where blocks (e, size, size) of the plan have entered.
+
+        They are the rows of the first array.
+        """
+        of = self.fronts[part.start : part.stop]
         begin, size = of[0].columns.start, entering.shape[1]
         pairs = slice(of[0].pairs.start, of[-1].pairs.stop)
         store = np.zeros((of[-1].columns.stop - begin, size))
         store[self.rows[pairs] - begin] = entering[pairs]
         own = (store[front.columns.start - begin : front.columns.stop - begin] for front in of)
-        return [Columns(rows.reshape(front.own, front.size).T) for rows, front in zip(own, of, strict=True)]
+        return store, [Columns(rows.reshape(front.own, front.size).T) for rows, front in zip(own, of, strict=True)]
 
     @cached_property
     def stages(self) -> list[list[range]]:
@@ -297,6 +311,12 @@ class Room:
             memory = np.empty(rows * rows)
         return memory[: n * n].reshape(n, n)
 
+    def zeros(self, front: FrontPlan) -> FloatArray:
+        """Return zeros for what a front leaves (n - p, n - p)."""
+        left = self.take(front.size - front.own)
+        left.fill(0.0)
+        return left
+
     def give(self, matrix: FloatArray) -> None:
         """Take back a matrix that nobody looks at any more."""
         memory = matrix.base
@@ -314,10 +334,11 @@ class NotPositiveDefiniteError(Exception):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SparseFactor:
-    """Cholesky factor, front by front."""
+    """Cholesky factor: the own columns of the fronts, and the memory that those of each part of the stages have."""
 
     pattern: Pattern
     columns: tuple[Columns, ...]
+    stores: dict[range, FloatArray]
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Return N^-1 rhs, (v * size,) or (v * size, r)."""
@@ -339,10 +360,15 @@ class SparseFactor:
         plan, size = self.pattern.plan, self.pattern.size
         blocks = np.empty((len(plan.pairs), size, size))
         inverses: dict[int, FloatArray] = {}  # of fronts that have that of their boundary from their parent
-        room = Room()
+        room, compiled = Room(), self.pattern.compiled
 
-        def invert(fronts: range) -> None:
-            for i in reversed(fronts):
+        def invert(part: range) -> None:
+            if compiled is not None and len(part) > 1:
+                root = plan.fronts[part[-1]]
+                Z = inverses.pop(part[-1]) if root.parent >= 0 else room.take(root.size)
+                compiled.invert(part, self.stores[part], Z, blocks)
+                return
+            for i in reversed(part):
                 front = plan.fronts[i]
                 Z = inverses.pop(i) if front.parent >= 0 else room.take(front.size)
                 self.columns[i].invert(Z.T)
@@ -387,16 +413,22 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
     entering = values[plan.pairs]
     entering[plan.turned] = np.swapaxes(entering[plan.turned], 1, 2)
     columns: dict[int, Columns] = {}
+    stores: dict[range, FloatArray] = {}
     updates: dict[int, FloatArray] = {}
-    room = Room()
+    room, compiled = Room(), pattern.compiled
 
-    def eliminate(fronts: range) -> None:
-        columns.update(zip(fronts, plan.columns(fronts, entering), strict=True))
-        for i in fronts:
-            front = plan.fronts[i]
-            updates[i] = room.take(front.size - front.own)
-            updates[i].fill(0.0)
-            for child, runs in front.children:
+    def eliminate(part: range) -> None:
+        stores[part], own = plan.entered(part, entering)
+        columns.update(zip(part, own, strict=True))
+        if compiled is not None and len(part) > 1:
+            updates[part[-1]] = room.zeros(plan.fronts[part[-1]])
+            failed = compiled.eliminate(part, stores[part], updates[part[-1]])
+            if failed >= 0:
+                raise NotPositiveDefiniteError(pattern.fronts[failed].own)
+            return
+        for i in part:
+            updates[i] = room.zeros(plan.fronts[i])
+            for child, runs in plan.fronts[i].children:
                 _add_update(updates[child], runs, columns[i].array.T, updates[i])
                 room.give(updates.pop(child))
             if not columns[i].eliminate(updates[i].T):
@@ -404,7 +436,7 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
 
     for stage in plan.stages:
         deque(side_by_side(eliminate, stage, pattern.order), maxlen=0)
-    return SparseFactor(pattern=pattern, columns=tuple(columns[i] for i in range(len(plan.fronts))))
+    return SparseFactor(pattern=pattern, columns=tuple(columns[i] for i in range(len(plan.fronts))), stores=stores)
 
 
 def _add_update(update: FloatArray, runs: list[tuple[int, int, int]], own: FloatArray, left: FloatArray) -> None:

@@ -6,6 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -33,3 +37,23 @@ def inlined(function: Function) -> Function:
 
     piece.get_call_template = of_variables
     return cast(Function, piece)
+
+
+@intrinsic
+def call(context: Any, routine: Any, arguments: Any) -> Any:
+    """Call a C function without a result at the address `routine` with a tuple of addresses."""
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        pointer = ir.IntType(8).as_pointer()
+        addresses = [builder.inttoptr(value, pointer) for value in cgutils.unpack_tuple(builder, values[1])]
+        kind = ir.FunctionType(ir.VoidType(), [pointer] * len(addresses))
+        builder.call(builder.inttoptr(values[0], kind.as_pointer()), addresses)
+        return context.get_dummy_value()
+
+    return numba.types.void(routine, arguments), code
+
+
+@inlined
+def address(array: Any) -> int:
+    """Return where the elements of an array are: they must outlive its use, which is not seen."""
+    return np.intp(array.ctypes.data)

@@ -1,0 +1,183 @@
+"""Subtrees of the fronts of a sparse factor, each by one call, in which other threads run.
+
+The numpy twins are in `sparse`: the same work, front by front, where threads would wait for one another as often.
+Matrices are in the order of C and have upper halves: for LAPACK, in the order of FORTRAN, lower ones.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+from musatpy.adjustment.kernels.compiling import address, call, compiled, inlined
+from musatpy.arrays import BoolArray, ByteArray, FloatArray, IntArray
+
+
+class Fronts(NamedTuple):
+    """f fronts, and room for what those of a subtree need: as many matrices as it has levels."""
+
+    own: IntArray  # (f,) own unknowns
+    size: IntArray  # (f,)
+    parent: IntArray  # (f,)
+    leaf: BoolArray  # (f,) has no children
+    eldest: BoolArray  # (f,) is the first child of its parent
+    columns: IntArray  # (f,) where the own columns are, as rows of the unknowns of a block
+    runs: IntArray  # (r, 3) of the boundary in the parent: first, last, and first there
+    run: IntArray  # (f + 1,) where those of each begin
+    pairs: IntArray  # (f + 1,) where the blocks of each begin
+    rows: IntArray  # (e, size of a block) of the blocks in the columns
+    left: IntArray  # (f,) where there is room for what it leaves
+    inverse: IntArray  # (f,) where there is room for its inverse
+
+
+class Lapack(NamedTuple):
+    """Addresses of the routines, what they are called with, and four numbers that are written for each call."""
+
+    routines: IntArray  # dpotrf, dpotri, dtrsm, dsyrk, dsymm, dgemm
+    letters: ByteArray  # LRNT
+    factors: FloatArray  # -1, 0, 1
+    numbers: IntArray  # (4,) size of the front, own unknowns, others, failure
+
+
+@inlined
+def _matrix(memory: FloatArray, begin: int, rows: int, columns: int) -> FloatArray:
+    return memory[begin : begin + rows * columns].reshape(rows, columns)
+
+
+@inlined
+def _clear(matrix: FloatArray) -> None:
+    for i in range(len(matrix)):
+        matrix[i, i:] = 0.0
+
+
+@inlined
+def _own(fronts: Fronts, i: int, store: FloatArray, begin: int) -> FloatArray:
+    at = (fronts.columns[i] - begin) * fronts.rows.shape[1]
+    return _matrix(store, at, fronts.own[i], fronts.size[i])
+
+
+@inlined
+def _left(fronts: Fronts, i: int, last: int, room: FloatArray, update: FloatArray) -> FloatArray:
+    others = fronts.size[i] - fronts.own[i]
+    return update if i == last - 1 else _matrix(room, fronts.left[i], others, others)
+
+
+@inlined
+def _inverse(fronts: Fronts, i: int, last: int, room: FloatArray, of_root: FloatArray) -> FloatArray:
+    return of_root if i == last - 1 else _matrix(room, fronts.inverse[i], fronts.size[i], fronts.size[i])
+
+
+@inlined
+def _add_update(update: FloatArray, runs: IntArray, own: FloatArray, left: FloatArray) -> None:
+    """Add what a child leaves, whose boundary has the `runs` in a front, to its rows: `own`, then `left`."""
+    p = len(own)
+    for number in range(len(runs)):
+        first, last, at = runs[number]
+        for i in range(first, last):
+            row = at + i - first
+            for other in range(number, len(runs)):
+                start, end, to = runs[other]
+                if other == number:
+                    start, to = i, row
+                if row < p:
+                    own[row, to : to + end - start] += update[i, start:end]
+                else:
+                    left[row - p, to - p : to - p + end - start] += update[i, start:end]
+
+
+@inlined
+def _hand_down(above: FloatArray, runs: IntArray, inverse: FloatArray, p: int) -> None:
+    """Set the inverse of the boundary of a front, behind its p own unknowns, from that of its parent."""
+    for number in range(len(runs)):
+        first, last, at = runs[number]
+        for i in range(first, last):
+            row = at + i - first
+            for other in range(number, len(runs)):
+                start, end, to = runs[other]
+                if other == number:
+                    start, to = i, row
+                inverse[p + i, p + start : p + end] = above[row, to : to + end - start]
+
+
+@compiled
+def eliminate(
+    first: int, last: int, fronts: Fronts, store: FloatArray, room: FloatArray, update: FloatArray, lapack: Lapack
+) -> int:
+    """Factorise the fronts of a subtree, whose columns `store` has, and add to the `update` that its root leaves.
+
+    Returns the number of the front that is not positive definite, or -1.
+    """
+    potrf, _, trsm, syrk, _, _ = lapack.routines
+    letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
+    L, R, N, T = letters, letters + 1, letters + 2, letters + 3
+    n_, p_, others_, failed_ = numbers, numbers + 8, numbers + 16, numbers + 24
+    minus_one, one = factors, factors + 16
+    begin = fronts.columns[first]
+    for i in range(first, last):
+        n, p = fronts.size[i], fronts.own[i]
+        lapack.numbers[0], lapack.numbers[1], lapack.numbers[2], lapack.numbers[3] = n, p, n - p, 0
+        left = _left(fronts, i, last, room, update)
+        if fronts.leaf[i]:
+            _clear(left)
+        L11 = address(_own(fronts, i, store, begin))
+        L21 = L11 + 8 * p
+        call(potrf, (L, p_, L11, n_, failed_))
+        if lapack.numbers[3] != 0:
+            return i
+        if n > p:
+            call(trsm, (R, L, T, N, others_, p_, one, L11, n_, L21, n_))
+            call(syrk, (L, N, others_, p_, minus_one, L21, n_, one, address(left), others_))
+        if i < last - 1:
+            parent = fronts.parent[i]
+            above = _left(fronts, parent, last, room, update)
+            if fronts.eldest[i]:
+                _clear(above)
+            runs = fronts.runs[fronts.run[i] : fronts.run[i + 1]]
+            _add_update(left, runs, _own(fronts, parent, store, begin), above)
+    return -1
+
+
+@compiled
+def invert(
+    first: int,
+    last: int,
+    fronts: Fronts,
+    store: FloatArray,
+    room: FloatArray,
+    of_root: FloatArray,
+    blocks: FloatArray,
+    lapack: Lapack,
+) -> None:
+    """Set the `blocks` (e, size, size) of the inverse that a subtree has, given that of the boundary of its root."""
+    _, potri, trsm, _, symm, gemm = lapack.routines
+    letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
+    L, R, N, T = letters, letters + 1, letters + 2, letters + 3
+    n_, p_, others_, failed_ = numbers, numbers + 8, numbers + 16, numbers + 24
+    minus_one, zero, one = factors, factors + 8, factors + 16
+    begin, size = fronts.columns[first], fronts.rows.shape[1]
+    for i in range(last - 1, first - 1, -1):
+        n, p = fronts.size[i], fronts.own[i]
+        lapack.numbers[0], lapack.numbers[1], lapack.numbers[2] = n, p, n - p
+        inverse = _inverse(fronts, i, last, room, of_root)
+        if i < last - 1:
+            above = _inverse(fronts, fronts.parent[i], last, room, of_root)
+            _hand_down(above, fronts.runs[fronts.run[i] : fronts.run[i + 1]], inverse, p)
+        own = _own(fronts, i, store, begin)
+        W = _matrix(room, 0, p, n - p)
+        inverse[:p] = own
+        W[:] = own[:, p:]
+        Z11, of_W = address(inverse), address(W)
+        Z21 = Z11 + 8 * p
+        if n > p:
+            Z22 = Z21 + 8 * p * n
+            call(trsm, (R, L, N, N, others_, p_, one, address(own), n_, of_W, others_))
+            call(symm, (L, L, others_, p_, minus_one, Z22, n_, of_W, others_, zero, Z21, n_))
+        call(potri, (L, p_, Z11, n_, failed_))
+        if n > p:
+            call(gemm, (T, N, p_, p_, others_, minus_one, of_W, others_, Z21, n_, one, Z11, n_))
+        for e in range(fronts.pairs[i], fronts.pairs[i + 1]):
+            for a in range(size):
+                at = (fronts.rows[e, a] - fronts.columns[i]) * size
+                row, column = at // n, at % n
+                for b in range(size):
+                    blocks[e, a, b] = inverse[row, column + b]
