@@ -41,7 +41,7 @@ class Measured(NamedTuple):
     start: IntArray  # (k + 1,)
     photo: IntArray  # (r,)
     xy: FloatArray  # (r, 2) mm
-    weight: FloatArray  # (r, 2) 1/mm2
+    root: FloatArray  # (r, 2) 1/mm, of the weights
     ground: FloatArray  # (g, 3) working
 
 
@@ -181,13 +181,14 @@ def _image(r: int, k: int, at: Measured, stations: Stations, by_station: bool, r
     x = stations.M[n, 0, 0] * v0 + stations.M[n, 0, 1] * v1 + stations.M[n, 0, 2] * v2
     y = stations.M[n, 1, 0] * v0 + stations.M[n, 1, 1] * v1 + stations.M[n, 1, 2] * v2
     depth = stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2
-    scale, of_depth = -stations.focal_length[n] / depth, cosine * x - sine * y
+    inverse = 1.0 / depth
+    scale, of_depth = -stations.focal_length[n] * inverse, cosine * x - sine * y
     turned0 = v1 * stations.axes[n, 0, 2] - v2 * stations.axes[n, 0, 1]  # v x east, about which omega turns
     turned1 = v2 * stations.axes[n, 0, 0] - v0 * stations.axes[n, 0, 2]
     turned2 = v0 * stations.axes[n, 0, 1] - v1 * stations.axes[n, 0, 0]
     for c in range(2):
         image = x if c == 0 else y
-        root, ratio = math.sqrt(at.weight[r, c]), image / depth
+        root, ratio = at.root[r, c], image * inverse
         factor = scale * root
         room.residual[k, c] = (scale * image + stations.principal_point[n, c] - at.xy[r, c]) * root
         b0 = factor * (stations.M[n, c, 0] - ratio * stations.M[n, 2, 0])
@@ -449,7 +450,8 @@ def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out:
         total, g = 0.0, at.point[p]
         for r in range(at.start[p], at.start[p + 1]):
             x, y, seen = _off(r, g, at, stations, water, vector)
-            total += x * x * at.weight[r, 0] + y * y * at.weight[r, 1]
+            x, y = x * at.root[r, 0], y * at.root[r, 1]
+            total += x * x + y * y
             if not seen:
                 total = np.inf
         out[g] = total if total < np.inf else np.inf
