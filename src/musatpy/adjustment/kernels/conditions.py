@@ -3,10 +3,10 @@
 The numpy twins are `pass_points.conditions` and `pass_points.add_full`, `geometry.coplanarity`, and
 `ground.settle_group`.
 
-Conditions are linearised at the adjusted images of a point, whose rays meet there. An image moves its ray, where it
-meets the others, by the inverse of the partials of the image by the point; what this does to the conditions are their
-partials G. They hold wherever stations are, as long as the images follow these: g(l(s), s) = 0, so that the partials
-by the stations are -G A, with those of the images. Rays through water are no others than straight ones.
+Conditions are linearised at the adjusted images of a point, whose rays meet there. An image moves its ray, where
+it meets the others, by the inverse of the partials of the image by the point; what this does to the conditions are
+their partials G. They hold wherever stations are, as long as the images follow these: g(l(s), s) = 0, so that the
+partials by the stations are -G A, A those of the images. Rays through water are no others than straight ones.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _coplanarity(row: int, ray: int, of: Conditions) -> None:
 
 @inlined
 def _slide(ray: int, along: int, of: Conditions, to: int) -> None:
-    """Set by what shift of a ray the point moves where it comes nearest to another, in units of the direction of this."""
+    """Set the vector whose product with a shift of a ray is how far along another one their meeting slides."""
     _cross(of.u, ray, of.u, along, of.vectors, to)
     scale = 1.0 / _dot(of.vectors, to, of.vectors, to)
     _cross(of.vectors, to, of.u, ray, of.vectors, to)
@@ -166,7 +166,7 @@ def add_conditions(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, pairs: Pairs, matrix: bool,
     sums: Sums,
 ) -> None:  # fmt: skip
-    """Add the conditions of points of which nothing is known, linearised at their adjusted images, with full weights.
+    """Add the conditions of points of which nothing is known, at their adjusted images, with full weights.
 
     g - G A dx + G v = 0 has the normal equations A'G'(G Q G')^-1 G A: `pass_points.add_full`; without `matrix` the
     right sides only.

@@ -43,7 +43,7 @@ class Spread(NamedTuple):
 
 @inlined
 def _of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
-    """Set the diagonal C (m, 2) of A Q A', the cofactors of the images of a point by their stations, and D = A Q A' Y."""
+    """Set the diagonal C (m, 2) of A Q A', cofactors of its images by their stations, and D = A Q A' Y."""
     pair, A, Y = pairs.start[p], room.A, room.Y
     for k in range(m):
         for c in range(2):
