@@ -43,10 +43,12 @@ def split(network: Network, groups: Iterable[PointGroup]) -> tuple[tuple[PointGr
     for group in groups:
         if group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
             others.append(group)
-            continue
-        wet = np.asarray(network.refracted[group.rays].any(axis=1) & unknown)
-        plain += group.some(~wet)
-        others += group.some(wet)
+        elif unknown:
+            wet = network.refracted[group.rays].any(axis=1)
+            plain += group.some(~wet)
+            others += group.some(wet)
+        else:
+            plain.append(group)
     return tuple(plain), tuple(others)
 
 
@@ -93,13 +95,13 @@ class CompiledRows:
 
     def measured(self, ground: FloatArray) -> points.Measured:
         """Return the images of the points of the sequence, which are at `ground` (p, 3)."""
-        xy, weight = self.sequence.images(self.network.xy, self.network.weight)
+        xy, root = self.sequence.images(self.network.xy, self.network.weight)
         at: points.Measured = self.kernels.Measured(
             point=self.sequence.point,
             start=self.sequence.start,
             photo=self.sequence.photo,
             xy=xy,
-            weight=weight,
+            root=root,
             ground=ground,
         )
         return at
@@ -217,12 +219,12 @@ class CompiledPoints(CompiledRows):
     others: tuple[PointGroup, ...]
 
     @classmethod
-    def of(cls, network: Network) -> CompiledPoints | None:
-        """Return the points of a network, None where numpy does all."""
+    def of(cls, network: Network, groups: Iterable[PointGroup]) -> CompiledPoints | None:
+        """Return those of groups of a network, None where numpy does all."""
         kernels = compiled_points(network.photos)
         if kernels is None:
             return None
-        plain, others = split(network, network.groups)
+        plain, others = split(network, groups)
         return cls(kernels=kernels, network=network, groups=plain, others=others)
 
     def add_eliminated(

@@ -324,7 +324,7 @@ def nearest_ground(network: Network, state: State, group: PointGroup, mean_heigh
 
 
 def _cut(network: Network, origin: FloatArray, direction: FloatArray, height: FloatArray) -> FloatArray:
-    """Return the points of single rays at given heights; up to three steps along the ray follow a curved surface."""
+    """Return the points of single rays at given heights; steps along the ray, three at most, follow the surface."""
     X = origin
     for _ in range(3):
         up, above = network.frame.vertical(X)

@@ -126,7 +126,7 @@ class Network:
         """Its points for compiled kernels; None where numpy does all."""
         from musatpy.adjustment.compiled_points import CompiledPoints  # which is made of networks
 
-        return CompiledPoints.of(self)
+        return CompiledPoints.of(self, self.groups)
 
     def sequence(self, kernels: ModuleType) -> PointSequence:
         """Return the points that are eliminated one after the other, for compiled kernels."""

@@ -65,11 +65,15 @@ class PointSequence:
         return cls(point=point, row=row, start=start, rays=rays, photo=photo, pairs=pairs, first_pair=first)
 
     def images(self, xy: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return those (r, 2) of the rays, of measured images and weights (m, 2): networks have these in common."""
-        for name, values in (("xy", xy), ("weight", weight)):
-            if self._images.get(f"all {name}") is not values:
-                self._images[f"all {name}"], self._images[name] = values, values[self.rays]
-        return self._images["xy"], self._images["weight"]
+        """Return the images (r, 2) of the rays and the roots (r, 2) of their weights, of those measured (m, 2).
+
+        Networks have these in common.
+        """
+        if self._images.get("all xy") is not xy:
+            self._images["all xy"], self._images["xy"] = xy, xy.take(self.rays, axis=0)
+        if self._images.get("all weights") is not weight:
+            self._images["all weights"], self._images["roots"] = weight, np.sqrt(weight.take(self.rays, axis=0))
+        return self._images["xy"], self._images["roots"]
 
     def rows(self, groups: Iterable[PointGroup]) -> IntArray:
         """Return the rows of the points of groups, ascending."""

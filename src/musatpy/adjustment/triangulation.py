@@ -9,6 +9,7 @@ import numpy as np
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.compiled_conditions import CompiledPassPoints
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
@@ -42,6 +43,11 @@ class Triangulation:
         return CompiledPassPoints.of(self.network)
 
     @cached_property
+    def _control(self) -> CompiledPoints | None:
+        """The points of which something is known, likewise."""
+        return CompiledPoints.of(self.network, self.network.control_groups)
+
+    @cached_property
     def _redundancy(self) -> int:
         return redundancy(self.network)
 
@@ -69,7 +75,11 @@ class Triangulation:
             scale = self.fixed_scale or simple_variances(network, state, self.options.weights)
             for group, variance in zip(network.pass_groups, scale, strict=True):
                 add_weighted(network, group, measured_conditions(network, state, group), variance, normals)
-        for group in network.control_groups:
+        control_groups = network.control_groups
+        if self._control is not None:
+            self._control.add_eliminated(state, normals, kept is None)
+            control_groups = self._control.others
+        for group in control_groups:
             E = eliminate(network, state, group)
             add_collinear(network, group, E, reduced(network, group, E, kept is None), normals)
         add_direct(network, state, normals)

@@ -3,15 +3,14 @@
 The numpy twins are `pass_points.conditions` and `pass_points.add_full`, `geometry.coplanarity`, and
 `ground.settle_group`.
 
-Conditions are linearised at the adjusted images of a point, whose rays meet there. An image moves its ray, where it
-meets the others, by the inverse of the partials of the image by the point; what this does to the conditions are their
-partials G. They hold wherever stations are, as long as the images follow these: g(l(s), s) = 0, so that the partials
-by the stations are -G A, with those of the images. Rays through water are no others than straight ones.
+Conditions are linearised at the adjusted images of a point, whose rays meet there. An image moves its ray, where
+it meets the others, by the inverse of the partials of the image by the point; what this does to the conditions are
+their partials G. They hold wherever stations are, as long as the images follow these: g(l(s), s) = 0, so that the
+partials by the stations are -G A, A those of the images. Rays through water are no others than straight ones.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +40,8 @@ class Conditions(NamedTuple):
     u: FloatArray  # (m, 3) directions of the rays where they meet
     shift: FloatArray  # (2 m, 3) of the rays there, by their images
     G: FloatArray  # (c, 2 m) partials by images
-    w: FloatArray  # (c,) misclosures
+    weight: FloatArray  # (c,)
+    w: FloatArray  # (c,) misclosures in their weights
     vectors: FloatArray  # (2, 3) of one condition
 
 
@@ -49,7 +49,9 @@ class Conditions(NamedTuple):
 def _room(m: int) -> Conditions:
     """Return room for the conditions of any point of up to m rays."""
     c = max(2 * m - 3, 1)
-    return Conditions(np.empty((m, 3)), np.empty((2 * m, 3)), np.empty((c, 2 * m)), np.empty(c), np.empty((2, 3)))
+    return Conditions(
+        np.empty((m, 3)), np.empty((2 * m, 3)), np.empty((c, 2 * m)), np.empty(c), np.empty(c), np.empty((2, 3))
+    )
 
 
 @inlined
@@ -92,7 +94,7 @@ def _coplanarity(row: int, ray: int, of: Conditions) -> None:
 
 @inlined
 def _slide(ray: int, along: int, of: Conditions, to: int) -> None:
-    """Set by what shift of a ray the point moves where it comes nearest to another, in units of the direction of this."""
+    """Set the vector whose product with a shift of a ray is how far along another one their meeting slides."""
     _cross(of.u, ray, of.u, along, of.vectors, to)
     scale = 1.0 / _dot(of.vectors, to, of.vectors, to)
     _cross(of.vectors, to, of.u, ray, of.vectors, to)
@@ -114,25 +116,26 @@ def _scale_restraint(row: int, ray: int, of: Conditions) -> None:
 
 @inlined
 def _weigh(m: int, residual: FloatArray, of: Conditions) -> None:
-    """Replace G by L^-1 G and set w = L^-1 G v, with the Cholesky factor L of G G', row after row.
+    """Replace G by L^-1 G, G G' = L W^-1 L', and set the weights W and w = W L^-1 G v, row after row.
 
-    G is by images in their sigmas. The rows become orthogonal, of length one.
+    G is by images in their sigmas. Its rows become orthogonal.
     """
     for row in range(2 * m - 3):
         for before in range(row):
             along = 0.0
             for a in range(2 * m):
                 along += of.G[row, a] * of.G[before, a]
+            along *= of.weight[before]
             for a in range(2 * m):
                 of.G[row, a] -= along * of.G[before, a]
         square = 0.0
         for a in range(2 * m):
             square += of.G[row, a] * of.G[row, a]
-        scale, of.w[row] = 1.0 / math.sqrt(square), 0.0
+        off = 0.0
         for k in range(m):
-            for b in range(2):
-                of.G[row, 2 * k + b] *= scale
-                of.w[row] += of.G[row, 2 * k + b] * residual[k, b]
+            off += of.G[row, 2 * k] * residual[k, 0] + of.G[row, 2 * k + 1] * residual[k, 1]
+        of.weight[row] = 1.0 / square
+        of.w[row] = off * of.weight[row]
 
 
 @inlined
@@ -148,13 +151,13 @@ def _add(p: int, m: int, at: Measured, room: Room, of: Conditions, sums: Sums) -
 
 @inlined
 def _add_blocks(p: int, m: int, pairs: Pairs, room: Room, of: Conditions, sums: Sums) -> None:
-    """Add A'G'GA of a point to the normal matrix."""
+    """Add A'G'W GA of a point to the normal matrix."""
     pair, G = pairs.start[p], of.G
     for k in range(m):
         for other in range(k, m):
             p00 = p01 = p10 = p11 = 0.0
             for c in range(max(other - 1, 0), 2 * m - 3):  # the coplanarities of the rays before have no part in it
-                x, y = G[c, 2 * k], G[c, 2 * k + 1]
+                x, y = G[c, 2 * k] * of.weight[c], G[c, 2 * k + 1] * of.weight[c]
                 p00, p01 = p00 + x * G[c, 2 * other], p01 + x * G[c, 2 * other + 1]
                 p10, p11 = p10 + y * G[c, 2 * other], p11 + y * G[c, 2 * other + 1]
             add_pair(pairs.slot[pair], k, other, Q, p00, p01, p10, p11, room.A, sums)
@@ -166,7 +169,7 @@ def add_conditions(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, pairs: Pairs, matrix: bool,
     sums: Sums,
 ) -> None:  # fmt: skip
-    """Add the conditions of points of which nothing is known, linearised at their adjusted images, with full weights.
+    """Add the conditions of points of which nothing is known, at their adjusted images, with full weights.
 
     g - G A dx + G v = 0 has the normal equations A'G'(G Q G')^-1 G A: `pass_points.add_full`; without `matrix` the
     right sides only.

@@ -10,7 +10,6 @@ for who calls them, so that threads can share the work.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +40,7 @@ class Measured(NamedTuple):
     start: IntArray  # (k + 1,)
     photo: IntArray  # (r,)
     xy: FloatArray  # (r, 2) mm
-    weight: FloatArray  # (r, 2) 1/mm2
+    root: FloatArray  # (r, 2) 1/mm, of the weights
     ground: FloatArray  # (g, 3) working
 
 
@@ -181,13 +180,14 @@ def _image(r: int, k: int, at: Measured, stations: Stations, by_station: bool, r
     x = stations.M[n, 0, 0] * v0 + stations.M[n, 0, 1] * v1 + stations.M[n, 0, 2] * v2
     y = stations.M[n, 1, 0] * v0 + stations.M[n, 1, 1] * v1 + stations.M[n, 1, 2] * v2
     depth = stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2
-    scale, of_depth = -stations.focal_length[n] / depth, cosine * x - sine * y
+    inverse = 1.0 / depth
+    scale, of_depth = -stations.focal_length[n] * inverse, cosine * x - sine * y
     turned0 = v1 * stations.axes[n, 0, 2] - v2 * stations.axes[n, 0, 1]  # v x east, about which omega turns
     turned1 = v2 * stations.axes[n, 0, 0] - v0 * stations.axes[n, 0, 2]
     turned2 = v0 * stations.axes[n, 0, 1] - v1 * stations.axes[n, 0, 0]
     for c in range(2):
         image = x if c == 0 else y
-        root, ratio = math.sqrt(at.weight[r, c]), image / depth
+        root, ratio = at.root[r, c], image * inverse
         factor = scale * root
         room.residual[k, c] = (scale * image + stations.principal_point[n, c] - at.xy[r, c]) * root
         b0 = factor * (stations.M[n, c, 0] - ratio * stations.M[n, 2, 0])
@@ -239,18 +239,18 @@ def images(
 
 @inlined
 def _inverted(N: FloatArray, out: FloatArray) -> None:
-    """Set `out` to the inverse of a positive matrix N (3, 3), whose lower half counts, by its Cholesky factor."""
-    l00 = 1.0 / math.sqrt(N[0, 0])
-    a, b = N[1, 0] * l00, N[2, 0] * l00
-    l11 = 1.0 / math.sqrt(N[1, 1] - a * a)
-    c = (N[2, 1] - a * b) * l11
-    l22 = 1.0 / math.sqrt(N[2, 2] - b * b - c * c)
-    l10, l21 = -a * l00 * l11, -c * l11 * l22
-    l20 = -(b * l00 + c * l10) * l22
-    out[0, 0], out[1, 1], out[2, 2] = l00 * l00 + l10 * l10 + l20 * l20, l11 * l11 + l21 * l21, l22 * l22
-    out[0, 1] = out[1, 0] = l10 * l11 + l20 * l21
-    out[0, 2] = out[2, 0] = l20 * l22
-    out[1, 2] = out[2, 1] = l21 * l22
+    """Set `out` to the inverse of a positive matrix N (3, 3), whose lower half counts, by its factors L D L'."""
+    d0 = 1.0 / N[0, 0]
+    l10, l20 = N[1, 0] * d0, N[2, 0] * d0
+    d1 = 1.0 / (N[1, 1] - l10 * N[1, 0])
+    rest = N[2, 1] - l20 * N[1, 0]
+    l21 = rest * d1
+    d2 = 1.0 / (N[2, 2] - l20 * N[2, 0] - l21 * rest)
+    corner = l10 * l21 - l20  # of the inverse of L
+    out[0, 0], out[1, 1], out[2, 2] = d0 + l10 * l10 * d1 + corner * corner * d2, d1 + l21 * l21 * d2, d2
+    out[0, 1] = out[1, 0] = -l10 * d1 - corner * l21 * d2
+    out[0, 2] = out[2, 0] = corner * d2
+    out[1, 2] = out[2, 1] = -l21 * d2
 
 
 @inlined
@@ -310,7 +310,7 @@ def weigh(m: int, room: Room) -> None:
 def add_pair(
     e: int, k: int, other: int, size: int, p00: float, p01: float, p10: float, p11: float, A: FloatArray, sums: Sums
 ) -> None:
-    """Add A'PA of two rays to a block of the normal matrix; P (2, 2) weighs the images of one by those of the other."""
+    """Add A'PA of two rays to block e of the normal matrix; P (2, 2) weighs images of one by those of the other."""
     for a in range(size):
         x, y = A[k, 0, a] * p00 + A[k, 1, a] * p10, A[k, 0, a] * p01 + A[k, 1, a] * p11
         for b in range(size):
@@ -449,7 +449,8 @@ def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out:
         total, g = 0.0, at.point[p]
         for r in range(at.start[p], at.start[p + 1]):
             x, y, seen = _off(r, g, at, stations, water, vector)
-            total += x * x * at.weight[r, 0] + y * y * at.weight[r, 1]
+            x, y = x * at.root[r, 0], y * at.root[r, 1]
+            total += x * x + y * y
             if not seen:
                 total = np.inf
         out[g] = total if total < np.inf else np.inf

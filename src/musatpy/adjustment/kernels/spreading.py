@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +43,7 @@ class Spread(NamedTuple):
 
 @inlined
 def _of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
-    """Set the diagonal C (m, 2) of A Q A', the cofactors of the images of a point by their stations, and D = A Q A' Y."""
+    """Set the diagonal C (m, 2) of A Q A', cofactors of its images by their stations, and D = A Q A' Y."""
     pair, A, Y = pairs.start[p], room.A, room.Y
     for k in range(m):
         for c in range(2):
@@ -100,7 +99,7 @@ def _set_images(p: int, m: int, size: int, at: Measured, room: Room, of: Images,
         for a in range(size):
             out.diagonal[n, a] += room.A[k, 0, a] * room.A[k, 0, a] + room.A[k, 1, a] * room.A[k, 1, a]
         for c in range(2):
-            total, root = of.C[k, c], 1.0 / math.sqrt(at.weight[r, c])
+            total, root = of.C[k, c], 1.0 / at.root[r, c]
             for i in range(3):
                 by_station, by_point = of.D[k, c, i], 0.0
                 for j in range(3):
