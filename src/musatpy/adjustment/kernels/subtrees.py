@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-
 from musatpy.adjustment.kernels.compiling import address, call, compiled, inlined
 from musatpy.arrays import BoolArray, ByteArray, FloatArray, IntArray
 
@@ -24,8 +23,10 @@ class Fronts(NamedTuple):
     columns: IntArray  # (f,) where the own columns are, as rows of the unknowns of a block
     runs: IntArray  # (r, 3) of the boundary in the parent: first, last, and first there
     run: IntArray  # (f + 1,) where those of each begin
-    pairs: IntArray  # (f + 1,) where the blocks of each begin
-    rows: IntArray  # (e, size of a block) of the blocks in the columns
+    pairs: IntArray  # (f + 1,) where the blocks of each begin, in the order of the fronts
+    order: IntArray  # (e,) rows of these blocks
+    turned: BoolArray  # (e,) whether they are on the other side of the diagonal
+    rows: IntArray  # (e, size of a block) where they are in the columns
     left: IntArray  # (f,) where there is room for what it leaves
     inverse: IntArray  # (f,) where there is room for its inverse
 
@@ -100,6 +101,18 @@ def _hand_down(above: FloatArray, runs: IntArray, inverse: FloatArray, p: int) -
 
 
 @compiled
+def enter(first: int, last: int, fronts: Fronts, values: FloatArray, memory: FloatArray) -> None:
+    """Let the blocks (e, size, size) of a matrix enter the columns of some fronts (r, size)."""
+    size = fronts.rows.shape[1]
+    for e in range(fronts.pairs[first], fronts.pairs[last]):
+        block = values[fronts.order[e]]
+        for a in range(size):
+            row = memory[fronts.rows[e, a] - fronts.columns[first]]
+            for b in range(size):
+                row[b] = block[b, a] if fronts.turned[e] else block[a, b]
+
+
+@compiled
 def eliminate(
     first: int, last: int, fronts: Fronts, store: FloatArray, room: FloatArray, update: FloatArray, lapack: Lapack
 ) -> int:
@@ -145,10 +158,13 @@ def invert(
     store: FloatArray,
     room: FloatArray,
     of_root: FloatArray,
-    blocks: FloatArray,
+    out: FloatArray,
     lapack: Lapack,
 ) -> None:
-    """Set the `blocks` (e, size, size) of the inverse that a subtree has, given that of the boundary of its root."""
+    """Set the inverse of the root of a subtree, given that of its boundary, and the blocks `out` (e, size, size).
+
+    Of those at the diagonal the upper halves.
+    """
     _, potri, trsm, _, symm, gemm = lapack.routines
     letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
     L, R, N, T = letters, letters + 1, letters + 2, letters + 3
@@ -176,8 +192,11 @@ def invert(
         if n > p:
             call(gemm, (T, N, p_, p_, others_, minus_one, of_W, others_, Z21, n_, one, Z11, n_))
         for e in range(fronts.pairs[i], fronts.pairs[i + 1]):
+            block = out[fronts.order[e]]
             for a in range(size):
-                at = (fronts.rows[e, a] - fronts.columns[i]) * size
-                row, column = at // n, at % n
+                row, column = divmod((fronts.rows[e, a] - fronts.columns[i]) * size, n)
                 for b in range(size):
-                    blocks[e, a, b] = inverse[row, column + b]
+                    if fronts.turned[e]:
+                        block[b, a] = inverse[row, column + b]
+                    else:
+                        block[a, b] = inverse[row, column + b]
