@@ -76,6 +76,7 @@ def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(
     # the matrices are well conditioned: rounding only
     np.testing.assert_allclose(N @ factor.solve(rhs), rhs, atol=1e-10)
     np.testing.assert_allclose(factor.solve(rhs[:, 0]), factor.solve(rhs)[:, 0], atol=1e-14)
+    np.testing.assert_array_equal(factor.solve(np.asfortranarray(rhs)), factor.solve(rhs))
     inverse = np.linalg.inv(N).reshape(count, size, count, size)
     i, j = pattern.pairs.T
     np.testing.assert_allclose(factor.selected_inverse(), inverse[i, :, j], atol=1e-12 * np.abs(inverse).max())

@@ -23,6 +23,7 @@ class Tables:
 
     fronts: subtrees.Fronts
     room: int
+    others: int  # the most that a front has
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +65,20 @@ class CompiledFronts:
         subtrees.invert(numbers.start, numbers.stop, self.tables.fronts, memory, room, of_root, out, _lapack())
         self.rooms.append(room)
 
+    def forward(self, part: Part, x: FloatArray) -> None:
+        """Solve for the own unknowns of a part in the right sides x (u, r), and take them from the others."""
+        from musatpy.adjustment.kernels import subtrees
+
+        numbers, memory, room = part.numbers, part.memory.reshape(-1), np.empty(self.tables.others * x.shape[1])
+        subtrees.forward(numbers.start, numbers.stop, self.tables.fronts, memory, room, x, _lapack())
+
+    def backward(self, part: Part, x: FloatArray) -> None:
+        """Solve for the own unknowns of a part in x (u, r), where the others are known."""
+        from musatpy.adjustment.kernels import subtrees
+
+        numbers, memory, room = part.numbers, part.memory.reshape(-1), np.empty(self.tables.others * x.shape[1])
+        subtrees.backward(numbers.start, numbers.stop, self.tables.fronts, memory, room, x, _lapack())
+
     def _room(self) -> FloatArray:
         try:
             return self.rooms.pop()
@@ -75,8 +90,8 @@ def tables_of(plan: Plan) -> Tables:
     """Return the tables of a plan."""
     from musatpy.adjustment.kernels.subtrees import Fronts  # numba is there
 
-    own, size, parent, columns, pairs = np.array(
-        [(f.own, f.size, f.parent, f.columns.start, f.pairs.start) for f in plan.fronts]
+    own, size, parent, start, columns, pairs = np.array(
+        [(f.own, f.size, f.parent, f.eliminated.start, f.columns.start, f.pairs.start) for f in plan.fronts]
     ).T.copy()
     runs: list[list[tuple[int, int, int]]] = [[] for _ in plan.fronts]
     eldest = np.zeros(len(runs), dtype=bool)
@@ -94,6 +109,9 @@ def tables_of(plan: Plan) -> Tables:
         parent=parent,
         leaf=np.array([not front.children for front in plan.fronts]),
         eldest=eldest,
+        start=start,
+        boundary=np.concatenate([front.boundary for front in plan.fronts]),
+        other=np.cumsum([0, *others]),
         columns=columns,
         runs=np.array([*chain.from_iterable(runs)], dtype=np.int64).reshape(-1, 3),
         run=np.cumsum([0, *(len(some) for some in runs)]),
@@ -104,14 +122,14 @@ def tables_of(plan: Plan) -> Tables:
         left=left,
         inverse=product + inverse,
     )
-    return Tables(fronts=fronts, room=max(most_left, product + most))
+    return Tables(fronts=fronts, room=max(most_left, product + most), others=int(others.max()))
 
 
 def _lapack() -> subtrees.Lapack:
     from musatpy.adjustment.kernels.subtrees import Lapack
 
     letters = np.frombuffer(b"LRNT", dtype=np.uint8).copy()
-    factors, numbers = np.array([-1.0, 0.0, 1.0]), np.zeros(4, dtype=np.int64)
+    factors, numbers = np.array([-1.0, 0.0, 1.0]), np.zeros(6, dtype=np.int64)
     return Lapack(routines=ROUTINES, letters=letters, factors=factors, numbers=numbers)
 
 

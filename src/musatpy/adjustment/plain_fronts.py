@@ -120,6 +120,20 @@ class PlainFronts:
             if Z is not of_root:
                 self.room.give(Z)
 
+    def forward(self, part: Part, x: FloatArray) -> None:
+        """Solve for the own unknowns of a part in the right sides x (u, r), and take them from the others."""
+        for i, L in zip(part.numbers, part.columns, strict=True):
+            front = self.plan.fronts[i]
+            update = L.forward(x[front.eliminated])
+            if len(update):
+                x[front.boundary] -= update
+
+    def backward(self, part: Part, x: FloatArray) -> None:
+        """Solve for the own unknowns of a part in x (u, r), where the others are known."""
+        for i, L in zip(reversed(part.numbers), reversed(part.columns), strict=True):
+            front = self.plan.fronts[i]
+            L.backward(x[front.eliminated], x[front.boundary])
+
 
 def add_update(update: FloatArray, runs: list[tuple[int, int, int]], own: FloatArray, left: FloatArray) -> None:
     """Add what a child leaves, whose boundary has the `runs` in a front, to its rows: `own`, then `left`.
