@@ -156,7 +156,7 @@ def _halved(graph: Graph, blocks: IntArray, i: IntArray, j: IntArray, place: Flo
         yield from dissect(graph, blocks)
         return
     of_pair = np.where(side[i] == side[j], side[i], 0)
-    parts = []
+    parts: list[Tree] = []
     for half in (-1, 1):
         mine = np.flatnonzero(side == half)
         number, inside = np.empty(len(side), dtype=np.int64), np.flatnonzero(of_pair == half)

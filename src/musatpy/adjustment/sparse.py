@@ -23,6 +23,7 @@ from musatpy.adjustment.plans import Plan, expand
 from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray
 
+_FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
 _LIGHT = 4  # times less work has a solution than a factorisation where threads begin to pay
 
 
@@ -145,7 +146,7 @@ class Pattern:
 
     @cached_property
     def _tables(self) -> Tables | None:
-        return tables_of(self.plan) if compiled_points(self.count) else None
+        return tables_of(self.plan) if compiled_points(self.count // _FRONTS) else None
 
     def at_work(self) -> PlainFronts | CompiledFronts:
         """Return what works at the fronts."""
