@@ -7,9 +7,11 @@ import os
 import numpy as np
 import pytest
 
-from musatpy.adjustment import threads
+from musatpy.adjustment import kernels, threads
 from musatpy.adjustment.normals import Cofactors, NormalMatrix, factorised
 from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, factorise
+
+KINDS = [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)]  # which is compiled first
 
 
 def cliques_of(strips: int, photos: int, rng: np.random.Generator) -> tuple[int, list[np.ndarray]]:
@@ -59,9 +61,11 @@ def dense(pattern: Pattern, blocks: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("strips", "photos"), [(1, 1), (1, 2), (1, 40), (3, 9), (9, 14)])
 @pytest.mark.parametrize("size", [6, 7])
 @pytest.mark.parametrize("placed", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
 def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(
-    strips: int, photos: int, size: int, placed: bool
+    monkeypatch: pytest.MonkeyPatch, strips: int, photos: int, size: int, placed: bool, kind: str
 ) -> None:
+    monkeypatch.setenv(kernels.VARIABLE, kind)
     rng = np.random.default_rng(strips * 100 + photos)
     count, cliques, place = placed_cliques(strips, photos, rng)
     pattern = Pattern.of(count, size, cliques, place if placed else None)
@@ -72,6 +76,7 @@ def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(
     # the matrices are well conditioned: rounding only
     np.testing.assert_allclose(N @ factor.solve(rhs), rhs, atol=1e-10)
     np.testing.assert_allclose(factor.solve(rhs[:, 0]), factor.solve(rhs)[:, 0], atol=1e-14)
+    np.testing.assert_array_equal(factor.solve(np.asfortranarray(rhs)), factor.solve(rhs))
     inverse = np.linalg.inv(N).reshape(count, size, count, size)
     i, j = pattern.pairs.T
     np.testing.assert_allclose(factor.selected_inverse(), inverse[i, :, j], atol=1e-12 * np.abs(inverse).max())
@@ -125,13 +130,17 @@ def test_fronts_grow_with_the_cross_section_of_a_block_and_not_with_its_length()
     assert largest[1] < 1.3 * largest[0]
 
 
-def test_a_matrix_that_is_not_positive_definite_is_refused() -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_matrix_that_is_not_positive_definite_is_refused(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """The error has the blocks of the front."""
+    monkeypatch.setenv(kernels.VARIABLE, kind)
     count, cliques = cliques_of(2, 30, np.random.default_rng(6))
     pattern = Pattern.of(count, 6, cliques)
     blocks = matrix_on(pattern, cliques, np.random.default_rng(7))
     blocks[pattern.find(np.array([17]), np.array([17]))] = -np.eye(6)
-    with pytest.raises(NotPositiveDefiniteError):
+    with pytest.raises(NotPositiveDefiniteError) as error:
         factorise(pattern, blocks)
+    assert 17 in error.value.blocks
 
 
 def test_places_make_the_factor_cheaper() -> None:
@@ -145,8 +154,12 @@ def test_places_make_the_factor_cheaper() -> None:
     assert operations(Pattern.of(count, 6, cliques, place)) < 0.7 * operations(Pattern.of(count, 6, cliques))
 
 
-def test_factor_and_inverse_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_factor_and_inverse_do_not_depend_on_the_number_of_threads(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
     """Bit by bit: every front is worked at by one thread, its children added in their order."""
+    monkeypatch.setenv(kernels.VARIABLE, kind)
     rng = np.random.default_rng(5)
     count, cliques, place = placed_cliques(12, 30, rng)
     blocks = matrix_on(Pattern.of(count, 6, cliques), cliques, rng)
@@ -164,6 +177,21 @@ def test_factor_and_inverse_do_not_depend_on_the_number_of_threads(monkeypatch: 
         found.append((factor.solve(np.ones(6 * count)), factor.selected_inverse()))
     for a, b in zip(*found, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.slow
+def test_compiled_fronts_have_the_numbers_of_the_plain_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To 1e-12, and in fact bit by bit: the same routines are called in the same order."""
+    rng = np.random.default_rng(6)
+    count, cliques, place = placed_cliques(12, 30, rng)
+    blocks = matrix_on(Pattern.of(count, 7, cliques), cliques, rng)
+    found = []
+    for kind in (kernels.NUMPY, kernels.NUMBA):
+        monkeypatch.setenv(kernels.VARIABLE, kind)
+        factor = factorise(Pattern.of(count, 7, cliques, place), blocks)
+        found.append((factor.solve(np.ones(7 * count)), factor.selected_inverse()))
+    for a, b in zip(*found, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-12 * np.abs(a).max())
 
 
 @pytest.mark.parametrize("exponent", range(-12, 0))

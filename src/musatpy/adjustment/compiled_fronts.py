@@ -1,111 +1,153 @@
-"""The subtrees of a sparse factor by compiled kernels: each is one call, during which other threads run."""
+"""The fronts of a part of a sparse factor by compiled kernels: in one call, during which other threads run."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy.adjustment.dense import ROUTINES
-from musatpy.adjustment.kernels import compiled_points
+from musatpy.adjustment.plain_fronts import Part
+from musatpy.adjustment.plans import Plan
 from musatpy.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import subtrees
-    from musatpy.adjustment.sparse import Pattern, Plan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CompiledSubtrees:
-    """The fronts of a plan as kernels have them, and how much room each thread needs for what a subtree leaves."""
+class Tables:
+    """The fronts of a plan as kernels have them, and how much room a thread needs for what they leave."""
 
     fronts: subtrees.Fronts
-    left: int
-    inverse: int
+    room: int
+    others: int  # the most that a front has
 
-    @classmethod
-    def of(cls, pattern: Pattern) -> CompiledSubtrees | None:
-        """Return those of a pattern, None where numpy does all."""
-        if compiled_points(pattern.count) is None:
-            return None
-        from musatpy.adjustment.kernels.subtrees import Fronts  # numba is there
 
-        plan = pattern.plan
-        own, size, parent, columns, pairs = np.array(
-            [(f.own, f.size, f.parent, f.columns.start, f.pairs.start) for f in plan.fronts]
-        ).T.copy()
-        runs: list[list[tuple[int, int, int]]] = [[] for _ in plan.fronts]
-        eldest = np.zeros(len(runs), dtype=bool)
-        for front in plan.fronts:
-            for child, of_child in front.children:
-                runs[child] = of_child
-            eldest[[child for child, _ in front.children[:1]]] = True
-        level = _levels(plan)
-        others = size - own
-        left, most_left = _room(level, np.square(others))
-        inverse, most_inverse = _room(level, np.square(size))
-        work = int((own * others)[level >= 0].max(initial=0))  # L21, before the inverses
-        fronts = Fronts(
-            own=own,
-            size=size,
-            parent=parent,
-            leaf=np.array([not front.children for front in plan.fronts]),
-            eldest=eldest,
-            columns=columns,
-            runs=np.array([*chain.from_iterable(runs)], dtype=np.int64).reshape(-1, 3),
-            run=np.cumsum([0, *(len(some) for some in runs)]),
-            pairs=np.append(pairs, len(plan.pairs)),
-            rows=plan.rows,
-            left=left,
-            inverse=work + inverse,
-        )
-        return cls(fronts=fronts, left=most_left, inverse=work + most_inverse)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledFronts:
+    """The work at parts of a plan, as `PlainFronts` does it."""
 
-    def eliminate(self, part: range, store: FloatArray, update: FloatArray) -> int:
-        """Factorise a subtree, and set the upper half of the `update` that its root leaves.
+    tables: Tables
+    rooms: list[FloatArray] = field(default_factory=list)  # that are free
+
+    def enter(self, part: Part, values: FloatArray) -> None:
+        """Let the blocks (e, size, size) of a matrix enter the columns of a part."""
+        from musatpy.adjustment.kernels import subtrees
+
+        numbers = part.numbers
+        subtrees.enter(numbers.start, numbers.stop, self.tables.fronts, np.ascontiguousarray(values), part.memory)
+
+    def eliminate(self, part: Part, update: FloatArray) -> int:
+        """Factorise the fronts of a part, and add to the `update` that its root leaves.
 
         Returns the number of a front that is not positive definite, or -1.
         """
         from musatpy.adjustment.kernels import subtrees
 
-        room = np.empty(self.left)
-        return int(
-            subtrees.eliminate(part.start, part.stop, self.fronts, store.reshape(-1), room, update, _lapack())
+        numbers, memory, room = part.numbers, part.memory.reshape(-1), self._room()
+        failed = subtrees.eliminate(
+            numbers.start, numbers.stop, self.tables.fronts, memory, room, update, _lapack()
         )
+        self.rooms.append(room)
+        return int(failed)
 
-    def invert(self, part: range, store: FloatArray, of_root: FloatArray, blocks: FloatArray) -> None:
-        """Set the blocks (e, size, size) of the inverse of a subtree, given that of the boundary of its root."""
+    def invert(self, part: Part, of_root: FloatArray, out: FloatArray) -> None:
+        """Set the inverse of the root of a part, given that of its boundary, and the blocks `out` (e, size, size).
+
+        Of those at the diagonal the upper halves.
+        """
         from musatpy.adjustment.kernels import subtrees
 
-        room, flat = np.empty(self.inverse), store.reshape(-1)
-        subtrees.invert(part.start, part.stop, self.fronts, flat, room, of_root, blocks, _lapack())
+        numbers, memory, room = part.numbers, part.memory.reshape(-1), self._room()
+        subtrees.invert(numbers.start, numbers.stop, self.tables.fronts, memory, room, of_root, out, _lapack())
+        self.rooms.append(room)
+
+    def forward(self, part: Part, x: FloatArray) -> None:
+        """Solve for the own unknowns of a part in the right sides x (u, r), and take them from the others."""
+        from musatpy.adjustment.kernels import subtrees
+
+        numbers, memory, room = part.numbers, part.memory.reshape(-1), np.empty(self.tables.others * x.shape[1])
+        subtrees.forward(numbers.start, numbers.stop, self.tables.fronts, memory, room, x, _lapack())
+
+    def backward(self, part: Part, x: FloatArray) -> None:
+        """Solve for the own unknowns of a part in x (u, r), where the others are known."""
+        from musatpy.adjustment.kernels import subtrees
+
+        numbers, memory, room = part.numbers, part.memory.reshape(-1), np.empty(self.tables.others * x.shape[1])
+        subtrees.backward(numbers.start, numbers.stop, self.tables.fronts, memory, room, x, _lapack())
+
+    def _room(self) -> FloatArray:
+        try:
+            return self.rooms.pop()
+        except IndexError:
+            return np.empty(self.tables.room)
+
+
+def tables_of(plan: Plan) -> Tables:
+    """Return the tables of a plan."""
+    from musatpy.adjustment.kernels.subtrees import Fronts  # numba is there
+
+    own, size, parent, start, columns, pairs = np.array(
+        [(f.own, f.size, f.parent, f.eliminated.start, f.columns.start, f.pairs.start) for f in plan.fronts]
+    ).T.copy()
+    runs: list[list[tuple[int, int, int]]] = [[] for _ in plan.fronts]
+    eldest = np.zeros(len(runs), dtype=bool)
+    for front in plan.fronts:
+        for child, of_child in front.children:
+            runs[child] = of_child
+        eldest[[child for child, _ in front.children[:1]]] = True
+    level, others = _levels(plan), size - own
+    left, most_left = _places(level, np.square(others))
+    inverse, most = _places(level, np.square(size))
+    product = int((own * others).max())
+    fronts = Fronts(
+        own=own,
+        size=size,
+        parent=parent,
+        leaf=np.array([not front.children for front in plan.fronts]),
+        eldest=eldest,
+        start=start,
+        boundary=np.concatenate([front.boundary for front in plan.fronts]),
+        other=np.cumsum([0, *others]),
+        columns=columns,
+        runs=np.array([*chain.from_iterable(runs)], dtype=np.int64).reshape(-1, 3),
+        run=np.cumsum([0, *(len(some) for some in runs)]),
+        pairs=np.append(pairs, len(plan.pairs)),
+        order=plan.pairs,
+        turned=plan.turned,
+        rows=plan.rows,
+        left=left,
+        inverse=product + inverse,
+    )
+    return Tables(fronts=fronts, room=max(most_left, product + most), others=int(others.max()))
 
 
 def _lapack() -> subtrees.Lapack:
     from musatpy.adjustment.kernels.subtrees import Lapack
 
     letters = np.frombuffer(b"LRNT", dtype=np.uint8).copy()
-    factors, numbers = np.array([-1.0, 0.0, 1.0]), np.zeros(4, dtype=np.int64)
+    factors, numbers = np.array([-1.0, 0.0, 1.0]), np.zeros(6, dtype=np.int64)
     return Lapack(routines=ROUTINES, letters=letters, factors=factors, numbers=numbers)
 
 
 def _levels(plan: Plan) -> IntArray:
-    """Return how far each front is below the root of its subtree, -1 of those above the subtrees."""
-    level = np.full(len(plan.fronts), -1)
+    """Return how far each front is below the root of its part."""
+    level = np.zeros(len(plan.fronts), dtype=np.int64)
     for part in plan.stages[0]:
-        for i in reversed(part):
-            level[i] = 0 if i == part[-1] else level[plan.fronts[i].parent] + 1
+        for i in reversed(part[:-1]):
+            level[i] = level[plan.fronts[i].parent] + 1
     return level
 
 
-def _room(level: IntArray, elements: IntArray) -> tuple[IntArray, int]:
-    """Return where in the room of a subtree there is place for so many elements of each front, and all of it.
+def _places(level: IntArray, elements: IntArray) -> tuple[IntArray, int]:
+    """Return where in the room of a part there is place for so many elements of each front, and all of it.
 
-    There is one of each level at a time.
+    There is one of each level at a time; roots have theirs elsewhere.
     """
-    most = np.zeros(level.max() + 2, dtype=np.int64)
-    np.maximum.at(most, level + 1, np.where(level > 0, elements, 0))  # roots have theirs elsewhere
-    bounds = np.cumsum(most)
-    return bounds[level], int(bounds[-1])
+    most = np.zeros(level.max() + 1, dtype=np.int64)
+    np.maximum.at(most, level, np.where(level > 0, elements, 0))
+    ends = np.cumsum(most)
+    return (ends - most)[level], int(ends[-1])

@@ -43,10 +43,10 @@ _dtrsv = _routine(cython_blas, "dtrsv", 8)
 _dsyrk = _routine(cython_blas, "dsyrk", 10)
 _dsymm = _routine(cython_blas, "dsymm", 12)
 _dgemm = _routine(cython_blas, "dgemm", 13)
-# of dpotrf, dpotri, dtrsm, dsyrk, dsymm and dgemm, for compiled kernels
+# in the order of `kernels.subtrees.Lapack`
 ROUTINES = np.array(
     [_address_of(cython_lapack, name) for name in ("dpotrf", "dpotri")]
-    + [_address_of(cython_blas, name) for name in ("dtrsm", "dsyrk", "dsymm", "dgemm")],
+    + [_address_of(cython_blas, name) for name in ("dtrsm", "dsyrk", "dsymm", "dgemm", "dtrsv", "dgemv")],
     dtype=np.int64,
 )
 

@@ -119,16 +119,16 @@ def fronts_of(graph: Graph, trees: list[Tree]) -> tuple[Front, ...]:
     for tree, _ in nodes:
         rank[tree.own] = counted + np.arange(len(tree.own))
         counted += len(tree.own)
-    boundaries: list[IntArray] = []
+    eliminated = np.concatenate([tree.own for tree, _ in nodes])
+    boundaries: list[IntArray] = []  # as ranks
     parents = np.full(len(nodes), -1)
     for index, (tree, children) in enumerate(nodes):
-        met = np.unique(np.concatenate([graph.around(tree.own), *(boundaries[child] for child in children)]))
-        met = met[rank[met] > rank[tree.own[-1]]]
-        boundaries.append(met[np.argsort(rank[met])])
+        met = np.concatenate([rank[graph.around(tree.own)], *(boundaries[child] for child in children)])
+        boundaries.append(np.unique(met[met > rank[tree.own[-1]]]))
         parents[children] = index
     return tuple(
-        Front(own=tree.own, boundary=boundaries[i], children=tuple(children), parent=int(parents[i]))
-        for i, (tree, children) in enumerate(nodes)
+        Front(own=tree.own, boundary=eliminated[boundary], children=tuple(children), parent=parent)
+        for (tree, children), boundary, parent in zip(nodes, boundaries, parents.tolist(), strict=True)
     )
 
 
@@ -137,56 +137,57 @@ def dissect_by_place(graph: Graph, place: FloatArray) -> list[Tree]:
     middle = place - place.mean(axis=0)
     plane = np.linalg.eigh(middle.T @ middle)[1][:, :0:-1]
     turn = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS  # the axes of a square are any: its rows may lie between
-    place = middle @ plane @ np.stack([np.cos(turn), np.sin(turn)])
-    start = np.repeat(np.arange(len(place)), np.diff(graph.start))
-    return list(_halved(graph, np.arange(len(place)), start, graph.neighbours, place))
+    place = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ (middle @ plane).T
+    start = np.repeat(np.arange(len(middle)), np.diff(graph.start))
+    return list(_halved(graph, np.arange(len(middle)), start, graph.neighbours, place))
 
 
 def _halved(graph: Graph, blocks: IntArray, i: IntArray, j: IntArray, place: FloatArray) -> Iterator[Tree]:
-    """Yield the trees of some blocks, whose neighbours among them are the pairs i, j (both ways)."""
+    """Yield the trees of some blocks (b,), which have places (a, b) along axes.
+
+    Their neighbours among them are the pairs i, j of their numbers here (both ways), ascending by i.
+    """
     if len(blocks) <= _LEAF:
         yield from [Tree(own=blocks)] if len(blocks) else []
         return
-    side = np.zeros(len(place), dtype=np.int8)
-    side[blocks] = _sides(blocks, i, j, place)
-    own = blocks[side[blocks] == 0]
+    side = _sides(i, j, place)
+    own = blocks[side == 0]
     if len(own) == len(blocks):  # one place for all
         yield from dissect(graph, blocks)
         return
-    parts = []
+    of_pair = np.where(side[i] == side[j], side[i], 0)
+    parts: list[Tree] = []
     for half in (-1, 1):
-        inside = (side[i] == half) & (side[j] == half)
-        parts += list(_halved(graph, blocks[side[blocks] == half], i[inside], j[inside], place))
+        mine = np.flatnonzero(side == half)
+        number, inside = np.empty(len(side), dtype=np.int64), np.flatnonzero(of_pair == half)
+        number[mine] = np.arange(len(mine))
+        parts += _halved(graph, blocks[mine], number[i[inside]], number[j[inside]], place[:, mine])
     if len(own):
         yield Tree(own=own, parts=parts)
     else:
         yield from parts
 
 
-def _sides(blocks: IntArray, i: IntArray, j: IntArray, place: FloatArray) -> IntArray:
+def _sides(i: IntArray, j: IntArray, place: FloatArray) -> IntArray:
     """Return the halves (b,) of blocks, -1 and 1, and 0 of those that separate them: all where no cut does.
 
     At a cut of an axis those of the lower side separate that have a neighbour beyond it: as many as have their
     place below it, less those whose farthest neighbour is below it too.
     """
-    least = int(np.ceil(_LEAST_PART * len(blocks)))
-    best, sides = np.inf, np.zeros(len(blocks), dtype=np.int64)
-    reached = place.copy()
+    count = place.shape[1]
+    least = int(np.ceil(_LEAST_PART * count))
+    farthest = place.copy()
     if len(i):
-        start = np.flatnonzero(np.diff(i, prepend=-1))  # the pairs are sorted by i
-        reached[i[start]] = np.maximum(place[i[start]], np.maximum.reduceat(place[j], start))
-    for axis in range(place.shape[1]):
-        along, farthest = place[:, axis], reached[:, axis]
-        ordered, reach = np.sort(along[blocks]), np.sort(farthest[blocks])
-        cuts = np.arange(least, len(blocks) - least + 1)
-        cuts = cuts[ordered[cuts - 1] < ordered[cuts]]  # equal places stay on one side
-        if not len(cuts):
-            continue
-        width = cuts - np.searchsorted(reach, ordered[cuts])
-        cost = (width + 1.0) / (cuts * (len(blocks) - cuts))  # narrow cuts, and halves alike
-        least_cost = int(cost.argmin())
-        if cost[least_cost] < best:
-            best, cut = float(cost[least_cost]), ordered[cuts[least_cost]]
-            lower = along[blocks] < cut
-            sides = np.where(lower, np.where(farthest[blocks] >= cut, 0, -1), 1)
-    return sides
+        start = np.flatnonzero(np.diff(i, prepend=-1))
+        neighbour = np.maximum.reduceat(place[:, j], start, axis=1)
+        farthest[:, i[start]] = np.maximum(place[:, i[start]], neighbour)
+    ordered, reach = np.sort(place), np.sort(farthest)
+    cuts = np.arange(least, count - least + 1)
+    beyond = [np.searchsorted(of_axis, at[cuts]) for of_axis, at in zip(reach, ordered, strict=True)]
+    cost = (cuts - beyond + 1.0) / (cuts * (count - cuts))  # narrow cuts, and halves alike
+    cost[ordered[:, cuts - 1] == ordered[:, cuts]] = np.inf  # equal places stay on one side
+    axis, best = np.unravel_index(cost.argmin(), cost.shape)
+    if np.isinf(cost[axis, best]):
+        return np.zeros(count, dtype=np.int64)
+    cut = ordered[axis, cuts[best]]
+    return np.where(place[axis] < cut, np.where(farthest[axis] >= cut, np.int8(0), np.int8(-1)), np.int8(1))

@@ -8,7 +8,6 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -39,21 +38,25 @@ def inlined(function: Function) -> Function:
     return cast(Function, piece)
 
 
-@intrinsic
-def call(context: Any, routine: Any, arguments: Any) -> Any:
-    """Call a C function without a result at the address `routine` with a tuple of addresses."""
-
+def _call(context: Any, routine: Any, arguments: Any) -> Any:
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         pointer = ir.IntType(8).as_pointer()
-        addresses = [builder.inttoptr(value, pointer) for value in cgutils.unpack_tuple(builder, values[1])]
-        kind = ir.FunctionType(ir.VoidType(), [pointer] * len(addresses))
-        builder.call(builder.inttoptr(values[0], kind.as_pointer()), addresses)
+        function = ir.FunctionType(ir.VoidType(), [pointer] * len(arguments))
+        addresses = [builder.extract_value(values[1], k) for k in range(len(arguments))]
+        builder.call(
+            builder.inttoptr(values[0], function.as_pointer()),
+            [builder.inttoptr(one, pointer) for one in addresses],
+        )
         return context.get_dummy_value()
 
     return numba.types.void(routine, arguments), code
 
 
+# call(routine, arguments): the C function without a result at an address, with a tuple of addresses
+call = cast(Callable[[int, tuple[int, ...]], None], intrinsic(_call))
+
+
 @inlined
 def address(array: Any) -> int:
-    """Return where the elements of an array are: they must outlive its use, which is not seen."""
-    return np.intp(array.ctypes.data)
+    """Return where the elements of an array are: it must outlive their use, which is not seen."""
+    return int(np.intp(array.ctypes.data))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-
 from musatpy.adjustment.kernels.compiling import address, call, compiled, inlined
 from musatpy.arrays import BoolArray, ByteArray, FloatArray, IntArray
 
@@ -21,22 +20,27 @@ class Fronts(NamedTuple):
     parent: IntArray  # (f,)
     leaf: BoolArray  # (f,) has no children
     eldest: BoolArray  # (f,) is the first child of its parent
+    start: IntArray  # (f,) of the own unknowns in the order of elimination
+    boundary: IntArray  # the others of all fronts in it
+    other: IntArray  # (f + 1,) where those of each begin
     columns: IntArray  # (f,) where the own columns are, as rows of the unknowns of a block
     runs: IntArray  # (r, 3) of the boundary in the parent: first, last, and first there
     run: IntArray  # (f + 1,) where those of each begin
-    pairs: IntArray  # (f + 1,) where the blocks of each begin
-    rows: IntArray  # (e, size of a block) of the blocks in the columns
+    pairs: IntArray  # (f + 1,) where the blocks of each begin, in the order of the fronts
+    order: IntArray  # (e,) rows of these blocks
+    turned: BoolArray  # (e,) whether they are on the other side of the diagonal
+    rows: IntArray  # (e, size of a block) where they are in the columns
     left: IntArray  # (f,) where there is room for what it leaves
     inverse: IntArray  # (f,) where there is room for its inverse
 
 
 class Lapack(NamedTuple):
-    """Addresses of the routines, what they are called with, and four numbers that are written for each call."""
+    """Addresses of the routines, what they are called with, and numbers that are written for each call."""
 
-    routines: IntArray  # dpotrf, dpotri, dtrsm, dsyrk, dsymm, dgemm
+    routines: IntArray  # dpotrf, dpotri, dtrsm, dsyrk, dsymm, dgemm, dtrsv, dgemv
     letters: ByteArray  # LRNT
     factors: FloatArray  # -1, 0, 1
-    numbers: IntArray  # (4,) size of the front, own unknowns, others, failure
+    numbers: IntArray  # (6,) size of the front, own unknowns, others, failure, right sides, 1
 
 
 @inlined
@@ -100,6 +104,18 @@ def _hand_down(above: FloatArray, runs: IntArray, inverse: FloatArray, p: int) -
 
 
 @compiled
+def enter(first: int, last: int, fronts: Fronts, values: FloatArray, memory: FloatArray) -> None:
+    """Let the blocks (e, size, size) of a matrix enter the columns of some fronts (r, size)."""
+    size = fronts.rows.shape[1]
+    for e in range(fronts.pairs[first], fronts.pairs[last]):
+        block = values[fronts.order[e]]
+        for a in range(size):
+            row = memory[fronts.rows[e, a] - fronts.columns[first]]
+            for b in range(size):
+                row[b] = block[b, a] if fronts.turned[e] else block[a, b]
+
+
+@compiled
 def eliminate(
     first: int, last: int, fronts: Fronts, store: FloatArray, room: FloatArray, update: FloatArray, lapack: Lapack
 ) -> int:
@@ -107,7 +123,7 @@ def eliminate(
 
     Returns the number of the front that is not positive definite, or -1.
     """
-    potrf, _, trsm, syrk, _, _ = lapack.routines
+    potrf, _, trsm, syrk, _, _, _, _ = lapack.routines
     letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
     L, R, N, T = letters, letters + 1, letters + 2, letters + 3
     n_, p_, others_, failed_ = numbers, numbers + 8, numbers + 16, numbers + 24
@@ -145,11 +161,14 @@ def invert(
     store: FloatArray,
     room: FloatArray,
     of_root: FloatArray,
-    blocks: FloatArray,
+    out: FloatArray,
     lapack: Lapack,
 ) -> None:
-    """Set the `blocks` (e, size, size) of the inverse that a subtree has, given that of the boundary of its root."""
-    _, potri, trsm, _, symm, gemm = lapack.routines
+    """Set the inverse of the root of a subtree, given that of its boundary, and the blocks `out` (e, size, size).
+
+    Of those at the diagonal the upper halves.
+    """
+    _, potri, trsm, _, symm, gemm, _, _ = lapack.routines
     letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
     L, R, N, T = letters, letters + 1, letters + 2, letters + 3
     n_, p_, others_, failed_ = numbers, numbers + 8, numbers + 16, numbers + 24
@@ -176,8 +195,76 @@ def invert(
         if n > p:
             call(gemm, (T, N, p_, p_, others_, minus_one, of_W, others_, Z21, n_, one, Z11, n_))
         for e in range(fronts.pairs[i], fronts.pairs[i + 1]):
+            block = out[fronts.order[e]]
             for a in range(size):
-                at = (fronts.rows[e, a] - fronts.columns[i]) * size
-                row, column = at // n, at % n
+                row, column = divmod((fronts.rows[e, a] - fronts.columns[i]) * size, n)
                 for b in range(size):
-                    blocks[e, a, b] = inverse[row, column + b]
+                    if fronts.turned[e]:
+                        block[b, a] = inverse[row, column + b]
+                    else:
+                        block[a, b] = inverse[row, column + b]
+
+
+@compiled
+def forward(
+    first: int, last: int, fronts: Fronts, store: FloatArray, room: FloatArray, x: FloatArray, lapack: Lapack
+) -> None:
+    """Solve for the own unknowns of a subtree in the right sides x (u, r), and take them from the others."""
+    _, _, trsm, _, _, gemm, trsv, gemv = lapack.routines
+    letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
+    L, R, N, T = letters, letters + 1, letters + 2, letters + 3
+    n_, p_, others_, r_, one_ = numbers, numbers + 8, numbers + 16, numbers + 32, numbers + 40
+    zero, one = factors + 8, factors + 16
+    begin, r, product = fronts.columns[first], x.shape[1], address(room)
+    lapack.numbers[4], lapack.numbers[5] = r, 1
+    for i in range(first, last):
+        n, p, begin_of_others = fronts.size[i], fronts.own[i], fronts.other[i]
+        lapack.numbers[0], lapack.numbers[1], lapack.numbers[2] = n, p, n - p
+        L11, of_x = address(_own(fronts, i, store, begin)), address(x) + 8 * r * fronts.start[i]
+        L21 = L11 + 8 * p
+        if r == 1:
+            call(trsv, (L, N, N, p_, L11, n_, of_x, one_))
+        else:
+            call(trsm, (R, L, T, N, r_, p_, one, L11, n_, of_x, r_))
+        if n == p:
+            continue
+        if r == 1:
+            call(gemv, (N, others_, p_, one, L21, n_, of_x, one_, zero, product, one_))
+        else:
+            call(gemm, (N, T, r_, others_, p_, one, of_x, r_, L21, n_, zero, product, r_))
+        for k in range(n - p):
+            row = x[fronts.boundary[begin_of_others + k]]
+            for c in range(r):
+                row[c] -= room[k * r + c]
+
+
+@compiled
+def backward(
+    first: int, last: int, fronts: Fronts, store: FloatArray, room: FloatArray, x: FloatArray, lapack: Lapack
+) -> None:
+    """Solve for the own unknowns of a subtree in x (u, r), where the others are known."""
+    _, _, trsm, _, _, gemm, trsv, gemv = lapack.routines
+    letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
+    L, R, N, T = letters, letters + 1, letters + 2, letters + 3
+    n_, p_, others_, r_, one_ = numbers, numbers + 8, numbers + 16, numbers + 32, numbers + 40
+    minus_one, one = factors, factors + 16
+    begin, r, known = fronts.columns[first], x.shape[1], address(room)
+    lapack.numbers[4], lapack.numbers[5] = r, 1
+    for i in range(last - 1, first - 1, -1):
+        n, p, begin_of_others = fronts.size[i], fronts.own[i], fronts.other[i]
+        lapack.numbers[0], lapack.numbers[1], lapack.numbers[2] = n, p, n - p
+        L11, of_x = address(_own(fronts, i, store, begin)), address(x) + 8 * r * fronts.start[i]
+        L21 = L11 + 8 * p
+        for k in range(n - p):
+            row = x[fronts.boundary[begin_of_others + k]]
+            for c in range(r):
+                room[k * r + c] = row[c]
+        if n > p:
+            if r == 1:
+                call(gemv, (T, others_, p_, minus_one, L21, n_, known, one_, one, of_x, one_))
+            else:
+                call(gemm, (N, N, r_, p_, others_, minus_one, known, r_, L21, n_, one, of_x, r_))
+        if r == 1:
+            call(trsv, (L, T, N, p_, L11, n_, of_x, one_))
+        else:
+            call(trsm, (R, L, N, N, r_, p_, one, L11, n_, of_x, r_))
