@@ -19,10 +19,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musatpy import read_deck
-from musatpy.adjustment import adjust, ground, kernels, sequence, threads
+from musatpy.adjustment import adjust, ground, kernels, reliability, sequence, sightings, threads
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network, job_frame
+from musatpy.adjustment.precision import Errors, factor_of, spread_to_observations
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
@@ -228,6 +229,31 @@ def test_both_have_the_same_solution(
     assert_like(a.observed.redundancy, b.observed.redundancy, 1e-9)
     assert_like(a.observed.influence, b.observed.influence, 1e-8)  # small differences of large products
     assert_like(a.dependence.station_inflation, b.dependence.station_inflation, 1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deck", DECKS)
+def test_errors_of_both_spread_alike(monkeypatch: pytest.MonkeyPatch, deck: str) -> None:
+    """To points and images at first positions, from the same cofactors of the stations; and the same residuals."""
+    network, state, options = job(deck)
+    line, _ = linearised(monkeypatch, kernels.NUMPY, network, state, options)
+    cofactors, residual = factor_of(line.matrix).cofactors(), np.zeros_like(network.xy)
+    found = []
+    for kind in BOTH:
+        monkeypatch.setenv(kernels.VARIABLE, kind)
+        errors = Errors(network=replace(network), state=state, cofactors=cofactors)
+        found.append(spread_to_observations(errors, read_deck(FIXTURES / deck), residual))
+    a, b = found
+    assert_like(a.points, b.points)
+    assert_like(a.diagonal.stations, b.diagonal.stations)
+    of_a, of_b = reliability.joined(a.parts), reliability.joined(b.parts)
+    assert_like(of_a.redundancy, of_b.redundancy)
+    assert_like(of_a.influence, of_b.influence, 1e-11)  # small differences of large products
+    compiled = errors.network.compiled
+    assert compiled is not None
+    compiled.set_residuals(state, residual)
+    rays = np.concatenate([group.rays.reshape(-1) for group in compiled.groups])
+    assert_like(residual[rays], sightings.residuals(network, state, rays))
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import chain
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -74,17 +74,12 @@ class CompiledPassPoints(CompiledRows):
             moving = moving._under_other_water(before, ground)
         return float(left[self.rows].sum())
 
-    @cached_property
-    def _refracted(self) -> tuple[PointGroup, ...]:
-        """The points with wet rays."""
-        refracted = self.network.refracted
-        return tuple(chain.from_iterable(group.some(refracted[group.rays].any(axis=1)) for group in self.groups))
-
     def _under_other_water(self, before: FloatArray, ground: FloatArray) -> CompiledPassPoints:
         """Return the points with wet rays that have moved from `before` (p, 3).
 
         The water is no plane, and its normals are others there.
         """
+        refracted = self.network.refracted
         moved = np.abs(ground - before).max(axis=1) >= STEP_LIMIT
-        wet = [group.some(moved[group.point]) for group in self._refracted]
+        wet = [group.some(moved[group.point] & refracted[group.rays].any(axis=1)) for group in self.groups]
         return replace(self, groups=tuple(chain.from_iterable(wet)))

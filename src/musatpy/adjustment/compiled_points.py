@@ -282,32 +282,31 @@ class CompiledPoints(CompiledRows):
         )
         at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
         water, known = self.water(state, state.ground), self.known(state, state.ground)
-        k, d, rays = len(sequence.point), len(network.photo), sequence.rays
+        taken = np.zeros(len(network.photo), dtype=bool)
+        for group in loose.groups:
+            taken[group.rays] = True
+        rows, images, place = loose.rows, np.flatnonzero(taken), (np.cumsum(taken) - 1)[sequence.rays]
         axes, pairs = plain(network.frame.axes(state.ground[sequence.point])), sequence.pairs
-        point, image, covariance = np.empty((k, 3, 3)), np.full((d, 2), np.nan), np.empty((d, 2, 3))
+        point = np.empty((len(sequence.point), 3, 3))
+        image, covariance = np.empty((len(images), 2)), np.empty((len(images), 2, 3))
 
         def work(part: SequencePart) -> FloatArray:
             of_part = np.zeros_like(diagonal.stations)
             out = spreading.Spread(
-                rays=rays, axes=axes, point=point, image=image, covariance=covariance, diagonal=of_part
+                place=place, axes=axes, point=point, image=image, covariance=covariance, diagonal=of_part
             )
             spreading.spread(part.rows, at, stations, water, known, RIDGE, pairs, cofactors.blocks, out)
             return of_part
 
         for of_part in loose.of_parts(work):
             diagonal.stations += of_part
-        rows, mine = loose.rows, np.zeros(network.points, dtype=bool)
-        mine[sequence.point[rows]] = True
-        taken = np.zeros(d, dtype=bool)
-        taken[rays[mine[network.point[rays]]]] = True
-        images = np.flatnonzero(taken)
         part = Part(
             kind=ObservationKind.PLATE,
             row=np.repeat(images, 2),
             component=np.tile(np.arange(2), len(images)),
             residual=residual.take(images, axis=0).reshape(-1),
             weight=network.weight.take(images, axis=0).reshape(-1),
-            cofactor=image.take(images, axis=0).reshape(-1),
-            covariance=covariance.take(images, axis=0).reshape(-1, 3),
+            cofactor=image.reshape(-1),
+            covariance=covariance.reshape(-1, 3),
         )
         return Spread(point=sequence.point[rows], points=point.take(rows, axis=0), images=part)

@@ -58,7 +58,8 @@ def joined(parts: Iterable[Part]) -> Observations:
     every = list(parts)
     kind, row, component, weight, order = _ordered(every)
     weight = weight.take(order)
-    covariance = np.concatenate([part.covariance for part in every])
+    influence = np.concatenate([part.covariance for part in every]).take(order, axis=0)
+    influence *= weight[:, None]
     return Observations(
         kind=kind.take(order),
         row=row.take(order),
@@ -66,7 +67,7 @@ def joined(parts: Iterable[Part]) -> Observations:
         residual=np.concatenate([part.residual for part in every]).take(order),
         sigma=1.0 / np.sqrt(weight),
         redundancy=1.0 - weight * np.concatenate([part.cofactor for part in every]).take(order),
-        influence=covariance.take(order, axis=0) * weight[:, None],
+        influence=influence,
     )
 
 

@@ -63,8 +63,9 @@ class Pattern:
         for clique in cliques:
             i, j = np.triu_indices(clique.shape[1], 1)
             low, high = np.minimum(clique[:, i], clique[:, j]), np.maximum(clique[:, i], clique[:, j])
-            keys.append(np.unique(low * count + high))
-        key = np.unique(np.concatenate(keys))
+            keys.append((low * count + high).reshape(-1))
+        key = np.sort(np.concatenate(keys))  # which is several times as fast as the hashing of `np.unique`
+        key = key[np.append(True, key[1:] != key[:-1])]
         return cls(count=count, size=size, pairs=np.stack(np.divmod(key, count), axis=1), place=place)
 
     @property

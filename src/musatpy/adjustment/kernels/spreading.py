@@ -31,9 +31,9 @@ class Images(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """How errors spread to k points and their r images."""
+    """How errors spread to k points and those d of their r images that are asked for."""
 
-    rays: IntArray  # (r,) rows of the images
+    place: IntArray  # (r,) rows of their images below
     axes: FloatArray  # (k, 3, 3) along which the points are told
     point: FloatArray  # (k, 3, 3) cofactors of the points
     image: FloatArray  # (d, 2) cofactors of the adjusted images
@@ -95,7 +95,7 @@ def _set_images(p: int, m: int, size: int, at: Measured, room: Room, of: Images,
     """Set the cofactors of the images of a point, and of these with its position."""
     for k in range(m):
         r = at.start[p] + k
-        n, row = at.photo[r], out.rays[r]
+        n, row = at.photo[r], out.place[r]
         for a in range(size):
             out.diagonal[n, a] += room.A[k, 0, a] * room.A[k, 0, a] + room.A[k, 1, a] * room.A[k, 1, a]
         for c in range(2):
