@@ -143,8 +143,8 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.is_final or short == SHORT:
                 break
-            cofactors = outcome.last.factor.cofactors if outcome.last else None
-            before, line = line, best_line(measured, line, state, self.job.bathymetric, cofactors)
+            factor = outcome.last.factor if outcome.last else None
+            before, line = line, best_line(measured, line, state, self.job.bathymetric, factor)
             if line.same_as(before):
                 break
         return measured.with_plates(measured.xy, network.refracted), outcome

@@ -164,8 +164,8 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
-            cofactors = outcome.last.factor.cofactors if outcome.last and not free.count else None
-            before, line = line, best_line(measured, line, state, job.bathymetric, cofactors)
+            factor = outcome.last.factor if outcome.last and not free.count else None
+            before, line = line, best_line(measured, line, state, job.bathymetric, factor)
             if line.same_as(before) and not given:
                 break
             given = False

@@ -8,6 +8,7 @@ follow from root to leaves without any others (Takahashi 1973). No matrix of the
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -162,6 +163,11 @@ class Pattern:
         """(v size,) the unknowns in the order of their elimination."""
         return _expand(np.concatenate([front.own for front in self.fronts]), self.size)
 
+    @cached_property
+    def rank(self) -> IntArray:
+        """(v size,) the places of the unknowns in the order of their elimination."""
+        return np.argsort(self.eliminated)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrontPlan:
@@ -262,6 +268,26 @@ class SparseFactor:
             x[own] = lapack.dtrtrs(L11, x[own], lower=1, trans=1)[0]
         out = np.empty_like(x)
         out[pattern.eliminated] = x
+        return out
+
+    def inverse_of(self, blocks: IntArray) -> FloatArray:
+        """Return the elements (b size, b size) of N^-1 of blocks (b,) that meet one another.
+
+        They are products of columns of L^-1, each of which has nothing but in the fronts from that of its block up to
+        the root: those of one are above another, where blocks meet.
+        """
+        pattern = self.pattern
+        place = pattern.rank[pattern.rows(blocks[None])[0]]
+        x = np.zeros((pattern.order, len(place)))
+        x[place, np.arange(len(place))] = 1.0
+        front = bisect_right(pattern.plan, place.min(), key=lambda plan: plan.start) - 1
+        out = np.zeros((len(place), len(place)))
+        while front >= 0:
+            plan, L21 = pattern.plan[front], self.below[front]
+            own = lapack.dtrtrs(self.own[front], x[plan.start : plan.start + plan.own], lower=1)[0]
+            x[plan.boundary] -= L21 @ own
+            out += own.T @ own
+            front = plan.parent
         return out
 
     def selected_inverse(self) -> FloatArray:

@@ -11,14 +11,14 @@ WATPT, which has no equations for a refracted ray, moves its points by where the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.adjustment.ground import hold, point_normals
 from musatpy.adjustment.network import Network, PointGroup, group_points
-from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
 from musatpy.adjustment.wet_states import best_states, water_over
@@ -26,6 +26,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle
+_FEW = 2.0  # points, times the root of the photos: one after the other they take less than the whole inverse
 _SAME = 1e-4  # m, of water lines that points are held on: where the water is tilted they move with the points
 
 
@@ -78,13 +79,13 @@ def best_line(
     line: WaterLine,
     state: State,
     bathymetric: BoolArray,
-    cofactors: Callable[[], Cofactors] | None = None,
+    factor: Factor | None = None,
 ) -> WaterLine:
     """Return the line with every bathymetric point (p,) in its best state at the stations of `state`.
 
     `network` is the measured one. A point that turns back from its last change lies on the water line between. When
     nothing changes any more, points near a tide are asked once more, whether another state would be better once the
-    stations had followed; `cofactors` returns those of the adjustment that led to `state`. Where the height of the
+    stations had followed; `factor` is that of the adjustment that led to `state`. Where the height of the
     water is unknown, or waves go on it, nothing can be held on its line, and such a point rests as it is.
     """
     if not bathymetric.any():
@@ -110,10 +111,11 @@ def best_line(
     between = turned & (distance == nearest[point])
     level[point[between]] = water[between]
     new = _changed(network, line, water, wet, level, bathymetric, fixed)
-    if fixed or cofactors is None or not again or not new.same_as(line):
+    if fixed or factor is None or not again or not new.same_as(line):
         return new
     wet, level = line.wet.copy(), line.level.copy()
-    _set_best(network, present, state, again, cofactors(), wet, level)
+    few = sum(len(group.point) for group in again) <= _FEW * np.sqrt(network.photos)
+    _set_best(network, present, state, again, factor if few else factor.cofactors(), wet, level)
     return _changed(network, line, water, wet, level, bathymetric, fixed)
 
 
@@ -122,7 +124,7 @@ def _set_best(
     present: Network,
     state: State,
     groups: Iterable[PointGroup],
-    cofactors: Cofactors | None,
+    cofactors: Cofactors | Factor | None,
     wet: BoolArray,
     level: FloatArray,
 ) -> None:

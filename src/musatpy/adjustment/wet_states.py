@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.ground import hold, settle_group
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -41,7 +41,7 @@ class Local:
 
 
 def best_states(
-    network: Network, present: Network, state: State, group: PointGroup, cofactors: Cofactors | None
+    network: Network, present: Network, state: State, group: PointGroup, cofactors: Cofactors | Factor | None
 ) -> tuple[BoolArray, FloatArray]:
     """Return which rays (k, m) of the points of a group are wet, and the water line (k,) that they are on, or NaN.
 
@@ -91,7 +91,9 @@ def _with_state(network: Network, group: PointGroup, wet: BoolArray) -> Network:
     return network.with_plates(network.xy, refracted)
 
 
-def _local(network: Network, state: State, group: PointGroup, X: FloatArray, cofactors: Cofactors) -> Local:
+def _local(
+    network: Network, state: State, group: PointGroup, X: FloatArray, cofactors: Cofactors | Factor
+) -> Local:
     E = eliminate(network, state, replace(group, known=True), X)
     matrix, rhs = local_normals(network, group, E)
     Q = cofactors.with_border(network.photo[group.rays], E.extras.index)
