@@ -12,7 +12,7 @@ import pytest
 
 from musatpy import read_deck
 from musatpy.adjustment import adjust, kernels, normals, simultaneous, triangulation
-from musatpy.adjustment.iteration import AT_REST, Kept, Linearisation, Near, Step, iterate
+from musatpy.adjustment.iteration import AT_REST, Kept, Linearisation, Near, Step, Until, iterate
 from musatpy.adjustment.normals import NormalMatrix
 from musatpy.adjustment.sparse import Pattern
 from musatpy.arrays import FloatArray
@@ -33,6 +33,7 @@ class Curve:
 
     b: float
     fresh: list[float]
+    renewable: bool = True
 
     def linearise(self, state: float) -> Linearisation:
         self.fresh.append(state)
@@ -50,7 +51,7 @@ class Curve:
         rhs = np.array([-slope * self.value(state)])
         return Linearisation(
             matrix=matrix, rhs=rhs, objective=self.evaluate(state, None), context=None, of_points=0.0, redundancy=1,
-            renewable=True,
+            renewable=self.renewable,
         )  # fmt: skip
 
     def value(self, x: float) -> float:
@@ -105,6 +106,30 @@ def test_an_iteration_near_its_minimum_may_start_with_a_kept_matrix(
     outcome = iterate(curve, place, 20, steps.append, start())
     assert not outcome.failure and abs(outcome.state - 1.0) < 0.01 * AT_REST
     assert (len(curve.fresh), len(steps)) == (fresh, count)
+
+
+@pytest.mark.parametrize(
+    ("until", "place", "start", "count"),
+    [
+        (Until.FIT, 30.0, None, 1),
+        (Until.CLOSE, 30.0, None, 2),
+        (Until.REST, 30.0, None, 3),
+        (Until.CLOSE, 10.0, Near(length=120.0), 1),
+        (Until.CLOSE, 10.0, Near(length=10.0), 2),
+        (Until.CLOSE, 1.001, None, 1),
+    ],
+)
+def test_an_iteration_may_end_as_soon_as_its_steps_close_in(
+    until: Until, place: float, start: Near | None, count: int
+) -> None:
+    """Only of a large problem; its limits end it sooner where they are reached."""
+    for large in (True, False):
+        steps: list[Step] = []
+        outcome = iterate(Curve(b=0.003, fresh=[], renewable=large), place, 20, steps.append, start, until)
+        assert not outcome.failure and (len(steps) == count or not large)
+        assert outcome.rough == (large and until is not Until.REST and place > 2.0)
+        assert outcome.rough or abs(outcome.state - 1.0) < 0.01 * AT_REST
+        assert outcome.rough == (outcome.length > AT_REST)
 
 
 def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction, large: int) -> Any:

@@ -12,7 +12,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.direct import largest_movements
-from musatpy.adjustment.iteration import SHORT, Near, Outcome
+from musatpy.adjustment.iteration import SHORT, Near, Outcome, Until
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds.water_index import WaterIndex
 from musatpy.adjustment.network import Network
@@ -148,6 +148,7 @@ class _Run:
         """
         job, measured = self.job, self.job.network
         near: Near | None = None
+        until = Until.CLOSE if job.bathymetric.any() and measured.sea is None else Until.REST
         short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
         for number in itertools.count(passes + 1):
             network, state = refracted(measured, line, state)
@@ -158,12 +159,17 @@ class _Run:
             if trials:
                 outcome = trials.freed(state, number)
             else:
-                outcome = job.iterate(self.problem(network, free), network, state, number, near)
+                until = Until.REST if free.count else until
+                outcome = job.iterate(self.problem(network, free), network, state, number, near, until)
                 near = None if free.count or outcome.failure else Near(kept=outcome.kept)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
+            if outcome.rough:  # points still move with their stations: what they do here is no last change
+                line = starting_line(best_line(measured, line, state, job.bathymetric).wet, measured.points)
+                until = Until.REST
+                continue
             factor = outcome.last.factor if outcome.last and not free.count else None
             before, line = line, best_line(measured, line, state, job.bathymetric, factor)
             if line.same_as(before) and not given:

@@ -273,8 +273,8 @@ class SparseFactor:
     def inverse_of(self, blocks: IntArray) -> FloatArray:
         """Return the elements (b size, b size) of N^-1 of blocks (b,) that meet one another.
 
-        They are products of columns of L^-1, each of which has nothing but in the fronts from that of its block up to
-        the root: those of one are above another, where blocks meet.
+        They are products of columns of L^-1, which are zero but for the fronts from that of their block to the root:
+        of blocks that meet, these lie on one way.
         """
         pattern = self.pattern
         place = pattern.rank[pattern.rows(blocks[None])[0]]
