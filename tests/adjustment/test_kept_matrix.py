@@ -129,7 +129,7 @@ def test_an_iteration_may_end_as_soon_as_its_steps_close_in(
         assert not outcome.failure and (len(steps) == count or not large)
         assert outcome.rough == (large and until is not Until.REST and place > 2.0)
         assert outcome.rough or abs(outcome.state - 1.0) < 0.01 * AT_REST
-        assert outcome.rough == (outcome.length > AT_REST)
+        assert outcome.rough == np.isfinite(outcome.length)
 
 
 def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction, large: int) -> Any:
@@ -145,7 +145,8 @@ def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refract
         patch.setattr(triangulation, "LARGE", large)
         patch.setattr(normals, "factorise", counted)
         block = read_deck(FIXTURES / deck)
-        options = replace(block.options, program=program, refraction=refraction)
+        # to where the passes of WATPT lead: within the millimetre of the card it matters how they come there
+        options = replace(block.options, program=program, refraction=refraction, water_limit=1e-6)
         return adjust(replace(block, options=options)), count[0]
 
 

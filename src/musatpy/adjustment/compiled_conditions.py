@@ -17,7 +17,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.sequence import Part
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
@@ -54,8 +54,10 @@ class CompiledPassPoints(CompiledRows):
 
         self.add(normals, matrix, work)
 
-    def settle(self, state: State, ground: FloatArray, squares: FloatArray) -> float:
-        """Take the points to their optimum: set `ground` (p, 3) and their `squares` (p,).
+    def settle(
+        self, state: State, ground: FloatArray, squares: FloatArray, chosen: BoolArray | None = None
+    ) -> float:
+        """Take the points, or those `chosen` (p,), to their optimum: set `ground` (p, 3) and their `squares` (p,).
 
         Returns by how much the squares of all were still to fall by the last step.
         """
@@ -67,19 +69,24 @@ class CompiledPassPoints(CompiledRows):
                 part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, squares, left
             )
 
-        moving, rounds = self, 0
+        first = self if chosen is None else self._part(chosen)
+        moving, rounds = first, 0
         while moving.groups and rounds < MAX_STEPS:
             before, rounds = ground.copy(), rounds + 1
             moving.of_parts(partial(work, self.water(state, ground)))
             moving = moving._under_other_water(before, ground)
-        return float(left[self.rows].sum())
+        return float(left[first.rows].sum())
+
+    def _part(self, chosen: BoolArray) -> CompiledPassPoints:
+        """Return those of the points that are `chosen` (p,)."""
+        parts = chain.from_iterable(group.some(chosen[group.point]) for group in self.groups)
+        return replace(self, groups=tuple(parts))
 
     def _under_other_water(self, before: FloatArray, ground: FloatArray) -> CompiledPassPoints:
         """Return the points with wet rays that have moved from `before` (p, 3).
 
         The water is no plane, and its normals are others there.
         """
-        refracted = self.network.refracted
-        moved = np.abs(ground - before).max(axis=1) >= STEP_LIMIT
-        wet = [group.some(moved[group.point] & refracted[group.rays].any(axis=1)) for group in self.groups]
-        return replace(self, groups=tuple(chain.from_iterable(wet)))
+        wet = np.zeros(self.network.points, dtype=bool)
+        wet[self.network.point[self.network.refracted]] = True
+        return self._part(wet & (np.abs(ground - before).max(axis=1) >= STEP_LIMIT))

@@ -150,8 +150,8 @@ class Outcome:
 
     @property
     def length(self) -> float:
-        """Length of the last step, infinite where the iteration did not converge."""
-        return np.inf if self.last is None else self.last.line.length(self.last_step)
+        """Length of the last step of a rough iteration, which the next one is to go on from, else infinite."""
+        return self.last.line.length(self.last_step) if self.last is not None and self.rough else np.inf
 
 
 class SingularNormalsError(Exception):

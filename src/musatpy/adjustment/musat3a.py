@@ -19,7 +19,15 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, best_line, every_ray_wet, next_line, refracted, starting_line
+from musatpy.adjustment.waterline import (
+    WaterLine,
+    best_line,
+    early_line,
+    every_ray_wet,
+    next_line,
+    refracted,
+    starting_line,
+)
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.model import INDEX_RANGE, Block, Datum, ObservationKind, Refraction, Solution, Weights
@@ -166,9 +174,8 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
-            if outcome.rough:  # points still move with their stations: what they do here is no last change
-                line = starting_line(best_line(measured, line, state, job.bathymetric).wet, measured.points)
-                until = Until.REST
+            if outcome.rough:
+                line, until = early_line(measured, line, state, job.bathymetric), Until.REST
                 continue
             factor = outcome.last.factor if outcome.last and not free.count else None
             before, line = line, best_line(measured, line, state, job.bathymetric, factor)

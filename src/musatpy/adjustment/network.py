@@ -180,6 +180,14 @@ class Network:
         nothing = np.zeros_like(self.priors.known)
         return replace(self, priors=replace(self.priors, known=nothing, held=nothing))
 
+    def changed(self, before: Network) -> BoolArray:
+        """Return the points (p,) whose images, rays or held components are others than in a network of the same."""
+        rays = (self.refracted != before.refracted) | (self.xy != before.xy).any(axis=1)
+        held, given = (self.priors.held, before.priors.held), self.priors.given != before.priors.given
+        out = ((held[0] != held[1]) | (held[0] & given)).any(axis=1)
+        out[self.point[rays]] = True
+        return out
+
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""
         return replace(self, xy=xy, refracted=refracted)

@@ -273,8 +273,8 @@ class SparseFactor:
     def inverse_of(self, blocks: IntArray) -> FloatArray:
         """Return the elements (b size, b size) of N^-1 of blocks (b,) that meet one another.
 
-        They are products of columns of L^-1, which are zero but for the fronts from that of their block to the root:
-        of blocks that meet, these lie on one way.
+        They are products of columns of L^-1, zero but for the fronts from that of their block to the root, which of
+        blocks that meet lie on one way.
         """
         pattern = self.pattern
         place = pattern.rank[pattern.rows(blocks[None])[0]]

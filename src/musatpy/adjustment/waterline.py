@@ -119,6 +119,14 @@ def best_line(
     return _changed(network, line, water, wet, level, bathymetric, fixed)
 
 
+def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
+    """Return the line with every point in its best state while stations, and points with them, still move.
+
+    What points do here is no last change to turn back from, and none is held.
+    """
+    return starting_line(best_line(network, line, state, bathymetric).wet, network.points)
+
+
 def _set_best(
     network: Network,
     present: Network,
