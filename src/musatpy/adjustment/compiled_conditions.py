@@ -22,6 +22,8 @@ from musatpy.arrays import BoolArray, FloatArray
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
 
+_TURN = 1e-12  # of a normal: a hundredth of a millimetre on the ground
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompiledPassPoints(CompiledRows):
@@ -70,23 +72,16 @@ class CompiledPassPoints(CompiledRows):
             )
 
         first = self if chosen is None else self._part(chosen)
-        moving, rounds = first, 0
+        moving, rounds, over = first, 0, self.water(state, ground)
         while moving.groups and rounds < MAX_STEPS:
-            before, rounds = ground.copy(), rounds + 1
-            moving.of_parts(partial(work, self.water(state, ground)))
-            moving = moving._under_other_water(before, ground)
+            moving.of_parts(partial(work, over))
+            before, over, rounds = over, self.water(state, ground), rounds + 1
+            turned = np.zeros(self.network.points, dtype=bool)  # the water over them, which is no plane
+            turned[self._wet[1][np.nonzero(np.abs(over.normal - before.normal) > _TURN)[0]]] = True
+            moving = moving._part(turned)
         return float(left[first.rows].sum())
 
     def _part(self, chosen: BoolArray) -> CompiledPassPoints:
         """Return those of the points that are `chosen` (p,)."""
         parts = chain.from_iterable(group.some(chosen[group.point]) for group in self.groups)
         return replace(self, groups=tuple(parts))
-
-    def _under_other_water(self, before: FloatArray, ground: FloatArray) -> CompiledPassPoints:
-        """Return the points with wet rays that have moved from `before` (p, 3).
-
-        The water is no plane, and its normals are others there.
-        """
-        wet = np.zeros(self.network.points, dtype=bool)
-        wet[self.network.point[self.network.refracted]] = True
-        return self._part(wet & (np.abs(ground - before).max(axis=1) >= STEP_LIMIT))

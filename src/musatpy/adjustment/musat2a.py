@@ -47,7 +47,9 @@ class _Run:
         measured = self.job.network
         submerged = self.job.bathymetric[measured.point].any()
         mode = self.job.block.options.refraction if submerged else Refraction.NONE
-        straight, warnings = self.first_triangulation(state, Until.REST if mode is Refraction.NONE else Until.FIT)
+        # the passes of 1983 do not come to rest: where they get to depends on every step
+        to_rest = mode in (Refraction.NONE, Refraction.LEGACY)
+        straight, warnings = self.first_triangulation(state, Until.REST if to_rest else Until.FIT)
         mode = Refraction.NONE if straight.lost else mode
         network = refracted_network = measured
         outcome = straight
@@ -178,7 +180,7 @@ class _Run:
             ground, last, before = state.ground, line, network
             network = measured.with_plates(xy, measured.refracted)
             straightened = measured.with_plates(measured.xy, line.wet)
-            until = Until.CLOSE if number < most else Until.REST
+            until = Until.REST if legacy or number == most else Until.CLOSE
             outcome = self.triangulate(network, state, number, near, until, before)
             near = None if outcome.failure else Near(kept=outcome.kept, proven=True)
             state = self.job.with_left_out(network, outcome.state)

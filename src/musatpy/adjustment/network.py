@@ -182,10 +182,11 @@ class Network:
 
     def changed(self, before: Network) -> BoolArray:
         """Return the points (p,) whose images, rays or held components are others than in a network of the same."""
-        rays = (self.refracted != before.refracted) | (self.xy != before.xy).any(axis=1)
+        out = np.zeros(self.points, dtype=bool)
+        out[self.point[self.refracted != before.refracted]] = True
+        out[self.point[np.nonzero(self.xy != before.xy)[0]]] = True
         held, given = (self.priors.held, before.priors.held), self.priors.given != before.priors.given
-        out = ((held[0] != held[1]) | (held[0] & given)).any(axis=1)
-        out[self.point[rays]] = True
+        out[np.nonzero((held[0] != held[1]) | (held[0] & given))[0]] = True
         return out
 
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
