@@ -217,12 +217,12 @@ class CompiledPoints(CompiledRows):
     others: tuple[PointGroup, ...]
 
     @classmethod
-    def of(cls, network: Network) -> CompiledPoints | None:
-        """Return the points of a network, None where numpy does all."""
+    def of(cls, network: Network, groups: Iterable[PointGroup] | None = None) -> CompiledPoints | None:
+        """Return the points of a network, or of some of its groups, None where numpy does all."""
         kernels = compiled_points(network.photos)
         if kernels is None:
             return None
-        plain, others = split(network, network.groups)
+        plain, others = split(network, network.groups if groups is None else groups)
         return cls(kernels=kernels, network=network, groups=plain, others=others)
 
     def add_eliminated(
@@ -255,6 +255,14 @@ class CompiledPoints(CompiledRows):
         known = self.sequence.point[self.known_rows]
         priors = prior_rows(self.network, state, known, state.ground[known])
         squares[known] += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
+
+    def set_reaches(self, state: State, out: FloatArray) -> None:
+        """Set how far the points can move upward (p,) m by the largest of their weighted residuals."""
+        at, stations = self.measured(state.ground), self.stations(state)
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        up, point = np.empty_like(state.ground), self.sequence.point[self.rows]
+        up[point] = self.network.frame.vertical(state.ground[point])[0]
+        self.of_parts(lambda part: self.kernels.reaches(part.rows, at, stations, water, known, RIDGE, up, out))
 
     @property
     def bound(self) -> tuple[PointGroup, ...]:

@@ -156,12 +156,14 @@ class _Run:
         """
         job, measured = self.job, self.job.network
         near: Near | None = None
+        before: Network | None = None
         until = Until.CLOSE if job.bathymetric.any() and measured.sea is None else Until.REST
         short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
         for number in itertools.count(passes + 1):
             network, state = refracted(measured, line, state)
             network = network.with_known_waves() if given else network
-            state = self.problem(network, NOTHING_FREE).with_squares(state)
+            state = self.problem(network, NOTHING_FREE).with_squares(state, before)
+            before = network if measured.sea is None else None
             free = self.freedom(network, state)
             trials = self.free_waves(network)
             if trials:
@@ -178,8 +180,8 @@ class _Run:
                 line, until = early_line(measured, line, state, job.bathymetric), Until.REST
                 continue
             factor = outcome.last.factor if outcome.last and not free.count else None
-            before, line = line, best_line(measured, line, state, job.bathymetric, factor)
-            if line.same_as(before) and not given:
+            last, line = line, best_line(measured, line, state, job.bathymetric, factor)
+            if line.same_as(last) and not given:
                 break
             given = False
         return network, line, self.with_index_in_range(network, outcome)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import hold, point_normals
 from musatpy.adjustment.network import Network, PointGroup, group_points
 from musatpy.adjustment.normals import Cofactors, Factor
@@ -97,18 +98,22 @@ def best_line(
     asked: list[PointGroup] = []
     again: list[PointGroup] = []
     wet, level = (height < water) & bathymetric[point], np.full(network.points, np.nan)
-    for group, entering in _bathymetric_groups(network, state, bathymetric):
-        near[group.point], at_odds = _near_and_at_odds(present, line, state, group)
+    groups = list(_bathymetric_groups(network, state, bathymetric))
+    reach = _reaches(present, state, groups)
+    for group, entering in groups:
+        gap = water_over(present, state, group, state.ground[group.point]) - height[group.rays]
+        near[group.point] = np.abs(gap).min(axis=1) < _KINK * reach[group.point]
+        at_odds = (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
         at_odds |= near[group.point] | np.isfinite(line.level[group.point])
         free = ~line.rests[group.point]
         asked += group.some(at_odds & free)
         again += group.some(near[group.point] & free & entering)
     _set_best(network, present, state, asked, None, wet, level)
     change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
-    turned = near[point] & (change * line.way < 0)[point] & (wet != line.wet)
-    distance, nearest = np.where(turned, np.abs(water - height), np.inf), np.full(network.points, np.inf)
-    np.fmin.at(nearest, point, distance)
-    between = turned & (distance == nearest[point])
+    turned = np.flatnonzero((near & (change * line.way < 0))[point] & (wet != line.wet))
+    distance, nearest = np.abs(water - height)[turned], np.full(network.points, np.inf)
+    np.fmin.at(nearest, point[turned], distance)
+    between = turned[distance == nearest[point[turned]]]
     level[point[between]] = water[between]
     new = _changed(network, line, water, wet, level, bathymetric, fixed)
     if fixed or factor is None or not again or not new.same_as(line):
@@ -195,22 +200,26 @@ def _bathymetric_groups(
         yield part, False
 
 
-def _near_and_at_odds(
-    present: Network, line: WaterLine, state: State, group: PointGroup
-) -> tuple[BoolArray, BoolArray]:
-    """Return which points (k,) of a group are near a tide, and which disagree with their state in `present`.
+def _reaches(network: Network, state: State, groups: Iterable[tuple[PointGroup, bool]]) -> FloatArray:
+    """Return (p,) m how far the largest of their residuals moves points of groups, entering or not, upward.
 
-    Near are those that the kink of their images could bring to the tide: on its other side the same residuals pull
-    at other partials.
+    So far the kink of their images could bring them: on the other side of the water the same residuals pull at
+    other partials. NaN for others.
     """
-    X = state.ground[group.point]
-    normals = point_normals(present, state, group, X, stations=False)
-    up = np.einsum("kij,kj->ki", normals.axes, present.frame.axes(X)[:, 2])
-    variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
-    gap = water_over(present, state, group, X) - present.frame.height(X)[:, None]
-    size = np.sqrt(np.max(np.square(normals.residual) * present.weight[group.rays], axis=(1, 2)))
-    near = np.abs(gap).min(axis=1) < _KINK * size * np.sqrt(variance)
-    return near, (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
+    out = np.full(network.points, np.nan)
+    compiled = CompiledPoints.of(network, [group for group, entering in groups if entering])
+    others = [group for group, entering in groups if compiled is None or not entering]
+    if compiled is not None:
+        compiled.set_reaches(state, out)
+        others += compiled.others
+    for group in others:
+        X = state.ground[group.point]
+        normals = point_normals(network, state, group, X, stations=False)
+        up = np.einsum("kij,kj->ki", normals.axes, network.frame.vertical(X)[0])
+        variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
+        square = np.max(np.square(normals.residual) * network.weight[group.rays], axis=(1, 2))
+        out[group.point] = np.sqrt(square * variance)
+    return out
 
 
 def next_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
@@ -237,9 +246,8 @@ def next_line(network: Network, line: WaterLine, state: State, bathymetric: Bool
 
 def heights_and_water(network: Network, state: State) -> tuple[FloatArray, FloatArray]:
     """Return (m,) the height of the point of each measurement, and that of the water over it; NaN where unknown."""
-    known = np.isfinite(state.ground).all(axis=1)
+    known = np.isfinite(state.ground.sum(axis=1))
     height = np.full(network.points, np.nan)
     height[known] = network.frame.height(state.ground[known])
-    slope = network.slope(state.tilt)
-    water = water_heights(slope, state.tide[network.photo], state.ground[network.point])
-    return height[network.point], water
+    rise = water_heights(network.slope(state.tilt), np.zeros(network.points), state.ground)
+    return height[network.point], state.tide[network.photo] + rise[network.point]

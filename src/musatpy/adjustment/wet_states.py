@@ -68,9 +68,9 @@ def best_states(
     for j in range(m):
         kink = sunk[j] & risen[j]
         if kink.any():
-            part, level = replace(group.part(kink), known=True), np.full(network.points, np.nan)
-            level[part.point] = tide[j, kink]
-            held = _with_state(network, part, rank[kink] > j).with_heights_held(level)
+            part = replace(group.part(kink), known=True)
+            on_tide, part = network.apart(part, network.xy[part.rays], rank[kink] > j)
+            held = on_tide.with_heights_held(tide[j, kink])
             of_part = None if local is None else local.part(kink)
             start = hold(held, part.point, X[kink])
             squares[2 * j + 1, kink], _ = _tried(held, state, part, start, of_part)
@@ -82,13 +82,6 @@ def best_states(
     dry = (best + 1) // 2  # so many rays; on a water line its own is, as good as wet
     level = np.where(on_line, np.take_along_axis(tide, np.minimum(best // 2, m - 1)[None], 0)[0], np.nan)
     return rank >= dry[:, None], level
-
-
-def _with_state(network: Network, group: PointGroup, wet: BoolArray) -> Network:
-    """Return the network with the rays (k, m) of a group wet or dry."""
-    refracted = network.refracted.copy()
-    refracted[group.rays] = wet
-    return network.with_plates(network.xy, refracted)
 
 
 def _local(
