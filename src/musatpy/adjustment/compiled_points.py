@@ -44,7 +44,10 @@ def split(network: Network, groups: Iterable[PointGroup]) -> tuple[tuple[PointGr
         if group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
             others.append(group)
             continue
-        wet = np.asarray(network.refracted[group.rays].any(axis=1) & unknown)
+        if not unknown:
+            plain.append(group)
+            continue
+        wet = np.asarray(network.refracted[group.rays].any(axis=1))
         plain += group.some(~wet)
         others += group.some(wet)
     return tuple(plain), tuple(others)

@@ -9,7 +9,6 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
-from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.iteration import SHORT, Near, Outcome, Until
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
@@ -133,7 +132,7 @@ class _Run:
 
         `start`: it is near its minimum. Raises `AdjustmentError` naming what is free.
         """
-        state = ground_points.settle(network, state, CompiledPassPoints.of(network), before)
+        state = ground_points.settle(network, state, network.compiled_pass_points, before)
         return self.job.iterate(self.problem(network, state), network, state, outer_pass, start, until)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
@@ -173,7 +172,8 @@ class _Run:
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
         network = straightened = measured
-        xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
+        groups = self.job.water_groups()
+        xy = corrected_plates(measured, state, groups, line.wet, legacy)
         near, short = None if outcome.failure else Near(length=outcome.length), 0
         most = self.job.block.options.max_passes
         for number in range(1, most + 1):
@@ -190,7 +190,7 @@ class _Run:
                     number == 1 and straight.rough
                 ):  # stations moved, and points with them: nothing to turn back from
                     line = starting_line(line.wet, measured.points)
-                xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
+                xy = corrected_plates(measured, state, groups, line.wet, legacy)
             turning = np.flatnonzero(line.wet != last.wet)
             passes.append(self.water_pass(number, network, state, ground, xy, measured.point[turning]))
             short = short + 1 if outcome.failure else 0
@@ -203,7 +203,8 @@ class _Run:
         self, number: int, network: Network, state: State, before: FloatArray, after: FloatArray, turning: IntArray
     ) -> WaterPass:
         """Return the record of a pass: points (p, 3) `before` it, images (m, 2) mm of the next one `after` it."""
-        points = np.unique(network.point[self.job.bathymetric[network.point]])
+        seen = np.bincount(network.point, minlength=network.points) > 0
+        points = np.flatnonzero(seen & self.job.bathymetric)
         rays = np.flatnonzero(self.job.part.used & self.job.bathymetric[network.point])
         change = np.abs(after[rays] - network.xy[rays]) * np.sqrt(network.weight[rays])
         change = np.nan_to_num(change).max(axis=1, initial=0.0)

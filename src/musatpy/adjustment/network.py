@@ -21,6 +21,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 
 if TYPE_CHECKING:
+    from musatpy.adjustment.compiled_conditions import CompiledPassPoints
     from musatpy.adjustment.compiled_points import CompiledPoints
     from musatpy.adjustment.sequence import PointSequence
 
@@ -127,6 +128,13 @@ class Network:
         from musatpy.adjustment.compiled_points import CompiledPoints  # which is made of networks
 
         return CompiledPoints.of(self)
+
+    @cached_property
+    def compiled_pass_points(self) -> CompiledPassPoints | None:
+        """Its pass points for those of IIA; None where numpy does all."""
+        from musatpy.adjustment.compiled_conditions import CompiledPassPoints  # which is made of networks
+
+        return CompiledPassPoints.of(self)
 
     def sequence(self, kernels: ModuleType) -> PointSequence:
         """Return the points that are eliminated one after the other, for compiled kernels."""

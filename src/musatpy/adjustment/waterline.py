@@ -47,9 +47,8 @@ class WaterLine:
 
 def water_line(network: Network, state: State, bathymetric: BoolArray) -> WaterLine:
     """Return the state of the rays of bathymetric points (p,) where they stand."""
-    height, water = heights_and_water(network, state)
-    wet = (height < water) & bathymetric[network.point]
-    return starting_line(wet, network.points)
+    height, water = heights_and_water(network, state, bathymetric)
+    return starting_line(height < water, network.points)
 
 
 def every_ray_wet(network: Network, bathymetric: BoolArray) -> WaterLine:
@@ -92,12 +91,12 @@ def best_line(
     if not bathymetric.any():
         return line
     fixed = network.water.unknown or network.sea is not None
-    height, water = heights_and_water(network, state)
+    height, water = heights_and_water(network, state, bathymetric)
     present, _ = refracted(network, line, state)
     point, near = network.point, np.zeros(network.points, dtype=bool)
     asked: list[PointGroup] = []
     again: list[PointGroup] = []
-    wet, level = (height < water) & bathymetric[point], np.full(network.points, np.nan)
+    wet, level = height < water, np.full(network.points, np.nan)
     groups = list(_bathymetric_groups(network, state, bathymetric))
     reach = _reaches(present, state, groups)
     for group, entering in groups:
@@ -115,13 +114,13 @@ def best_line(
     np.fmin.at(nearest, point[turned], distance)
     between = turned[distance == nearest[point[turned]]]
     level[point[between]] = water[between]
-    new = _changed(network, line, water, wet, level, bathymetric, fixed)
+    new = _changed(network, line, water, wet, level, fixed)
     if fixed or factor is None or not again or not new.same_as(line):
         return new
     wet, level = line.wet.copy(), line.level.copy()
     few = sum(len(group.point) for group in again) <= _FEW * np.sqrt(network.photos)
     _set_best(network, present, state, again, factor if few else factor.cofactors(), wet, level)
-    return _changed(network, line, water, wet, level, bathymetric, fixed)
+    return _changed(network, line, water, wet, level, fixed)
 
 
 def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
@@ -152,7 +151,6 @@ def _changed(
     water: FloatArray,
     wet: BoolArray,
     level: FloatArray,
-    bathymetric: BoolArray,
     fixed: bool,
 ) -> WaterLine:
     """Return the line with other wet rays (m,) and water lines of points (p,), as far as these may change."""
@@ -162,7 +160,7 @@ def _changed(
     changed = (_per_point(network, line.wet != wet) > 0) | _moved(level, line.level)
     rests = line.rests | (changed & (np.abs(line.way) >= _TURNS)) | (np.isfinite(level) & fixed)
     on_line = np.isfinite(level)[point]
-    wet = np.where(on_line, (water > level[point]) & bathymetric[point], wet)
+    wet = np.where(on_line, water > level[point], wet)
     sign = np.where(change != 0, np.sign(change), np.where(line.way < 0, -1, 1))
     return WaterLine(
         wet=np.where(rests[point], line.wet, wet),
@@ -227,8 +225,10 @@ def next_line(network: Network, line: WaterLine, state: State, bathymetric: Bool
 
     A point that turns back rests: it lies on that water line within its own error, and either side serves.
     """
-    height, tide = heights_and_water(network, state)
-    wanted, point = (height < tide) & bathymetric[network.point], network.point
+    height, tide = heights_and_water(network, state, bathymetric)
+    wanted, point = height < tide, network.point
+    if np.array_equal(wanted, line.wet):
+        return line
     way = np.zeros_like(line.way)
     way[point[line.wet & ~wanted]] = 1
     way[point[~line.wet & wanted]] = -1
@@ -244,10 +244,17 @@ def next_line(network: Network, line: WaterLine, state: State, bathymetric: Bool
     return replace(line, wet=line.wet & ~dries | floods, way=np.where(way != 0, way, line.way), rests=rests)
 
 
-def heights_and_water(network: Network, state: State) -> tuple[FloatArray, FloatArray]:
-    """Return (m,) the height of the point of each measurement, and that of the water over it; NaN where unknown."""
+def heights_and_water(
+    network: Network, state: State, points: BoolArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return (m,) the height of the point of each measurement, and that of the water over it; NaN where unknown.
+
+    Of `points` (p,) only, NaN for others, where they are given.
+    """
+    height, water = np.full((2, len(network.point)), np.nan)
     known = np.isfinite(state.ground.sum(axis=1))
-    height = np.full(network.points, np.nan)
-    height[known] = network.frame.height(state.ground[known])
-    rise = water_heights(network.slope(state.tilt), np.zeros(network.points), state.ground)
-    return height[network.point], state.tide[network.photo] + rise[network.point]
+    rays = np.flatnonzero((known if points is None else known & points)[network.point])
+    ground = state.ground[network.point[rays]]
+    height[rays] = network.frame.height(ground)
+    water[rays] = water_heights(network.slope(state.tilt), state.tide[network.photo[rays]], ground)
+    return height, water
