@@ -250,6 +250,14 @@ class CompiledPoints(CompiledRows):
         follow = CompiledFollow(rows=self, eliminated=out, stations=stations, at=at, water=water, known=known)
         return follow, gain
 
+    def set_reaches(self, state: State, out: FloatArray) -> None:
+        """Set how far the points can move upward (p,) m by the largest of their weighted residuals."""
+        at, stations = self.measured(state.ground), self.stations(state)
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        up, point = np.empty_like(state.ground), self.sequence.point[self.rows]
+        up[point] = self.network.frame.vertical(state.ground[point])[0]
+        self.of_parts(lambda part: self.kernels.reaches(part.rows, at, stations, water, known, RIDGE, up, out))
+
     def set_squares(self, state: State, squares: FloatArray) -> None:
         """Set the weighted squares (p,) of the points where they are."""
         at, stations = self.measured(state.ground), self.stations(state)
@@ -258,14 +266,6 @@ class CompiledPoints(CompiledRows):
         known = self.sequence.point[self.known_rows]
         priors = prior_rows(self.network, state, known, state.ground[known])
         squares[known] += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
-
-    def set_reaches(self, state: State, out: FloatArray) -> None:
-        """Set how far the points can move upward (p,) m by the largest of their weighted residuals."""
-        at, stations = self.measured(state.ground), self.stations(state)
-        water, known = self.water(state, state.ground), self.known(state, state.ground)
-        up, point = np.empty_like(state.ground), self.sequence.point[self.rows]
-        up[point] = self.network.frame.vertical(state.ground[point])[0]
-        self.of_parts(lambda part: self.kernels.reaches(part.rows, at, stations, water, known, RIDGE, up, out))
 
     @property
     def bound(self) -> tuple[PointGroup, ...]:
