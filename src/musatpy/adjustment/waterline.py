@@ -22,7 +22,7 @@ from musatpy.adjustment.network import Network, PointGroup, group_points
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
-from musatpy.adjustment.wet_states import best_states, water_over
+from musatpy.adjustment.wet_states import best_states
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
@@ -100,7 +100,7 @@ def best_line(
     groups = list(_bathymetric_groups(network, state, bathymetric))
     reach = _reaches(present, state, groups)
     for group, entering in groups:
-        gap = water_over(present, state, group, state.ground[group.point]) - height[group.rays]
+        gap = water[group.rays] - height[group.rays]
         near[group.point] = np.abs(gap).min(axis=1) < _KINK * reach[group.point]
         at_odds = (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
         at_odds |= near[group.point] | np.isfinite(line.level[group.point])
@@ -108,7 +108,7 @@ def best_line(
         asked += group.some(at_odds & free)
         again += group.some(near[group.point] & free & entering)
     _set_best(network, present, state, asked, None, wet, level)
-    change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
+    change, _ = _changes(network, line, wet)
     turned = np.flatnonzero((near & (change * line.way < 0))[point] & (wet != line.wet))
     distance, nearest = np.abs(water - height)[turned], np.full(network.points, np.inf)
     np.fmin.at(nearest, point[turned], distance)
@@ -124,11 +124,17 @@ def best_line(
 
 
 def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
-    """Return the line with every point in its best state while stations, and points with them, still move.
+    """Return the line with the points that disagree with their states in their best ones.
 
-    What points do here is no last change to turn back from, and none is held.
+    For stations that still move, and points with them: what these do here is no last change to turn back from, and
+    none is held.
     """
-    return starting_line(best_line(network, line, state, bathymetric).wet, network.points)
+    height, water = heights_and_water(network, state, bathymetric)
+    at_odds = _per_point(network, line.wet != (height < water)) > 0
+    wet = line.wet.copy()
+    for group, _ in _bathymetric_groups(network, state, bathymetric & at_odds):
+        wet[group.rays], _ = best_states(network, network, state, group, None)
+    return starting_line(wet, network.points)
 
 
 def _set_best(
@@ -154,10 +160,12 @@ def _changed(
     fixed: bool,
 ) -> WaterLine:
     """Return the line with other wet rays (m,) and water lines of points (p,), as far as these may change."""
+    if np.array_equal(wet, line.wet) and not np.isfinite([level, line.level]).any():
+        return line
     point = network.point
-    change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
+    change, rays = _changes(network, line, wet)
     # a ray that is flooded as another one dries is a change too: such points also go round in a circle
-    changed = (_per_point(network, line.wet != wet) > 0) | _moved(level, line.level)
+    changed = (rays > 0) | _moved(level, line.level)
     rests = line.rests | (changed & (np.abs(line.way) >= _TURNS)) | (np.isfinite(level) & fixed)
     on_line = np.isfinite(level)[point]
     wet = np.where(on_line, water > level[point], wet)
@@ -168,6 +176,12 @@ def _changed(
         rests=rests,
         level=np.where(rests, line.level, level),
     )
+
+
+def _changes(network: Network, line: WaterLine, wet: BoolArray) -> tuple[IntArray, IntArray]:
+    """Return how many more rays of points (p,) dry than are flooded, with other wet rays (m,), and how many do."""
+    dry, flooded = _per_point(network, line.wet & ~wet), _per_point(network, wet & ~line.wet)
+    return dry - flooded, dry + flooded
 
 
 def _moved(level: FloatArray, before: FloatArray) -> BoolArray:
