@@ -271,23 +271,25 @@ class SparseFactor:
         return out
 
     def inverse_of(self, blocks: IntArray) -> FloatArray:
-        """Return the elements (b size, b size) of N^-1 of blocks (b,) that meet one another.
+        """Return the elements (k, b size, b size) of N^-1 of blocks (k, b); those of a row meet one another.
 
         They are products of columns of L^-1, zero but for the fronts from that of their block to the root, which of
         blocks that meet lie on one way.
         """
-        pattern = self.pattern
-        place = pattern.rank[pattern.rows(blocks[None])[0]]
-        x = np.zeros((pattern.order, len(place)))
-        x[place, np.arange(len(place))] = 1.0
-        front = bisect_right(pattern.plan, place.min(), key=lambda plan: plan.start) - 1
-        out = np.zeros((len(place), len(place)))
-        while front >= 0:
-            plan, L21 = pattern.plan[front], self.below[front]
-            own = lapack.dtrtrs(self.own[front], x[plan.start : plan.start + plan.own], lower=1)[0]
-            x[plan.boundary] -= L21 @ own
-            out += own.T @ own
-            front = plan.parent
+        pattern, rows = self.pattern, self.pattern.rank[self.pattern.rows(blocks)]
+        x, one = np.zeros((pattern.order, rows.shape[1])), np.arange(rows.shape[1])
+        out = np.zeros((*rows.shape, rows.shape[1]))
+        for place, inverse in zip(rows, out, strict=True):
+            x[place, one] = 1.0
+            front = bisect_right(pattern.plan, place.min(), key=lambda plan: plan.start) - 1
+            while front >= 0:
+                plan, L21 = pattern.plan[front], self.below[front]
+                own = slice(plan.start, plan.start + plan.own)
+                columns = lapack.dtrtrs(self.own[front], x[own], lower=1)[0]
+                x[plan.boundary] -= L21 @ columns
+                x[own] = 0.0
+                inverse += columns.T @ columns
+                front = plan.parent
         return out
 
     def selected_inverse(self) -> FloatArray:
