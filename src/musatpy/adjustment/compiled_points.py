@@ -43,13 +43,12 @@ def split(network: Network, groups: Iterable[PointGroup]) -> tuple[tuple[PointGr
     for group in groups:
         if group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
             others.append(group)
-            continue
-        if not unknown:
+        elif unknown:
+            wet = network.refracted[group.rays].any(axis=1)
+            plain += group.some(~wet)
+            others += group.some(wet)
+        else:
             plain.append(group)
-            continue
-        wet = np.asarray(network.refracted[group.rays].any(axis=1))
-        plain += group.some(~wet)
-        others += group.some(wet)
     return tuple(plain), tuple(others)
 
 
@@ -220,12 +219,12 @@ class CompiledPoints(CompiledRows):
     others: tuple[PointGroup, ...]
 
     @classmethod
-    def of(cls, network: Network, groups: Iterable[PointGroup] | None = None) -> CompiledPoints | None:
-        """Return the points of a network, or of some of its groups, None where numpy does all."""
+    def of(cls, network: Network, groups: Iterable[PointGroup]) -> CompiledPoints | None:
+        """Return those of groups of a network, None where numpy does all."""
         kernels = compiled_points(network.photos)
         if kernels is None:
             return None
-        plain, others = split(network, network.groups if groups is None else groups)
+        plain, others = split(network, groups)
         return cls(kernels=kernels, network=network, groups=plain, others=others)
 
     def add_eliminated(

@@ -127,7 +127,7 @@ class Network:
         """Its points for compiled kernels; None where numpy does all."""
         from musatpy.adjustment.compiled_points import CompiledPoints  # which is made of networks
 
-        return CompiledPoints.of(self)
+        return CompiledPoints.of(self, self.groups)
 
     @cached_property
     def compiled_pass_points(self) -> CompiledPassPoints | None:
