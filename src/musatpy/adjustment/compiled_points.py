@@ -250,7 +250,7 @@ class CompiledPoints(CompiledRows):
         return follow, gain
 
     def set_reaches(self, state: State, out: FloatArray) -> None:
-        """Set how far the points can move upward (p,) m by the largest of their weighted residuals."""
+        """Set the squares (p,) m2 of how far the points can move upward by their largest weighted residuals."""
         at, stations = self.measured(state.ground), self.stations(state)
         water, known = self.water(state, state.ground), self.known(state, state.ground)
         up, point = np.empty_like(state.ground), self.sequence.point[self.rows]

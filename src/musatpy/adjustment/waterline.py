@@ -230,8 +230,8 @@ def _reaches(network: Network, state: State, groups: Iterable[tuple[PointGroup, 
         up = np.einsum("kij,kj->ki", normals.axes, network.frame.vertical(X)[0])
         variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
         square = np.max(np.square(normals.residual) * network.weight[group.rays], axis=(1, 2))
-        out[group.point] = np.sqrt(square * variance)
-    return out
+        out[group.point] = square * variance
+    return np.sqrt(out)
 
 
 def next_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
