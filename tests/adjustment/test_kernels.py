@@ -139,7 +139,7 @@ def test_both_see_points_as_far_from_the_water_line(deck: str, seed: int, shift:
             patch.setenv(kernels.VARIABLE, kind)
             reach.append(waterline._reaches(network, state, groups))
     assert np.isfinite(reach[1]).any()
-    np.testing.assert_allclose(*reach, rtol=1e-10)
+    assert_like(*reach)
 
 
 @pytest.mark.slow

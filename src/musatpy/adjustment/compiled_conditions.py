@@ -73,11 +73,12 @@ class CompiledPassPoints(CompiledRows):
 
         first = self if chosen is None else self._part(chosen)
         moving, rounds, over = first, 0, self.water(state, ground)
+        _, wet, _ = self.sequence.wet(self.network.refracted)
         while moving.groups and rounds < MAX_STEPS:
             moving.of_parts(partial(work, over))
             before, over, rounds = over, self.water(state, ground), rounds + 1
             turned = np.zeros(self.network.points, dtype=bool)  # the water over them, which is no plane
-            turned[self._wet[1][np.nonzero(np.abs(over.normal - before.normal) > _TURN)[0]]] = True
+            turned[wet[np.nonzero(np.abs(over.normal - before.normal) > _TURN)[0]]] = True
             moving = moving._part(turned)
         return float(left[first.rows].sum())
 

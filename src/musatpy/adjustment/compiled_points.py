@@ -114,19 +114,10 @@ class CompiledRows:
         stations: points.Stations = self.kernels.Stations(*(plain(array) for array in arrays))
         return stations
 
-    @cached_property
-    def _wet(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The wet rays (w,) of the sequence, their points (w,), and the row (r,) of each ray among them, or -1."""
-        sequence = self.sequence
-        wet = np.flatnonzero(self.network.refracted[sequence.rays])
-        row = np.full(len(sequence.rays), -1)
-        row[wet] = np.arange(len(wet))
-        return wet, self.network.point[sequence.rays[wet]], row
-
     def water(self, state: State, ground: FloatArray) -> points.Water:
         """Return the level water over points that are at `ground` (p, 3)."""
-        wet, point, row = self._wet
         network = self.network
+        wet, point, row = self.sequence.wet(network.refracted)
         over = surface(
             network.frame, network.slope(state.tilt), state.tide[self.sequence.photo[wet]], ground[point]
         )
