@@ -155,8 +155,9 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.is_final or short == SHORT:
                 break
+            until = Until.REST
             if outcome.rough:
-                line, until = early_line(measured, line, state, self.job.bathymetric), Until.REST
+                line = early_line(measured, line, state, self.job.bathymetric)
                 continue
             factor = outcome.last.factor if outcome.last else None
             last, line = line, best_line(measured, line, state, self.job.bathymetric, factor)

@@ -176,8 +176,9 @@ class _Run:
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
+            until = Until.REST
             if outcome.rough:
-                line, until = early_line(measured, line, state, job.bathymetric), Until.REST
+                line = early_line(measured, line, state, job.bathymetric)
                 continue
             factor = outcome.last.factor if outcome.last and not free.count else None
             last, line = line, best_line(measured, line, state, job.bathymetric, factor)
