@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from adjustment.water_jobs import shore, st_thomas
+from altered import with_options
 from musatpy import read_deck
 from musatpy.adjustment import adjust, kernels, normals, simultaneous, triangulation
-from musatpy.adjustment.iteration import AT_REST, Kept, Linearisation, Near, Step, iterate
+from musatpy.adjustment.iteration import AT_REST, Kept, Linearisation, Near, Step, Until, iterate
 from musatpy.adjustment.normals import NormalMatrix
 from musatpy.adjustment.sparse import Pattern
 from musatpy.arrays import FloatArray
-from musatpy.model import Program, Refraction, Solution
+from musatpy.model import Block, Program, Refraction, Solution
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECKS = ("st_thomas/st_thomas.crd", "verdict/iia_same_deck.crd")
@@ -33,6 +35,7 @@ class Curve:
 
     b: float
     fresh: list[float]
+    renewable: bool = True
 
     def linearise(self, state: float) -> Linearisation:
         self.fresh.append(state)
@@ -50,7 +53,7 @@ class Curve:
         rhs = np.array([-slope * self.value(state)])
         return Linearisation(
             matrix=matrix, rhs=rhs, objective=self.evaluate(state, None), context=None, of_points=0.0, redundancy=1,
-            renewable=True,
+            renewable=self.renewable,
         )  # fmt: skip
 
     def value(self, x: float) -> float:
@@ -107,6 +110,30 @@ def test_an_iteration_near_its_minimum_may_start_with_a_kept_matrix(
     assert (len(curve.fresh), len(steps)) == (fresh, count)
 
 
+@pytest.mark.parametrize(
+    ("until", "place", "start", "count"),
+    [
+        (Until.FIT, 30.0, None, 1),
+        (Until.CLOSE, 30.0, None, 2),
+        (Until.REST, 30.0, None, 3),
+        (Until.CLOSE, 10.0, Near(length=120.0), 1),
+        (Until.CLOSE, 10.0, Near(length=10.0), 2),
+        (Until.CLOSE, 1.001, None, 1),
+    ],
+)
+def test_an_iteration_may_end_as_soon_as_its_steps_close_in(
+    until: Until, place: float, start: Near | None, count: int
+) -> None:
+    """Only of a large problem; its limits end it sooner where they are reached."""
+    for large in (True, False):
+        steps: list[Step] = []
+        outcome = iterate(Curve(b=0.003, fresh=[], renewable=large), place, 20, steps.append, start, until)
+        assert not outcome.failure and (len(steps) == count or not large)
+        assert outcome.rough == (large and until is not Until.REST and place > 2.0)
+        assert outcome.rough or abs(outcome.state - 1.0) < 0.01 * AT_REST
+        assert outcome.rough == np.isfinite(outcome.length)
+
+
 def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction, large: int) -> Any:
     """Return the solution of a deck, blocks of more than so many photos large, and how often it was factorised."""
     factorise, count = normals.factorise, [0]
@@ -120,8 +147,35 @@ def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refract
         patch.setattr(triangulation, "LARGE", large)
         patch.setattr(normals, "factorise", counted)
         block = read_deck(FIXTURES / deck)
-        options = replace(block.options, program=program, refraction=refraction)
+        # to where the passes of WATPT lead: within the millimetre of the card it matters how they come there
+        options = replace(block.options, program=program, refraction=refraction, water_limit=1e-6)
         return adjust(replace(block, options=options)), count[0]
+
+
+# strips in which points turn from pass to pass, or stand on a water line
+SHORES = [(shore, 9), *(pytest.param(shore, seed, marks=pytest.mark.slow) for seed in (1, 7, 12, 28, 34, 104))]
+
+
+@pytest.mark.parametrize(("job", "seed"), [*SHORES, pytest.param(st_thomas, 2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("program", list(Program))
+def test_early_looks_at_the_water_line_lead_to_the_same_states(
+    monkeypatch: pytest.MonkeyPatch, program: Program, job: Callable[[int], Block], seed: int
+) -> None:
+    block = with_options(job(seed), program=program, refraction=Refraction.RIGOROUS)
+    monkeypatch.setattr(simultaneous, "LARGE", 0)
+    monkeypatch.setattr(triangulation, "LARGE", 0)
+    a = adjust(block)
+    monkeypatch.undo()
+    assert_same(a, adjust(block))
+
+
+def assert_same(a: Solution, b: Solution) -> None:
+    """Two solutions are one minimum, to a hundredth of what the last steps may change."""
+    assert a.converged and b.converged
+    assert a.sum_of_squares == pytest.approx(b.sum_of_squares, rel=1e-7)
+    sigma = np.sqrt(np.einsum("pii->pi", b.points.covariance))
+    height = np.abs(a.points.position[:, 2] - b.points.position[:, 2]) / sigma[:, 2]
+    assert np.nanmax(height) < 0.01 * AT_REST
 
 
 @pytest.mark.parametrize("kind", [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)])
@@ -132,10 +186,5 @@ def test_solutions_are_the_same(
 ) -> None:
     monkeypatch.setenv(kernels.VARIABLE, kind)
     (kept, less), (plain, more) = (solved(monkeypatch, deck, program, refraction, large) for large in (0, 1000))
-    a: Solution = kept
-    b: Solution = plain
-    assert a.converged and b.converged and less < more
-    assert a.sum_of_squares == pytest.approx(b.sum_of_squares, rel=1e-7)
-    sigma = np.sqrt(np.einsum("pii->pi", b.points.covariance))
-    height = np.abs(a.points.position[:, 2] - b.points.position[:, 2]) / sigma[:, 2]
-    assert np.nanmax(height) < 0.01 * AT_REST
+    assert less < more
+    assert_same(kept, plain)

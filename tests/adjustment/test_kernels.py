@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musatpy import read_deck
-from musatpy.adjustment import adjust, ground, kernels, reliability, sequence, sightings, threads
+from musatpy.adjustment import adjust, ground, kernels, reliability, sequence, sightings, threads, waterline
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network, job_frame
@@ -123,6 +123,24 @@ def test_both_have_the_same_conditions_and_points_at_rest(
     for of_a in (a, renewed_a):
         for of_b in (b, renewed_b):
             assert_like(of_a.rhs * scale, of_b.rhs * scale)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deck", DECKS)
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 20.0))
+def test_both_see_points_as_far_from_the_water_line(deck: str, seed: int, shift: float) -> None:
+    """How far residuals reach in height, of points at which stations are off by metres, known ones among them."""
+    network, state, _ = job(deck)
+    draws = np.random.default_rng(seed)
+    state = replace(state, position=state.position + shift * draws.normal(size=state.position.shape))
+    groups, reach = [(group, not group.kept) for group in network.groups], []
+    for kind in BOTH:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(kernels.VARIABLE, kind)
+            reach.append(waterline._reaches(network, state, groups))
+    assert np.isfinite(reach[1]).any()
+    assert_like(*reach)
 
 
 @pytest.mark.slow

@@ -97,6 +97,24 @@ def test_cofactors_of_photos_in_any_order_are_those_of_the_dense_matrix() -> Non
         )
 
 
+@pytest.mark.parametrize("placed", [False, True])
+@pytest.mark.parametrize("g", [0, 2])
+def test_cofactors_of_a_few_photos_are_those_of_all(placed: bool, g: int) -> None:
+    """What is left of a globally bordered matrix once all are known: the elements that the whole inverse has."""
+    rng = np.random.default_rng(8)
+    count, cliques, place = placed_cliques(5, 9, rng)
+    pattern = Pattern.of(count, 6, cliques, place if placed else None)
+    blocks, border = matrix_on(pattern, cliques, rng), rng.normal(size=(6 * count, g))
+    corner = border.T @ factorise(pattern, blocks).solve(border) + np.eye(g)
+    factor = factorised(NormalMatrix(pattern=pattern, blocks=blocks, border=border, corner=corner))
+    assert factor is not None
+    whole = factor.cofactors()
+    for clique in cliques:
+        index = rng.integers(0, max(g, 1), (len(clique), 3 if g else 0))
+        expected = whole.with_border(clique, index)
+        np.testing.assert_allclose(factor.with_border(clique, index), expected, atol=1e-12 * np.abs(expected).max())
+
+
 def test_parts_that_do_not_meet_are_factorised_one_by_one() -> None:
     rng = np.random.default_rng(4)
     _, first = cliques_of(2, 20, rng)

@@ -17,10 +17,12 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.sequence import Part
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
+
+_TURN = 1e-12  # of a normal: a hundredth of a millimetre on the ground
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,8 +56,10 @@ class CompiledPassPoints(CompiledRows):
 
         self.add(normals, matrix, work)
 
-    def settle(self, state: State, ground: FloatArray, squares: FloatArray) -> float:
-        """Take the points to their optimum: set `ground` (p, 3) and their `squares` (p,).
+    def settle(
+        self, state: State, ground: FloatArray, squares: FloatArray, chosen: BoolArray | None = None
+    ) -> float:
+        """Take the points, or those `chosen` (p,), to their optimum: set `ground` (p, 3) and their `squares` (p,).
 
         Returns by how much the squares of all were still to fall by the last step.
         """
@@ -67,19 +71,18 @@ class CompiledPassPoints(CompiledRows):
                 part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, squares, left
             )
 
-        moving, rounds = self, 0
+        first = self if chosen is None else self._part(chosen)
+        moving, rounds, over = first, 0, self.water(state, ground)
+        _, wet, _ = self.sequence.wet(self.network.refracted)
         while moving.groups and rounds < MAX_STEPS:
-            before, rounds = ground.copy(), rounds + 1
-            moving.of_parts(partial(work, self.water(state, ground)))
-            moving = moving._under_other_water(before, ground)
-        return float(left[self.rows].sum())
+            moving.of_parts(partial(work, over))
+            before, over, rounds = over, self.water(state, ground), rounds + 1
+            turned = np.zeros(self.network.points, dtype=bool)  # the water over them, which is no plane
+            turned[wet[np.nonzero(np.abs(over.normal - before.normal) > _TURN)[0]]] = True
+            moving = moving._part(turned)
+        return float(left[first.rows].sum())
 
-    def _under_other_water(self, before: FloatArray, ground: FloatArray) -> CompiledPassPoints:
-        """Return the points with wet rays that have moved from `before` (p, 3).
-
-        The water is no plane, and its normals are others there.
-        """
-        refracted = self.network.refracted
-        moved = np.abs(ground - before).max(axis=1) >= STEP_LIMIT
-        wet = [group.some(moved[group.point] & refracted[group.rays].any(axis=1)) for group in self.groups]
-        return replace(self, groups=tuple(chain.from_iterable(wet)))
+    def _part(self, chosen: BoolArray) -> CompiledPassPoints:
+        """Return those of the points that are `chosen` (p,)."""
+        parts = chain.from_iterable(group.some(chosen[group.point]) for group in self.groups)
+        return replace(self, groups=tuple(parts))

@@ -114,19 +114,10 @@ class CompiledRows:
         stations: points.Stations = self.kernels.Stations(*(plain(array) for array in arrays))
         return stations
 
-    @cached_property
-    def _wet(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The wet rays (w,) of the sequence, their points (w,), and the row (r,) of each ray among them, or -1."""
-        sequence = self.sequence
-        wet = np.flatnonzero(self.network.refracted[sequence.rays])
-        row = np.full(len(sequence.rays), -1)
-        row[wet] = np.arange(len(wet))
-        return wet, self.network.point[sequence.rays[wet]], row
-
     def water(self, state: State, ground: FloatArray) -> points.Water:
         """Return the level water over points that are at `ground` (p, 3)."""
-        wet, point, row = self._wet
         network = self.network
+        wet, point, row = self.sequence.wet(network.refracted)
         over = surface(
             network.frame, network.slope(state.tilt), state.tide[self.sequence.photo[wet]], ground[point]
         )
@@ -248,6 +239,14 @@ class CompiledPoints(CompiledRows):
         gain = sum(self.add(normals, matrix, work))
         follow = CompiledFollow(rows=self, eliminated=out, stations=stations, at=at, water=water, known=known)
         return follow, gain
+
+    def set_reaches(self, state: State, out: FloatArray) -> None:
+        """Set the squares (p,) m2 of how far the points can move upward by their largest weighted residuals."""
+        at, stations = self.measured(state.ground), self.stations(state)
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        up, point = np.empty_like(state.ground), self.sequence.point[self.rows]
+        up[point] = self.network.frame.vertical(state.ground[point])[0]
+        self.of_parts(lambda part: self.kernels.reaches(part.rows, at, stations, water, known, RIDGE, up, out))
 
     def set_squares(self, state: State, squares: FloatArray) -> None:
         """Set the weighted squares (p,) of the points where they are."""

@@ -180,16 +180,26 @@ def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
     return ground
 
 
-def settle(network: Network, state: State, compiled: CompiledPassPoints | None = None) -> State:
-    """Return the state with every point of the solution at its optimum for the current stations and levels."""
+def settle(
+    network: Network, state: State, compiled: CompiledPassPoints | None = None, before: Network | None = None
+) -> State:
+    """Return the state with every point of the solution at its optimum for the current stations and levels.
+
+    In the network `before`, where there is one, they are at it.
+    """
     ground, squares, unsettled = state.ground.copy(), np.zeros(network.points), 0.0
-    pass_groups = network.pass_groups
+    moving = np.ones(network.points, dtype=bool)
+    if before is not None:
+        squares, unsettled, moving = state.squares.copy(), state.unsettled, network.changed(before)
+    groups = network.pass_groups
     if compiled is not None:
-        unsettled, pass_groups = compiled.settle(state, ground, squares), compiled.others
-    for group in (*pass_groups, *network.control_groups):
-        point = group.point
-        ground[point], squares[point], left = _best(network, state, group, ground[point])
-        unsettled += float(left.sum())
+        unsettled += compiled.settle(state, ground, squares, None if before is None else moving)
+        groups = compiled.others
+    for group in (*groups, *network.control_groups):
+        for part in group.some(moving[group.point]):
+            point = part.point
+            ground[point], squares[point], left = _best(network, state, part, ground[point])
+            unsettled += float(left.sum())
     return replace(state, ground=ground, squares=squares, unsettled=unsettled)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import Any, Protocol
 
 import numpy as np
@@ -110,6 +111,15 @@ class Near:
 
     kept: Kept | None = None
     proven: bool = False  # the observations differ in their values alone, so that steps close in as they did there
+    length: float = np.inf  # of the last step of the other one: the first one here is to close in on that
+
+
+class Until(Enum):
+    """When an iteration of a large problem ends."""
+
+    REST = "rest"  # below the limits
+    CLOSE = "close"  # as soon as its steps close in, so that it may keep its matrix
+    FIT = "fit"  # or as soon as misfits are so small that the next step will close in: it gains less than they are
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,6 +136,7 @@ class Outcome:
     hopeless: bool = False  # at a halt by far too high: sides of the water do not matter, nor crests of waves
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
     last: Kept | None = None  # normals of that step, where the iteration converged
+    rough: bool = False  # it ended as soon as `Until` said, before the limits
 
     @property
     def is_final(self) -> bool:
@@ -136,6 +147,11 @@ class Outcome:
     def kept(self) -> Kept | None:
         """Its last normals where another iteration may use them."""
         return self.last if self.last is not None and self.last.line.renewable else None
+
+    @property
+    def length(self) -> float:
+        """Length of the last step of a rough iteration, which the next one is to go on from, else infinite."""
+        return self.last.line.length(self.last_step) if self.last is not None and self.rough else np.inf
 
 
 class SingularNormalsError(Exception):
@@ -152,6 +168,7 @@ def iterate(
     max_iterations: int,
     report: Callable[[Step], None] | None = None,
     start: Near | None = None,
+    until: Until = Until.REST,
 ) -> Outcome:
     """Lower the objective of `problem` from `state` until a full step is below the limits, and changes nothing.
 
@@ -165,9 +182,10 @@ def iterate(
     long as each step is a hundredth of the one before at most. The step that ends it is such a one, or has a matrix
     of its own: what is left then is a hundredth of the limits. Of an iteration that `start` says to be near its
     minimum the first step may have a kept matrix as well, which does not end it where that is not proven.
+    What follows may not need the minimum itself: `until` says how near a large problem is to come.
     """
     damping, blind, stalled, before = 0.0, 0, 0, state
-    step, change, length = np.zeros(0), 0.0, 0.0
+    step, change, length = np.zeros(0), 0.0, start.length if start else 0.0
     # of the matrix of `kept` is `factor`
     kept, factor = (start.kept.line, start.kept.factor) if start and start.kept else (None, None)
     for number in range(1, max_iterations + 1):
@@ -199,12 +217,15 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
         first = start if number == 1 else None
-        near = first is not None or length <= (_CLOSING if kept is None else _KEPT) * last
+        near = length <= (_CLOSING if kept is None else _KEPT) * last
+        near |= until is Until.FIT and np.sqrt(objective) <= _CLOSING * length
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None
-        if good and proven and factor is not None and change < AT_REST and problem.converged(step):
+        rest = good and proven and change < AT_REST and problem.converged(step)
+        rough = not rest and until is not Until.REST and good and near and line.renewable
+        if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor)
-            return Outcome(state=state, last_step=step, failure="", change=change, last=normals)
+            return Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)
         kept = line if good and near and line.renewable else None
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"

@@ -9,7 +9,16 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.building import build_network
 from musatpy.adjustment.direct import kept_movement, largest_movements
-from musatpy.adjustment.iteration import AT_REST, LeastSquares, Near, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.iteration import (
+    AT_REST,
+    LeastSquares,
+    Near,
+    Outcome,
+    SingularNormalsError,
+    Step,
+    Until,
+    iterate,
+)
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.network import (
@@ -51,7 +60,13 @@ class Job:
     notes: tuple[str, ...]  # warnings of the preparation
 
     def iterate(
-        self, problem: LeastSquares, network: Network, state: State, outer_pass: int, start: Near | None = None
+        self,
+        problem: LeastSquares,
+        network: Network,
+        state: State,
+        outer_pass: int,
+        start: Near | None = None,
+        until: Until = Until.REST,
     ) -> Outcome:
         """Return the outcome of one adjustment. Raises `AdjustmentError` naming what is free.
 
@@ -76,7 +91,7 @@ class Job:
 
         begin(self.progress, f"pass {outer_pass}, iteration", 1, self.block.options.max_iterations)
         try:
-            return iterate(problem, state, self.block.options.max_iterations, report, start)
+            return iterate(problem, state, self.block.options.max_iterations, report, start, until)
         except SingularNormalsError as error:
             # eigenvalues come with rounding of their own: look a little above the limit for the culprits
             reasons = describe_weakness(network, state, error.matrix, 100.0 * SINGULAR, self.block)

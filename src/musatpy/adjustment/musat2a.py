@@ -9,15 +9,14 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
-from musatpy.adjustment.compiled_conditions import CompiledPassPoints
-from musatpy.adjustment.iteration import SHORT, Near, Outcome
+from musatpy.adjustment.iteration import SHORT, Near, Outcome, Until
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.pass_points import simple_variances
 from musatpy.adjustment.sightings import residuals
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import best_line, next_line, refracted, water_line
+from musatpy.adjustment.waterline import best_line, early_line, next_line, refracted, starting_line, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
@@ -46,8 +45,11 @@ class _Run:
     def solution(self, state: State) -> Solution:
         measured = self.job.network
         submerged = self.job.bathymetric[measured.point].any()
-        straight, warnings = self.first_triangulation(state)
-        mode = self.job.block.options.refraction if submerged and not straight.lost else Refraction.NONE
+        mode = self.job.block.options.refraction if submerged else Refraction.NONE
+        # the passes of 1983 do not come to rest: where they get to depends on every step
+        to_rest = mode in (Refraction.NONE, Refraction.LEGACY)
+        straight, warnings = self.first_triangulation(state, Until.REST if to_rest else Until.FIT)
+        mode = Refraction.NONE if straight.lost else mode
         network = refracted_network = measured
         outcome = straight
         passes: tuple[WaterPass, ...] = ()
@@ -83,7 +85,7 @@ class _Run:
         scale = simple_variances(network, state, options.weights) if equal else None
         return Triangulation(network=network, options=options, fixed_scale=scale)
 
-    def first_triangulation(self, state: State) -> tuple[Outcome, tuple[str, ...]]:
+    def first_triangulation(self, state: State, until: Until) -> tuple[Outcome, tuple[str, ...]]:
         """Return the outcome without refraction, and warnings. Raises `AdjustmentError` naming what is free.
 
         Poor stations settle points behind cameras or far off, from where no step leads back. A triangulation that
@@ -91,13 +93,13 @@ class _Run:
         """
         measured, iterations = self.job.network, self.job.iterations
         begin(self.job.progress, "first triangulation")
-        outcome = self.triangulate(measured, state, 0)
+        outcome = self.triangulate(measured, state, 0, until=until)
         if not outcome.failure:
             return outcome, ()
         count = len(iterations)
         near = self.simultaneous(state)
         if near is not None:
-            again = self.triangulate(measured, near, 0)
+            again = self.triangulate(measured, near, 0, until=until)
             if not again.failure:
                 text = f"the triangulation did not converge from the given stations: {outcome.failure}"
                 return again, (f"{text}; it was started again from a simultaneous adjustment",)
@@ -117,13 +119,21 @@ class _Run:
             return None
         return None if outcome.failure else outcome.state
 
-    def triangulate(self, network: Network, state: State, outer_pass: int, start: Near | None = None) -> Outcome:
-        """Return the outcome of one triangulation, which settles its points first.
+    def triangulate(
+        self,
+        network: Network,
+        state: State,
+        outer_pass: int,
+        start: Near | None = None,
+        until: Until = Until.REST,
+        before: Network | None = None,
+    ) -> Outcome:
+        """Return the outcome of one triangulation, which settles its points first: those of `before` have been.
 
         `start`: it is near its minimum. Raises `AdjustmentError` naming what is free.
         """
-        state = ground_points.settle(network, state, CompiledPassPoints.of(network))
-        return self.job.iterate(self.problem(network, state), network, state, outer_pass, start)
+        state = ground_points.settle(network, state, network.compiled_pass_points, before)
+        return self.job.iterate(self.problem(network, state), network, state, outer_pass, start, until)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
         """Return network and outcome with refracted rays in the conditions.
@@ -134,45 +144,59 @@ class _Run:
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
         # refraction gives many points other partials: the matrix of straight rays would close in slowly
-        near, short = None if outcome.failure else Near(), 0
+        near, short = None if outcome.failure else Near(length=outcome.length), 0
+        until, network = Until.CLOSE, measured
         for number in itertools.count(1):
+            before = network
             network, state = refracted(measured, line, state)
-            outcome = self.triangulate(network, state, number, near)
+            outcome = self.triangulate(network, state, number, near, until, before)
             near = None if outcome.failure else Near(kept=outcome.kept)
             state = self.job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.is_final or short == SHORT:
                 break
-            cofactors = outcome.last.factor.cofactors if outcome.last else None
-            before, line = line, best_line(measured, line, state, self.job.bathymetric, cofactors)
-            if line.same_as(before):
+            until = Until.REST
+            if outcome.rough:
+                line = early_line(measured, line, state, self.job.bathymetric)
+                continue
+            factor = outcome.last.factor if outcome.last else None
+            last, line = line, best_line(measured, line, state, self.job.bathymetric, factor)
+            if line.same_as(last):
                 break
         return measured.with_plates(measured.xy, network.refracted), outcome
 
     def correct_water_points(
-        self, outcome: Outcome, legacy: bool
+        self, straight: Outcome, legacy: bool
     ) -> tuple[Network, Network, Outcome, tuple[WaterPass, ...]]:
         """Return WATPT iterated with the triangulation: network, network of the refracted rays, outcome, passes."""
-        measured, passes = self.job.network, []
+        measured, passes, outcome = self.job.network, [], straight
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
         network = straightened = measured
-        xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
-        near, short = None if outcome.failure else Near(), 0
-        for number in range(1, self.job.block.options.max_passes + 1):
-            before, last = state.ground, line
+        groups = self.job.water_groups()
+        xy = corrected_plates(measured, state, groups, line.wet, legacy)
+        near, short = None if outcome.failure else Near(length=outcome.length), 0
+        most = self.job.block.options.max_passes
+        for number in range(1, most + 1):
+            ground, last, before = state.ground, line, network
             network = measured.with_plates(xy, measured.refracted)
             straightened = measured.with_plates(measured.xy, line.wet)
-            outcome = self.triangulate(network, state, number, near)
+            until = Until.REST if legacy or number == most else Until.CLOSE
+            outcome = self.triangulate(network, state, number, near, until, before)
             near = None if outcome.failure else Near(kept=outcome.kept, proven=True)
             state = self.job.with_left_out(network, outcome.state)
             if not outcome.lost:
                 line = next_line(measured, line, state, self.job.bathymetric)
-                xy = corrected_plates(measured, state, self.job.water_groups(), line.wet, legacy)
+                if (
+                    number == 1 and straight.rough
+                ):  # stations moved, and points with them: nothing to turn back from
+                    line = starting_line(line.wet, measured.points)
+                xy = corrected_plates(measured, state, groups, line.wet, legacy)
             turning = np.flatnonzero(line.wet != last.wet)
-            passes.append(self.water_pass(number, network, state, before, xy, measured.point[turning]))
+            passes.append(self.water_pass(number, network, state, ground, xy, measured.point[turning]))
             short = short + 1 if outcome.failure else 0
-            if outcome.is_final or short == SHORT or not unrest_of_water(self.job.block, passes[-1]):
+            at_rest = not outcome.rough and not unrest_of_water(self.job.block, passes[-1])
+            if outcome.is_final or short == SHORT or at_rest:
                 break
         return network, straightened, outcome, tuple(passes)
 
@@ -180,7 +204,8 @@ class _Run:
         self, number: int, network: Network, state: State, before: FloatArray, after: FloatArray, turning: IntArray
     ) -> WaterPass:
         """Return the record of a pass: points (p, 3) `before` it, images (m, 2) mm of the next one `after` it."""
-        points = np.unique(network.point[self.job.bathymetric[network.point]])
+        seen = np.bincount(network.point, minlength=network.points) > 0
+        points = np.flatnonzero(seen & self.job.bathymetric)
         rays = np.flatnonzero(self.job.part.used & self.job.bathymetric[network.point])
         change = np.abs(after[rays] - network.xy[rays]) * np.sqrt(network.weight[rays])
         change = np.nan_to_num(change).max(axis=1, initial=0.0)

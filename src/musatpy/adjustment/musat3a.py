@@ -12,14 +12,22 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.direct import largest_movements
-from musatpy.adjustment.iteration import SHORT, Near, Outcome
+from musatpy.adjustment.iteration import SHORT, Near, Outcome, Until
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds.water_index import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, best_line, every_ray_wet, next_line, refracted, starting_line
+from musatpy.adjustment.waterline import (
+    WaterLine,
+    best_line,
+    early_line,
+    every_ray_wet,
+    next_line,
+    refracted,
+    starting_line,
+)
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.model import INDEX_RANGE, Block, Datum, ObservationKind, Refraction, Solution, Weights
@@ -148,25 +156,33 @@ class _Run:
         """
         job, measured = self.job, self.job.network
         near: Near | None = None
+        before: Network | None = None
+        until = Until.CLOSE if job.bathymetric.any() and measured.sea is None else Until.REST
         short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
         for number in itertools.count(passes + 1):
             network, state = refracted(measured, line, state)
             network = network.with_known_waves() if given else network
-            state = self.problem(network, NOTHING_FREE).with_squares(state)
+            state = self.problem(network, NOTHING_FREE).with_squares(state, before)
+            before = network if measured.sea is None else None
             free = self.freedom(network, state)
             trials = self.free_waves(network)
             if trials:
                 outcome = trials.freed(state, number)
             else:
-                outcome = job.iterate(self.problem(network, free), network, state, number, near)
+                until = Until.REST if free.count else until
+                outcome = job.iterate(self.problem(network, free), network, state, number, near, until)
                 near = None if free.count or outcome.failure else Near(kept=outcome.kept)
             state = job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
-            cofactors = outcome.last.factor.cofactors if outcome.last and not free.count else None
-            before, line = line, best_line(measured, line, state, job.bathymetric, cofactors)
-            if line.same_as(before) and not given:
+            until = Until.REST
+            if outcome.rough:
+                line = early_line(measured, line, state, job.bathymetric)
+                continue
+            factor = outcome.last.factor if outcome.last and not free.count else None
+            last, line = line, best_line(measured, line, state, job.bathymetric, factor)
+            if line.same_as(last) and not given:
                 break
             given = False
         return network, line, self.with_index_in_range(network, outcome)

@@ -21,6 +21,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 
 if TYPE_CHECKING:
+    from musatpy.adjustment.compiled_conditions import CompiledPassPoints
     from musatpy.adjustment.compiled_points import CompiledPoints
     from musatpy.adjustment.sequence import PointSequence
 
@@ -128,6 +129,13 @@ class Network:
 
         return CompiledPoints.of(self, self.groups)
 
+    @cached_property
+    def compiled_pass_points(self) -> CompiledPassPoints | None:
+        """Its pass points for those of IIA; None where numpy does all."""
+        from musatpy.adjustment.compiled_conditions import CompiledPassPoints  # which is made of networks
+
+        return CompiledPassPoints.of(self)
+
     def sequence(self, kernels: ModuleType) -> PointSequence:
         """Return the points that are eliminated one after the other, for compiled kernels."""
         if not self._gathered:
@@ -179,6 +187,15 @@ class Network:
         """Return the network as if nothing were known of its points."""
         nothing = np.zeros_like(self.priors.known)
         return replace(self, priors=replace(self.priors, known=nothing, held=nothing))
+
+    def changed(self, before: Network) -> BoolArray:
+        """Return the points (p,) whose images, rays or held components are others than in a network of the same."""
+        out = np.zeros(self.points, dtype=bool)
+        out[self.point[self.refracted != before.refracted]] = True
+        out[self.point[np.nonzero(self.xy != before.xy)[0]]] = True
+        held, given = (self.priors.held, before.priors.held), self.priors.given != before.priors.given
+        out[np.nonzero((held[0] != held[1]) | (held[0] & given))[0]] = True
+        return out
 
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""

@@ -231,8 +231,8 @@ def _stranded(block: Block, network: Network, state: State, points: GroundPoints
     """
     if not block.points.bathymetric.any():
         return ()
-    height, water = heights_and_water(network, state)
-    rays = np.flatnonzero(block.points.bathymetric[network.point] & (height > water))
+    height, water = heights_and_water(network, state, block.points.bathymetric)
+    rays = np.flatnonzero(height > water)
     highest = np.full(network.points, -np.inf)
     np.maximum.at(highest, network.point[rays], (height - water)[rays])
     sigma = np.sqrt(np.maximum(points.covariance[:, 2, 2], 0.0))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
@@ -40,6 +40,7 @@ class PointSequence:
     pairs: points.Pairs
     first_pair: IntArray  # (n + 1,) of each photo in the pattern
     _images: dict[str, FloatArray] = field(default_factory=dict, repr=False)  # that were asked for last
+    _wet: list[tuple[BoolArray, tuple[IntArray, IntArray, IntArray]]] = field(default_factory=list, repr=False)
 
     @classmethod
     def of(cls, kernels: ModuleType, network: Network, groups: Iterable[PointGroup]) -> PointSequence:
@@ -74,6 +75,19 @@ class PointSequence:
         if self._images.get("all weights") is not weight:
             self._images["all weights"], self._images["roots"] = weight, np.sqrt(weight.take(self.rays, axis=0))
         return self._images["xy"], self._images["roots"]
+
+    def wet(self, refracted: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+        """Return the rays (w,) that are `refracted` (m,), their points (w,), and the row (r,) of each ray, or -1.
+
+        Networks have these in common, or what is made of one and the same of them.
+        """
+        if not self._wet or self._wet[0][0] is not refracted:
+            wet = np.flatnonzero(refracted[self.rays])
+            row = np.full(len(self.rays), -1)
+            row[wet] = np.arange(len(wet))
+            point = self.point[np.searchsorted(self.start, wet, side="right") - 1]
+            self._wet[:] = [(refracted, (wet, point, row))]
+        return self._wet[0][1]
 
     def rows(self, groups: Iterable[PointGroup]) -> IntArray:
         """Return the rows of the points of groups, ascending."""

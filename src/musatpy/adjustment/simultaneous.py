@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -149,12 +150,15 @@ class Simultaneous:
                 ground[part.point] = np.where((squares[1] < squares[0])[:, None], settled, first)
         return replace(after, ground=ground)
 
-    def with_squares(self, state: State) -> State:
-        """Return the state with the weighted squares of its points where they are."""
-        squares = state.squares.copy()
-        if self.network.compiled is not None:
+    def with_squares(self, state: State, before: Network | None = None) -> State:
+        """Return the state with the weighted squares of its points where they are: it has those of `before`."""
+        squares, groups = state.squares.copy(), self._others
+        if before is not None:
+            changed = self.network.changed(before)
+            groups = tuple(chain.from_iterable(group.some(changed[group.point]) for group in self.network.groups))
+        elif self.network.compiled is not None:
             self.network.compiled.set_squares(state, squares)
-        for group in self._others:
+        for group in groups:
             squares[group.point] = point_squares(self.network, state, group, state.ground[group.point])
         return replace(state, squares=squares)
 

@@ -8,6 +8,7 @@ follow from root to leaves without any others (Takahashi 1973). No matrix of the
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -158,6 +159,11 @@ class Pattern:
         """(v size,) the unknowns in the order of their elimination."""
         return expand(np.concatenate([front.own for front in self.fronts]), self.size)
 
+    @cached_property
+    def rank(self) -> IntArray:
+        """(v size,) the places of the unknowns in the order of their elimination."""
+        return np.argsort(self.eliminated)
+
 
 class NotPositiveDefiniteError(Exception):
     """A pivot that is not positive: `blocks` are those of the front where it turned up."""
@@ -196,6 +202,27 @@ class SparseFactor:
             deque(side_by_side(lambda part: fronts.backward(part, x), parts, pattern.order // _LIGHT), maxlen=0)
         out = np.empty_like(given)
         out[pattern.eliminated] = x.reshape(given.shape)
+        return out
+
+    def inverse_of(self, blocks: IntArray) -> FloatArray:
+        """Return the elements (k, b size, b size) of N^-1 of blocks (k, b); those of a row meet one another.
+
+        They are products of columns of L^-1, zero but for the fronts from that of their block to the root, which of
+        blocks that meet lie on one way.
+        """
+        pattern, plan, rows = self.pattern, self.pattern.plan, self.pattern.rank[self.pattern.rows(blocks)]
+        columns = {i: L for part in self.parts.values() for i, L in zip(part.numbers, part.columns, strict=True)}
+        x, one = np.zeros((pattern.order, rows.shape[1])), np.arange(rows.shape[1])
+        out = np.zeros((*rows.shape, rows.shape[1]))
+        for place, inverse in zip(rows, out, strict=True):
+            x[place, one] = 1.0
+            i = bisect_right(plan.fronts, place.min(), key=lambda front: front.eliminated.start) - 1
+            while i >= 0:
+                front, own = plan.fronts[i], x[plan.fronts[i].eliminated]
+                x[front.boundary] -= columns[i].forward(own)
+                inverse += own.T @ own
+                own[:] = 0.0
+                i = front.parent
         return out
 
     def selected_inverse(self) -> FloatArray:

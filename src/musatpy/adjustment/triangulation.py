@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
-from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
@@ -38,13 +37,8 @@ class Triangulation:
     fixed_scale: Scale = None  # the variances of equal weights, the same for the whole triangulation
 
     @cached_property
-    def _compiled(self) -> CompiledPassPoints | None:
-        """The pass points that compiled kernels work at, None where numpy does all."""
-        return CompiledPassPoints.of(self.network)
-
-    @cached_property
     def _control(self) -> CompiledPoints | None:
-        """The points of which something is known, likewise."""
+        """The points of which something is known, for compiled kernels; None where numpy does all."""
         return CompiledPoints.of(self.network, self.network.control_groups)
 
     @cached_property
@@ -65,9 +59,10 @@ class Triangulation:
         scale: Scale = None
         if self.options.weights is Weights.FULL:
             groups = network.pass_groups
-            if self._compiled is not None:
-                self._compiled.add_conditions(state, normals, kept is None)
-                groups = self._compiled.others
+            compiled = network.compiled_pass_points
+            if compiled is not None:
+                compiled.add_conditions(state, normals, kept is None)
+                groups = compiled.others
             for group in groups:
                 ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
                 add_full(network, state, group, image_coordinates(network, state, group.rays, ground), normals)
@@ -114,7 +109,7 @@ class Triangulation:
 
     def settled(self, state: State) -> State:
         """Return the state with its points at their optimum."""
-        return settle(self.network, state, self._compiled)
+        return settle(self.network, state, self.network.compiled_pass_points)
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest differential rotation and translation are below their limits."""

@@ -11,21 +11,23 @@ WATPT, which has no equations for a refracted ray, moves its points by where the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import hold, point_normals
 from musatpy.adjustment.network import Network, PointGroup, group_points
-from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
-from musatpy.adjustment.wet_states import best_states, water_over
+from musatpy.adjustment.wet_states import best_states
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle
+_FEW = 2.0  # points, times the root of the photos: one after the other they take less than the whole inverse
 _SAME = 1e-4  # m, of water lines that points are held on: where the water is tilted they move with the points
 
 
@@ -45,9 +47,8 @@ class WaterLine:
 
 def water_line(network: Network, state: State, bathymetric: BoolArray) -> WaterLine:
     """Return the state of the rays of bathymetric points (p,) where they stand."""
-    height, water = heights_and_water(network, state)
-    wet = (height < water) & bathymetric[network.point]
-    return starting_line(wet, network.points)
+    height, water = heights_and_water(network, state, bathymetric)
+    return starting_line(height < water, network.points)
 
 
 def every_ray_wet(network: Network, bathymetric: BoolArray) -> WaterLine:
@@ -78,43 +79,62 @@ def best_line(
     line: WaterLine,
     state: State,
     bathymetric: BoolArray,
-    cofactors: Callable[[], Cofactors] | None = None,
+    factor: Factor | None = None,
 ) -> WaterLine:
     """Return the line with every bathymetric point (p,) in its best state at the stations of `state`.
 
     `network` is the measured one. A point that turns back from its last change lies on the water line between. When
     nothing changes any more, points near a tide are asked once more, whether another state would be better once the
-    stations had followed; `cofactors` returns those of the adjustment that led to `state`. Where the height of the
+    stations had followed; `factor` is that of the adjustment that led to `state`. Where the height of the
     water is unknown, or waves go on it, nothing can be held on its line, and such a point rests as it is.
     """
     if not bathymetric.any():
         return line
     fixed = network.water.unknown or network.sea is not None
-    height, water = heights_and_water(network, state)
+    height, water = heights_and_water(network, state, bathymetric)
     present, _ = refracted(network, line, state)
     point, near = network.point, np.zeros(network.points, dtype=bool)
     asked: list[PointGroup] = []
     again: list[PointGroup] = []
-    wet, level = (height < water) & bathymetric[point], np.full(network.points, np.nan)
-    for group, entering in _bathymetric_groups(network, state, bathymetric):
-        near[group.point], at_odds = _near_and_at_odds(present, line, state, group)
+    wet, level = height < water, np.full(network.points, np.nan)
+    groups = list(_bathymetric_groups(network, state, bathymetric))
+    reach = _reaches(present, state, groups)
+    for group, entering in groups:
+        gap = water[group.rays] - height[group.rays]
+        near[group.point] = np.abs(gap).min(axis=1) < _KINK * reach[group.point]
+        at_odds = (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
         at_odds |= near[group.point] | np.isfinite(line.level[group.point])
         free = ~line.rests[group.point]
         asked += group.some(at_odds & free)
         again += group.some(near[group.point] & free & entering)
     _set_best(network, present, state, asked, None, wet, level)
-    change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
-    turned = near[point] & (change * line.way < 0)[point] & (wet != line.wet)
-    distance, nearest = np.where(turned, np.abs(water - height), np.inf), np.full(network.points, np.inf)
-    np.fmin.at(nearest, point, distance)
-    between = turned & (distance == nearest[point])
+    change, _ = _changes(network, line, wet)
+    turned = np.flatnonzero((near & (change * line.way < 0))[point] & (wet != line.wet))
+    distance, nearest = np.abs(water - height)[turned], np.full(network.points, np.inf)
+    np.fmin.at(nearest, point[turned], distance)
+    between = turned[distance == nearest[point[turned]]]
     level[point[between]] = water[between]
-    new = _changed(network, line, water, wet, level, bathymetric, fixed)
-    if fixed or cofactors is None or not again or not new.same_as(line):
+    new = _changed(network, line, water, wet, level, fixed)
+    if fixed or factor is None or not again or not new.same_as(line):
         return new
     wet, level = line.wet.copy(), line.level.copy()
-    _set_best(network, present, state, again, cofactors(), wet, level)
-    return _changed(network, line, water, wet, level, bathymetric, fixed)
+    few = sum(len(group.point) for group in again) <= _FEW * np.sqrt(network.photos)
+    _set_best(network, present, state, again, factor if few else factor.cofactors(), wet, level)
+    return _changed(network, line, water, wet, level, fixed)
+
+
+def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
+    """Return the line with the points that disagree with their states in their best ones.
+
+    For stations that still move, and points with them: what these do here is no last change to turn back from, and
+    none is held.
+    """
+    height, water = heights_and_water(network, state, bathymetric)
+    at_odds = _per_point(network, line.wet != (height < water)) > 0
+    wet = line.wet.copy()
+    for group, _ in _bathymetric_groups(network, state, bathymetric & at_odds):
+        wet[group.rays], _ = best_states(network, network, state, group, None)
+    return starting_line(wet, network.points)
 
 
 def _set_best(
@@ -122,7 +142,7 @@ def _set_best(
     present: Network,
     state: State,
     groups: Iterable[PointGroup],
-    cofactors: Cofactors | None,
+    cofactors: Cofactors | Factor | None,
     wet: BoolArray,
     level: FloatArray,
 ) -> None:
@@ -137,17 +157,18 @@ def _changed(
     water: FloatArray,
     wet: BoolArray,
     level: FloatArray,
-    bathymetric: BoolArray,
     fixed: bool,
 ) -> WaterLine:
     """Return the line with other wet rays (m,) and water lines of points (p,), as far as these may change."""
+    if np.array_equal(wet, line.wet) and not np.isfinite([level, line.level]).any():
+        return line
     point = network.point
-    change = _per_point(network, line.wet & ~wet) - _per_point(network, wet & ~line.wet)
+    change, rays = _changes(network, line, wet)
     # a ray that is flooded as another one dries is a change too: such points also go round in a circle
-    changed = (_per_point(network, line.wet != wet) > 0) | _moved(level, line.level)
+    changed = (rays > 0) | _moved(level, line.level)
     rests = line.rests | (changed & (np.abs(line.way) >= _TURNS)) | (np.isfinite(level) & fixed)
     on_line = np.isfinite(level)[point]
-    wet = np.where(on_line, (water > level[point]) & bathymetric[point], wet)
+    wet = np.where(on_line, water > level[point], wet)
     sign = np.where(change != 0, np.sign(change), np.where(line.way < 0, -1, 1))
     return WaterLine(
         wet=np.where(rests[point], line.wet, wet),
@@ -155,6 +176,12 @@ def _changed(
         rests=rests,
         level=np.where(rests, line.level, level),
     )
+
+
+def _changes(network: Network, line: WaterLine, wet: BoolArray) -> tuple[IntArray, IntArray]:
+    """Return how many more rays of points (p,) dry than are flooded, with other wet rays (m,), and how many do."""
+    dry, flooded = _per_point(network, line.wet & ~wet), _per_point(network, wet & ~line.wet)
+    return dry - flooded, dry + flooded
 
 
 def _moved(level: FloatArray, before: FloatArray) -> BoolArray:
@@ -185,22 +212,26 @@ def _bathymetric_groups(
         yield part, False
 
 
-def _near_and_at_odds(
-    present: Network, line: WaterLine, state: State, group: PointGroup
-) -> tuple[BoolArray, BoolArray]:
-    """Return which points (k,) of a group are near a tide, and which disagree with their state in `present`.
+def _reaches(network: Network, state: State, groups: Iterable[tuple[PointGroup, bool]]) -> FloatArray:
+    """Return (p,) m how far the largest of their residuals moves points of groups, entering or not, upward.
 
-    Near are those that the kink of their images could bring to the tide: on its other side the same residuals pull
-    at other partials.
+    So far the kink of their images could bring them: on the other side of the water the same residuals pull at
+    other partials. NaN for others.
     """
-    X = state.ground[group.point]
-    normals = point_normals(present, state, group, X, stations=False)
-    up = np.einsum("kij,kj->ki", normals.axes, present.frame.axes(X)[:, 2])
-    variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
-    gap = water_over(present, state, group, X) - present.frame.height(X)[:, None]
-    size = np.sqrt(np.max(np.square(normals.residual) * present.weight[group.rays], axis=(1, 2)))
-    near = np.abs(gap).min(axis=1) < _KINK * size * np.sqrt(variance)
-    return near, (line.wet[group.rays] != (gap > 0.0)).any(axis=1)
+    out = np.full(network.points, np.nan)
+    compiled = CompiledPoints.of(network, [group for group, entering in groups if entering])
+    others = [group for group, entering in groups if compiled is None or not entering]
+    if compiled is not None:
+        compiled.set_reaches(state, out)
+        others += compiled.others
+    for group in others:
+        X = state.ground[group.point]
+        normals = point_normals(network, state, group, X, stations=False)
+        up = np.einsum("kij,kj->ki", normals.axes, network.frame.vertical(X)[0])
+        variance = np.einsum("ki,kij,kj->k", up, np.linalg.inv(normals.matrix), up)
+        square = np.max(np.square(normals.residual) * network.weight[group.rays], axis=(1, 2))
+        out[group.point] = square * variance
+    return np.sqrt(out)
 
 
 def next_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
@@ -208,8 +239,10 @@ def next_line(network: Network, line: WaterLine, state: State, bathymetric: Bool
 
     A point that turns back rests: it lies on that water line within its own error, and either side serves.
     """
-    height, tide = heights_and_water(network, state)
-    wanted, point = (height < tide) & bathymetric[network.point], network.point
+    height, tide = heights_and_water(network, state, bathymetric)
+    wanted, point = height < tide, network.point
+    if np.array_equal(wanted, line.wet):
+        return line
     way = np.zeros_like(line.way)
     way[point[line.wet & ~wanted]] = 1
     way[point[~line.wet & wanted]] = -1
@@ -225,11 +258,17 @@ def next_line(network: Network, line: WaterLine, state: State, bathymetric: Bool
     return replace(line, wet=line.wet & ~dries | floods, way=np.where(way != 0, way, line.way), rests=rests)
 
 
-def heights_and_water(network: Network, state: State) -> tuple[FloatArray, FloatArray]:
-    """Return (m,) the height of the point of each measurement, and that of the water over it; NaN where unknown."""
-    known = np.isfinite(state.ground).all(axis=1)
-    height = np.full(network.points, np.nan)
-    height[known] = network.frame.height(state.ground[known])
-    slope = network.slope(state.tilt)
-    water = water_heights(slope, state.tide[network.photo], state.ground[network.point])
-    return height[network.point], water
+def heights_and_water(
+    network: Network, state: State, points: BoolArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return (m,) the height of the point of each measurement, and that of the water over it; NaN where unknown.
+
+    Of `points` (p,) only, NaN for others, where they are given.
+    """
+    height, water = np.full((2, len(network.point)), np.nan)
+    known = np.isfinite(state.ground.sum(axis=1))
+    rays = np.flatnonzero((known if points is None else known & points)[network.point])
+    ground = state.ground[network.point[rays]]
+    height[rays] = network.frame.height(ground)
+    water[rays] = water_heights(network.slope(state.tilt), state.tide[network.photo[rays]], ground)
+    return height, water

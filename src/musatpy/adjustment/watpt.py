@@ -75,15 +75,15 @@ def _meet(axes: FloatArray, start: FloatArray, ray: FloatArray) -> FloatArray:
     """Return the least squares solution of (3.19) for the rays of k points, from P', in working axes."""
     w = np.einsum("kij,kmj->kmi", axes, start)
     u = np.einsum("kij,kmj->kmi", axes, ray)
-    slope = u[..., :2] / u[..., 2:]
+    slope = u[..., :2] / u[..., 2:]  # (3.20): rows [1 0 -u1/u3], [0 1 -u2/u3]
     k, m, _ = slope.shape
-    rows = np.zeros((k, 2 * m, 3))
-    rows[:, :m, 0] = rows[:, m:, 1] = 1.0  # (3.20): [1 0 -u1/u3], [0 1 -u2/u3]
-    rows[:, :m, 2], rows[:, m:, 2] = -slope[..., 0], -slope[..., 1]
     right = w[..., :2] - slope * w[..., 2:]
-    right = np.concatenate([right[..., 0], right[..., 1]], axis=1)
-    normal = np.einsum("kri,krj->kij", rows, rows)
-    local = np.linalg.solve(normal, np.einsum("kri,kr->ki", rows, right)[..., None])[..., 0]
+    normal, b = np.zeros((k, 3, 3)), np.empty((k, 3))
+    normal[:, 0, 0] = normal[:, 1, 1] = m
+    normal[:, :2, 2] = normal[:, 2, :2] = -slope.sum(axis=1)
+    normal[:, 2, 2] = np.einsum("kmi,kmi->k", slope, slope)
+    b[:, :2], b[:, 2] = right.sum(axis=1), -np.einsum("kmi,kmi->k", slope, right)
+    local = np.linalg.solve(normal, b[..., None])[..., 0]
     return np.einsum("kji,kj->ki", axes, local)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.ground import hold, settle_group
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -41,7 +41,7 @@ class Local:
 
 
 def best_states(
-    network: Network, present: Network, state: State, group: PointGroup, cofactors: Cofactors | None
+    network: Network, present: Network, state: State, group: PointGroup, cofactors: Cofactors | Factor | None
 ) -> tuple[BoolArray, FloatArray]:
     """Return which rays (k, m) of the points of a group are wet, and the water line (k,) that they are on, or NaN.
 
@@ -68,9 +68,9 @@ def best_states(
     for j in range(m):
         kink = sunk[j] & risen[j]
         if kink.any():
-            part, level = replace(group.part(kink), known=True), np.full(network.points, np.nan)
-            level[part.point] = tide[j, kink]
-            held = _with_state(network, part, rank[kink] > j).with_heights_held(level)
+            part = replace(group.part(kink), known=True)
+            on_tide, part = network.apart(part, network.xy[part.rays], rank[kink] > j)
+            held = on_tide.with_heights_held(tide[j, kink])
             of_part = None if local is None else local.part(kink)
             start = hold(held, part.point, X[kink])
             squares[2 * j + 1, kink], _ = _tried(held, state, part, start, of_part)
@@ -84,14 +84,9 @@ def best_states(
     return rank >= dry[:, None], level
 
 
-def _with_state(network: Network, group: PointGroup, wet: BoolArray) -> Network:
-    """Return the network with the rays (k, m) of a group wet or dry."""
-    refracted = network.refracted.copy()
-    refracted[group.rays] = wet
-    return network.with_plates(network.xy, refracted)
-
-
-def _local(network: Network, state: State, group: PointGroup, X: FloatArray, cofactors: Cofactors) -> Local:
+def _local(
+    network: Network, state: State, group: PointGroup, X: FloatArray, cofactors: Cofactors | Factor
+) -> Local:
     E = eliminate(network, state, replace(group, known=True), X)
     matrix, rhs = local_normals(network, group, E)
     Q = cofactors.with_border(network.photo[group.rays], E.extras.index)

@@ -439,6 +439,30 @@ def _off(
 
 
 @compiled
+def reaches(
+    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, up: FloatArray,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    """Set the squares of how far points can move upward by their largest weighted residuals, rows of out (g,).
+
+    up (g, 3): the vertical there. `waterline._reaches`.
+    """
+    room = room_for(at.start, rows)
+    for p in rows:
+        point_normals(p, at, stations, water, known, ridge, False, room)
+        row, g, largest = known.row[p], at.point[p], 0.0
+        for k in range(at.start[p + 1] - at.start[p]):
+            for c in range(2):
+                largest = max(largest, room.residual[k, c] ** 2)
+        for i in range(3):
+            room.vector[i] = up[g, i]
+        if row >= 0:
+            room.vector[0], room.vector[1], room.vector[2] = times(known.axes[row], up[g])
+        x, y, z = times(room.inverse, room.vector)
+        out[g] = largest * (x * room.vector[0] + y * room.vector[1] + z * room.vector[2])
+
+
+@compiled
 def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out: FloatArray) -> None:
     """Set the weighted squares of the images of points, rows of out (g,), infinite behind a camera.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from musatpy.adjustment.kernels.compiling import address, call, compiled, inlined
+from musatpy.adjustment.kernels.compiling import address, call, compiled
 from musatpy.arrays import BoolArray, ByteArray, FloatArray, IntArray
 
 
@@ -43,35 +43,35 @@ class Lapack(NamedTuple):
     numbers: IntArray  # (6,) size of the front, own unknowns, others, failure, right sides, 1
 
 
-@inlined
+@compiled
 def _matrix(memory: FloatArray, begin: int, rows: int, columns: int) -> FloatArray:
     return memory[begin : begin + rows * columns].reshape(rows, columns)
 
 
-@inlined
+@compiled
 def _clear(matrix: FloatArray) -> None:
     for i in range(len(matrix)):
         matrix[i, i:] = 0.0
 
 
-@inlined
+@compiled
 def _own(fronts: Fronts, i: int, store: FloatArray, begin: int) -> FloatArray:
     at = (fronts.columns[i] - begin) * fronts.rows.shape[1]
     return _matrix(store, at, fronts.own[i], fronts.size[i])
 
 
-@inlined
+@compiled
 def _left(fronts: Fronts, i: int, last: int, room: FloatArray, update: FloatArray) -> FloatArray:
     others = fronts.size[i] - fronts.own[i]
     return update if i == last - 1 else _matrix(room, fronts.left[i], others, others)
 
 
-@inlined
+@compiled
 def _inverse(fronts: Fronts, i: int, last: int, room: FloatArray, of_root: FloatArray) -> FloatArray:
     return of_root if i == last - 1 else _matrix(room, fronts.inverse[i], fronts.size[i], fronts.size[i])
 
 
-@inlined
+@compiled
 def _add_update(update: FloatArray, runs: IntArray, own: FloatArray, left: FloatArray) -> None:
     """Add what a child leaves, whose boundary has the `runs` in a front, to its rows: `own`, then `left`."""
     p = len(own)
@@ -89,7 +89,7 @@ def _add_update(update: FloatArray, runs: IntArray, own: FloatArray, left: Float
                     left[row - p, to - p : to - p + end - start] += update[i, start:end]
 
 
-@inlined
+@compiled
 def _hand_down(above: FloatArray, runs: IntArray, inverse: FloatArray, p: int) -> None:
     """Set the inverse of the boundary of a front, behind its p own unknowns, from that of its parent."""
     for number in range(len(runs)):
