@@ -234,7 +234,7 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
         update = np.zeros((root.size - root.own, root.size - root.own))
         for child, runs in root.children:
             if child not in numbers:
-                add_update(updates.pop(child), runs, part.columns[-1].array.T, update)
+                add_update(updates.pop(child), runs, part.own(numbers[-1]), update)
         failed = fronts.eliminate(part, update)
         if failed >= 0:
             raise NotPositiveDefiniteError(pattern.fronts[failed].own)
