@@ -22,6 +22,7 @@ from benchmarks.blocks import make_block
 from musatpy.adjustment import ground, kernels, threads
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
@@ -48,6 +49,9 @@ def work(network: Network, state: State, options: Options) -> Work:
     triangulation = Triangulation(network=replace(network), options=options)
     line = simultaneous.linearise(simultaneous.with_squares(state))
     step = np.full(len(line.rhs), 1e-7)
+    matrix = replace(line.matrix, pattern=replace(line.matrix.pattern))  # which keeps what has been chosen for it
+    factor = factorised(matrix)
+    assert factor is not None
 
     def follow() -> None:
         out = state.ground.copy()
@@ -62,6 +66,9 @@ def work(network: Network, state: State, options: Options) -> Work:
         "conditions of IIA into the normal equations": lambda: triangulation.linearise(state),
         "of the conditions the right sides only": lambda: triangulation.renewed(state, line),
         "points of IIA to their best": lambda: triangulation.settled(state),
+        "normal matrix factorised": lambda: factorised(matrix),
+        "its selected inverse": factor.cofactors,
+        "its solution": lambda: factor.solve(line.rhs),
         "first positions: nearest to the rays": lambda: ground.start_ground(network, state),
         "rays that are parallel": lambda: ground.parallel(network, state),
         "points on level ground": lambda: ground.level_start(network, state),

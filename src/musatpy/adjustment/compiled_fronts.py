@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import chain
+from mmap import mmap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,19 +20,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tables:
-    """The fronts of a plan as kernels have them, and how much room a thread needs for what they leave."""
+    """The fronts of a plan as kernels have them.
+
+    With how much room a thread needs for what fronts leave to each other, for their inverses, and the most unknowns
+    that a front has besides its own.
+    """
 
     fronts: subtrees.Fronts
-    room: int
-    others: int  # the most that a front has
+    left: int
+    inverse: int
+    others: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompiledFronts:
-    """The work at parts of a plan, as `PlainFronts` does it."""
+    """The work at parts of a plan, as `PlainFronts` does it; one for elimination, or for inversion."""
 
     tables: Tables
-    rooms: list[FloatArray] = field(default_factory=list)  # that are free
+    rooms: list[FloatArray] = field(default_factory=list)  # that are free, of one of these
 
     def enter(self, part: Part, values: FloatArray) -> None:
         """Let the blocks (e, size, size) of a matrix enter the columns of a part."""
@@ -47,7 +53,7 @@ class CompiledFronts:
         """
         from musatpy.adjustment.kernels import subtrees
 
-        numbers, memory, room = part.numbers, part.memory.reshape(-1), self._room()
+        numbers, memory, room = part.numbers, part.memory.reshape(-1), self._room(self.tables.left)
         failed = subtrees.eliminate(
             numbers.start, numbers.stop, self.tables.fronts, memory, room, update, _lapack()
         )
@@ -61,7 +67,7 @@ class CompiledFronts:
         """
         from musatpy.adjustment.kernels import subtrees
 
-        numbers, memory, room = part.numbers, part.memory.reshape(-1), self._room()
+        numbers, memory, room = part.numbers, part.memory.reshape(-1), self._room(self.tables.inverse)
         subtrees.invert(numbers.start, numbers.stop, self.tables.fronts, memory, room, of_root, out, _lapack())
         self.rooms.append(room)
 
@@ -79,11 +85,11 @@ class CompiledFronts:
         numbers, memory, room = part.numbers, part.memory.reshape(-1), np.empty(self.tables.others * x.shape[1])
         subtrees.backward(numbers.start, numbers.stop, self.tables.fronts, memory, room, x, _lapack())
 
-    def _room(self) -> FloatArray:
+    def _room(self, elements: int) -> FloatArray:
         try:
             return self.rooms.pop()
         except IndexError:
-            return np.empty(self.tables.room)
+            return np.frombuffer(mmap(-1, max(8 * elements, 8)))  # goes back to the system, and not to the thread
 
 
 def tables_of(plan: Plan) -> Tables:
@@ -101,7 +107,7 @@ def tables_of(plan: Plan) -> Tables:
         eldest[[child for child, _ in front.children[:1]]] = True
     level, others = _levels(plan), size - own
     left, most_left = _places(level, np.square(others))
-    inverse, most = _places(level, np.square(size))
+    inverse, most_inverse = _places(level, np.square(size))
     product = int((own * others).max())
     fronts = Fronts(
         own=own,
@@ -122,7 +128,7 @@ def tables_of(plan: Plan) -> Tables:
         left=left,
         inverse=product + inverse,
     )
-    return Tables(fronts=fronts, room=max(most_left, product + most), others=int(others.max()))
+    return Tables(fronts=fronts, left=most_left, inverse=product + most_inverse, others=int(others.max()))
 
 
 def _lapack() -> subtrees.Lapack:

@@ -48,9 +48,11 @@ class Bordered:
         split = len(self.border)
         photo, level = scale[:split].reshape(self.pattern.count, -1), scale[split:]
         i, j = self.pattern.pairs.T
+        blocks = self.blocks * photo[i][:, :, None]
+        blocks *= photo[j][:, None, :]
         return replace(
             self,
-            blocks=self.blocks * photo[i][:, :, None] * photo[j][:, None, :],
+            blocks=blocks,
             border=self.border * scale[:split, None] * level,
             corner=self.corner * level[:, None] * level,
         )
@@ -297,9 +299,10 @@ class Factor:
         corner = cho_solve(self.corner, np.eye(len(self.matrix.corner)))
         border = -self.solved_border @ corner
         blocks = self.sparse.selected_inverse()
-        i, j = self.matrix.pattern.pairs.T
-        Y = self.solved_border.reshape(self.matrix.pattern.count, q, len(corner))
-        blocks += Y[i] @ corner @ np.swapaxes(Y[j], 1, 2)
+        if len(corner):
+            i, j = self.matrix.pattern.pairs.T
+            Y = self.solved_border.reshape(self.matrix.pattern.count, q, len(corner))
+            blocks += Y[i] @ corner @ np.swapaxes(Y[j], 1, 2)
         inverse = Cofactors(pattern=self.matrix.pattern, blocks=blocks, border=border, corner=corner)
         return inverse.scaled(self.scale)
 

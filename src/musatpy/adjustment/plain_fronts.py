@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -17,21 +18,25 @@ from musatpy.arrays import FloatArray
 class Part:
     """The own columns of some fronts: one after the other in memory (r, size), in the rows of the plan."""
 
+    plan: Plan
     numbers: range
     memory: FloatArray
-    columns: list[Columns]
 
     @classmethod
     def of(cls, plan: Plan, numbers: range) -> Part:
         """Return zeros for some fronts of a plan."""
-        fronts = plan.fronts[numbers.start : numbers.stop]
-        begin = fronts[0].columns.start
-        memory = np.zeros((fronts[-1].columns.stop - begin, plan.rows.shape[1]))
-        columns = [
-            Columns(memory[front.columns.start - begin : front.columns.stop - begin].reshape(front.own, -1).T)
-            for front in fronts
-        ]
-        return cls(numbers=numbers, memory=memory, columns=columns)
+        rows = plan.fronts[numbers[-1]].columns.stop - plan.fronts[numbers[0]].columns.start
+        return cls(plan=plan, numbers=numbers, memory=np.zeros((rows, plan.rows.shape[1])))
+
+    def own(self, number: int) -> FloatArray:
+        """Return the own columns of a front as rows (p, n)."""
+        front, begin = self.plan.fronts[number], self.plan.fronts[self.numbers[0]].columns.start
+        return self.memory[front.columns.start - begin : front.columns.stop - begin].reshape(front.own, -1)
+
+    @cached_property
+    def columns(self) -> list[Columns]:
+        """Those of all fronts, for LAPACK."""
+        return [Columns(self.own(number).T) for number in self.numbers]
 
 
 class Room:

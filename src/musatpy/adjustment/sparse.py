@@ -25,7 +25,7 @@ from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray
 
 _FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
-_LIGHT = 4  # times less work has a solution than a factorisation where threads begin to pay
+_LIGHT = 4  # times more unknowns take a solution, and plain fronts, for threads to pay
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,6 +150,11 @@ class Pattern:
     def _tables(self) -> Tables | None:
         return tables_of(self.plan) if compiled_points(self.count // _FRONTS) else None
 
+    @property
+    def work(self) -> int:
+        """How much of it there is for threads, in rays; plain fronts wait for one another where they are small."""
+        return self.order if self._tables else self.order // _LIGHT
+
     def at_work(self) -> PlainFronts | CompiledFronts:
         """Return what works at the fronts."""
         return PlainFronts(plan=self.plan) if self._tables is None else CompiledFronts(tables=self._tables)
@@ -195,11 +200,11 @@ class SparseFactor:
             return boundary, of_part[boundary]
 
         for stage in plan.stages:
-            for boundary, update in side_by_side(forward, stage, pattern.order // _LIGHT):
+            for boundary, update in side_by_side(forward, stage, pattern.work // _LIGHT):
                 x[boundary] += update
         for stage in reversed(plan.stages):
             parts = [self.parts[numbers] for numbers in stage]
-            deque(side_by_side(lambda part: fronts.backward(part, x), parts, pattern.order // _LIGHT), maxlen=0)
+            deque(side_by_side(lambda part: fronts.backward(part, x), parts, pattern.work // _LIGHT), maxlen=0)
         out = np.empty_like(given)
         out[pattern.eliminated] = x.reshape(given.shape)
         return out
@@ -241,7 +246,7 @@ class SparseFactor:
                     hand_down(Z, runs, inverses[child], plan.fronts[child].own)
 
         for stage in reversed(plan.stages):
-            deque(side_by_side(invert, stage, pattern.order), maxlen=0)
+            deque(side_by_side(invert, stage, pattern.work), maxlen=0)
         i, j = np.triu_indices(pattern.size, 1)
         out[pattern.diagonal[:, None], j, i] = out[pattern.diagonal[:, None], i, j]
         return out
@@ -262,12 +267,12 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
         update = np.zeros((root.size - root.own, root.size - root.own))
         for child, runs in root.children:
             if child not in numbers:
-                add_update(updates.pop(child), runs, part.columns[-1].array.T, update)
+                add_update(updates.pop(child), runs, part.own(numbers[-1]), update)
         failed = fronts.eliminate(part, update)
         if failed >= 0:
             raise NotPositiveDefiniteError(pattern.fronts[failed].own)
         parts[numbers], updates[numbers[-1]] = part, update
 
     for stage in plan.stages:
-        deque(side_by_side(eliminate, stage, pattern.order), maxlen=0)
+        deque(side_by_side(eliminate, stage, pattern.work), maxlen=0)
     return SparseFactor(pattern=pattern, parts=parts)

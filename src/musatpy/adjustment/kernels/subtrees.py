@@ -1,6 +1,6 @@
-"""Subtrees of the fronts of a sparse factor, each by one call, in which other threads run.
+"""Parts of the fronts of a sparse factor, each by one call, during which other threads run.
 
-The numpy twins are in `sparse`: the same work, front by front, where threads would wait for one another as often.
+The twin is `plain_fronts`, which calls the same routines front by front: threads wait for one another as often.
 Matrices are in the order of C and have upper halves: for LAPACK, in the order of FORTRAN, lower ones.
 """
 
