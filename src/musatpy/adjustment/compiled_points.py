@@ -102,7 +102,7 @@ class CompiledRows:
             photo=self.sequence.photo,
             xy=xy,
             root=root,
-            ground=ground,
+            ground=ground.take(self.sequence.point, axis=0),
         )
         return at
 
