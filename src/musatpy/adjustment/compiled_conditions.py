@@ -68,7 +68,7 @@ class CompiledPassPoints(CompiledRows):
 
         def work(water: points.Water, part: Part) -> None:
             self.conditions.settle(
-                part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, squares, left
+                part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, ground, squares, left
             )
 
         first = self if chosen is None else self._part(chosen)

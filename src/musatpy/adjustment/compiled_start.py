@@ -44,9 +44,11 @@ class CompiledStart(CompiledRows):
         Returns (p,) whether all rays of a point are within an angle of the limit, rad.
         """
         sequence, direction = self.sequence, self.directions(state)
-        at, stations = self.measured(ground), self.stations(state)
+        at, stations = self.measured(state.ground), self.stations(state)
         of_row, parallel = np.zeros(len(sequence.point), dtype=bool), np.zeros(self.network.points, dtype=bool)
-        self.of_parts(lambda part: self.intersection.nearest(part.rows, at, stations, limit, direction, of_row))
+        self.of_parts(
+            lambda part: self.intersection.nearest(part.rows, at, stations, limit, direction, ground, of_row)
+        )
         parallel[sequence.point] = of_row
         return parallel
 

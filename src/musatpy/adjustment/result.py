@@ -280,7 +280,7 @@ def _points_of(network: Network, state: State, part: Participation, covariance: 
 
 
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:
-    known = np.isfinite(state.ground).all(axis=1)[network.point]
+    known = np.asarray(np.isfinite(state.ground).all(axis=1))[network.point]
     residual = np.full(network.xy.shape, np.nan)
     if network.compiled is not None:
         network.compiled.set_residuals(state, residual)

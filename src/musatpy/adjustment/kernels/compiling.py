@@ -28,7 +28,8 @@ def inlined(function: Function) -> Function:
     it has become a part. Pieces make no arrays, so that none that they take needs to be counted: that is an atomic
     addition each time, which takes longer than a ray.
     """
-    piece: Any = numba.njit(nogil=True, error_model="numpy", forceinline=True, _nrt=False)(function)
+    njit = cast(Any, numba.njit)  # whose types leave out `_nrt`, the counting
+    piece: Any = njit(nogil=True, error_model="numpy", forceinline=True, _nrt=False)(function)
     template, variable = piece.get_call_template, cast(Any, numba.types.unliteral)
 
     def of_variables(args: Iterable[Any], kws: Mapping[str, Any]) -> Any:

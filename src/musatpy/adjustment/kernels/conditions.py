@@ -207,12 +207,13 @@ def _sink(p: int, at: Measured, water: Water, change: FloatArray) -> None:
 @compiled
 def settle(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, steps: int,
-    limit: float, rounding: float, squares: FloatArray, left: FloatArray,
+    limit: float, rounding: float, ground: FloatArray, squares: FloatArray, left: FloatArray,
 ) -> None:  # fmt: skip
-    """Take points of which nothing is known to the optimum of their images, in `at.ground`: `ground.settle_group`.
+    """Take points of which nothing is known to the optimum of their images: `ground.settle_group`.
 
-    Sets their weighted squares, rows of (g,), and by how much (k,) these were still to fall by the last step. The
-    water over them stays the plane that it is where they start: `water.depth` becomes that of where they come to.
+    Sets their ground, rows of (g, 3), their weighted squares, rows of (g,), and by how much (k,) these were still
+    to fall by the last step. The water over them stays the plane that it is where they start: `water.depth` becomes
+    that of where they come to, as `at.ground` does.
     """
     room, best, step, change = room_for(at.start, rows), np.empty(3), np.empty(3), np.empty(3)
     for p in rows:
@@ -229,10 +230,12 @@ def settle(
                 gain = fall
             step[0], step[1], step[2] = x, y, z
             for i in range(3):
-                best[i] = best[i] if worse else at.ground[g, i]
-                change[i] = best[i] + step[i] - at.ground[g, i]
-                at.ground[g, i] = best[i] + step[i]
+                best[i] = best[i] if worse else at.ground[p, i]
+                change[i] = best[i] + step[i] - at.ground[p, i]
+                at.ground[p, i] = best[i] + step[i]
             _sink(p, at, water, change)
             tried = steps if max(abs(x), abs(y), abs(z)) < limit else tried + 1
+        for i in range(3):
+            ground[g, i] = at.ground[p, i]
         squares[g] = max(least - gain, 0.0)
         left[p] = fall

@@ -41,7 +41,7 @@ class Measured(NamedTuple):
     photo: IntArray  # (r,)
     xy: FloatArray  # (r, 2) mm
     root: FloatArray  # (r, 2) 1/mm, of the weights
-    ground: FloatArray  # (g, 3) working
+    ground: FloatArray  # (k, 3) working, of the points: those of one photo stand together
 
 
 class Water(NamedTuple):
@@ -211,12 +211,12 @@ def images(
 
     The partials by the point are along the axes of what is known of it, zero by what is held.
     """
-    seen, row, g = True, known.row[p], at.point[p]
+    seen, row = True, known.row[p]
     for r in range(at.start[p], at.start[p + 1]):
         n, k, w = at.photo[r], r - at.start[p], water.row[r]
-        v0 = at.ground[g, 0] - stations.position[n, 0]
-        v1 = at.ground[g, 1] - stations.position[n, 1]
-        v2 = at.ground[g, 2] - stations.position[n, 2]
+        v0 = at.ground[p, 0] - stations.position[n, 0]
+        v1 = at.ground[p, 1] - stations.position[n, 1]
+        v2 = at.ground[p, 2] - stations.position[n, 2]
         seen &= stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2 < 0.0
         room.vector[0], room.vector[1], room.vector[2] = v0, v1, v2
         if w >= 0:
@@ -417,16 +417,16 @@ def follow(
             along = x if i == 0 else y if i == 1 else z
             if row >= 0:
                 along = known.axes[row, 0, i] * x + known.axes[row, 1, i] * y + known.axes[row, 2, i] * z
-            out[g, i] = at.ground[g, i] + along
+            out[g, i] = at.ground[p, i] + along
 
 
 @inlined
 def _off(
-    r: int, g: int, at: Measured, stations: Stations, water: Water, vector: FloatArray
+    r: int, p: int, at: Measured, stations: Stations, water: Water, vector: FloatArray
 ) -> tuple[float, float, bool]:
-    """Return the residuals of image r of a point, and whether its camera sees it; `vector` (3,) is room for one."""
+    """Return the residuals of image r of point p, and whether its camera sees it; `vector` (3,) is room for one."""
     n, M, X, P = at.photo[r], stations.M, at.ground, stations.position
-    v0, v1, v2 = X[g, 0] - P[n, 0], X[g, 1] - P[n, 1], X[g, 2] - P[n, 2]
+    v0, v1, v2 = X[p, 0] - P[n, 0], X[p, 1] - P[n, 1], X[p, 2] - P[n, 2]
     seen = M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
     if water.row[r] >= 0:
         bend(water.row[r], water, v0, v1, v2, vector)
@@ -434,8 +434,8 @@ def _off(
     scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
     x = scale * (M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2)
     y = scale * (M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2)
-    p = stations.principal_point
-    return x + p[n, 0] - at.xy[r, 0], y + p[n, 1] - at.xy[r, 1], seen
+    x, y = x + stations.principal_point[n, 0], y + stations.principal_point[n, 1]
+    return x - at.xy[r, 0], y - at.xy[r, 1], seen
 
 
 @compiled
@@ -470,14 +470,14 @@ def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out:
     """
     vector = np.empty(3)
     for p in rows:
-        total, g = 0.0, at.point[p]
+        total = 0.0
         for r in range(at.start[p], at.start[p + 1]):
-            x, y, seen = _off(r, g, at, stations, water, vector)
+            x, y, seen = _off(r, p, at, stations, water, vector)
             x, y = x * at.root[r, 0], y * at.root[r, 1]
             total += x * x + y * y
             if not seen:
                 total = np.inf
-        out[g] = total if total < np.inf else np.inf
+        out[at.point[p]] = total if total < np.inf else np.inf
 
 
 @compiled
@@ -488,5 +488,5 @@ def residuals(
     vector = np.empty(3)
     for p in rows:
         for r in range(at.start[p], at.start[p + 1]):
-            x, y, _ = _off(r, at.point[p], at, stations, water, vector)
+            x, y, _ = _off(r, p, at, stations, water, vector)
             out[rays[r], 0], out[rays[r], 1] = x, y

@@ -46,9 +46,10 @@ def _are_parallel(first: int, last: int, limit: float, u: FloatArray) -> bool:
 
 @compiled
 def nearest(
-    rows: IntArray, at: Measured, stations: Stations, limit: float, u: FloatArray, parallel: BoolArray
-) -> None:
-    """Set the ground of points to the nearest positions to their rays, NaN where these are parallel.
+    rows: IntArray, at: Measured, stations: Stations, limit: float, u: FloatArray, ground: FloatArray,
+    parallel: BoolArray,
+) -> None:  # fmt: skip
+    """Set the ground of points, rows of (g, 3), where their rays come nearest, NaN where these are parallel.
 
     `parallel` (k,): no two of the rays have an angle of the limit, rad.
     """
@@ -68,6 +69,6 @@ def nearest(
         determinant = n00 * c00 + n10 * c10 + n20 * c20
         # about the smallest eigenvalue, where that is small
         scale = 1.0 / determinant if determinant >= _SINGULAR * (c00 + c11 + c22) else np.nan
-        at.ground[g, 0] = (c00 * t0 + c10 * t1 + c20 * t2) * scale
-        at.ground[g, 1] = (c10 * t0 + c11 * t1 + c21 * t2) * scale
-        at.ground[g, 2] = (c20 * t0 + c21 * t1 + c22 * t2) * scale
+        ground[g, 0] = (c00 * t0 + c10 * t1 + c20 * t2) * scale
+        ground[g, 1] = (c10 * t0 + c11 * t1 + c21 * t2) * scale
+        ground[g, 2] = (c20 * t0 + c21 * t1 + c22 * t2) * scale
