@@ -44,7 +44,7 @@ def split(network: Network, groups: Iterable[PointGroup]) -> tuple[tuple[PointGr
         if group.kept or (group.known and border.count(ObservationKind.EQUAL_ELEVATION)):
             others.append(group)
         elif unknown:
-            wet = network.refracted[group.rays].any(axis=1)
+            wet = np.asarray(network.refracted[group.rays].any(axis=1))
             plain += group.some(~wet)
             others += group.some(wet)
         else:
