@@ -110,6 +110,7 @@ class Near:
 
     kept: Kept | None = None
     proven: bool = False  # the observations differ in their values alone, so that steps close in as they did there
+    determined: bool = True  # that iteration has determined the unknowns
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,8 +182,8 @@ def iterate(
             if not line.matrix.sensible():
                 return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
             factor = factorised(line.matrix, damping)
-            tried = start is not None  # that iteration has determined the unknowns
-            if number == 1 and (factor is None or not (tried or factor.smallest_eigenvalue() >= SINGULAR)):
+            tested = start is not None and start.determined
+            if number == 1 and (factor is None or not (tested or factor.smallest_eigenvalue() >= SINGULAR)):
                 raise SingularNormalsError(line.matrix)
             accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:

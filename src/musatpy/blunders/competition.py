@@ -206,7 +206,8 @@ def _ranked(
     """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
         near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
-        options = hypotheses(linear_model(case.scene, case.factors(), case.state), near)
+        model = linear_model(case.scene, case.factors(), case.state)
+        options = hypotheses(model, near, lambda option: option.key == member.key, _NEARLY)
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     first = next((option for option in options if option.key == member.key), None)

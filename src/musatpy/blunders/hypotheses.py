@@ -6,7 +6,7 @@ camera constant, the index, a unit of length, the tides of several photos.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,17 +77,33 @@ class Hypothesis(Revision):
         return self.squares / variance - PENALTY * self.parameters
 
 
-def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypothesis]:
+def hypotheses(
+    model: LinearModel,
+    near: BoolArray | None = None,
+    wanted: Callable[[Hypothesis], bool] | None = None,
+    share: float = 0.0,
+) -> list[Hypothesis]:
     """Return what explains most, by falling squares explained; some of every kind.
 
-    Of all points, or of those only that are `near` (p,).
+    Of all points, or of those only that are `near` (p,). Points of which only images are known may be missing where
+    they cannot explain this `share` of what the `wanted` hypothesis does that explains most.
     """
-    options = [*_stations(model), *_common(model), *_direct(model)]
-    for checks in model.points:
-        if near is None:
-            options += _of_points(model, checks)
-        elif near[checks.point].any():
-            options += _of_points(model, checks.part(near[checks.point]))
+    options = [*_stations(model), *common_errors(model), *_direct(model)]
+    points = [checks if near is None else checks.part(near[checks.point]) for checks in model.points]
+    known = [checks for checks in points if checks.has_priors]
+    seen = [checks for checks in points if not checks.has_priors and len(checks.point)]
+    for checks in known:
+        options += _of_points(model, checks)
+    least = 0.0
+    if wanted is not None and seen:
+        first = max(seen, key=lambda checks: float(checks.squares.max()))
+        likely = list(_of_points(model, first.part(first.squares == first.squares.max())))
+        least = share * max((option.squares for option in [*options, *likely] if wanted(option)), default=0.0)
+    for checks in seen:
+        # with all eigenvalues that count above `IMAGES_CHECKED`, images explain so much at most
+        part = checks.part(checks.squares >= IMAGES_CHECKED * least) if least > 0.0 else checks
+        if len(part.point):
+            options += _of_points(model, part)
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
@@ -112,7 +128,7 @@ def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
     if m > 1:
         rows = np.arange(2 * m)
         yield from _largest(model, checks, CauseKind.IMAGES, rows, checks.drop(rows))
-    if (checks.weight[:, 2 * m :] > 0.0).any():
+    if checks.has_priors:
         for kind, rows in (
             (CauseKind.HORIZONTAL, np.arange(2)),
             (CauseKind.VERTICAL, np.array([2])),
@@ -287,7 +303,7 @@ def _controlled(model: LinearModel, column: _Column) -> tuple[PointChecks, ...]:
     return () if column.control is None else tuple(each for each in model.points if (each.control >= 0).any())
 
 
-def _common(model: LinearModel) -> Iterator[Hypothesis]:
+def common_errors(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
     n, q = model.network.photos, model.stations.shape[1]
     for column in _columns(model):

@@ -64,6 +64,16 @@ class PointChecks:
     extras: IntArray  # (k, X) further unknowns
     cofactors: Cofactors
 
+    @property
+    def has_priors(self) -> bool:
+        """Whether anything is known of any of the points."""
+        return bool((self.weight[:, 2 * self.rays.shape[1] :] > 0.0).any())
+
+    @cached_property
+    def squares(self) -> FloatArray:
+        """(k,) weighted squares of the residuals."""
+        return np.asarray(np.sum(self.weight * np.square(self.residual), axis=1))
+
     @cached_property
     def cofactor(self) -> FloatArray:
         """(k, o, o) cofactors of the adjusted observations."""
@@ -111,7 +121,7 @@ class LinearModel:
     @property
     def squares(self) -> float:
         """v'Pv at the minimum, of images, control and stations."""
-        squares = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in self.points)
+        squares = sum(float(np.sum(checks.squares)) for checks in self.points)
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
     def station_drop(self, columns: IntArray) -> Drop:
