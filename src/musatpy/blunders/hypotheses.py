@@ -298,47 +298,62 @@ def _units(block: Block, photos: int, unknowns: int) -> Iterator[_Column]:
     yield _Column(kind=CauseKind.UNIT, member=1, stations=stations)
 
 
-def _controlled(model: LinearModel, column: _Column) -> tuple[PointChecks, ...]:
-    """Return the points with control, where that has the common error."""
-    return () if column.control is None else tuple(each for each in model.points if (each.control >= 0).any())
-
-
 def common_errors(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
-    n, q = model.network.photos, model.stations.shape[1]
-    for column in _columns(model):
-        coupling = np.zeros(len(model.step))
-        weight = pull = 0.0
-        for checks in model.points if column.images is not None else _controlled(model, column):
-            k, m = checks.rays.shape
-            c = np.zeros((k, checks.residual.shape[1]))
-            if column.images is not None:
-                c[:, : 2 * m] = column.images[checks.rays].reshape(k, -1)
-            if column.control is not None and c.shape[1] > 2 * m:
-                c[:, 2 * m : 2 * m + 3] = np.where(
-                    checks.control[:, None] >= 0, column.control[checks.control], 0.0
-                )
-            weighted = checks.weight * c
-            by_point = (weighted[:, None] @ checks.ground)[:, 0]
-            of_points = np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point)
-            weight += float(np.sum(weighted * c)) - float(of_points)
-            pull += float(np.sum(weighted * checks.residual))
-            np.add.at(coupling, checks.unknowns, (weighted[:, None] @ checks.partials)[:, 0])
-        if column.stations is not None:
-            weighted = model.station_weight * column.stations
-            coupling[: n * q] += weighted.reshape(-1)
-            weight += float(np.sum(weighted * column.stations))
-            pull += float(np.sum(weighted * model.stations))
-        if weight <= 0.0:
+    columns = list(_columns(model))
+    weight, pull, coupling = _of_columns(model, columns)
+    for number, column in enumerate(columns):
+        if weight[number] <= 0.0:
             continue
-        checked = weight - float(coupling @ model.factor.solve(coupling))
-        if checked > _COMMON_CHECKED * weight:
+        checked = weight[number] - float(coupling[number] @ model.factor.solve(coupling[number]))
+        if checked > _COMMON_CHECKED * weight[number]:
             yield Hypothesis(
                 kind=column.kind,
                 photo=column.photo,
                 member=column.member,
                 name=column.name,
-                squares=pull**2 / checked,
-                error=np.array([-pull / checked]),
+                squares=float(pull[number] ** 2 / checked),
+                error=np.array([-pull[number] / checked]),
                 sigma=np.array([1.0 / np.sqrt(checked)]),
             )
+
+
+def _of_columns(model: LinearModel, columns: list[_Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return c'Pc (C,) and c'Pv (C,) of columns c of observations, and c'PA (C, u) by stations and globals.
+
+    The points follow.
+    """
+    weight, pull = np.zeros((2, len(columns)))
+    coupling = np.zeros((len(columns), len(model.step)))
+    on_images = [number for number, column in enumerate(columns) if column.images is not None]
+    images = _stacked([columns[number].images for number in on_images])
+    on_control = [number for number, column in enumerate(columns) if column.control is not None]
+    control = _stacked([columns[number].control for number in on_control])
+    for checks in model.points:
+        k, m = checks.rays.shape
+        parts = [(on_images, slice(0, 2 * m), images[checks.rays].reshape(k, 2 * m, -1))] if on_images else []
+        if on_control and checks.has_priors:
+            of_control = np.where(checks.control[:, None, None] >= 0, control[checks.control], 0.0)
+            parts.append((on_control, slice(2 * m, 2 * m + 3), of_control))
+        for numbers, rows, c in parts:
+            weighted = np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
+            by_point = weighted @ checks.ground[:, rows]
+            weight[numbers] += np.einsum("kco,koc->c", weighted, c)
+            weight[numbers] -= np.einsum("kci,kci->c", by_point @ checks.inverse, by_point)
+            pull[numbers] += np.einsum("kco,ko->c", weighted, checks.residual[:, rows])
+            coupled = (weighted @ checks.partials[:, rows]).transpose(1, 0, 2).reshape(len(numbers), -1)
+            for number, values in zip(numbers, coupled, strict=True):
+                coupling[number] += np.bincount(checks.unknowns.reshape(-1), values, coupling.shape[1])
+    for number, column in enumerate(columns):
+        if column.stations is not None:
+            weighted = model.station_weight * column.stations
+            coupling[number, : weighted.size] += weighted.reshape(-1)
+            weight[number] += float(np.sum(weighted * column.stations))
+            pull[number] += float(np.sum(weighted * model.stations))
+    return weight, pull, coupling
+
+
+def _stacked(columns: list[FloatArray | None]) -> FloatArray:
+    """Return columns of one shape as the last axis of an array, empty without columns."""
+    values = [column for column in columns if column is not None]
+    return np.stack(values, axis=-1) if values else np.zeros(0)
