@@ -113,14 +113,14 @@ class LinearModel:
     factor: Factor
     cofactors: Cofactors
     step: FloatArray  # (u,) to the minimum
-    points: tuple[PointChecks, ...]
+    points: tuple[PointChecks, ...]  # those that were asked for
     minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
 
     @property
     def squares(self) -> float:
-        """v'Pv at the minimum, of images, control and stations."""
+        """v'Pv at the minimum, of images of the points asked for, control and stations."""
         squares = sum(float(np.sum(checks.squares)) for checks in self.points)
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
@@ -162,9 +162,10 @@ def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[Floa
     return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
 
 
-def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
+def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray | None = None) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
+    With the checks of all points, or of those only that are `near` (p,).
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
@@ -177,7 +178,8 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     cofactors = factor.cofactors().holding(scene.held)
     step = factor.solve(line.rhs)
     station_weight, residual = station_rows(network, state)
-    points = tuple(_checks(scene, network, state, cofactors, step))
+    near = np.ones(network.points, dtype=bool) if near is None else near
+    points = tuple(_checks(scene, network, near, state, cofactors, step))
     stations = residual + step[: residual.size].reshape(residual.shape)
     return LinearModel(
         scene=scene,
@@ -223,15 +225,16 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
 
 
 def _checks(
-    scene: Scene, network: Network, state: State, cofactors: Cofactors, step: FloatArray
+    scene: Scene, network: Network, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
 ) -> list[PointChecks]:
     block, checks = scene.block, []
     control = first_rows(block.control.point, network.points)
     member = first_rows(block.equal_elevations.point, network.points)
     for group in network.groups:
-        for _, piece in pieces(network, state, group, cofactors):
-            point = piece.group.point
-            checks.append(_checks_of(network, piece, step, control[point], member[point]))
+        for part in group.some(near[group.point]):
+            for _, piece in pieces(network, state, part, cofactors):
+                point = piece.group.point
+                checks.append(_checks_of(network, piece, step, control[point], member[point]))
     return checks
 
 

@@ -208,7 +208,9 @@ def settled(
     for _ in range(_TURNS):
         # a few points that cross the tides one by one hardly move the stations: one step, until they rest, for
         # which the matrix of before serves
-        outcome = adjusted(scene, factors, state, steps if whole else 1, Near() if whole and near is not start else near)
+        outcome = adjusted(
+            scene, factors, state, steps if whole else 1, Near() if whole and near is not start else near
+        )
         near = Near(kept=outcome.kept) if outcome.kept else near
         state, factor = outcome.state, None if outcome.last is None else outcome.last.factor
         short = short + 1 if outcome.failure and whole else 0
