@@ -7,6 +7,7 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -15,13 +16,14 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
 from musatpy.adjustment.compiled_conditions import CompiledPassPoints
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
-from musatpy.adjustment.propagation import pieces
+from musatpy.adjustment.propagation import pieces, portions
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -227,15 +229,41 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
 def _checks(
     scene: Scene, network: Network, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
 ) -> list[PointChecks]:
-    block, checks = scene.block, []
+    block, checks, compiled = scene.block, [], network.compiled
     control = first_rows(block.control.point, network.points)
     member = first_rows(block.equal_elevations.point, network.points)
-    for group in network.groups:
+    for group in network.groups if compiled is None else (*compiled.bound, *compiled.others):
         for part in group.some(near[group.point]):
             for _, piece in pieces(network, state, part, cofactors):
                 point = piece.group.point
                 checks.append(_checks_of(network, piece, step, control[point], member[point]))
+    if compiled is not None:
+        checks += _compiled_checks(compiled, near, state, cofactors, step)
     return checks
+
+
+def _compiled_checks(
+    compiled: CompiledPoints, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
+) -> Iterator[PointChecks]:
+    """Yield the checks of the points of which nothing is known."""
+    network = compiled.network
+    every = [part for group in compiled.loose for part in group.some(near[group.point])]
+    groups = [part.part(rows) for part in every for rows in portions(network, part)]
+    for group, images in zip(groups, compiled.linear_images(state, groups, step), strict=True):
+        k = len(group.point)
+        extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
+        yield PointChecks(
+            point=group.point,
+            rays=group.rays,
+            control=nothing,
+            member=nothing,
+            weight=network.weight[group.rays].reshape(k, -1),
+            unknowns=network.unknowns(group, extras),
+            photo=network.photo[group.rays],
+            extras=extras,
+            cofactors=cofactors,
+            **images._asdict(),
+        )
 
 
 def _checks_of(
