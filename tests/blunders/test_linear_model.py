@@ -9,15 +9,18 @@ import pytest
 
 from altered import added, altered
 from blunders.study import strip
+from musatpy.adjustment import kernels
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import point_squares
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
 from musatpy.blunders.linear_model import dropped, linear_model, put_in_again
 from musatpy.blunders.scene import Effort, staged
-from musatpy.model import CauseKind
+from musatpy.model import CauseKind, ObservationKind
 
 _K = CauseKind
 SHIFT = 1.0  # m of control
+RELATIVE = 1e-12  # of the largest number of a point, or of the plate: sums in another order
 
 
 @lru_cache(maxsize=1)
@@ -59,6 +62,55 @@ def test_images_of_points_together_explain_what_each_does() -> None:
             alone = checks.drop(np.array([2 * image, 2 * image + 1]))
             for name in ("squares", "parameters", "error", "sigma"):
                 np.testing.assert_allclose(getattr(together, name), getattr(alone, name), rtol=1e-12)
+
+
+@pytest.mark.slow  # kernels are compiled first
+@pytest.mark.parametrize("wet", [0.0, 0.4])
+def test_compiled_kernels_and_numpy_check_points_alike(wet: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An image is 10 mm off, others are out; along which axes a point is told is for the kernels.
+
+    What is out leaves its point two images at least: one alone hardly determines it, and neither do equal digits.
+    """
+    pytest.importorskip("numba")
+    block = altered(strip(6, wet=wet), plates={"xy": added((40, 0), 10.0)})
+    scene, state = staged(block, None, None, Effort(left=1000))
+    factors = {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
+    seen = np.bincount(block.plates.point)[block.plates.point]
+    factors[ObservationKind.PLATE][np.flatnonzero(seen > 2)[::17]] = 1e-6
+    model = linear_model(scene, factors, state)
+    numpy = {int(point): (checks, row) for checks in model.points for row, point in enumerate(checks.point)}
+    monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
+    compiled = CompiledPoints.of(model.network)
+    assert compiled is not None
+    assert sum(len(group.point) for group in compiled.loose) > 0.8 * len(numpy)
+    every = compiled.linear_images(model.state, compiled.loose, model.step)
+    for group, images in zip(compiled.loose, every, strict=True):
+        by_point = images.ground @ images.inverse @ np.swapaxes(images.ground, 1, 2)
+        for at, point in enumerate(group.point.tolist()):
+            checks, row = numpy[point]
+            assert np.array_equal(group.rays[at], checks.rays[row])
+            b = checks.ground[row]
+            for value, twin, largest in (
+                (images.partials[at], checks.partials[row], np.abs(checks.partials[row]).max()),
+                (by_point[at], b @ checks.inverse[row] @ b.T, np.abs(by_point[at]).max()),
+                (images.residual[at], checks.residual[row], np.abs(block.plates.xy).max()),
+            ):
+                np.testing.assert_allclose(value, twin, rtol=0.0, atol=RELATIVE * largest)
+
+
+def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:
+    """All hypotheses that explain more than the share, and the numbers of each, stay as they are."""
+    case = wrong()
+    model = linear_model(case.scene, case.factors(), case.state)
+    every = hypotheses(model)
+    for share in (0.01, 0.5):
+        few = {
+            option.key: option for option in hypotheses(model, None, lambda option: bool(option.given_up), share)
+        }
+        most = max(option.squares for option in every if option.given_up)
+        for option in every:
+            if option.squares >= share * most:
+                assert few[option.key].squares == pytest.approx(option.squares, rel=1e-12)
 
 
 def test_points_apart_have_the_squares_that_they_have_together() -> None:

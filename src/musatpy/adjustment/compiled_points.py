@@ -27,6 +27,7 @@ from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
+    from musatpy.adjustment.kernels.linear import LinearImages
 
 Result = TypeVar("Result")
 
@@ -263,6 +264,33 @@ class CompiledPoints(CompiledRows):
         water, rays = self.water(state, state.ground), self.sequence.rays
         self.of_parts(lambda part: self.kernels.residuals(part.rows, at, stations, water, rays, residual))
 
+    def linear_images(self, state: State, groups: Iterable[PointGroup], step: FloatArray) -> list[LinearImages]:
+        """Return the images of groups of points of which nothing is known, after a step (u,) of all unknowns."""
+        from musatpy.adjustment.kernels import linear  # numba is there
+
+        at, stations = self.measured(state.ground), self.stations(state)
+        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        q = self.network.pattern.size
+        of_stations = plain(step[: self.network.pattern.order].reshape(-1, q))
+        images = []
+        for group in groups:
+            k, m = group.rays.shape
+            out = linear.LinearImages(
+                residual=np.empty((k, 2 * m)),
+                partials=np.empty((k, 2 * m, m * q)),
+                ground=np.empty((k, 2 * m, 3)),
+                inverse=np.empty((k, 3, 3)),
+            )
+            rows = self.sequence.row[group.point]
+            linear.linear_images(rows, at, stations, water, known, RIDGE, of_stations, out)
+            images.append(out)
+        return images
+
+    @property
+    def loose(self) -> tuple[PointGroup, ...]:
+        """The groups of points of which nothing is known."""
+        return tuple(group for group in self.groups if not group.known)
+
     @property
     def bound(self) -> tuple[PointGroup, ...]:
         """The groups of points of which something is known."""
@@ -276,9 +304,7 @@ class CompiledPoints(CompiledRows):
         from musatpy.adjustment.kernels import spreading  # numba is there
 
         network, kernels = self.network, self.kernels
-        loose = CompiledRows(
-            kernels=kernels, network=network, groups=tuple(group for group in self.groups if not group.known)
-        )
+        loose = CompiledRows(kernels=kernels, network=network, groups=self.loose)
         at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
         water, known = self.water(state, state.ground), self.known(state, state.ground)
         taken = np.zeros(len(network.photo), dtype=bool)

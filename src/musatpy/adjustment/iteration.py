@@ -112,6 +112,7 @@ class Near:
     kept: Kept | None = None
     proven: bool = False  # the observations differ in their values alone, so that steps close in as they did there
     length: float = np.inf  # of the last step of the other one: the first one here is to close in on that
+    determined: bool = True  # that iteration has determined the unknowns
 
 
 class Until(Enum):
@@ -199,8 +200,8 @@ def iterate(
             if not line.matrix.sensible():
                 return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
             factor = factorised(line.matrix, damping)
-            tried = start is not None  # that iteration has determined the unknowns
-            if number == 1 and (factor is None or (not tried and factor.is_weak(SINGULAR))):
+            tested = start is not None and start.determined
+            if number == 1 and (factor is None or (not tested and factor.is_weak(SINGULAR))):
                 raise SingularNormalsError(line.matrix)
             accepted = _damped_step(problem, state, line, damping, factor)
         if accepted is None:

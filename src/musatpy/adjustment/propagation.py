@@ -86,12 +86,17 @@ def _sees_water(network: Network) -> BoolArray:
 def pieces(
     network: Network, state: State, group: PointGroup, cofactors: Cofactors
 ) -> Iterator[tuple[slice, Piece]]:
-    """Yield the points of a group, so many at a time that what is gathered of the inverse stays small."""
+    """Yield the points of a group in portions."""
+    for rows in portions(network, group):
+        yield rows, _piece(network, state, group.part(rows), cofactors)
+
+
+def portions(network: Network, group: PointGroup) -> Iterator[slice]:
+    """Yield the rows of a group, so many at a time that what is gathered of the inverse stays small."""
     width = network.pattern.size * group.rays.shape[1] + 4
     size = max(1, _CHUNK // width**2)
     for start in range(0, len(group.point), size):
-        rows = slice(start, start + size)
-        yield rows, _piece(network, state, group.part(rows), cofactors)
+        yield slice(start, start + size)
 
 
 def _piece(network: Network, state: State, group: PointGroup, cofactors: Cofactors) -> Piece:

@@ -90,10 +90,12 @@ class _ImagesAtRest:
     @classmethod
     def of(cls, whole: Case, found: list[Hypothesis]) -> _ImagesAtRest:
         """Return that of a case, for the images in a list."""
-        model = None
-        if any(member.kind in _IMAGES for member in found):
+        model, points = None, [member.point[0] for member in found if member.kind in _IMAGES]
+        if points:
+            near = np.zeros(whole.scene.network.points, dtype=bool)
+            near[points] = True
             with suppress(*GIVEN_UP):
-                model = linear_model(whole.scene, whole.factors(), whole.state)
+                model = linear_model(whole.scene, whole.factors(), whole.state, near)
         return cls(model=model, residual=_residual(whole))
 
     def rival(self, member: Hypothesis, group: int) -> Rival:
@@ -206,7 +208,8 @@ def _ranked(
     """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
         near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
-        options = hypotheses(linear_model(case.scene, case.factors(), case.state), near)
+        model = linear_model(case.scene, case.factors(), case.state)
+        options = hypotheses(model, near, lambda option: option.key == member.key, _NEARLY)
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     first = next((option for option in options if option.key == member.key), None)

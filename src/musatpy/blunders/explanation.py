@@ -19,10 +19,10 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part
-from musatpy.blunders.hypotheses import PENALTY, Hypothesis, hypotheses
+from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
-from musatpy.blunders.scene import GIVEN_UP, Scene, adjusted, scene_of, sizes
+from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
@@ -64,7 +64,7 @@ class Case:
     out: Factors  # 1 for what is given up
     taken: tuple[Hypothesis, ...]
     revisions: tuple[Revision, ...]
-    squares: float  # of all that is in
+    squares: float  # of all that is in; infinite where it is not adjusted yet, or cannot be
 
     def factors(self) -> Factors:
         """Return the factors on the weights."""
@@ -160,7 +160,7 @@ def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
 def readjusted(case: Case) -> Case:
     """Return the case after a re-adjustment, of infinite squares where that fails."""
     try:
-        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS).state
+        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS, AROUND).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
@@ -191,8 +191,11 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
             best = cheapest([with_hypothesis(case, option, sea) for option in options], variance)
             if not np.isfinite(best.squares):
                 break
-        case = replace(best, state=case.state) if seen_from_first and best.scene is case.scene else best
-    return case if only_common and not case.revisions else taken_back(readjusted(case), variance)
+        first = seen_from_first and best.scene is case.scene
+        case = replace(best, state=case.state, squares=np.inf) if first else best
+    if only_common and not case.revisions:
+        return case
+    return taken_back(case if np.isfinite(case.squares) else readjusted(case), variance)
 
 
 def shortlist(case: Case, variance: float) -> list[Hypothesis]:
@@ -203,13 +206,15 @@ def shortlist(case: Case, variance: float) -> list[Hypothesis]:
     model = linear_model(case.scene, case.factors(), case.state)
     known = {option.key for option in case.taken}
     normal = max(FITS, test_limit(sum(int(np.count_nonzero(weight)) for weight in case.scene.weight.values())))
-    options = [
-        option
-        for option in hypotheses(model)
-        if option.squares > variance * chi_square_limit(option.parameters, normal)
-        and sensible(option)
-        and (_still_in(case.out, option) if option.given_up else option.key not in known)
-    ]
+
+    def wanted(option: Hypothesis) -> bool:
+        return (
+            option.squares > variance * chi_square_limit(option.parameters, normal)
+            and sensible(option)
+            and (_still_in(case.out, option) if option.given_up else option.key not in known)
+        )
+
+    options = [option for option in hypotheses(model, None, wanted, _NEARLY) if wanted(option)]
     if not options:
         return []
     options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
@@ -257,7 +262,7 @@ def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case
 
 
 def _taking(case: Case, hypothesis: Hypothesis) -> Case:
-    return replace(case, out=given_up(case.out, hypothesis), taken=(*case.taken, hypothesis))
+    return replace(case, out=given_up(case.out, hypothesis), taken=(*case.taken, hypothesis), squares=np.inf)
 
 
 def given_up(out: Factors, hypothesis: Hypothesis, value: float = 1.0) -> Factors:
@@ -276,7 +281,7 @@ def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
         return case
     for _ in range(_REFINEMENTS):
         model = linear_model(case.scene, case.factors(), case.state)
-        rest = next((option for option in hypotheses(model) if option.key == hypothesis.key), None)
+        rest = next((option for option in common_errors(model) if option.key == hypothesis.key), None)
         if rest is None:
             break
         value += float(rest.error[0])

@@ -6,7 +6,7 @@ camera constant, the index, a unit of length, the tides of several photos.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,17 +77,33 @@ class Hypothesis(Revision):
         return self.squares / variance - PENALTY * self.parameters
 
 
-def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypothesis]:
+def hypotheses(
+    model: LinearModel,
+    near: BoolArray | None = None,
+    wanted: Callable[[Hypothesis], bool] | None = None,
+    share: float = 0.0,
+) -> list[Hypothesis]:
     """Return what explains most, by falling squares explained; some of every kind.
 
-    Of all points, or of those only that are `near` (p,).
+    Of all points, or of those only that are `near` (p,). Points of which only images are known may be missing where
+    they cannot explain this `share` of what the `wanted` hypothesis does that explains most.
     """
-    options = [*_stations(model), *_common(model), *_direct(model)]
-    for checks in model.points:
-        if near is None:
-            options += _of_points(model, checks)
-        elif near[checks.point].any():
-            options += _of_points(model, checks.part(near[checks.point]))
+    options = [*_stations(model), *common_errors(model), *_direct(model)]
+    points = [checks if near is None else checks.part(near[checks.point]) for checks in model.points]
+    known = [checks for checks in points if checks.has_priors]
+    seen = [checks for checks in points if not checks.has_priors and len(checks.point)]
+    for checks in known:
+        options += _of_points(model, checks)
+    least = 0.0
+    if wanted is not None and seen:
+        first = max(seen, key=lambda checks: float(checks.squares.max()))
+        likely = list(_of_points(model, first.part(first.squares == first.squares.max())))
+        least = share * max((option.squares for option in [*options, *likely] if wanted(option)), default=0.0)
+    for checks in seen:
+        # with all eigenvalues that count above `IMAGES_CHECKED`, images explain so much at most
+        part = checks.part(checks.squares >= IMAGES_CHECKED * least) if least > 0.0 else checks
+        if len(part.point):
+            options += _of_points(model, part)
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
@@ -112,7 +128,7 @@ def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
     if m > 1:
         rows = np.arange(2 * m)
         yield from _largest(model, checks, CauseKind.IMAGES, rows, checks.drop(rows))
-    if (checks.weight[:, 2 * m :] > 0.0).any():
+    if checks.has_priors:
         for kind, rows in (
             (CauseKind.HORIZONTAL, np.arange(2)),
             (CauseKind.VERTICAL, np.array([2])),
@@ -282,47 +298,62 @@ def _units(block: Block, photos: int, unknowns: int) -> Iterator[_Column]:
     yield _Column(kind=CauseKind.UNIT, member=1, stations=stations)
 
 
-def _controlled(model: LinearModel, column: _Column) -> tuple[PointChecks, ...]:
-    """Return the points with control, where that has the common error."""
-    return () if column.control is None else tuple(each for each in model.points if (each.control >= 0).any())
-
-
-def _common(model: LinearModel) -> Iterator[Hypothesis]:
+def common_errors(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
-    n, q = model.network.photos, model.stations.shape[1]
-    for column in _columns(model):
-        coupling = np.zeros(len(model.step))
-        weight = pull = 0.0
-        for checks in model.points if column.images is not None else _controlled(model, column):
-            k, m = checks.rays.shape
-            c = np.zeros((k, checks.residual.shape[1]))
-            if column.images is not None:
-                c[:, : 2 * m] = column.images[checks.rays].reshape(k, -1)
-            if column.control is not None and c.shape[1] > 2 * m:
-                c[:, 2 * m : 2 * m + 3] = np.where(
-                    checks.control[:, None] >= 0, column.control[checks.control], 0.0
-                )
-            weighted = checks.weight * c
-            by_point = (weighted[:, None] @ checks.ground)[:, 0]
-            of_points = np.einsum("ki,kij,kj->", by_point, checks.inverse, by_point)
-            weight += float(np.sum(weighted * c)) - float(of_points)
-            pull += float(np.sum(weighted * checks.residual))
-            np.add.at(coupling, checks.unknowns, (weighted[:, None] @ checks.partials)[:, 0])
-        if column.stations is not None:
-            weighted = model.station_weight * column.stations
-            coupling[: n * q] += weighted.reshape(-1)
-            weight += float(np.sum(weighted * column.stations))
-            pull += float(np.sum(weighted * model.stations))
-        if weight <= 0.0:
+    columns = list(_columns(model))
+    weight, pull, coupling = _of_columns(model, columns)
+    for number, column in enumerate(columns):
+        if weight[number] <= 0.0:
             continue
-        checked = weight - float(coupling @ model.factor.solve(coupling))
-        if checked > _COMMON_CHECKED * weight:
+        checked = weight[number] - float(coupling[number] @ model.factor.solve(coupling[number]))
+        if checked > _COMMON_CHECKED * weight[number]:
             yield Hypothesis(
                 kind=column.kind,
                 photo=column.photo,
                 member=column.member,
                 name=column.name,
-                squares=pull**2 / checked,
-                error=np.array([-pull / checked]),
+                squares=float(pull[number] ** 2 / checked),
+                error=np.array([-pull[number] / checked]),
                 sigma=np.array([1.0 / np.sqrt(checked)]),
             )
+
+
+def _of_columns(model: LinearModel, columns: list[_Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return c'Pc (C,) and c'Pv (C,) of columns c of observations, and c'PA (C, u) by stations and globals.
+
+    The points follow.
+    """
+    weight, pull = np.zeros((2, len(columns)))
+    coupling = np.zeros((len(columns), len(model.step)))
+    on_images = [number for number, column in enumerate(columns) if column.images is not None]
+    images = _stacked([columns[number].images for number in on_images])
+    on_control = [number for number, column in enumerate(columns) if column.control is not None]
+    control = _stacked([columns[number].control for number in on_control])
+    for checks in model.points:
+        k, m = checks.rays.shape
+        parts = [(on_images, slice(0, 2 * m), images[checks.rays].reshape(k, 2 * m, -1))] if on_images else []
+        if on_control and checks.has_priors:
+            of_control = np.where(checks.control[:, None, None] >= 0, control[checks.control], 0.0)
+            parts.append((on_control, slice(2 * m, 2 * m + 3), of_control))
+        for numbers, rows, c in parts:
+            weighted = np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
+            by_point = weighted @ checks.ground[:, rows]
+            weight[numbers] += np.einsum("kco,koc->c", weighted, c)
+            weight[numbers] -= np.einsum("kci,kci->c", by_point @ checks.inverse, by_point)
+            pull[numbers] += np.einsum("kco,ko->c", weighted, checks.residual[:, rows])
+            coupled = (weighted @ checks.partials[:, rows]).transpose(1, 0, 2).reshape(len(numbers), -1)
+            for number, values in zip(numbers, coupled, strict=True):
+                coupling[number] += np.bincount(checks.unknowns.reshape(-1), values, coupling.shape[1])
+    for number, column in enumerate(columns):
+        if column.stations is not None:
+            weighted = model.station_weight * column.stations
+            coupling[number, : weighted.size] += weighted.reshape(-1)
+            weight[number] += float(np.sum(weighted * column.stations))
+            pull[number] += float(np.sum(weighted * model.stations))
+    return weight, pull, coupling
+
+
+def _stacked(columns: list[FloatArray | None]) -> FloatArray:
+    """Return columns of one shape as the last axis of an array, empty without columns."""
+    values = [column for column in columns if column is not None]
+    return np.stack(values, axis=-1) if values else np.zeros(0)

@@ -7,6 +7,7 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -15,13 +16,14 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
 from musatpy.adjustment.compiled_conditions import CompiledPassPoints
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
-from musatpy.adjustment.propagation import pieces
+from musatpy.adjustment.propagation import pieces, portions
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -64,6 +66,16 @@ class PointChecks:
     extras: IntArray  # (k, X) further unknowns
     cofactors: Cofactors
 
+    @property
+    def has_priors(self) -> bool:
+        """Whether anything is known of any of the points."""
+        return bool((self.weight[:, 2 * self.rays.shape[1] :] > 0.0).any())
+
+    @cached_property
+    def squares(self) -> FloatArray:
+        """(k,) weighted squares of the residuals."""
+        return np.asarray(np.sum(self.weight * np.square(self.residual), axis=1))
+
     @cached_property
     def cofactor(self) -> FloatArray:
         """(k, o, o) cofactors of the adjusted observations."""
@@ -103,15 +115,15 @@ class LinearModel:
     factor: Factor
     cofactors: Cofactors
     step: FloatArray  # (u,) to the minimum
-    points: tuple[PointChecks, ...]
+    points: tuple[PointChecks, ...]  # those that were asked for
     minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
 
     @property
     def squares(self) -> float:
-        """v'Pv at the minimum, of images, control and stations."""
-        squares = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in self.points)
+        """v'Pv at the minimum, of images of the points asked for, control and stations."""
+        squares = sum(float(np.sum(checks.squares)) for checks in self.points)
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
     def station_drop(self, columns: IntArray) -> Drop:
@@ -152,9 +164,10 @@ def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[Floa
     return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
 
 
-def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
+def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray | None = None) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
+    With the checks of all points, or of those only that are `near` (p,).
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
@@ -167,7 +180,8 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     cofactors = factor.cofactors().holding(scene.held)
     step = factor.solve(line.rhs)
     station_weight, residual = station_rows(network, state)
-    points = tuple(_checks(scene, network, state, cofactors, step))
+    near = np.ones(network.points, dtype=bool) if near is None else near
+    points = tuple(_checks(scene, network, near, state, cofactors, step))
     stations = residual + step[: residual.size].reshape(residual.shape)
     return LinearModel(
         scene=scene,
@@ -213,16 +227,43 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
 
 
 def _checks(
-    scene: Scene, network: Network, state: State, cofactors: Cofactors, step: FloatArray
+    scene: Scene, network: Network, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
 ) -> list[PointChecks]:
-    block, checks = scene.block, []
+    block, checks, compiled = scene.block, [], network.compiled
     control = first_rows(block.control.point, network.points)
     member = first_rows(block.equal_elevations.point, network.points)
-    for group in network.groups:
-        for _, piece in pieces(network, state, group, cofactors):
-            point = piece.group.point
-            checks.append(_checks_of(network, piece, step, control[point], member[point]))
+    for group in network.groups if compiled is None else (*compiled.bound, *compiled.others):
+        for part in group.some(near[group.point]):
+            for _, piece in pieces(network, state, part, cofactors):
+                point = piece.group.point
+                checks.append(_checks_of(network, piece, step, control[point], member[point]))
+    if compiled is not None:
+        checks += _compiled_checks(compiled, near, state, cofactors, step)
     return checks
+
+
+def _compiled_checks(
+    compiled: CompiledPoints, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
+) -> Iterator[PointChecks]:
+    """Yield the checks of the points of which nothing is known."""
+    network = compiled.network
+    every = [part for group in compiled.loose for part in group.some(near[group.point])]
+    groups = [part.part(rows) for part in every for rows in portions(network, part)]
+    for group, images in zip(groups, compiled.linear_images(state, groups, step), strict=True):
+        k = len(group.point)
+        extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
+        yield PointChecks(
+            point=group.point,
+            rays=group.rays,
+            control=nothing,
+            member=nothing,
+            weight=network.weight[group.rays].reshape(k, -1),
+            unknowns=network.unknowns(group, extras),
+            photo=network.photo[group.rays],
+            extras=extras,
+            cofactors=cofactors,
+            **images._asdict(),
+        )
 
 
 def _checks_of(

@@ -155,6 +155,15 @@ def _imagined(
         )
 
 
+def _rims(network: Network, photos: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the largest coordinates (c, 2) mm of plates and their rims."""
+    low, high = np.full((network.photos, 2), np.inf), np.full((network.photos, 2), -np.inf)
+    rows = np.flatnonzero(np.isin(network.photo, photos))
+    np.minimum.at(low, network.photo[rows], network.xy[rows])
+    np.maximum.at(high, network.photo[rows], network.xy[rows])
+    return low[photos] - _RIM, high[photos] + _RIM
+
+
 def _imagined_at_once(
     scene: Scene, state: State, photos: IntArray, near: list[IntArray], covariance: FloatArray
 ) -> Iterator[_Imagined]:
@@ -170,9 +179,7 @@ def _imagined_at_once(
     )
     ground = state.ground[points]
     xy = image_coordinates(imagined, state, np.arange(len(points)), ground)
-    measured = [network.xy[network.photo == each] for each in photos.tolist()]
-    low = np.array([own.min(axis=0) - _RIM for own in measured])[number]
-    high = np.array([own.max(axis=0) + _RIM for own in measured])[number]
+    low, high = (rim[number] for rim in _rims(network, photos))
     seen = collinearity.in_front(ground - state.position[photo], state.M[photo])
     rows = np.flatnonzero(seen & ((xy > low) & (xy < high)).all(axis=1))
     predicted = images(imagined, state, rows, ground[rows], stations=False)

@@ -51,6 +51,7 @@ class SearchLimitError(Exception):
     """The search has spent its effort: what it has found by then stands, or nothing does."""
 
 
+AROUND = Near(determined=False)  # with other observations
 GIVEN_UP = (SingularNormalsError, SearchLimitError)  # why a trial of the search comes to nothing
 
 
@@ -190,7 +191,9 @@ def adjusted(scene: Scene, factors: Factors, state: State, steps: int, start: Ne
     return iterate(problem, problem.with_squares(state), steps, start=start)
 
 
-def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State, Factor | None]:
+def settled(
+    scene: Scene, factors: Factors, state: State, start: Near | None = None
+) -> tuple[Scene, State, Factor | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
     And the factor of the normal equations there, None where the iteration has not converged. Raises
@@ -200,12 +203,14 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State,
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
     short, factor, whole = 0, None, True
-    near: Near | None = None
+    near = start
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     for _ in range(_TURNS):
         # a few points that cross the tides one by one hardly move the stations: one step, until they rest, for
         # which the matrix of before serves
-        outcome = adjusted(scene, factors, state, steps if whole else 1, Near() if whole and near else near)
+        outcome = adjusted(
+            scene, factors, state, steps if whole else 1, Near() if whole and near is not start else near
+        )
         near = Near(kept=outcome.kept) if outcome.kept else near
         state, factor = outcome.state, None if outcome.last is None else outcome.last.factor
         short = short + 1 if outcome.failure and whole else 0

@@ -19,7 +19,7 @@ from musatpy.adjustment.precision import Errors, spread_to_observations
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations
-from musatpy.blunders.scene import Scene, plate_scale, settled, sizes
+from musatpy.blunders.scene import AROUND, Scene, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind, Observations
 from musatpy.model.progress import begin
@@ -132,7 +132,7 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
     for number in range(_ROUNDS):
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
-        scene, state, factor = settled(scene, factors, state)
+        scene, state, factor = settled(scene, factors, state, AROUND if number else None)
         judgement = judged(scene, state, units, out, factors, factor)
         value = judgement.unit_test
         back = out & _predicted(judgement) & (value < _BACK * limit) & (returns < _RETURNS)
