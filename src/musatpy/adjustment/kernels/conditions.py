@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.points import (
     Known,
     Measured,
@@ -27,6 +26,7 @@ from musatpy.adjustment.kernels.points import (
 )
 from musatpy.adjustment.kernels.wet_rays import bend
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.compiling import compiled, inlined
 
 
 class Conditions(NamedTuple):

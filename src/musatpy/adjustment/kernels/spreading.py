@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.points import (
     LEVELS,
     Known,
@@ -22,6 +21,7 @@ from musatpy.adjustment.kernels.points import (
 )
 from musatpy.adjustment.kernels.points import Q as SIZE
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.compiling import compiled, inlined
 
 
 class Spread(NamedTuple):
