@@ -66,7 +66,7 @@ def set_incidence(
             e1[k] = rays.ground[r, 1] - rays.camera[r, 1]
             e2[k] = rays.ground[r, 2] - rays.camera[r, 2]
             u0[k], u1[k], u2[k] = rays.up[r, 0], rays.up[r, 1], rays.up[r, 2]
-            h[k], n[k] = rays.depth[r] if rays.wet[r] else 0.0, rays.index[r]
+            h[k], n[k] = rays.depth[r] if rays.wet[r] else 0.0, rays.refraction[r]
         for k in range(size):
             fall = -(u0[k] * e0[k] + u1[k] * e1[k] + u2[k] * e2[k])
             x, y, z = e0[k] + u0[k] * fall, e1[k] + u1[k] * fall, e2[k] + u2[k] * fall

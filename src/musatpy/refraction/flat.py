@@ -177,12 +177,13 @@ class Rays(NamedTuple):
     ground: FloatArray
     up: FloatArray
     depth: FloatArray
-    index: FloatArray
+    refraction: FloatArray
     wet: BoolArray
 
     def part(self, rows: slice) -> Rays:
         """Return some of the rays, without gaps in memory."""
-        return Rays(*(np.ascontiguousarray(array[rows]) for array in self))
+        camera, ground, up, depth, refraction = (np.ascontiguousarray(array[rows]) for array in self[:-1])
+        return Rays(camera, ground, up, depth, refraction, np.ascontiguousarray(self.wet[rows]))
 
 
 def _rays(
@@ -227,14 +228,14 @@ def _entering(rays: Rays) -> _Entering:
     e /= np.where(D > 0.0, D, 1.0)  # 0 at the nadir
     h = np.where(rays.wet, rays.depth, 0.0)
     H = fall - h
-    t = air_tangent(H, h, D, rays.index)
+    t = air_tangent(H, h, D, rays.refraction)
     return _Entering(gap=gap, up=up, v=e * (H * t) - up * H, e=e, H=H, h=h, t=t)
 
 
 def _set_incidence(rays: Rays, out: Incidence, part: slice) -> None:
     """Set a part of the rows of `out`."""
     at = _entering(rays)
-    e, u, H, h, t, n = at.e, at.up, at.H, at.h, at.t, rays.index
+    e, u, H, h, t, n = at.e, at.up, at.H, at.h, at.t, rays.refraction
     g = water_tangent_ratio(t, n)
     under = t * g
     air2 = 1.0 / (1.0 + t * t)  # cos^2 I
