@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from musatpy import read_deck
+from musatpy import compiling, read_deck
 from musatpy.adjustment import adjust, ground, kernels, reliability, sequence, sightings, threads, waterline
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.job import prepared
@@ -324,14 +324,14 @@ def test_what_is_asked_for_and_not_there_is_an_error(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv(kernels.VARIABLE, "fortran")
     with pytest.raises(AdjustmentError, match="'fortran': it is numpy or numba"):
         kernels.compiled_points(1)
-    kernels._loaded.cache_clear()
+    compiling._loaded.cache_clear()
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
     with pytest.raises(AdjustmentError, match=r"pip install 'musatpy\[fast\]'"):
         kernels.compiled_points(1)
     monkeypatch.delenv(kernels.VARIABLE)
     assert kernels.compiled_points(10_000) is None
-    kernels._loaded.cache_clear()
+    compiling._loaded.cache_clear()
 
 
 @pytest.mark.slow

@@ -17,10 +17,11 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
 EVERYONE = {"errors", "units", "fortran", "files", "specs", "spec_keys", "draws", "json_files", "arrays", "canvas"}
-EVERYONE |= {"image_observations"}
+EVERYONE |= {"image_observations", "compiling"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "arrays": set(),
+    "compiling": set(),
     "errors": set(),
     "units": set(),
     "fortran": set(),

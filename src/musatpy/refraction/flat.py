@@ -11,14 +11,17 @@ water. An adjustment needs that: which rays are wet must not change under its fe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.compiling import compiled_kernels
 from musatpy.refraction.snell import water_tangent_ratio
 
+LARGE = 3_000_000  # rays, from which on numba is worth its loading
+_COMPILED = "musatpy.refraction.compiled_flat"
 _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the second-level cache
 _MAX_STEPS = 60
 Value = TypeVar("Value", float, FloatArray)
@@ -123,6 +126,7 @@ def incidence(
     """
     rays, shape = _rays(camera, ground, up, depth, index, wet)
     r = len(rays.depth)
+    kernels = compiled_kernels(_COMPILED, worth=r > LARGE)
     out = Incidence(
         v=np.empty((r, 3)),
         by_camera=np.empty((r, 3, 3)),
@@ -130,9 +134,14 @@ def incidence(
         by_level=np.empty((r, 3)),
         by_index=np.empty((r, 3)),
     )
-    for start in range(0, r, _CHUNK):
-        part = slice(start, start + _CHUNK)
-        _set_incidence(rays.part(part), out, part)
+    chunk = _CHUNK if kernels is None else kernels.CHUNK
+    for start in range(0, r, chunk):
+        part = slice(start, start + chunk)
+        if kernels is None:
+            _set_incidence(rays.part(part), out, part)
+        else:
+            to = (out.v[part], out.by_camera[part], out.by_ground[part], out.by_level[part], out.by_index[part])
+            kernels.set_incidence(rays.part(part), *to)
     return Incidence(
         v=out.v.reshape(*shape, 3),
         by_camera=out.by_camera.reshape(*shape, 3, 3),
@@ -156,29 +165,25 @@ def water_vector(
     for start in range(0, len(v), _CHUNK):
         part = slice(start, start + _CHUNK)
         some = rays.part(part)
-        v[part] = np.where(some.wet, _entering(some).v, some.gap).T
+        at = _entering(some)
+        v[part] = np.where(some.wet, at.v, at.gap).T
     return v.reshape(*shape, 3)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Rays:
-    """Vectors to ground points and verticals (3, r) of r rays, depths, index and whether they are wet (r,)."""
+class Rays(NamedTuple):
+    """Rays one after the other: cameras, ground points, verticals (r, 3), depths, index, which are wet (r,)."""
 
-    gap: FloatArray
+    camera: FloatArray
+    ground: FloatArray
     up: FloatArray
     depth: FloatArray
-    index: FloatArray
+    refraction: FloatArray
     wet: BoolArray
 
-    def part(self, rows: slice) -> _Rays:
-        """Return some of the rays, each component of theirs by itself."""
-        return _Rays(
-            gap=np.ascontiguousarray(self.gap[:, rows]),
-            up=np.ascontiguousarray(self.up[:, rows]),
-            depth=self.depth[rows],
-            index=self.index[rows],
-            wet=self.wet[rows],
-        )
+    def part(self, rows: slice) -> Rays:
+        """Return some of the rays, without gaps in memory."""
+        camera, ground, up, depth, refraction = (np.ascontiguousarray(array[rows]) for array in self[:-1])
+        return Rays(camera, ground, up, depth, refraction, np.ascontiguousarray(self.wet[rows]))
 
 
 def _rays(
@@ -188,20 +193,26 @@ def _rays(
     depth: ArrayLike,
     index: ArrayLike,
     wet: ArrayLike | None,
-) -> tuple[_Rays, tuple[int, ...]]:
+) -> tuple[Rays, tuple[int, ...]]:
     """Return the rays one after the other, and the shape that they had."""
-    gap, h, n = ground - camera, np.asarray(depth, dtype=float), np.asarray(index, dtype=float)
+    h, n = np.asarray(depth, dtype=float), np.asarray(index, dtype=float)
     refracted = h > 0.0 if wet is None else np.asarray(wet, dtype=bool)
-    shape = np.broadcast_shapes(gap.shape[:-1], np.shape(up)[:-1], h.shape, n.shape, refracted.shape)
-    gap, up = (np.broadcast_to(vector, (*shape, 3)).reshape(-1, 3).T for vector in (gap, up))
-    h, n, refracted = (np.broadcast_to(value, shape).reshape(-1) for value in (h, n, refracted))
-    return _Rays(gap=gap, up=up, depth=h, index=n, wet=refracted), shape
+    vectors, values = (camera, ground, up), (h, n, refracted)
+    shape = np.broadcast_shapes(*(np.shape(vector)[:-1] for vector in vectors), *(value.shape for value in values))
+    camera, ground, up = (np.broadcast_to(vector, (*shape, 3)).reshape(-1, 3) for vector in vectors)
+    h, n, refracted = (np.broadcast_to(value, shape).reshape(-1) for value in values)
+    return Rays(camera, ground, up, h, n, refracted), shape
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Entering:
-    """Where r rays enter the water: v (3, r), horizontal directions e (3, r), H, h and tan(I) (r,)."""
+    """Where r rays enter the water: v (3, r), horizontal directions e (3, r), H, h and tan(I) (r,).
 
+    With the vectors to ground points and the verticals (3, r), each component by itself.
+    """
+
+    gap: FloatArray
+    up: FloatArray
     v: FloatArray
     e: FloatArray
     H: FloatArray
@@ -209,21 +220,22 @@ class _Entering:
     t: FloatArray
 
 
-def _entering(rays: _Rays) -> _Entering:
-    fall = -_sum(rays.up * rays.gap)
-    e = rays.gap + rays.up * fall
+def _entering(rays: Rays) -> _Entering:
+    gap, up = np.subtract(rays.ground.T, rays.camera.T, order="C"), np.ascontiguousarray(rays.up.T)
+    fall = -_sum(up * gap)
+    e = gap + up * fall
     D = np.sqrt(_sum(e * e))
     e /= np.where(D > 0.0, D, 1.0)  # 0 at the nadir
     h = np.where(rays.wet, rays.depth, 0.0)
     H = fall - h
-    t = air_tangent(H, h, D, rays.index)
-    return _Entering(v=e * (H * t) - rays.up * H, e=e, H=H, h=h, t=t)
+    t = air_tangent(H, h, D, rays.refraction)
+    return _Entering(gap=gap, up=up, v=e * (H * t) - up * H, e=e, H=H, h=h, t=t)
 
 
-def _set_incidence(rays: _Rays, out: Incidence, part: slice) -> None:
+def _set_incidence(rays: Rays, out: Incidence, part: slice) -> None:
     """Set a part of the rows of `out`."""
     at = _entering(rays)
-    e, u, H, h, t, n = at.e, rays.up, at.H, at.h, at.t, rays.index
+    e, u, H, h, t, n = at.e, at.up, at.H, at.h, at.t, rays.refraction
     g = water_tangent_ratio(t, n)
     under = t * g
     air2 = 1.0 / (1.0 + t * t)  # cos^2 I
@@ -250,7 +262,7 @@ def _set_incidence(rays: _Rays, out: Incidence, part: slice) -> None:
             out.by_ground[part, i, j] = K - by_h[i] * u[j]
     if not rays.wet.all():
         dry = part.start + np.flatnonzero(~rays.wet)
-        out.v[dry] = rays.gap[:, ~rays.wet].T
+        out.v[dry] = at.gap[:, ~rays.wet].T
         out.by_camera[dry], out.by_ground[dry] = -np.eye(3), np.eye(3)
         out.by_level[dry] = out.by_index[dry] = 0.0
 

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.points import (
     Known,
     Measured,
@@ -32,6 +31,7 @@ from musatpy.adjustment.kernels.points import (
     times,
 )
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.compiling import compiled, inlined
 
 
 class Conditions(NamedTuple):

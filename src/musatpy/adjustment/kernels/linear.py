@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.points import (
     LEVELS,
     Known,
@@ -19,6 +18,7 @@ from musatpy.adjustment.kernels.points import (
 )
 from musatpy.adjustment.kernels.points import Q as SIZE
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.compiling import compiled, inlined
 
 
 class LinearImages(NamedTuple):

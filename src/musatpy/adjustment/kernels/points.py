@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.wet_rays import bend, bend_with_partials
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.compiling import compiled, inlined
 
 Q = 6  # unknowns of a station in its images; those with a level of its own have one more
 LEVELS = Q + 1

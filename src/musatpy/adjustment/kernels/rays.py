@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
-from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.points import Measured, Stations
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.compiling import compiled, inlined
 
 _SINGULAR = 1e-14  # smallest pivot: `nearest_point`
 

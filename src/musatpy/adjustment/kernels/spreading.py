@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.compiling import compiled, inlined
 from musatpy.adjustment.kernels.points import (
     LEVELS,
     Known,
@@ -21,6 +20,7 @@ from musatpy.adjustment.kernels.points import (
 )
 from musatpy.adjustment.kernels.points import Q as SIZE
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.compiling import compiled, inlined
 
 
 class Images(NamedTuple):

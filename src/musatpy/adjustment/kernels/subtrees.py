@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from musatpy.adjustment.kernels.compiling import address, call, compiled
+from musatpy.adjustment.kernels.addresses import address, call
 from musatpy.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from musatpy.compiling import compiled
 
 
 class Fronts(NamedTuple):

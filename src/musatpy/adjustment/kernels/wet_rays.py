@@ -8,31 +8,25 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from musatpy.adjustment.kernels.compiling import inlined
 from musatpy.arrays import FloatArray
+from musatpy.compiling import inlined
+from musatpy.refraction.compiled_flat import MAX_STEPS, newton_step, slopes
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels.points import Water
-
-_MAX_STEPS = 60
 
 
 @inlined
 def _air_tangent(H: float, h: float, D: float, n: float) -> float:
     """Return tan(I) of a ray to the water: `refraction.flat.air_tangent`, ETL-0306 (4.10)."""
-    n2 = n * n
     t = D / (H + h / n)
-    for _ in range(_MAX_STEPS):
-        g2 = 1.0 / (n2 + (n2 - 1.0) * t * t)
-        g = math.sqrt(g2)
-        step = (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
+    for _ in range(MAX_STEPS):
+        step = newton_step(t, H, h, D, n)
         t += step
         if not abs(step) > 4e-16 * abs(t) + 1e-300:
             break
         if not abs(step) > 1e-8 * abs(t):
-            g2 = 1.0 / (n2 + (n2 - 1.0) * t * t)
-            g = math.sqrt(g2)
-            t += (D - t * (H + h * g)) / (H + h * n2 * g2 * g)
+            t += newton_step(t, H, h, D, n)
             break
     return t
 
@@ -64,17 +58,7 @@ def bend_with_partials(
 ) -> None:
     """Set v (3,) as `bend` does, and its partials by (2, 3, 3) camera and ground: `refraction.flat.incidence`."""
     e0, e1, e2, H, t = bend(row, water, gap0, gap1, gap2, v)
-    n, h = water.refraction, water.depth[row]
-    g = 1.0 / math.sqrt(n * n + (n * n - 1.0) * t * t)
-    air = 1.0 / (1.0 + t * t)
-    air3 = air * math.sqrt(air)
-    water2 = 1.0 / (1.0 + t * g * t * g)
-    water3 = water2 * math.sqrt(water2)
-    spread = h * air3 + n * water3 * H
-    kappa = n * water3 * H / spread
-    Q_H = t * air3 * h / spread
-    Q_h = -n * t * g * water3 * H / spread
-    ratio = H / (H + h * g)
+    kappa, ratio, Q_H, Q_h, _ = slopes(t, H, water.depth[row], water.refraction)
     for i in range(3):
         e_i, up_i = e0 if i == 0 else e1 if i == 1 else e2, water.normal[row, i]
         for j in range(3):
