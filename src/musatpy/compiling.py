@@ -10,11 +10,16 @@ import importlib
 import importlib.util
 import os
 from collections.abc import Callable, Iterable, Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
+from hashlib import sha256
+from importlib.resources import files
 from types import ModuleType
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from musatpy.errors import AdjustmentError, Problem
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 VARIABLE = "MUSAT_KERNELS"
 NUMPY, NUMBA = "numpy", "numba"
@@ -56,7 +61,24 @@ def compiled(function: Function) -> Function:
     """
     import numba  # an extra, which loads when kernels do
 
-    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    kernel = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    # numba would compile anew for changes of its own file only, and not of those whose pieces are a part of it
+    cast(Any, kernel)._cache._cache_file._source_stamp = _stamp()
+    return cast(Function, kernel)
+
+
+def sources() -> list[Traversable]:
+    """Return the files that kernels are compiled from."""
+    package = files("musatpy")
+    kernels = package.joinpath("adjustment", "kernels").iterdir()
+    inside = sorted((file for file in kernels if file.name.endswith(".py")), key=lambda file: file.name)
+    return [package.joinpath("compiling.py"), package.joinpath("refraction", "compiled_flat.py"), *inside]
+
+
+@cache
+def _stamp() -> bytes:
+    """Return what is another one when a source of kernels is."""
+    return sha256(b"".join(source.read_bytes() for source in sources())).digest()
 
 
 def inlined(function: Function) -> Function:
