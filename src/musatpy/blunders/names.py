@@ -79,12 +79,14 @@ def _compared(network: Network, rows: IntArray, seen: _Imagined, sigma0: float) 
 
     Infinite for the point whose name an image bears.
     """
-    measured = sigma0**2 / network.weight[rows][:, None, :, None] * np.eye(2)
-    covariance = seen.covariance[None] + measured
-    delta = network.xy[rows][:, None] - seen.xy[None]
-    off = np.sqrt(np.einsum("cki,cki->ck", delta, np.linalg.solve(covariance, delta[..., None])[..., 0]))
+    measured = sigma0**2 / network.weight[rows][:, None]
+    xx, yy = (seen.covariance[:, axis, axis] + measured[..., axis] for axis in range(2))
+    xy = seen.covariance[:, 0, 1]
+    dx, dy = (network.xy[rows][:, None, axis] - seen.xy[:, axis] for axis in range(2))
+    determinant = xx * yy - np.square(xy)
+    off = np.sqrt((yy * np.square(dx) - 2.0 * xy * dx * dy + xx * np.square(dy)) / determinant)
     off[seen.point[None] == network.point[rows][:, None]] = np.inf
-    areas = np.pi * _NEAR**2 * np.sqrt(np.linalg.det(covariance)).sum(axis=1)
+    areas = np.pi * _NEAR**2 * np.sqrt(determinant).sum(axis=1)
     return off, areas / np.prod(np.ptp(seen.xy, axis=0))  # of an even spread
 
 
