@@ -11,6 +11,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.iteration import SHORT, Near, Outcome, Until
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
+from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.pass_points import simple_variances
 from musatpy.adjustment.sightings import residuals
@@ -130,9 +131,11 @@ class _Run:
     ) -> Outcome:
         """Return the outcome of one triangulation, which settles its points first: those of `before` have been.
 
-        `start`: it is near its minimum. Raises `AdjustmentError` naming what is free.
+        In small blocks all are settled, to the last digit. `start`: it is near its minimum. Raises `AdjustmentError`
+        naming what is free.
         """
-        state = ground_points.settle(network, state, network.compiled_pass_points, before)
+        done = before if network.photos > LARGE else None
+        state = ground_points.settle(network, state, network.compiled_pass_points, done)
         return self.job.iterate(self.problem(network, state), network, state, outer_pass, start, until)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
