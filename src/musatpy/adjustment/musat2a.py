@@ -131,8 +131,8 @@ class _Run:
     ) -> Outcome:
         """Return the outcome of one triangulation, which settles its points first: those of `before` have been.
 
-        In small blocks all are settled, to the last digit. `start`: it is near its minimum. Raises `AdjustmentError`
-        naming what is free.
+        In small blocks all are settled, to the last digit. `start`: it is near its minimum.
+        Raises `AdjustmentError` naming what is free.
         """
         done = before if network.photos > LARGE else None
         state = ground_points.settle(network, state, network.compiled_pass_points, done)
