@@ -379,8 +379,9 @@ def test_both_have_the_same_first_positions(deck: str, seed: int, shift: float, 
     for kind in BOTH:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv(kernels.VARIABLE, kind)
-            first = ground.start_ground(network, state)
-            found.append((first.ground, ground.parallel(network, first), ground.level_start(network, first).ground))
+            parallel = np.zeros(network.points, dtype=bool)
+            first = ground.start_ground(network, state, parallel)
+            found.append((first.ground, parallel, ground.level_start(network, first).ground))
     (a, parallel_a, level_a), (b, parallel_b, level_b) = found
     np.testing.assert_array_equal(parallel_a, parallel_b)
     near = np.linalg.norm(np.nan_to_num(a), axis=1) < 1e5

@@ -70,7 +70,9 @@ def work(network: Network, state: State, options: Options) -> Work:
         "its selected inverse": factor.cofactors,
         "its solution": lambda: factor.solve(line.rhs),
         "first positions: nearest to the rays": lambda: ground.start_ground(network, state),
-        "rays that are parallel": lambda: ground.parallel(network, state),
+        "the same, and rays that are parallel": lambda: ground.start_ground(
+            network, state, np.zeros(network.points, dtype=bool)
+        ),
         "points on level ground": lambda: ground.level_start(network, state),
     }
 

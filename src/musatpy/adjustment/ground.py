@@ -234,22 +234,29 @@ def _unless_behind(
     return np.where(seen & np.isfinite(squares), squares, np.inf)
 
 
-def start_ground(network: Network, state: State) -> State:
+def start_ground(network: Network, state: State, parallel: BoolArray | None = None) -> State:
     """Return the state with first positions of the points and first levels of the groups.
 
     Points are the nearest to their rays; known components are put in; a single ray is cut at its known height, or
-    at the mean height of the control.
+    at the mean height of the control. Sets which pass points (p,) have rays that are as good as `parallel`, where
+    that is asked for.
     """
     from musatpy.adjustment.compiled_start import CompiledStart  # which is made of networks and their points
 
     ground, compiled = state.ground.copy(), CompiledStart.of(network)
     mean_height, groups = _mean_height(network), network.groups
     if compiled is not None:
-        compiled.nearest(state, PARALLEL, ground)
+        of_points = compiled.nearest(state, PARALLEL, ground)
         groups, known = compiled.others, compiled.sequence.point[compiled.known_rows]
         _set_level(network, known, ground[known], ground)
+        if parallel is not None:
+            parallel[:] = of_points
     for group in groups:
         ground[group.point] = nearest_ground(network, state, group, mean_height)
+    if parallel is not None:
+        for group in network.pass_groups if compiled is None else compiled.others:
+            _, direction = sightings.straight_rays(network, state, group.rays)
+            parallel[group.point] = intersection.widest_angle(direction) < PARALLEL
     members = np.flatnonzero(network.priors.group >= 0)
     heights = network.frame.height(ground[members])
     number = network.border.count(ObservationKind.EQUAL_ELEVATION)
@@ -257,19 +264,6 @@ def start_ground(network: Network, state: State) -> State:
     total = np.bincount(network.priors.group[members], weights=heights, minlength=number)
     levels = np.divide(total, count, out=np.full(number, np.nan), where=count > 0)
     return replace(state, ground=ground, levels=levels)
-
-
-def parallel(network: Network, state: State) -> BoolArray:
-    """Return which pass points (p,) have rays that are as good as parallel."""
-    from musatpy.adjustment.compiled_start import CompiledStart  # which is made of networks and their points
-
-    compiled, out = CompiledStart.of(network), np.zeros(network.points, dtype=bool)
-    if compiled is not None:
-        out = compiled.nearest(state, PARALLEL, np.empty_like(state.ground))
-    for group in network.pass_groups if compiled is None else compiled.others:
-        _, direction = sightings.straight_rays(network, state, group.rays)
-        out[group.point] = intersection.widest_angle(direction) < PARALLEL
-    return out
 
 
 def level_start(network: Network, state: State) -> State:

@@ -222,8 +222,9 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     frame = job_frame(block)
     part = participation(block)
     network = build_network(block, frame, part, sea)
-    state = ground_points.start_ground(network, initial_state(network))
-    left = _leave_out_parallel(block, network, state, part)
+    parallel = np.zeros(network.points, dtype=bool)
+    state = ground_points.start_ground(network, initial_state(network), parallel)
+    left = _leave_out(block, network, parallel | ~np.isfinite(state.ground).all(axis=1), part)
     if left.reasons != part.reasons:
         part, network = left, build_network(block, frame, left, sea)
         state = ground_points.start_ground(network, initial_state(network))
@@ -266,10 +267,9 @@ def _require_control(block: Block) -> None:
         raise AdjustmentError(problems)
 
 
-def _leave_out_parallel(block: Block, network: Network, state: State, part: Participation) -> Participation:
-    """Return the participation without pass points whose rays are as good as parallel."""
+def _leave_out(block: Block, network: Network, lost: BoolArray, part: Participation) -> Participation:
+    """Return the participation without the pass points that are `lost` (p,), their rays as good as parallel."""
     status, used, reasons = part.status.copy(), part.used.copy(), dict(part.reasons)
-    lost = ground_points.parallel(network, state) | ~np.isfinite(state.ground).all(axis=1)
     for group in network.pass_groups:
         for point in group.point[lost[group.point]]:
             status[point] = PointStatus.NOT_DETERMINED
