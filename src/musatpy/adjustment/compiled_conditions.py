@@ -48,8 +48,8 @@ class CompiledPassPoints(CompiledRows):
 
         Without `matrix` to the right sides only.
         """
-        at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
-        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        (at, stations, water), sequence = self.seen(state), self.sequence
+        known = self.known(state, state.ground)
 
         def work(part: Part, sums: points.Sums) -> None:
             self.conditions.add_conditions(part.rows, at, stations, water, known, sequence.pairs, matrix, sums)

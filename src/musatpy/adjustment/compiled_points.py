@@ -94,6 +94,20 @@ class CompiledRows:
         """Return the results of `work` at all parts, in their order."""
         return list(side_by_side(work, self.parts, len(self.sequence.rays)))
 
+    def seen(self, state: State) -> tuple[points.Measured, points.Stations, points.Water]:
+        """Return images, stations and water in a state; not to be changed: what was asked for last is kept.
+
+        Each step is judged where it leads, and the next one begins there.
+        """
+        network, last = self.network, self.sequence.last_seen
+        of = (
+            *(network.xy, network.weight, network.refracted, network.water, network.axes),
+            *(state.position, state.attitude, state.ground, state.tide, state.tilt, state.index),
+        )
+        if not last or any(mine is not its for mine, its in zip(of, last[0], strict=True)):
+            last[:] = [of, (self.measured(state.ground), self.stations(state), self.water(state, state.ground))]
+        return last[1]
+
     def measured(self, ground: FloatArray) -> points.Measured:
         """Return the images of the points of the sequence, which are at `ground` (p, 3)."""
         xy, root = self.sequence.images(self.network.xy, self.network.weight)
@@ -226,8 +240,7 @@ class CompiledPoints(CompiledRows):
 
         Without `matrix` to the right sides only.
         """
-        at, stations = self.measured(state.ground), self.stations(state)
-        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        (at, stations, water), known = self.seen(state), self.known(state, state.ground)
         k = len(self.sequence.point)
         out = self.kernels.Eliminated(shift=np.empty((k, 3)), inverse=np.empty((k, 3, 3)))
 
@@ -243,16 +256,14 @@ class CompiledPoints(CompiledRows):
 
     def set_reaches(self, state: State, out: FloatArray) -> None:
         """Set the squares (p,) m2 of how far the points can move upward by their largest weighted residuals."""
-        at, stations = self.measured(state.ground), self.stations(state)
-        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        (at, stations, water), known = self.seen(state), self.known(state, state.ground)
         up, point = np.empty_like(state.ground), self.sequence.point[self.rows]
         up[point] = self.network.frame.vertical(state.ground[point])[0]
         self.of_parts(lambda part: self.kernels.reaches(part.rows, at, stations, water, known, RIDGE, up, out))
 
     def set_squares(self, state: State, squares: FloatArray) -> None:
         """Set the weighted squares (p,) of the points where they are."""
-        at, stations = self.measured(state.ground), self.stations(state)
-        water = self.water(state, state.ground)
+        at, stations, water = self.seen(state)
         self.of_parts(lambda part: self.kernels.squares(part.rows, at, stations, water, squares))
         known = self.sequence.point[self.known_rows]
         priors = prior_rows(self.network, state, known, state.ground[known])
@@ -260,16 +271,14 @@ class CompiledPoints(CompiledRows):
 
     def set_residuals(self, state: State, residual: FloatArray) -> None:
         """Set the residuals (all measurements, 2) mm of the images of the points."""
-        at, stations = self.measured(state.ground), self.stations(state)
-        water, rays = self.water(state, state.ground), self.sequence.rays
+        (at, stations, water), rays = self.seen(state), self.sequence.rays
         self.of_parts(lambda part: self.kernels.residuals(part.rows, at, stations, water, rays, residual))
 
     def linear_images(self, state: State, groups: Iterable[PointGroup], step: FloatArray) -> list[LinearImages]:
         """Return the images of groups of points of which nothing is known, after a step (u,) of all unknowns."""
         from musatpy.adjustment.kernels import linear  # numba is there
 
-        at, stations = self.measured(state.ground), self.stations(state)
-        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        (at, stations, water), known = self.seen(state), self.known(state, state.ground)
         q = self.network.pattern.size
         of_stations = plain(step[: self.network.pattern.order].reshape(-1, q))
         images = []
@@ -305,8 +314,8 @@ class CompiledPoints(CompiledRows):
 
         network, kernels = self.network, self.kernels
         loose = CompiledRows(kernels=kernels, network=network, groups=self.loose)
-        at, stations, sequence = self.measured(state.ground), self.stations(state), self.sequence
-        water, known = self.water(state, state.ground), self.known(state, state.ground)
+        (at, stations, water), sequence = self.seen(state), self.sequence
+        known = self.known(state, state.ground)
         taken = np.zeros(len(network.photo), dtype=bool)
         for group in loose.groups:
             taken[group.rays] = True

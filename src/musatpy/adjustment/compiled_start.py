@@ -44,7 +44,7 @@ class CompiledStart(CompiledRows):
         Returns (p,) whether all rays of a point are within an angle of the limit, rad.
         """
         sequence, direction = self.sequence, self.directions(state)
-        at, stations = self.measured(state.ground), self.stations(state)
+        at, stations, _ = self.seen(state)
         of_row, parallel = np.zeros(len(sequence.point), dtype=bool), np.zeros(self.network.points, dtype=bool)
         self.of_parts(
             lambda part: self.intersection.nearest(part.rows, at, stations, limit, direction, ground, of_row)
@@ -54,10 +54,6 @@ class CompiledStart(CompiledRows):
 
     def directions(self, state: State) -> FloatArray:
         """Return the unit directions (r, 3) of the rays of the sequence; of points that are not these, anything."""
-        at, stations, out = (
-            self.measured(state.ground),
-            self.stations(state),
-            np.zeros((len(self.sequence.rays), 3)),
-        )
+        (at, stations, _), out = self.seen(state), np.zeros((len(self.sequence.rays), 3))
         self.of_parts(lambda part: self.intersection.directions(part.rows, at, stations, out))
         return out

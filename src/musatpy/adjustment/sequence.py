@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class PointSequence:
     first_pair: IntArray  # (n + 1,) of each photo in the pattern
     _images: dict[str, FloatArray] = field(default_factory=dict, repr=False)  # that were asked for last
     _wet: list[tuple[BoolArray, tuple[IntArray, IntArray, IntArray]]] = field(default_factory=list, repr=False)
+    last_seen: list[Any] = field(default_factory=list, repr=False)  # of `CompiledRows.seen`
 
     @classmethod
     def of(cls, kernels: ModuleType, network: Network, groups: Iterable[PointGroup]) -> PointSequence:
