@@ -17,12 +17,14 @@ blunder that nothing checks are wrong whatever a program does, and are left out 
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line has it: the threads are our own
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np

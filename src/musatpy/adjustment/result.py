@@ -281,11 +281,7 @@ def _points_of(network: Network, state: State, part: Participation, covariance: 
 
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:
     known = np.asarray(np.isfinite(state.ground).all(axis=1))[network.point]
-    residual = np.full(network.xy.shape, np.nan)
-    if network.compiled is not None:
-        network.compiled.set_residuals(state, residual)
-    left = np.flatnonzero(known & np.isnan(residual[:, 0]))
-    residual[left] = sightings.residuals(network, state, left)
+    residual = sightings.all_residuals(network, state, known)
     correction = network.xy - measured.xy
     bent = np.flatnonzero(known & network.refracted)
     wet = np.ones(len(bent), dtype=bool)

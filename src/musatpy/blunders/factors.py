@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.adjustment.kinds import SEARCHED
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.sightings import residuals
+from musatpy.adjustment.sightings import all_residuals
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import Block, ObservationKind
@@ -38,9 +38,8 @@ def weighted(network: Network, block: Block, factors: Factors) -> Network:
 
 def deviations(network: Network, block: Block, state: State) -> Factors:
     """Return the residuals of the observations, adjusted minus observed, in their units."""
-    used = np.flatnonzero(taking_part(network))
-    plate = np.zeros((len(network.photo), 2))
-    plate[used] = residuals(network, state, used)
+    used = taking_part(network)
+    plate = np.where(used[:, None], all_residuals(network, state, used), 0.0)
     return {_K.PLATE: plate, **{kind.observed: kind.residuals(network, block, state) for kind in SEARCHED}}
 
 
