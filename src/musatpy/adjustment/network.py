@@ -273,8 +273,12 @@ def participation(block: Block) -> Participation:
 def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
     """Return the selected points with their used rays, grouped by the number of rays."""
     rays = np.flatnonzero(used & selected[point])
-    rays = rays[np.lexsort((photo[rays], point[rays]))]
-    members, start, count = np.unique(point[rays], return_index=True, return_counts=True)
+    # by points, then photos, then rows, as one number: that takes a quarter of the time that two keys do
+    key = (point[rays] * (photo.max(initial=0) + 1) + photo[rays]) * len(photo) + rays
+    key.sort()
+    rays = key % len(photo)
+    start = np.flatnonzero(np.diff(point[rays], prepend=-1))
+    members, count = point[rays[start]], np.diff(start, append=len(rays))
     groups = []
     for m in np.unique(count):
         chosen = count == m
