@@ -80,7 +80,7 @@ def test_compiled_kernels_and_numpy_check_points_alike(wet: float, monkeypatch: 
     model = linear_model(scene, factors, state)
     numpy = {int(point): (checks, row) for checks in model.points for row, point in enumerate(checks.point)}
     monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
-    compiled = CompiledPoints.of(model.network)
+    compiled = CompiledPoints.of(model.network, model.network.groups)
     assert compiled is not None
     assert sum(len(group.point) for group in compiled.loose) > 0.8 * len(numpy)
     every = compiled.linear_images(model.state, compiled.loose, model.step)
