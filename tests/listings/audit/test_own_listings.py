@@ -55,6 +55,19 @@ def test_listings_stated_in_other_systems_are_consistent(name):
     assert audited(text) == []
 
 
+def test_depths_of_some_decimetres_are_coordinates():
+    """As FORTRAN prints them, without a digit before the point."""
+    text = (FIXTURES / "waves" / "unknown.lst").read_text()
+    shallow, count = re.subn(
+        r"(?m)^( {15}Z)( +-\S+){3}$", r"\1" + "".join(f"{z:>18}" for z in ("-.4", "-.5", "-.6")), text
+    )
+    before, after = (listing_of(each, "x") for each in (text, shallow))
+    assert count == sum(len(table.points) for table in before.submerged) > 0
+    assert after.unreadable == () and after.repairs == ()
+    depths = [point.xyz["refraction", "Z"].value for table in after.submerged for point in table.points]
+    assert depths == [-0.6] * count
+
+
 def test_carriage_control_changes_nothing():
     solution = sample_solution()
     plain, controlled = (

@@ -95,7 +95,7 @@ def _rows(report: StandardReport) -> Iterator[tuple[Line, str, str]]:
         if _END.match(line.text):
             return
         first, axis = _FIRST.search(line.text), _AXIS.match(line.text)
-        if first is None and not (axis and re.search(r"\d[.\u2022\u00b7]\d", line.text)):
+        if first is None and not (axis and re.search(r"[.\u2022\u00b7]\d", line.text)):
             continue
         split = axis.end() if axis else first.start() if first else 0
         yield line, line.text[:split], line.text[split:]
