@@ -20,7 +20,7 @@ def _call(context: Any, routine: Any, arguments: Any) -> Any:
         addresses = [builder.extract_value(values[1], k) for k in range(len(arguments))]
         builder.call(
             builder.inttoptr(values[0], function.as_pointer()),
-            [builder.inttoptr(one, pointer) for one in addresses],
+            [builder.inttoptr(value, pointer) for value in addresses],
         )
         return context.get_dummy_value()
 

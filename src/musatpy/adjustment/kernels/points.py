@@ -323,11 +323,11 @@ def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums)
     pair, B, Y = pairs.start[p], room.B, room.Y
     for k in range(m):
         for other in range(k, m):
-            own = 1.0 if other == k else 0.0
-            p00 = own - Y[k, 0, 0] * B[other, 0, 0] - Y[k, 0, 1] * B[other, 0, 1] - Y[k, 0, 2] * B[other, 0, 2]
+            unit = 1.0 if other == k else 0.0
+            p00 = unit - Y[k, 0, 0] * B[other, 0, 0] - Y[k, 0, 1] * B[other, 0, 1] - Y[k, 0, 2] * B[other, 0, 2]
             p01 = -Y[k, 0, 0] * B[other, 1, 0] - Y[k, 0, 1] * B[other, 1, 1] - Y[k, 0, 2] * B[other, 1, 2]
             p10 = -Y[k, 1, 0] * B[other, 0, 0] - Y[k, 1, 1] * B[other, 0, 1] - Y[k, 1, 2] * B[other, 0, 2]
-            p11 = own - Y[k, 1, 0] * B[other, 1, 0] - Y[k, 1, 1] * B[other, 1, 1] - Y[k, 1, 2] * B[other, 1, 2]
+            p11 = unit - Y[k, 1, 0] * B[other, 1, 0] - Y[k, 1, 1] * B[other, 1, 1] - Y[k, 1, 2] * B[other, 1, 2]
             add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, room.A, sums)
             pair += 1
 

@@ -12,6 +12,10 @@ from musatpy.adjustment.kernels.addresses import address, call
 from musatpy.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from musatpy.compiling import compiled
 
+_Three = tuple[int, int, int]
+_Four = tuple[int, int, int, int]
+_Six = tuple[int, int, int, int, int, int]
+
 
 class Fronts(NamedTuple):
     """f fronts, and room for what those of a subtree need: as many matrices as it has levels."""
@@ -117,6 +121,17 @@ def enter(first: int, last: int, fronts: Fronts, values: FloatArray, memory: Flo
 
 
 @compiled
+def _arguments(lapack: Lapack) -> tuple[_Four, _Three, _Six]:
+    """Return the addresses of the letters, the factors and the numbers, in their order."""
+    letter, factor, number = address(lapack.letters), address(lapack.factors), address(lapack.numbers)
+    return (
+        (letter, letter + 1, letter + 2, letter + 3),
+        (factor, factor + 8, factor + 16),
+        (number, number + 8, number + 16, number + 24, number + 32, number + 40),
+    )
+
+
+@compiled
 def eliminate(
     first: int, last: int, fronts: Fronts, store: FloatArray, room: FloatArray, update: FloatArray, lapack: Lapack
 ) -> int:
@@ -125,10 +140,7 @@ def eliminate(
     Returns the number of the front that is not positive definite, or -1.
     """
     potrf, _, trsm, syrk, _, _, _, _ = lapack.routines
-    letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
-    L, R, N, T = letters, letters + 1, letters + 2, letters + 3
-    n_, p_, others_, failed_ = numbers, numbers + 8, numbers + 16, numbers + 24
-    minus_one, one = factors, factors + 16
+    (L, R, N, T), (minus_one, _, one), (n_, p_, others_, failed_, _, _) = _arguments(lapack)
     begin = fronts.columns[first]
     for i in range(first, last):
         n, p = fronts.size[i], fronts.own[i]
@@ -170,10 +182,7 @@ def invert(
     Of those at the diagonal the upper halves.
     """
     _, potri, trsm, _, symm, gemm, _, _ = lapack.routines
-    letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
-    L, R, N, T = letters, letters + 1, letters + 2, letters + 3
-    n_, p_, others_, failed_ = numbers, numbers + 8, numbers + 16, numbers + 24
-    minus_one, zero, one = factors, factors + 8, factors + 16
+    (L, R, N, T), (minus_one, zero, one), (n_, p_, others_, failed_, _, _) = _arguments(lapack)
     begin, size = fronts.columns[first], fronts.rows.shape[1]
     for i in range(last - 1, first - 1, -1):
         n, p = fronts.size[i], fronts.own[i]
@@ -212,10 +221,7 @@ def forward(
 ) -> None:
     """Solve for the own unknowns of a subtree in the right sides x (u, r), and take them from the others."""
     _, _, trsm, _, _, gemm, trsv, gemv = lapack.routines
-    letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
-    L, R, N, T = letters, letters + 1, letters + 2, letters + 3
-    n_, p_, others_, r_, one_ = numbers, numbers + 8, numbers + 16, numbers + 32, numbers + 40
-    zero, one = factors + 8, factors + 16
+    (L, R, N, T), (_, zero, one), (n_, p_, others_, _, r_, one_) = _arguments(lapack)
     begin, r, product = fronts.columns[first], x.shape[1], address(room)
     lapack.numbers[4], lapack.numbers[5] = r, 1
     for i in range(first, last):
@@ -245,10 +251,7 @@ def backward(
 ) -> None:
     """Solve for the own unknowns of a subtree in x (u, r), where the others are known."""
     _, _, trsm, _, _, gemm, trsv, gemv = lapack.routines
-    letters, numbers, factors = address(lapack.letters), address(lapack.numbers), address(lapack.factors)
-    L, R, N, T = letters, letters + 1, letters + 2, letters + 3
-    n_, p_, others_, r_, one_ = numbers, numbers + 8, numbers + 16, numbers + 32, numbers + 40
-    minus_one, one = factors, factors + 16
+    (L, R, N, T), (minus_one, _, one), (n_, p_, others_, _, r_, one_) = _arguments(lapack)
     begin, r, known = fronts.columns[first], x.shape[1], address(room)
     lapack.numbers[4], lapack.numbers[5] = r, 1
     for i in range(last - 1, first - 1, -1):

@@ -33,10 +33,10 @@ def canonical_rows(rows: Sequence[str]) -> list[str]:
     """Return the canonical form of each row, nothing where it has no letter but what noise makes of digits."""
     text = "\n".join(rows)
     if text.isascii():  # of most listings: all rows at one go
-        found = text.encode("ascii").translate(_BARE_ROWS, _NO_LETTERS).decode("ascii").split("\n")
+        bare = text.encode("ascii").translate(_BARE_ROWS, _NO_LETTERS).decode("ascii").split("\n")
     else:
-        found = [lookalike(row.casefold()) for row in rows]
-    return ["" if row.isdecimal() else row for row in found]
+        bare = [lookalike(row.casefold()) for row in rows]
+    return ["" if row.isdecimal() else row for row in bare]
 
 
 def lookalike(text: str) -> str:
