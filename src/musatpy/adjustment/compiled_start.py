@@ -57,3 +57,19 @@ class CompiledStart(CompiledRows):
         (at, stations, _), out = self.seen(state), np.zeros((len(self.sequence.rays), 3))
         self.of_parts(lambda part: self.intersection.directions(part.rows, at, stations, out))
         return out
+
+    def reach(self, state: State, height: float, flattest: float) -> tuple[FloatArray, FloatArray]:
+        """Return where the rays (r, 3) of the sequence reach a height above their stations, and their directions.
+
+        Those that fall by less than `flattest` are bent down. The level is flat: it is that of the stations.
+        """
+        (at, stations, _), u = self.seen(state), self.directions(state)
+        up, of_stations = self.network.frame.vertical(state.position)
+        up, above, X = np.ascontiguousarray(up), of_stations - height, np.zeros_like(u)
+        self.of_parts(lambda part: self.intersection.reach(part.rows, at, stations, up, above, flattest, u, X))
+        return X, u
+
+    def set_middles(self, state: State, X: FloatArray, ground: FloatArray) -> None:
+        """Set the points of `ground` (p, 3) to the means of places (r, 3) on their rays."""
+        at, _, _ = self.seen(state)
+        self.of_parts(lambda part: self.intersection.middles(part.rows, at, X, ground))

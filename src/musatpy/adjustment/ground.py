@@ -29,6 +29,7 @@ STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: 
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _REACHED = 1e-9  # m from a height
+_STEPS_TO_LEVEL = 3  # at most, along a ray
 ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
@@ -281,10 +282,10 @@ def level_start(network: Network, state: State) -> State:
 
     ground, compiled, groups = state.ground.copy(), CompiledStart.of(network), network.groups
     if compiled is not None:
-        sequence, groups = compiled.sequence, compiled.others
-        cut = _level(network, state.position[sequence.photo], compiled.directions(state), height)
-        means = np.add.reduceat(cut, sequence.start[:-1]) / np.diff(sequence.start)[:, None]
-        _set_level(network, sequence.point[compiled.rows], means[compiled.rows], ground)
+        groups, known = compiled.others, compiled.sequence.point[compiled.known_rows]
+        cut, direction = compiled.reach(state, height, _FLATTEST)
+        compiled.set_middles(state, _cut(network, cut, direction, height, _STEPS_TO_LEVEL - 1), ground)
+        _set_level(network, known, ground[known], ground)
     for group in groups:
         cut = _level(network, *sightings.straight_rays(network, state, group.rays), height)
         _set_level(network, group.point, cut.mean(axis=1), ground)
@@ -294,9 +295,7 @@ def level_start(network: Network, state: State) -> State:
 def _level(network: Network, origin: FloatArray, direction: FloatArray, height: float) -> FloatArray:
     """Return where rays (..., 3), none of them flat, reach a height."""
     origin, direction, shape = origin.reshape(-1, 3), direction.reshape(-1, 3), origin.shape
-    return _cut(network, origin, _bent_down(network, origin, direction), np.full(len(origin), height)).reshape(
-        shape
-    )
+    return _cut(network, origin, _bent_down(network, origin, direction), height).reshape(shape)
 
 
 def _set_level(network: Network, point: IntArray, X: FloatArray, ground: FloatArray) -> None:
@@ -327,10 +326,16 @@ def nearest_ground(network: Network, state: State, group: PointGroup, mean_heigh
     return network.frame.from_level(_with_known(network, group.point, network.frame.level(ground)))
 
 
-def _cut(network: Network, origin: FloatArray, direction: FloatArray, height: FloatArray) -> FloatArray:
-    """Return the points of single rays at given heights; steps along the ray, three at most, follow the surface."""
+def _cut(
+    network: Network,
+    origin: FloatArray,
+    direction: FloatArray,
+    height: FloatArray | float,
+    steps: int = _STEPS_TO_LEVEL,
+) -> FloatArray:
+    """Return the points of single rays at a height, or one for each; steps along the ray follow the surface."""
     X = origin
-    for _ in range(3):
+    for _ in range(steps):
         up, above = network.frame.vertical(X)
         above = above - height
         if np.abs(above).max(initial=0.0) < _REACHED:

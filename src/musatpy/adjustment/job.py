@@ -242,10 +242,10 @@ def _require_water(block: Block) -> None:
     submerged = block.points.bathymetric[block.plates.point]
     if submerged.any() and block.water is None:
         problems.append(Problem(message="submerged points, but no refractive index of the water"))
-    for photo in np.unique(block.plates.photo[submerged]):
-        if np.isnan(block.photos.tide[photo]):
-            message = f"photo {block.photos.ids[photo]} shows submerged points, but its tide is not given"
-            problems.append(Problem(message=message))
+    without_tide = np.isnan(block.photos.tide)[block.plates.photo]
+    for photo in np.unique(block.plates.photo[submerged & without_tide]):
+        message = f"photo {block.photos.ids[photo]} shows submerged points, but its tide is not given"
+        problems.append(Problem(message=message))
     if problems:
         raise AdjustmentError(problems)
 

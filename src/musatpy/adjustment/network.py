@@ -14,7 +14,7 @@ from musatpy.adjustment.border import Border
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import WorkingSea
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
 from musatpy.geometry.geodesy import Ellipsoid
@@ -273,16 +273,15 @@ def participation(block: Block) -> Participation:
 def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
     """Return the selected points with their used rays, grouped by the number of rays."""
     rays = np.flatnonzero(used & selected[point])
-    # by points, then photos, then rows, as one number: that takes a quarter of the time that two keys do
-    key = (point[rays] * (photo.max(initial=0) + 1) + photo[rays]) * len(photo) + rays
-    key.sort()
-    rays = key % len(photo)
-    start = np.flatnonzero(np.diff(point[rays], prepend=-1))
-    members, count = point[rays[start]], np.diff(start, append=len(rays))
+    key = point[rays] * (photo.max(initial=0) + 1) + photo[rays]  # by points, then photos, then rows
+    rays = rays[order_of(key)]
+    of_ray = point[rays]
+    start = np.flatnonzero(np.append(True, of_ray[1:] != of_ray[:-1])[: len(rays)])
+    members, count = of_ray[start], np.diff(start, append=len(rays))
     groups = []
-    for m in np.unique(count):
-        chosen = count == m
-        groups.append(PointGroup(point=members[chosen], rays=rays[start[chosen][:, None] + np.arange(m)[None, :]]))
+    for m in np.flatnonzero(np.bincount(count)).tolist():
+        chosen = np.flatnonzero(count == m)
+        groups.append(PointGroup(point=members[chosen], rays=rays[start[chosen][:, None] + np.arange(m)]))
     return tuple(groups)
 
 
@@ -304,4 +303,6 @@ def first_rows(point: IntArray, points: int) -> IntArray:
 
 def inverse_squares(sigma: FloatArray) -> FloatArray:
     """Return weights 1/sigma^2, 0 where there is no sigma."""
-    return np.where(np.isnan(sigma), 0.0, 1.0 / np.square(np.where(np.isnan(sigma), 1.0, sigma)))
+    weight: FloatArray = 1.0 / np.square(sigma)
+    weight[np.isnan(weight)] = 0.0
+    return weight

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from musatpy.adjustment.ordering import Front
-from musatpy.arrays import BoolArray, IntArray
+from musatpy.arrays import BoolArray, IntArray, order_of
 
 _SHARES = 8  # of the work, which a subtree has one of at most: fewer are left unequal, more leave much above them
 
@@ -63,7 +63,7 @@ class Plan:
             return np.searchsorted(keys, front * count + block) - begin[front]
 
         i, j = rank[pairs.T]
-        order = np.argsort(owner[np.minimum(i, j)], kind="stable")
+        order = order_of(owner[np.minimum(i, j)])
         i, j = i[order], j[order]
         column, row = np.minimum(i, j), np.maximum(i, j)
         front = owner[column]

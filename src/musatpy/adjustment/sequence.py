@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
@@ -51,7 +51,7 @@ class PointSequence:
         size = np.concatenate([np.full(len(g.point), g.rays.shape[1]) for g in every]) if every else point
         rays = np.concatenate([group.rays.reshape(-1) for group in every]) if every else point
         before = np.cumsum(size) - size
-        order = np.argsort(network.photo[rays[before]], kind="stable")
+        order = order_of(network.photo[rays[before]])
         point, size = point[order], size[order]
         start = np.concatenate([[0], np.cumsum(size)])
         rays = rays[np.repeat(before[order] - start[:-1], size) + np.arange(start[-1])]

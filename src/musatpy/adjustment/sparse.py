@@ -22,7 +22,7 @@ from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place,
 from musatpy.adjustment.plain_fronts import Part, PlainFronts, add_update, hand_down
 from musatpy.adjustment.plans import Plan, expand
 from musatpy.adjustment.threads import side_by_side
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray, order_of
 
 _FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
 _LIGHT = 4  # times more unknowns take a solution, and plain fronts, for threads to pay
@@ -39,7 +39,7 @@ class Runs:
     @classmethod
     def of(cls, rows: IntArray) -> Runs:
         """Return the runs of rows (k,)."""
-        order = np.argsort(rows, kind="stable")
+        order = order_of(rows)
         different, start = np.unique(rows[order], return_index=True)
         return cls(order=order, rows=different, start=start)
 

@@ -1,6 +1,7 @@
-"""Straight rays of points, one point after the other: where they come nearest to one another, or are parallel.
+"""Straight rays of points, one point after the other: where they come nearest to one another, or reach a level.
 
-The numpy twins are `geometry.collinearity.ray`, `geometry.intersection.nearest_point` and `widest_angle`.
+The numpy twins are `geometry.collinearity.ray`, `geometry.intersection.nearest_point` and `widest_angle`, and those
+of `adjustment.ground` for the level.
 """
 
 from __future__ import annotations
@@ -28,6 +29,42 @@ def directions(rows: IntArray, at: Measured, stations: Stations, u: FloatArray) 
             for i in range(3):
                 along = stations.M[n, 0, i] * x + stations.M[n, 1, i] * y - stations.M[n, 2, i] * f
                 u[r, i] = along / length
+
+
+@compiled
+def reach(
+    rows: IntArray, at: Measured, stations: Stations, up: FloatArray, above: FloatArray, flattest: float,
+    u: FloatArray, X: FloatArray,
+) -> None:  # fmt: skip
+    """Set where the rays (r, 3) of points reach a level, as flat as it is at their stations; u are their directions.
+
+    Stations are `above` (n,) it, where `up` (n, 3) is; directions that fall by less than `flattest` are bent down.
+    """
+    for p in rows:
+        for r in range(at.start[p], at.start[p + 1]):
+            n = at.photo[r]
+            e, d, h = up[n]
+            fall = -(e * u[r, 0] + d * u[r, 1] + h * u[r, 2])
+            if fall < flattest:
+                x, y, z = u[r, 0] + e * fall, u[r, 1] + d * fall, u[r, 2] + h * fall
+                scale = math.sqrt(1.0 - flattest * flattest) / max(math.sqrt(x * x + y * y + z * z), 1e-9)
+                u[r, 0], u[r, 1] = scale * x - flattest * e, scale * y - flattest * d
+                u[r, 2] = scale * z - flattest * h
+                fall = flattest
+            for i in range(3):
+                X[r, i] = stations.position[n, i] + u[r, i] * (above[n] / fall)
+
+
+@compiled
+def middles(rows: IntArray, at: Measured, X: FloatArray, ground: FloatArray) -> None:
+    """Set the ground of points, rows of (g, 3), to the means of what their rays have at X (r, 3)."""
+    for p in rows:
+        first, last = at.start[p], at.start[p + 1]
+        for i in range(3):
+            total = 0.0
+            for r in range(first, last):
+                total += X[r, i]
+            ground[at.point[p], i] = total / (last - first)
 
 
 @inlined
