@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import chain
-from mmap import mmap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,21 +23,26 @@ class Tables:
     """The fronts of a plan as kernels have them.
 
     With how much room a thread needs for what fronts leave to each other, for their inverses, and the most unknowns
-    that a front has besides its own.
+    that a front has besides its own. Rooms that are free are kept by their sizes: fresh memory costs as much as small
+    fronts.
     """
 
     fronts: subtrees.Fronts
     left: int
     inverse: int
     others: int
+    rooms: dict[int, list[FloatArray]] = field(default_factory=lambda: defaultdict(list), repr=False)
+
+    def runs_of(self, child: int) -> IntArray:
+        """Return the runs (r, 3) of the boundary of a front in its parent."""
+        return self.fronts.runs[self.fronts.run[child] : self.fronts.run[child + 1]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompiledFronts:
-    """The work at parts of a plan, as `PlainFronts` does it; one for elimination, or for inversion."""
+    """The work at parts of a plan, as `PlainFronts` does it."""
 
     tables: Tables
-    rooms: list[FloatArray] = field(default_factory=list)  # that are free, of one of these
 
     def enter(self, part: Part, values: FloatArray) -> None:
         """Let the blocks (e, size, size) of a matrix enter the columns of a part."""
@@ -57,7 +62,7 @@ class CompiledFronts:
         failed = subtrees.eliminate(
             numbers.start, numbers.stop, self.tables.fronts, memory, room, update, _lapack()
         )
-        self.rooms.append(room)
+        self._give(room)
         return int(failed)
 
     def invert(self, part: Part, of_root: FloatArray, out: FloatArray) -> None:
@@ -69,7 +74,22 @@ class CompiledFronts:
 
         numbers, memory, room = part.numbers, part.memory.reshape(-1), self._room(self.tables.inverse)
         subtrees.invert(numbers.start, numbers.stop, self.tables.fronts, memory, room, of_root, out, _lapack())
-        self.rooms.append(room)
+        self._give(room)
+
+    def add_update(self, child: int, update: FloatArray, own: FloatArray, left: FloatArray) -> None:
+        """Add the `update` that a child leaves to the rows of its parent: `own`, then `left`; upper halves."""
+        from musatpy.adjustment.kernels import subtrees
+
+        subtrees.add_update(update, self.tables.runs_of(child), own, left)
+
+    def hand_down(self, child: int, above: FloatArray, inverse: FloatArray) -> None:
+        """Set the inverse of the boundary of a child, behind its own unknowns, from that of its parent `above`.
+
+        Upper halves.
+        """
+        from musatpy.adjustment.kernels import subtrees
+
+        subtrees.hand_down(above, self.tables.runs_of(child), inverse, self.tables.fronts.own[child])
 
     def forward(self, part: Part, x: FloatArray) -> None:
         """Solve for the own unknowns of a part in the right sides x (u, r), and take them from the others."""
@@ -87,9 +107,12 @@ class CompiledFronts:
 
     def _room(self, elements: int) -> FloatArray:
         try:
-            return self.rooms.pop()
+            return self.tables.rooms[elements].pop()
         except IndexError:
-            return np.frombuffer(mmap(-1, max(8 * elements, 8)))  # goes back to the system, and not to the thread
+            return np.empty(elements)
+
+    def _give(self, room: FloatArray) -> None:
+        self.tables.rooms[len(room)].append(room)
 
 
 def tables_of(plan: Plan) -> Tables:
@@ -99,12 +122,8 @@ def tables_of(plan: Plan) -> Tables:
     own, size, parent, start, columns, pairs = np.array(
         [(f.own, f.size, f.parent, f.eliminated.start, f.columns.start, f.pairs.start) for f in plan.fronts]
     ).T.copy()
-    runs: list[list[tuple[int, int, int]]] = [[] for _ in plan.fronts]
-    eldest = np.zeros(len(runs), dtype=bool)
-    for front in plan.fronts:
-        for child, of_child in front.children:
-            runs[child] = of_child
-        eldest[[child for child, _ in front.children[:1]]] = True
+    eldest = np.zeros(len(own), dtype=bool)
+    eldest[[child for front in plan.fronts for child in front.children[:1]]] = True
     level, others = _levels(plan), size - own
     left, most_left = _places(level, np.square(others))
     inverse, most_inverse = _places(level, np.square(size))
@@ -119,8 +138,8 @@ def tables_of(plan: Plan) -> Tables:
         boundary=np.concatenate([front.boundary for front in plan.fronts]),
         other=np.cumsum([0, *others]),
         columns=columns,
-        runs=np.array([*chain.from_iterable(runs)], dtype=np.int64).reshape(-1, 3),
-        run=np.cumsum([0, *(len(some) for some in runs)]),
+        runs=np.array([*chain.from_iterable(f.runs for f in plan.fronts)], dtype=np.int64).reshape(-1, 3),
+        run=np.cumsum([0, *(len(front.runs) for front in plan.fronts)]),
         pairs=np.append(pairs, len(plan.pairs)),
         order=plan.pairs,
         turned=plan.turned,

@@ -97,9 +97,9 @@ class PlainFronts:
         for i, columns in zip(numbers, part.columns, strict=True):
             if i not in updates:
                 updates[i] = self.room.zeros(self.plan.fronts[i])
-            for child, runs in self.plan.fronts[i].children:
+            for child in self.plan.fronts[i].children:
                 if child in updates:
-                    add_update(updates[child], runs, columns.array.T, updates[i])
+                    self.add_update(child, updates[child], columns.array.T, updates[i])
                     self.room.give(updates.pop(child))
             if not columns.eliminate(updates[i].T):
                 return i
@@ -118,12 +118,30 @@ class PlainFronts:
             turned = plan.turned[front.pairs]
             blocks[turned] = np.swapaxes(blocks[turned], 1, 2)
             out[plan.pairs[front.pairs]] = blocks
-            for child, runs in front.children:
+            for child in front.children:
                 if child in part.numbers:
                     inverses[child] = self.room.take(plan.fronts[child].size)
-                    hand_down(Z, runs, inverses[child], plan.fronts[child].own)
+                    self.hand_down(child, Z, inverses[child])
             if Z is not of_root:
                 self.room.give(Z)
+
+    def add_update(self, child: int, update: FloatArray, own: FloatArray, left: FloatArray) -> None:
+        """Add the `update` that a child leaves to the rows of its parent: `own`, then `left`; upper halves."""
+        for number, (first, last, at) in enumerate(runs := self.plan.fronts[child].runs):
+            rows, offset = (own, 0) if at < len(own) else (left, len(own))
+            for start, end, to in runs[number:]:
+                place = rows[at - offset : at - offset + last - first, to - offset : to - offset + end - start]
+                place += update[first:last, start:end]
+
+    def hand_down(self, child: int, above: FloatArray, inverse: FloatArray) -> None:
+        """Set the inverse of the boundary of a child, behind its own unknowns, from that of its parent `above`.
+
+        Upper halves.
+        """
+        p = self.plan.fronts[child].own
+        for number, (first, last, at) in enumerate(runs := self.plan.fronts[child].runs):
+            for start, end, to in runs[number:]:
+                inverse[p + first : p + last, p + start : p + end] = above[at : at + last - first, to : to + end - start]
 
     def forward(self, part: Part, x: FloatArray) -> None:
         """Solve for the own unknowns of a part in the right sides x (u, r), and take them from the others."""
@@ -138,26 +156,3 @@ class PlainFronts:
         for i, L in zip(reversed(part.numbers), reversed(part.columns), strict=True):
             front = self.plan.fronts[i]
             L.backward(x[front.eliminated], x[front.boundary])
-
-
-def add_update(update: FloatArray, runs: list[tuple[int, int, int]], own: FloatArray, left: FloatArray) -> None:
-    """Add what a child leaves, whose boundary has the `runs` in a front, to its rows: `own`, then `left`.
-
-    Upper halves.
-    """
-    p = len(own)
-    for number, (first, last, at) in enumerate(runs):
-        rows, offset = (own, 0) if at < p else (left, p)
-        for start, end, to in runs[number:]:
-            place = rows[at - offset : at - offset + last - first, to - offset : to - offset + end - start]
-            place += update[first:last, start:end]
-
-
-def hand_down(above: FloatArray, runs: list[tuple[int, int, int]], Z: FloatArray, p: int) -> None:
-    """Set the inverse of the boundary of a front, in Z (n, n) behind its p own unknowns, from that of its parent.
-
-    The boundary has the `runs` there; upper halves.
-    """
-    for number, (first, last, at) in enumerate(runs):
-        for start, end, to in runs[number:]:
-            Z[p + first : p + last, p + start : p + end] = above[at : at + last - first, to : to + end - start]

@@ -11,6 +11,8 @@ import numpy as np
 from musatpy.adjustment.ordering import Front
 from musatpy.arrays import BoolArray, IntArray, order_of
 
+Runs = list[tuple[int, int, int]]
+
 _SHARES = 8  # of the work, which a subtree has one of at most: fewer are left unequal, more leave much above them
 
 
@@ -19,8 +21,8 @@ class FrontPlan:
     """A front of `size` unknowns, of which the first `own` are eliminated there.
 
     pairs: those of the plan that enter it; columns: its own columns in the rows of the plan; eliminated: its own
-    unknowns in the order of elimination, boundary: the others in it. Of each child its number, and the runs of its
-    boundary in the unknowns of this front: first and last there, and where they begin here.
+    unknowns in the order of elimination, boundary: the others in it. Runs of the boundary in the unknowns of the
+    parent: first and last here, and where they begin there.
     """
 
     own: int
@@ -29,7 +31,8 @@ class FrontPlan:
     columns: slice
     eliminated: slice
     boundary: IntArray
-    children: list[tuple[int, list[tuple[int, int, int]]]]
+    runs: Runs
+    children: tuple[int, ...]
     parent: int
 
 
@@ -79,7 +82,8 @@ class Plan:
                 columns=slice(columns[k], columns[k + 1]),
                 eliminated=slice(eliminated[k], eliminated[k + 1]),
                 boundary=expand(boundary[cut[k] : cut[k + 1]], size),
-                children=[(child, runs[child]) for child in front.children],
+                runs=runs[k],
+                children=front.children,
                 parent=front.parent,
             )
             for k, front in enumerate(fronts)
@@ -97,7 +101,7 @@ class Plan:
         work = np.array([front.own * front.size**2 for front in self.fronts], dtype=float)
         first = np.arange(len(work))  # front of each subtree: it is numbered before its root
         for i, front in enumerate(self.fronts):
-            for child, _ in front.children:
+            for child in front.children:
                 first[i] = min(first[i], first[child])
                 work[i] += work[child]
         largest = work[[front.parent < 0 for front in self.fronts]].sum() / _SHARES
@@ -105,7 +109,7 @@ class Plan:
         height = np.zeros(len(work), dtype=int)
         for i, front in enumerate(self.fronts):
             if work[i] > largest:
-                height[i] = 1 + max((height[child] for child, _ in front.children), default=0)
+                height[i] = 1 + max((height[child] for child in front.children), default=0)
                 stages += [[]] if height[i] == len(stages) else []
                 stages[height[i]].append(range(i, i + 1))
             elif front.parent < 0 or work[front.parent] > largest:
@@ -118,7 +122,7 @@ def _bounds(sizes: IntArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(sizes)])
 
 
-def _runs(place: IntArray, own: IntArray, cut: IntArray, size: int) -> list[list[tuple[int, int, int]]]:
+def _runs(place: IntArray, own: IntArray, cut: IntArray, size: int) -> list[Runs]:
     """Return the runs of places that follow one another, from cut to cut: first, last, first place, in unknowns.
 
     None has places before and behind `own`.

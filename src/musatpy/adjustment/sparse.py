@@ -19,7 +19,7 @@ import numpy as np
 from musatpy.adjustment.compiled_fronts import CompiledFronts, Tables, tables_of
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_of
-from musatpy.adjustment.plain_fronts import Part, PlainFronts, add_update, hand_down
+from musatpy.adjustment.plain_fronts import Part, PlainFronts
 from musatpy.adjustment.plans import Plan, expand
 from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray, order_of
@@ -240,10 +240,10 @@ class SparseFactor:
             root = plan.fronts[numbers[-1]]
             Z = inverses.pop(numbers[-1]) if root.parent >= 0 else np.empty((root.size, root.size))
             fronts.invert(self.parts[numbers], Z, out)
-            for child, runs in root.children:
+            for child in root.children:
                 if child not in numbers:
                     inverses[child] = np.empty((plan.fronts[child].size, plan.fronts[child].size))
-                    hand_down(Z, runs, inverses[child], plan.fronts[child].own)
+                    fronts.hand_down(child, Z, inverses[child])
 
         for stage in reversed(plan.stages):
             deque(side_by_side(invert, stage, pattern.work), maxlen=0)
@@ -265,9 +265,9 @@ def factorise(pattern: Pattern, values: FloatArray) -> SparseFactor:
         part, root = Part.of(plan, numbers), plan.fronts[numbers[-1]]
         fronts.enter(part, values)
         update = np.zeros((root.size - root.own, root.size - root.own))
-        for child, runs in root.children:
+        for child in root.children:
             if child not in numbers:
-                add_update(updates.pop(child), runs, part.own(numbers[-1]), update)
+                fronts.add_update(child, updates.pop(child), part.own(numbers[-1]), update)
         failed = fronts.eliminate(part, update)
         if failed >= 0:
             raise NotPositiveDefiniteError(pattern.fronts[failed].own)

@@ -77,7 +77,7 @@ def _inverse(fronts: Fronts, i: int, last: int, room: FloatArray, of_root: Float
 
 
 @compiled
-def _add_update(update: FloatArray, runs: IntArray, own: FloatArray, left: FloatArray) -> None:
+def add_update(update: FloatArray, runs: IntArray, own: FloatArray, left: FloatArray) -> None:
     """Add what a child leaves, whose boundary has the `runs` in a front, to its rows: `own`, then `left`."""
     p = len(own)
     for number in range(len(runs)):
@@ -95,7 +95,7 @@ def _add_update(update: FloatArray, runs: IntArray, own: FloatArray, left: Float
 
 
 @compiled
-def _hand_down(above: FloatArray, runs: IntArray, inverse: FloatArray, p: int) -> None:
+def hand_down(above: FloatArray, runs: IntArray, inverse: FloatArray, p: int) -> None:
     """Set the inverse of the boundary of a front, behind its p own unknowns, from that of its parent."""
     for number in range(len(runs)):
         first, last, at = runs[number]
@@ -162,7 +162,7 @@ def eliminate(
             if fronts.eldest[i]:
                 _clear(above)
             runs = fronts.runs[fronts.run[i] : fronts.run[i + 1]]
-            _add_update(left, runs, _own(fronts, parent, store, begin), above)
+            add_update(left, runs, _own(fronts, parent, store, begin), above)
     return -1
 
 
@@ -190,7 +190,7 @@ def invert(
         inverse = _inverse(fronts, i, last, room, of_root)
         if i < last - 1:
             above = _inverse(fronts, fronts.parent[i], last, room, of_root)
-            _hand_down(above, fronts.runs[fronts.run[i] : fronts.run[i + 1]], inverse, p)
+            hand_down(above, fronts.runs[fronts.run[i] : fronts.run[i + 1]], inverse, p)
         own = _own(fronts, i, store, begin)
         W = _matrix(room, 0, p, n - p)
         inverse[:p] = own
