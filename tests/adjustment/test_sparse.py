@@ -6,9 +6,12 @@ import os
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from musatpy.adjustment import kernels, threads
 from musatpy.adjustment.normals import Cofactors, NormalMatrix, factorised
+from musatpy.adjustment.ordering import compiled_fronts, dissect_by_place, fronts_of
 from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, factorise
 
 KINDS = [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)]  # which is compiled first
@@ -137,6 +140,30 @@ def test_every_block_is_eliminated_once(kind: str) -> None:
     pattern = Pattern.of(count, 6, cliques, places[kind])
     own = np.concatenate([front.own for front in pattern.fronts])
     np.testing.assert_array_equal(np.sort(own), np.arange(count))
+
+
+@pytest.mark.slow
+@settings(max_examples=30, deadline=None)
+@given(
+    strips=st.integers(1, 15),
+    photos=st.integers(1, 40),
+    noise=st.floats(0.0, 1.0),
+    step=st.sampled_from([0.0, 1.0, 10.0, 1000.0]),
+    seed=st.integers(0, 1000),
+)
+def test_compiled_fronts_are_the_plain_ones(strips: int, photos: int, noise: float, step: float, seed: int) -> None:
+    """One by one, with places that are equal too: `step` apart, at last all of them the same."""
+    rng = np.random.default_rng(seed)
+    count, cliques, place = placed_cliques(strips, photos, rng)
+    place += noise * rng.normal(size=place.shape)
+    place = step * np.rint(place / step) if step else place
+    graph = Pattern.of(count, 6, cliques).graph
+    for one, other in zip(
+        compiled_fronts(graph, place), fronts_of(graph, dissect_by_place(graph, place)), strict=True
+    ):
+        np.testing.assert_array_equal(one.own, other.own)
+        np.testing.assert_array_equal(one.boundary, other.boundary)
+        assert (one.children, one.parent) == (other.children, other.parent)
 
 
 def test_fronts_grow_with_the_cross_section_of_a_block_and_not_with_its_length() -> None:

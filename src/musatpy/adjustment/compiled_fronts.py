@@ -23,8 +23,8 @@ class Tables:
     """The fronts of a plan as kernels have them.
 
     With how much room a thread needs for what fronts leave to each other, for their inverses, and the most unknowns
-    that a front has besides its own. Rooms that are free are kept by their sizes: fresh memory costs as much as small
-    fronts.
+    that a front has besides its own. Rooms that are free are kept by their sizes: fresh memory costs as much as
+    small fronts.
     """
 
     fronts: subtrees.Fronts

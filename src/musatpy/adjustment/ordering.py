@@ -134,12 +134,37 @@ def fronts_of(graph: Graph, trees: list[Tree]) -> tuple[Front, ...]:
 
 def dissect_by_place(graph: Graph, place: FloatArray) -> list[Tree]:
     """Return the trees of a nested dissection of blocks at places (v, 3), by cuts in the plane of their extent."""
+    along = _along_axes(place)
+    start = np.repeat(np.arange(len(place)), np.diff(graph.start))
+    return list(_halved(graph, np.arange(len(place)), start, graph.neighbours, along))
+
+
+def compiled_fronts(graph: Graph, place: FloatArray) -> tuple[Front, ...]:
+    """Return the fronts of the same dissection, by compiled kernels."""
+    from musatpy.adjustment.kernels import dissection  # numba is there
+
+    of_kernels, along = dissection.Graph(graph.start, graph.neighbours), _along_axes(place)
+    order, first, parent = dissection.dissect(of_kernels, along, np.argsort(along), _LEAF, _LEAST_PART)
+    if not len(order):  # blocks of one place stand in the way
+        return fronts_of(graph, dissect_by_place(graph, place))
+    boundary, begin = dissection.boundaries(of_kernels, order, first, parent)
+    children: list[list[int]] = [[] for _ in parent]
+    for child, front in enumerate(parent.tolist()):
+        if front >= 0:
+            children[front].append(child)
+    own, boundaries = np.split(order, first[1:-1]), np.split(boundary, begin[1:-1])
+    return tuple(
+        Front(own=mine, boundary=others, children=tuple(some), parent=front)
+        for mine, others, some, front in zip(own, boundaries, children, parent.tolist(), strict=True)
+    )
+
+
+def _along_axes(place: FloatArray) -> FloatArray:
+    """Return places (v, 3) along the axes (a, v) that cuts are tried across."""
     middle = place - place.mean(axis=0)
     plane = np.linalg.eigh(middle.T @ middle)[1][:, :0:-1]
     turn = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS  # the axes of a square are any: its rows may lie between
-    place = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ (middle @ plane).T
-    start = np.repeat(np.arange(len(middle)), np.diff(graph.start))
-    return list(_halved(graph, np.arange(len(middle)), start, graph.neighbours, place))
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1) @ (middle @ plane).T
 
 
 def _halved(graph: Graph, blocks: IntArray, i: IntArray, j: IntArray, place: FloatArray) -> Iterator[Tree]:

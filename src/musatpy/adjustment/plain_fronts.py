@@ -141,7 +141,9 @@ class PlainFronts:
         p = self.plan.fronts[child].own
         for number, (first, last, at) in enumerate(runs := self.plan.fronts[child].runs):
             for start, end, to in runs[number:]:
-                inverse[p + first : p + last, p + start : p + end] = above[at : at + last - first, to : to + end - start]
+                inverse[p + first : p + last, p + start : p + end] = above[
+                    at : at + last - first, to : to + end - start
+                ]
 
     def forward(self, part: Part, x: FloatArray) -> None:
         """Solve for the own unknowns of a part in the right sides x (u, r), and take them from the others."""

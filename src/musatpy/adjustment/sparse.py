@@ -18,7 +18,7 @@ import numpy as np
 
 from musatpy.adjustment.compiled_fronts import CompiledFronts, Tables, tables_of
 from musatpy.adjustment.kernels import compiled_points
-from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_of
+from musatpy.adjustment.ordering import Front, Graph, compiled_fronts, dissect, dissect_by_place, fronts_of
 from musatpy.adjustment.plain_fronts import Part, PlainFronts
 from musatpy.adjustment.plans import Plan, expand
 from musatpy.adjustment.threads import side_by_side
@@ -128,17 +128,19 @@ class Pattern:
     @cached_property
     def graph(self) -> Graph:
         """Who meets whom."""
-        off = self.pairs[self.pairs[:, 0] != self.pairs[:, 1]]
-        ends = np.concatenate([off, off[:, ::-1]])
-        ends = ends[np.lexsort((ends[:, 1], ends[:, 0]))]
-        start = np.searchsorted(ends[:, 0], np.arange(self.count + 1))
-        return Graph(start=start, neighbours=ends[:, 1])
+        i, j = self.pairs[self.pairs[:, 0] != self.pairs[:, 1]].T
+        key = np.concatenate([i * self.count + j, j * self.count + i])
+        key.sort()
+        start = np.searchsorted(key, np.arange(self.count + 1) * self.count)
+        return Graph(start=start, neighbours=key % self.count)
 
     @cached_property
     def fronts(self) -> tuple[Front, ...]:
         """The fronts in the order of elimination, children before parents."""
         if self.place is None:
             return fronts_of(self.graph, dissect(self.graph, np.arange(self.count)))
+        if self._compiled:
+            return compiled_fronts(self.graph, self.place)
         return fronts_of(self.graph, dissect_by_place(self.graph, self.place))
 
     @cached_property
@@ -147,8 +149,13 @@ class Pattern:
         return Plan.of(self.fronts, self.pairs, self.size)
 
     @cached_property
+    def _compiled(self) -> bool:
+        """Whether kernels work at the fronts."""
+        return compiled_points(self.count // _FRONTS) is not None
+
+    @cached_property
     def _tables(self) -> Tables | None:
-        return tables_of(self.plan) if compiled_points(self.count // _FRONTS) else None
+        return tables_of(self.plan) if self._compiled else None
 
     @property
     def work(self) -> int:
