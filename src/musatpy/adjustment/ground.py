@@ -282,10 +282,10 @@ def level_start(network: Network, state: State) -> State:
 
     ground, compiled, groups = state.ground.copy(), CompiledStart.of(network), network.groups
     if compiled is not None:
-        groups, known = compiled.others, compiled.sequence.point[compiled.known_rows]
+        groups, held = compiled.others, compiled.sequence.point[compiled.known_rows]
         cut, direction = compiled.reach(state, height, _FLATTEST)
         compiled.set_middles(state, _cut(network, cut, direction, height, _STEPS_TO_LEVEL - 1), ground)
-        _set_level(network, known, ground[known], ground)
+        _set_level(network, held, ground[held], ground)
     for group in groups:
         cut = _level(network, *sightings.straight_rays(network, state, group.rays), height)
         _set_level(network, group.point, cut.mean(axis=1), ground)

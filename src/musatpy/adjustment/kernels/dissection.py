@@ -100,10 +100,10 @@ def _divide(
 def dissect(
     graph: Graph, place: FloatArray, along: IntArray, leaf: int, share: float
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the blocks in the order of their elimination, where each front begins among them, and its parent, or -1.
+    """Return the blocks in the order of their elimination, where each front begins there, and its parent, or -1.
 
-    Places (a, v) are along axes, where the blocks are in the order `along` (a, v). There is no order where all blocks
-    of a part have one place.
+    Places (a, v) are along axes, where the blocks are in the order `along` (a, v). There is no order where all
+    blocks of a part have one place.
     """
     count = place.shape[1]
     order, room, placed = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64), 0

@@ -36,7 +36,7 @@ def reach(
     rows: IntArray, at: Measured, stations: Stations, up: FloatArray, above: FloatArray, flattest: float,
     u: FloatArray, X: FloatArray,
 ) -> None:  # fmt: skip
-    """Set where the rays (r, 3) of points reach a level, as flat as it is at their stations; u are their directions.
+    """Set where the rays (r, 3) of points, in directions u, reach a level, as flat as it is at their stations.
 
     Stations are `above` (n,) it, where `up` (n, 3) is; directions that fall by less than `flattest` are bent down.
     """
