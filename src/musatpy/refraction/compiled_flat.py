@@ -41,7 +41,13 @@ def slopes(t: float, H: float, h: float, n: float) -> tuple[float, float, float,
     of_air, of_water = h * n2, H * square * root
     share = 1.0 / (of_air + of_water)
     kappa = of_water * share
-    return kappa, H * root / (H * root + h), t * of_air * share, -t * kappa / root, t * H * h * n * (1.0 + t * t) * share
+    return (
+        kappa,
+        H * root / (H * root + h),
+        t * of_air * share,
+        -t * kappa / root,
+        t * H * h * n * (1.0 + t * t) * share,
+    )
 
 
 @compiled

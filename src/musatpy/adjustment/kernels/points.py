@@ -279,6 +279,16 @@ def times(N: FloatArray, b: FloatArray) -> tuple[float, float, float]:
 
 
 @inlined
+def from_axes(axes: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a vector along axes (3, 3) in those of the work."""
+    return (
+        axes[0, 0] * x + axes[1, 0] * y + axes[2, 0] * z,
+        axes[0, 1] * x + axes[1, 1] * y + axes[2, 1] * z,
+        axes[0, 2] * x + axes[1, 2] * y + axes[2, 2] * z,
+    )
+
+
+@inlined
 def weigh(m: int, room: Room) -> None:
     """Set Y (m, 2, 3) = B N_pp^-1 of a point."""
     for k in range(m):
@@ -395,11 +405,9 @@ def follow(
             y -= of.inverse[p, 1, i] * room.rhs[i]
             z -= of.inverse[p, 2, i] * room.rhs[i]
         g = at.point[p]
-        for i in range(3):
-            along = x if i == 0 else y if i == 1 else z
-            if row >= 0:
-                along = known.axes[row, 0, i] * x + known.axes[row, 1, i] * y + known.axes[row, 2, i] * z
-            out[g, i] = at.ground[p, i] + along
+        if row >= 0:
+            x, y, z = from_axes(known.axes[row], x, y, z)
+        out[g, 0], out[g, 1], out[g, 2] = at.ground[p, 0] + x, at.ground[p, 1] + y, at.ground[p, 2] + z
 
 
 @inlined

@@ -57,9 +57,9 @@ def through_water(
     row: int, water: Water, e0: float, e1: float, e2: float, H: float, t: float, B: FloatArray, A: FloatArray,
     by_station: bool,
 ) -> None:  # fmt: skip
-    """Turn partials B (2, 3) of an image by v to those by the point; set those by the camera, the first of A (2, 7).
+    """Turn partials B (2, 3) of an image by v to those by the point; set those by the camera, the first of A.
 
-    And the last ones, those by the level of the photo, where that is unknown. The products with the
+    And the last ones of A (2, 7), those by the level of the photo, where that is unknown. The products with the
     matrices K of `refraction.flat.incidence` are taken apart, K b = kappa e e'b + Q/D (1 - e e' - u u') b.
     """
     up0, up1, up2 = water.normal[row, 0], water.normal[row, 1], water.normal[row, 2]
