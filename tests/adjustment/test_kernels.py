@@ -20,8 +20,10 @@ from hypothesis import strategies as st
 
 from musatpy import compiling, read_deck
 from musatpy.adjustment import adjust, ground, kernels, reliability, sequence, sightings, threads, waterline
+from musatpy.adjustment.compiled_lone_points import CompiledLonePoints
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.job import prepared
+from musatpy.adjustment.lone_points import PlainLonePoints
 from musatpy.adjustment.network import Network, job_frame
 from musatpy.adjustment.precision import Errors, factor_of, spread_to_observations
 from musatpy.adjustment.simultaneous import Simultaneous
@@ -141,6 +143,42 @@ def test_both_see_points_as_far_from_the_water_line(deck: str, seed: int, shift:
             reach.append(waterline._reaches(network, state, groups))
     assert np.isfinite(reach[1]).any()
     assert_like(*reach)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deck", DECKS)
+@settings(max_examples=5, deadline=None)
+@given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 3.0))
+def test_both_take_lone_points_to_the_same_places(deck: str, seed: int, shift: float) -> None:
+    """Each by itself, its rays wet or dry as it happens; free, or held on a level near it."""
+    network, state, _ = job(deck)
+    draws = np.random.default_rng(seed)
+    state = replace(state, position=state.position + shift * draws.normal(size=state.position.shape))
+    for group in network.pass_groups:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv(kernels.VARIABLE, kernels.NUMBA)
+            compiled = CompiledLonePoints.of(network, state, group)
+        assert compiled is not None
+        both = (compiled, PlainLonePoints(network=network, state=state, group=group))
+        k, m = group.rays.shape
+        row = draws.integers(0, k, 2 * k)
+        wet, start = draws.uniform(size=(2 * k, m)) < 0.5, state.ground[group.point[row]]
+        level = network.frame.height(start) + draws.normal(size=2 * k)
+        for of_all in (None, level):
+            ends = [lone.settled(row, wet, start, of_all) for lone in both]
+            for _ in range(2):  # of the last step, below 10 um, Gauss-Newton leaves up to a fifth
+                ends = [lone.settled(row, wet, X, of_all) for lone, (X, _) in zip(both, ends, strict=True)]
+            (a, of_a), (b, of_b) = ends
+            np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-7)
+            assert_like(of_a, of_b, 1e-9)
+        some = np.where(draws.uniform(size=2 * k) < 0.5, level, np.nan)
+        X = np.where(np.isfinite(some)[:, None], b, start)
+        a, b = (lone.normals(row, wet, X, some) for lone in both)
+        u = a.rhs.shape[1]  # and a level, by which nothing changes, where other points have some in common
+        assert_like(a.matrix, b.matrix[:, :u, :u], 1e-11)
+        assert_like(a.rhs, b.rhs[:, :u], 1e-11)
+        assert_like(a.rise, b.rise[:, :u], 1e-11)
+        assert not b.matrix[:, u:].any() and not b.rhs[:, u:].any() and not b.rise[:, u:].any()
 
 
 @pytest.mark.slow

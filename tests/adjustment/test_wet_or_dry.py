@@ -142,10 +142,18 @@ def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
             wet = present.refracted.copy()
             wet[part.rays] = ~wet[part.rays]
             other = measured.with_plates(measured.xy, wet)
-            X = state.ground[part.point]
-            local = wet_states._local(present, state, part, X, cofactors)
-            own, _ = wet_states._tried(present, state, part, X, local)
-            squares, foreseen = wet_states._tried(other, state, part, X, local)
+            X, lone, first = (
+                state.ground[part.point],
+                wet_states.lone_points(measured, state, part),
+                np.zeros(1, dtype=int),
+            )
+            free, now = np.full(1, np.nan), present.refracted[part.rays]
+            states = wet_states.States.of(measured, state, part)
+            at = states.present(part, now, free, cofactors)
+            _, own = lone.settled(first, now, X)
+            there, squares = lone.settled(first, wet[part.rays], X)
+            fall, rise = at.following(first, lone.normals(first, wet[part.rays], there, free))
+            squares, foreseen = squares - fall, measured.frame.height(there) + rise
             again = replace(problem, network=other)
             end = iterate(again, again.with_squares(state), 30).state
             change = again.evaluate(end, []) - before

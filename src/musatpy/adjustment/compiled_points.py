@@ -58,6 +58,15 @@ def plain(array: FloatArray) -> FloatArray:
     return np.require(array, requirements=["C", "W"])
 
 
+def stations_of(kernels: ModuleType, network: Network, state: State) -> points.Stations:
+    """Return the photos of a network where they are."""
+    kappa = state.attitude[:, 2]
+    turn = np.stack([np.cos(kappa), np.sin(kappa)], axis=1)
+    arrays = (state.position, state.M, network.axes, turn, network.focal_length, network.principal_point)
+    stations: points.Stations = kernels.Stations(*(plain(array) for array in arrays))
+    return stations
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spread:
     """Cofactors of k points (k, 3, 3) along east, north, up, and those of their images."""
@@ -123,19 +132,14 @@ class CompiledRows:
 
     def stations(self, state: State) -> points.Stations:
         """Return the photos where they are."""
-        kappa, network = state.attitude[:, 2], self.network
-        turn = np.stack([np.cos(kappa), np.sin(kappa)], axis=1)
-        arrays = (state.position, state.M, network.axes, turn, network.focal_length, network.principal_point)
-        stations: points.Stations = self.kernels.Stations(*(plain(array) for array in arrays))
-        return stations
+        return stations_of(self.kernels, self.network, state)
 
     def water(self, state: State, ground: FloatArray) -> points.Water:
         """Return the level water over points that are at `ground` (p, 3)."""
         network = self.network
         wet, point, row = self.sequence.wet(network.refracted)
-        over = surface(
-            network.frame, network.slope(state.tilt), state.tide[self.sequence.photo[wet]], ground[point]
-        )
+        tide = state.tide.take(self.sequence.photo.take(wet))
+        over = surface(network.frame, network.slope(state.tilt), tide, ground.take(point, axis=0))
         water: points.Water = self.kernels.Water(
             row=row,
             normal=plain(over.normal),

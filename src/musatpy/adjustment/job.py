@@ -124,6 +124,8 @@ class Job:
 
     def with_left_out(self, network: Network, state: State) -> State:
         """Return the state with the points that took no part intersected as well."""
+        if not self.left_out.any():
+            return state
         groups = self.groups(np.ones(len(self.part.used), dtype=bool), self.left_out)
         return ground_points.intersect_freely(network, state, groups)
 
@@ -242,8 +244,8 @@ def _require_water(block: Block) -> None:
     submerged = block.points.bathymetric[block.plates.point]
     if submerged.any() and block.water is None:
         problems.append(Problem(message="submerged points, but no refractive index of the water"))
-    without_tide = np.isnan(block.photos.tide)[block.plates.photo]
-    for photo in np.unique(block.plates.photo[submerged & without_tide]):
+    without = np.isnan(block.photos.tide)
+    for photo in np.unique(block.plates.photo[submerged & without[block.plates.photo]]):
         message = f"photo {block.photos.ids[photo]} shows submerged points, but its tide is not given"
         problems.append(Problem(message=message))
     if problems:

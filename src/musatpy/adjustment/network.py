@@ -192,9 +192,12 @@ class Network:
         """Return the points (p,) whose images, rays or held components are others than in a network of the same."""
         out = np.zeros(self.points, dtype=bool)
         out[self.point[self.refracted != before.refracted]] = True
-        out[self.point[np.nonzero(self.xy != before.xy)[0]]] = True
-        held, given = (self.priors.held, before.priors.held), self.priors.given != before.priors.given
-        out[np.nonzero((held[0] != held[1]) | (held[0] & given))[0]] = True
+        if self.xy is not before.xy:
+            x, y = (self.xy != before.xy).T
+            out[self.point[x | y]] = True
+        if self.priors is not before.priors:
+            held, given = (self.priors.held, before.priors.held), self.priors.given != before.priors.given
+            out[np.nonzero((held[0] != held[1]) | (held[0] & given))[0]] = True
         return out
 
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:

@@ -48,7 +48,7 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     observations = {
         "plate coordinates, pass points": 2 * sum(g.rays.size for g in network.pass_groups),
         "plate coordinates, control points": 2 * sum(g.rays.size for g in control),
-        "control coordinates": int(np.count_nonzero(priors.weight[points])),
+        "control coordinates": int(np.count_nonzero(priors.weight.take(points, axis=0))),
         "station positions": int(np.count_nonzero(network.position_weight)),
         "station attitudes": int(np.count_nonzero(network.attitude_weight)),
         "equal elevations": len(grouped),
@@ -56,7 +56,7 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     }
     unknowns = {
         "station parameters": 6 * (network.photos - unobserved_photos),
-        "ground coordinates": 3 * len(points) - int(np.count_nonzero(priors.held[points])),
+        "ground coordinates": 3 * len(points) - int(np.count_nonzero(priors.held.take(points, axis=0))),
         "levels": len(np.unique(priors.group[grouped])),
     }
     further = {kind.noun: len(measured.row) for kind, measured in network.measured.items()}
@@ -76,7 +76,7 @@ def redundancy(network: Network) -> int:
 def _sees_water(network: Network) -> BoolArray:
     """Return (c,) whether a refracted ray depends on the correction of a tide."""
     seen = np.zeros(len(network.water.ids), dtype=bool)
-    for group in network.groups:
+    for group in network.groups if len(seen) else ():
         photo = network.photo[group.rays[network.refracted[group.rays]]]
         corrections = network.water.group[photo]
         seen[corrections[corrections >= 0]] = True

@@ -8,7 +8,6 @@ follow from root to leaves without any others (Takahashi 1973). No matrix of the
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray, order_of
 
 _FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
+_ROWS = 16  # of blocks whose inverse is asked for together: their columns take memory
 _LIGHT = 4  # times more unknowns take a solution, and plain fronts, for threads to pay
 
 
@@ -222,19 +222,37 @@ class SparseFactor:
         They are products of columns of L^-1, zero but for the fronts from that of their block to the root, which of
         blocks that meet lie on one way.
         """
-        pattern, plan, rows = self.pattern, self.pattern.plan, self.pattern.rank[self.pattern.rows(blocks)]
-        columns = {i: L for part in self.parts.values() for i, L in zip(part.numbers, part.columns, strict=True)}
-        x, one = np.zeros((pattern.order, rows.shape[1])), np.arange(rows.shape[1])
-        out = np.zeros((*rows.shape, rows.shape[1]))
-        for place, inverse in zip(rows, out, strict=True):
-            x[place, one] = 1.0
-            i = bisect_right(plan.fronts, place.min(), key=lambda front: front.eliminated.start) - 1
+        start = [front.eliminated.start for front in self.pattern.plan.fronts]
+        rows = self.pattern.rank[self.pattern.rows(blocks)]
+        lowest = np.searchsorted(start, rows.min(axis=1), side="right") - 1
+        order = np.argsort(lowest, kind="stable")  # those whose ways meet stand together
+        out = np.empty((*rows.shape, rows.shape[1]))
+        for some in np.split(order, range(_ROWS, len(order), _ROWS)):
+            out[some] = self._inverse_of(rows[some], lowest[some].tolist())
+        return out
+
+    def _inverse_of(self, rows: IntArray, lowest: list[int]) -> FloatArray:
+        """Return the same of places (k, u) in the order of elimination, from the `lowest` fronts of each on."""
+        fronts, (k, u) = self.pattern.plan.fronts, rows.shape
+        through: dict[int, list[int]] = {}  # fronts, of rows
+        for number, i in enumerate(lowest):
             while i >= 0:
-                front, own = plan.fronts[i], x[plan.fronts[i].eliminated]
-                x[front.boundary] -= columns[i].forward(own)
-                inverse += own.T @ own
-                own[:] = 0.0
-                i = front.parent
+                through.setdefault(i, []).append(number)
+                i = fronts[i].parent
+        ways = sorted(through)
+        place = np.empty(self.pattern.order, dtype=np.int64)  # in the columns, of the unknowns of these fronts
+        size = 0
+        for i in ways:
+            place[fronts[i].eliminated], size = np.arange(size, size + fronts[i].own), size + fronts[i].own
+        x, out = np.zeros((size, k * u)), np.zeros((k, u, u))
+        x[place[rows], np.arange(k * u).reshape(k, u)] = 1.0
+        columns = {i: L for part in self.parts.values() for i, L in zip(part.numbers, part.columns, strict=True)}
+        for i in ways:
+            front, first, last = fronts[i], through[i][0], through[i][-1] + 1
+            own = x[place[front.eliminated], first * u : last * u]
+            x[place[front.boundary], first * u : last * u] -= columns[i].forward(own)
+            of_rows = own.reshape(front.own, -1, u)
+            out[first:last] += of_rows.transpose(1, 2, 0) @ of_rows.transpose(1, 0, 2)
         return out
 
     def selected_inverse(self) -> FloatArray:

@@ -8,12 +8,12 @@ its images.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from musatpy.adjustment.collinear import eliminate, local_normals
-from musatpy.adjustment.ground import hold, settle_group
+from musatpy.adjustment.compiled_lone_points import CompiledLonePoints
+from musatpy.adjustment.lone_points import LocalNormals, LonePoints, PlainLonePoints
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.unknowns import State
@@ -27,88 +27,114 @@ def water_over(network: Network, state: State, group: PointGroup, X: FloatArray)
     return water_heights(network.slope(state.tilt), tide, np.repeat(X[:, None], tide.shape[1], axis=1))
 
 
+def lone_points(network: Network, state: State, group: PointGroup) -> LonePoints:
+    """Return the points of a group, for compiled kernels where these can do it; `network` is the measured one."""
+    compiled = CompiledLonePoints.of(network, state, group)
+    return compiled or PlainLonePoints(network=network, state=state, group=group)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Local:
-    """The reduced normals of k points, each for itself, in the state that they have, and the cofactors of all."""
+class Present:
+    """The normals of k points in the states that they have, and the cofactors (k, u, u) of all their unknowns."""
 
-    matrix: FloatArray  # (k, u, u)
-    rhs: FloatArray  # (k, u)
-    cofactors: FloatArray  # (k, u, u)
+    normals: LocalNormals
+    cofactors: FloatArray
 
-    def part(self, rows: BoolArray | IntArray) -> Local:
-        """Return some of the points."""
-        return Local(matrix=self.matrix[rows], rhs=self.rhs[rows], cofactors=self.cofactors[rows])
+    def following(self, row: IntArray, other: LocalNormals) -> tuple[FloatArray, FloatArray]:
+        """Return by how much squares fall and heights rise (t,) where stations follow points `row` (t,) to others.
 
-
-def best_states(
-    network: Network, present: Network, state: State, group: PointGroup, cofactors: Cofactors | Factor | None
-) -> tuple[BoolArray, FloatArray]:
-    """Return which rays (k, m) of the points of a group are wet, and the water line (k,) that they are on, or NaN.
-
-    The least squares count, of the states that agree with where the points then stand, and of the water lines
-    between states that do not. `network` is the measured one, `present` has the points in their states. Stations
-    stay as they are; with `cofactors`, those of `present` at its minimum, they follow each point.
-    """
-    X = state.ground[group.point]
-    tides = water_over(network, state, group, X)
-    rank = np.argsort(np.argsort(tides, axis=1, kind="stable"), axis=1, kind="stable")
-    k, m = tides.shape
-    local = None if cofactors is None else _local(present, state, group, X, cofactors)
-    squares, height = np.full((2 * m + 1, k), np.inf), np.zeros((m + 1, k))
-    row = np.tile(np.arange(k), m + 1)
-    tries = group.part(row)
-    every_state, tries = network.apart(
-        tries, network.xy[tries.rays], np.concatenate([rank >= j for j in range(m + 1)])
-    )
-    found = _tried(every_state, state, tries, X[row], None if local is None else local.part(row))
-    squares[::2], height[:] = (values.reshape(m + 1, k) for values in found)
-    tide = np.sort(tides, axis=1).T
-    sunk, risen = height[1:] < tide, height[:-1] >= tide  # under tide j in state j, and over it in state j - 1
-    squares[2::2][sunk] = squares[:-1:2][risen] = np.inf
-    for j in range(m):
-        kink = sunk[j] & risen[j]
-        if kink.any():
-            part = replace(group.part(kink), known=True)
-            on_tide, part = network.apart(part, network.xy[part.rays], rank[kink] > j)
-            held = on_tide.with_heights_held(tide[j, kink])
-            of_part = None if local is None else local.part(kink)
-            start = hold(held, part.point, X[kink])
-            squares[2 * j + 1, kink], _ = _tried(held, state, part, start, of_part)
-    squares[~np.isfinite(squares)] = np.inf
-    best = np.where(
-        np.isfinite(squares).any(axis=0), np.argmin(squares, axis=0), 2 * np.sum(tide <= height[0], axis=0)
-    )
-    on_line = best % 2 == 1
-    dry = (best + 1) // 2  # so many rays; on a water line its own is, as good as wet
-    level = np.where(on_line, np.take_along_axis(tide, np.minimum(best // 2, m - 1)[None], 0)[0], np.nan)
-    return rank >= dry[:, None], level
+        With N' = N + dN and the right side dr that is left of an adjustment at its minimum, the step is N'^-1 dr,
+        and the sum of squares falls by dr' N'^-1 dr; of N'^-1 only the part of the point is needed,
+        (I + Q dN)^-1 Q.
+        """
+        Q, dr = self.cofactors[row], (other.rhs - self.normals.rhs[row])[..., None]
+        change = np.eye(Q.shape[1]) + Q @ (other.matrix - self.normals.matrix[row])
+        step = np.linalg.solve(change, Q @ dr)[..., 0]
+        return np.sum(dr[..., 0] * step, axis=1), np.sum(other.rise * step, axis=1)
 
 
-def _local(
-    network: Network, state: State, group: PointGroup, X: FloatArray, cofactors: Cofactors | Factor
-) -> Local:
-    E = eliminate(network, state, replace(group, known=True), X)
-    matrix, rhs = local_normals(network, group, E)
-    Q = cofactors.with_border(network.photo[group.rays], E.extras.index)
-    return Local(matrix=matrix, rhs=rhs, cofactors=Q)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class States:
+    """The states of k points with m rays, with the points at rest in each, at stations as they are."""
 
+    lone: LonePoints
+    network: Network
+    row: IntArray  # (k,) of the group of `lone`
+    rank: IntArray  # (k, m) of the tides of rays
+    tide: FloatArray  # (k, m) ascending
+    start: FloatArray  # (k, 3) where the points are
+    X: FloatArray  # (k, m + 1, 3)
+    squares: FloatArray  # (k, m + 1)
 
-def _tried(
-    network: Network, state: State, group: PointGroup, start: FloatArray, local: Local | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted squares (k,) with the points of a group at their best in `network`, and their heights.
+    @classmethod
+    def of(cls, network: Network, state: State, group: PointGroup) -> States:
+        """Return those of the points of a group; `network` is the measured one."""
+        start, points = state.ground[group.point], lone_points(network, state, group)
+        tides = water_over(network, state, group, start)
+        rank = np.argsort(np.argsort(tides, axis=1, kind="stable"), axis=1, kind="stable")
+        k, m = tides.shape
+        row, number = np.repeat(np.arange(k), m + 1), np.tile(np.arange(m + 1), k)
+        X, squares = points.settled(row, rank[row] >= number[:, None], start[row])
+        return cls(
+            lone=points,
+            network=network,
+            row=np.arange(k),
+            rank=rank,
+            tide=np.sort(tides, axis=1),
+            start=start,
+            X=X.reshape(k, m + 1, 3),
+            squares=squares.reshape(k, m + 1),
+        )
 
-    With `local`, their present normals, after a step of the stations that they make with those of `network`: with
-    N' = N + dN and the right side dr that is left of an adjustment at its minimum, the step is N'^-1 dr and the sum
-    of squares falls by dr' N'^-1 dr; of N'^-1 only the part of the point is needed, (I + Q dN)^-1 Q.
-    """
-    X, squares = settle_group(network, state, group, start)
-    height = network.frame.height(X)
-    if local is None:
-        return squares, height
-    E = eliminate(network, state, replace(group, known=True), X)
-    matrix, rhs = local_normals(network, group, E)
-    Q, dr = local.cofactors, (rhs - local.rhs)[..., None]
-    step = np.linalg.solve(np.eye(Q.shape[1]) + Q @ (matrix - local.matrix), Q @ dr)[..., 0]
-    up = np.einsum("kij,kj->ki", E.normals.axes, network.frame.axes(X)[:, 2])
-    return squares - np.sum(dr[..., 0] * step, axis=1), height - np.einsum("ki,kiu,ku->k", up, E.F, step)
+    def part(self, chosen: BoolArray) -> States:
+        """Return those of some of the points."""
+        arrays = {one.name: getattr(self, one.name)[chosen] for one in fields(self)[2:]}
+        return replace(self, **arrays)
+
+    def present(
+        self, group: PointGroup, wet: BoolArray, level: FloatArray, cofactors: Cofactors | Factor
+    ) -> Present:
+        """Return the normals of the points, those of `group`, as rays are `wet` (k, m) and points held.
+
+        `cofactors` are those of the adjustment that has them so, at its minimum.
+        """
+        normals = self.lone.normals(self.row, wet, self.start, level)
+        Q = cofactors.with_border(self.network.photo[group.rays], normals.columns)
+        return Present(normals=normals, cofactors=Q)
+
+    def best(self, present: Present | None = None) -> tuple[BoolArray, FloatArray]:
+        """Return which rays (k, m) of the points are wet, and the water line (k,) that they are on, or NaN.
+
+        The least squares count, of the states that agree with where the points then stand, and of the water lines
+        between states that do not. Stations stay as they are; with `present` they follow each point.
+        """
+        (k, m), frame = self.tide.shape, self.network.frame
+        squares, height = np.full((k, 2 * m + 1), np.inf), frame.height(self.X)
+        squares[:, ::2] = self.squares
+        if present is not None:
+            row, number = np.repeat(np.arange(k), m + 1), np.tile(np.arange(m + 1), k)
+            fall, rise = self._following(present, row, self.rank[row] >= number[:, None], self.X.reshape(-1, 3))
+            squares[:, ::2] -= fall.reshape(k, -1)
+            height = height + rise.reshape(k, -1)
+        # under tide j in state j, and over it in state j - 1
+        sunk, risen = height[:, 1:] < self.tide, height[:, :-1] >= self.tide
+        squares[:, 2::2][sunk] = squares[:, :-1:2][risen] = np.inf
+        row, number = np.nonzero(sunk & risen)
+        if len(row):
+            wet, level = self.rank[row] > number[:, None], self.tide[row, number]
+            X, on_line = self.lone.settled(self.row[row], wet, self.start[row], level)
+            if present is not None:
+                on_line -= self._following(present, row, wet, X, level)[0]
+            squares[row, 2 * number + 1] = on_line
+        squares[~np.isfinite(squares)] = np.inf
+        some = np.isfinite(squares).any(axis=1)
+        best = np.where(some, np.argmin(squares, axis=1), 2 * np.sum(self.tide <= height[:, :1], axis=1))
+        dry = (best + 1) // 2  # so many rays; on a water line its own is, as good as wet
+        line = np.take_along_axis(self.tide, np.minimum(best // 2, m - 1)[:, None], 1)[:, 0]
+        return self.rank >= dry[:, None], np.where(best % 2 == 1, line, np.nan)
+
+    def _following(
+        self, present: Present, row: IntArray, wet: BoolArray, X: FloatArray, level: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        level = np.full(len(row), np.nan) if level is None else level
+        return present.following(row, self.lone.normals(self.row[row], wet, X, level))

@@ -32,16 +32,22 @@ def newton_step(t: float, H: float, h: float, D: float, n: float) -> float:
 
 @inlined
 def slopes(t: float, H: float, h: float, n: float) -> tuple[float, float, float, float, float]:
-    """Return kappa, Q/D and the partials of Q by H, h and n, docs/theory.md: those of `flat.incidence`."""
-    g = 1.0 / math.sqrt(n * n + (n * n - 1.0) * t * t)
-    air = 1.0 / (1.0 + t * t)
-    air3 = air * math.sqrt(air)
-    water2 = 1.0 / (1.0 + t * g * t * g)
-    cosine = math.sqrt(water2)
-    of_air, of_water = h * air3, n * water2 * cosine * H
+    """Return kappa, Q/D and the partials of Q by H, h and n, docs/theory.md: those of `flat.incidence`.
+
+    Its fractions by 1/cos^3(I), with the root n cos(theta)/cos(I): one square root in place of three.
+    """
+    n2, square = n * n, n * n + (n * n - 1.0) * t * t
+    root = math.sqrt(square)
+    of_air, of_water = h * n2, H * square * root
     share = 1.0 / (of_air + of_water)
     kappa = of_water * share
-    return kappa, H / (H + h * g), t * of_air * share, -t * g * kappa, t * g * cosine * H * h * share
+    return (
+        kappa,
+        H * root / (H * root + h),
+        t * of_air * share,
+        -t * kappa / root,
+        t * H * h * n * (1.0 + t * t) * share,
+    )
 
 
 @compiled

@@ -25,6 +25,7 @@ from musatpy.adjustment.kernels.points import (
     Sums,
     Water,
     add_pair,
+    from_axes,
     images,
     point_normals,
     room_for,
@@ -209,7 +210,7 @@ def settle(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, steps: int,
     limit: float, rounding: float, ground: FloatArray, squares: FloatArray, left: FloatArray,
 ) -> None:  # fmt: skip
-    """Take points of which nothing is known to the optimum of their images: `ground.settle_group`.
+    """Take points to the optimum of their images: `ground.settle_group`. What is known of them is held.
 
     Sets their ground, rows of (g, 3), their weighted squares, rows of (g,), and by how much (k,) these were still
     to fall by the last step. The water over them stays the plane that it is where they start: `water.depth` becomes
@@ -228,6 +229,8 @@ def settle(
             else:
                 least, fall = objective, room.rhs[0] * x + room.rhs[1] * y + room.rhs[2] * z
                 gain = fall
+                if known.row[p] >= 0:
+                    x, y, z = from_axes(known.axes[known.row[p]], x, y, z)
             step[0], step[1], step[2] = x, y, z
             for i in range(3):
                 best[i] = best[i] if worse else at.ground[p, i]

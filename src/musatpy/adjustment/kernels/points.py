@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.wet_rays import bend, bend_with_partials
+from musatpy.adjustment.kernels.wet_rays import bend, through_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compiling import compiled, inlined
 
@@ -97,7 +97,6 @@ class Room(NamedTuple):
     inverse: FloatArray  # (3, 3)
     rhs: FloatArray  # (3,)
     vector: FloatArray  # (3,) from a station to what a wet ray goes to in air
-    by: FloatArray  # (2, 3, 3) its partials by station and point
 
 
 @compiled
@@ -108,7 +107,7 @@ def room_for(start: IntArray, rows: IntArray) -> Room:
         m = max(m, start[p + 1] - start[p])
     return Room(
         np.empty((m, 2, LEVELS)), np.empty((m, 2, 3)), np.empty((m, 2)),
-        np.empty((m, 2, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((2, 3, 3)),
+        np.empty((m, 2, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3),
     )  # fmt: skip
 
 
@@ -142,19 +141,6 @@ def _through(rows: FloatArray, by: FloatArray, out: FloatArray) -> None:
         x, y, z = rows[c, 0], rows[c, 1], rows[c, 2]
         for i in range(3):
             out[c, i] = x * by[0, i] + y * by[1, i] + z * by[2, i]
-
-
-@inlined
-def _by_level(w: int, water: Water, by_ground: FloatArray, A: FloatArray) -> None:
-    """Set the partials of an image by the level of the water, A (2, 7) with those by the camera in the first rows.
-
-    The water that rises is camera and ground that sink: `refraction.flat.incidence` by its level.
-    """
-    for c in range(2):
-        along = 0.0
-        for i in range(3):
-            along += (A[c, i] + by_ground[c, i]) * water.normal[w, i]
-        A[c, Q] = -along * water.rise[w]
 
 
 @inlined
@@ -218,17 +204,13 @@ def images(
         v1 = at.ground[p, 1] - stations.position[n, 1]
         v2 = at.ground[p, 2] - stations.position[n, 2]
         seen &= stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2 < 0.0
-        room.vector[0], room.vector[1], room.vector[2] = v0, v1, v2
         if w >= 0:
-            bend_with_partials(w, water, v0, v1, v2, room.vector, room.by)
+            v0, v1, v2, e0, e1, e2, H, t = bend(w, water, v0, v1, v2)
+        room.vector[0], room.vector[1], room.vector[2] = v0, v1, v2
         _image(r, k, at, stations, by_station, room)
         if w >= 0:
+            through_water(w, water, e0, e1, e2, H, t, room.B[k], room.A[k], by_station)
             if by_station:
-                _through(room.B[k], room.by[0], room.A[k])
-            _through(room.B[k], room.by[1], room.B[k])
-            if by_station:
-                if len(water.rise):
-                    _by_level(w, water, room.B[k], room.A[k])
                 _through(room.A[k], stations.axes[n].T, room.A[k])
         elif by_station and len(water.rise):
             room.A[k, 0, Q] = room.A[k, 1, Q] = 0.0
@@ -293,6 +275,16 @@ def times(N: FloatArray, b: FloatArray) -> tuple[float, float, float]:
         N[0, 0] * b[0] + N[0, 1] * b[1] + N[0, 2] * b[2],
         N[1, 0] * b[0] + N[1, 1] * b[1] + N[1, 2] * b[2],
         N[2, 0] * b[0] + N[2, 1] * b[1] + N[2, 2] * b[2],
+    )
+
+
+@inlined
+def from_axes(axes: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a vector along axes (3, 3) in those of the work."""
+    return (
+        axes[0, 0] * x + axes[1, 0] * y + axes[2, 0] * z,
+        axes[0, 1] * x + axes[1, 1] * y + axes[2, 1] * z,
+        axes[0, 2] * x + axes[1, 2] * y + axes[2, 2] * z,
     )
 
 
@@ -413,24 +405,19 @@ def follow(
             y -= of.inverse[p, 1, i] * room.rhs[i]
             z -= of.inverse[p, 2, i] * room.rhs[i]
         g = at.point[p]
-        for i in range(3):
-            along = x if i == 0 else y if i == 1 else z
-            if row >= 0:
-                along = known.axes[row, 0, i] * x + known.axes[row, 1, i] * y + known.axes[row, 2, i] * z
-            out[g, i] = at.ground[p, i] + along
+        if row >= 0:
+            x, y, z = from_axes(known.axes[row], x, y, z)
+        out[g, 0], out[g, 1], out[g, 2] = at.ground[p, 0] + x, at.ground[p, 1] + y, at.ground[p, 2] + z
 
 
 @inlined
-def _off(
-    r: int, p: int, at: Measured, stations: Stations, water: Water, vector: FloatArray
-) -> tuple[float, float, bool]:
-    """Return the residuals of image r of point p, and whether its camera sees it; `vector` (3,) is room for one."""
+def _off(r: int, p: int, at: Measured, stations: Stations, water: Water) -> tuple[float, float, bool]:
+    """Return the residuals of image r of point p, and whether its camera sees it."""
     n, M, X, P = at.photo[r], stations.M, at.ground, stations.position
     v0, v1, v2 = X[p, 0] - P[n, 0], X[p, 1] - P[n, 1], X[p, 2] - P[n, 2]
     seen = M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
     if water.row[r] >= 0:
-        bend(water.row[r], water, v0, v1, v2, vector)
-        v0, v1, v2 = vector[0], vector[1], vector[2]
+        v0, v1, v2, _, _, _, _, _ = bend(water.row[r], water, v0, v1, v2)
     scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
     x = scale * (M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2)
     y = scale * (M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2)
@@ -468,11 +455,10 @@ def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out:
 
     `ground.point_squares`.
     """
-    vector = np.empty(3)
     for p in rows:
         total = 0.0
         for r in range(at.start[p], at.start[p + 1]):
-            x, y, seen = _off(r, p, at, stations, water, vector)
+            x, y, seen = _off(r, p, at, stations, water)
             x, y = x * at.root[r, 0], y * at.root[r, 1]
             total += x * x + y * y
             if not seen:
@@ -485,8 +471,7 @@ def residuals(
     rows: IntArray, at: Measured, stations: Stations, water: Water, rays: IntArray, out: FloatArray
 ) -> None:
     """Set the residuals of the images of points, rows `rays` (r,) of out (m, 2) mm: `sightings.residuals`."""
-    vector = np.empty(3)
     for p in rows:
         for r in range(at.start[p], at.start[p + 1]):
-            x, y, _ = _off(r, p, at, stations, water, vector)
+            x, y, _ = _off(r, p, at, stations, water)
             out[rays[r], 0], out[rays[r], 1] = x, y

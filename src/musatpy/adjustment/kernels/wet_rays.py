@@ -18,51 +18,62 @@ if TYPE_CHECKING:
 
 @inlined
 def _air_tangent(H: float, h: float, D: float, n: float) -> float:
-    """Return tan(I) of a ray to the water: `refraction.flat.air_tangent`, ETL-0306 (4.10)."""
+    """Return tan(I) of a ray to the water: `refraction.flat.air_tangent`, ETL-0306 (4.10).
+
+    A step leaves no more than its square: what is below 1e-9 ends at rounding.
+    """
     t = D / (H + h / n)
     for _ in range(MAX_STEPS):
         step = newton_step(t, H, h, D, n)
         t += step
-        if not abs(step) > 4e-16 * abs(t) + 1e-300:
-            break
-        if not abs(step) > 1e-8 * abs(t):
-            t += newton_step(t, H, h, D, n)
+        if not abs(step) > 1e-9 * abs(t):
             break
     return t
 
 
 @inlined
 def bend(
-    row: int, water: Water, gap0: float, gap1: float, gap2: float, v: FloatArray
-) -> tuple[float, float, float, float, float]:
-    """Set v (3,) from camera to water point of a wet ray; the gap is the vector to the point.
+    row: int, water: Water, gap0: float, gap1: float, gap2: float
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Return v from camera to water point of a wet ray; the gap is the vector to the point.
 
-    Returns the horizontal direction e of the ray, the height of the camera above the water and tan(I), of
+    Then the horizontal direction e of the ray, the height of the camera above the water and tan(I), of
     `refraction.flat.incidence`.
     """
     up0, up1, up2 = water.normal[row, 0], water.normal[row, 1], water.normal[row, 2]
     h, fall = water.depth[row], -(up0 * gap0 + up1 * gap1 + up2 * gap2)
     e0, e1, e2 = gap0 + up0 * fall, gap1 + up1 * fall, gap2 + up2 * fall
     D = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
-    if D > 0.0:
-        e0, e1, e2 = e0 / D, e1 / D, e2 / D
+    share = 1.0 / (D if D > 0.0 else 1.0)  # 0 at the nadir
+    e0, e1, e2 = e0 * share, e1 * share, e2 * share
     H = fall - h
     t = _air_tangent(H, h, D, water.refraction)
-    v[0], v[1], v[2] = e0 * H * t - up0 * H, e1 * H * t - up1 * H, e2 * H * t - up2 * H
-    return e0, e1, e2, H, t
+    Q = H * t
+    return e0 * Q - up0 * H, e1 * Q - up1 * H, e2 * Q - up2 * H, e0, e1, e2, H, t
 
 
 @inlined
-def bend_with_partials(
-    row: int, water: Water, gap0: float, gap1: float, gap2: float, v: FloatArray, by: FloatArray
-) -> None:
-    """Set v (3,) as `bend` does, and its partials by (2, 3, 3) camera and ground: `refraction.flat.incidence`."""
-    e0, e1, e2, H, t = bend(row, water, gap0, gap1, gap2, v)
+def through_water(
+    row: int, water: Water, e0: float, e1: float, e2: float, H: float, t: float, B: FloatArray, A: FloatArray,
+    by_station: bool,
+) -> None:  # fmt: skip
+    """Turn partials B (2, 3) of an image by v to those by the point; set those by the camera, the first of A.
+
+    And the last ones of A (2, 7), those by the level of the photo, where that is unknown. The products with the
+    matrices K of `refraction.flat.incidence` are taken apart, K b = kappa e e'b + Q/D (1 - e e' - u u') b.
+    """
+    up0, up1, up2 = water.normal[row, 0], water.normal[row, 1], water.normal[row, 2]
     kappa, ratio, Q_H, Q_h, _ = slopes(t, H, water.depth[row], water.refraction)
-    for i in range(3):
-        e_i, up_i = e0 if i == 0 else e1 if i == 1 else e2, water.normal[row, i]
-        for j in range(3):
-            e_j, up_j = e0 if j == 0 else e1 if j == 1 else e2, water.normal[row, j]
-            K = (kappa - ratio) * e_i * e_j - ratio * up_i * up_j + (ratio if i == j else 0.0)
-            by[0, i, j] = -K + (e_i * Q_H - up_i) * up_j
-            by[1, i, j] = K - e_i * Q_h * up_j
+    for c in range(2):
+        b0, b1, b2 = B[c, 0], B[c, 1], B[c, 2]
+        along, rise = b0 * e0 + b1 * e1 + b2 * e2, b0 * up0 + b1 * up1 + b2 * up2
+        of_e, of_up = (kappa - ratio) * along, ratio * rise
+        k0 = ratio * b0 + of_e * e0 - of_up * up0
+        k1 = ratio * b1 + of_e * e1 - of_up * up1
+        k2 = ratio * b2 + of_e * e2 - of_up * up2
+        by_h, by_H = along * Q_h, along * Q_H - rise
+        B[c, 0], B[c, 1], B[c, 2] = k0 - by_h * up0, k1 - by_h * up1, k2 - by_h * up2
+        if by_station:
+            A[c, 0], A[c, 1], A[c, 2] = by_H * up0 - k0, by_H * up1 - k1, by_H * up2 - k2
+            if len(water.rise):  # what rises is the level: both camera and ground sink
+                A[c, -1] = (by_h - by_H) * water.rise[row]
