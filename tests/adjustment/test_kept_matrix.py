@@ -90,6 +90,7 @@ def kept_of(b: float, share: float = 1.0) -> Kept:
 
 STARTS = [  # where it begins, what it begins with, how many matrices it takes, and steps
     (1.1, lambda: None, 2, 2),
+    (1.05, lambda: None, 1, 2),  # a first step of less than a tenth of a sigma
     (1.1, Near, 1, 2),
     (1.1, lambda: Near(kept=kept_of(0.01)), 0, 2),
     (1.001, lambda: None, 1, 1),

@@ -29,7 +29,7 @@ _HEAVY, _GAIN, _STALLED = 1.0, 1e-4, 3  # damping, share of the objective, and s
 _HOPELESS = 100.0  # sigma0 from which nothing that the water does explains the misfit
 _SLOW = 0.01  # share of the objective that a last step must gain to go on from such a height
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
-_CLOSING = 0.1  # share of the step before from which on the matrix may be kept
+_CLOSING = 0.1  # share of the step before, or sigmas, from which on the matrix may be kept
 _KEPT = 0.01  # and that a step with a kept matrix may be at most
 
 
@@ -180,7 +180,7 @@ def iterate(
     but not for long; and heavily damped ones that gain next to nothing end it. Raises `SingularNormalsError`.
 
     Near the minimum the matrix hardly changes: a large problem keeps it, factorised, and takes new right sides as
-    long as each step is a hundredth of the one before at most. The step that ends it is such a one, or has a matrix
+    long as each step is a hundredth of the one before at most; so it does where nothing moves by a tenth of a sigma. The step that ends it is such a one, or has a matrix
     of its own: what is left then is a hundredth of the limits. Of an iteration that `start` says to be near its
     minimum the first step may have a kept matrix as well, which does not end it where that is not proven.
     What follows may not need the minimum itself: `until` says how near a large problem is to come.
@@ -218,7 +218,7 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
         first = start if number == 1 else None
-        near = length <= (_CLOSING if kept is None else _KEPT) * last
+        near = length <= (_CLOSING * max(last, 1.0) if kept is None else _KEPT * last)
         near |= until is Until.FIT and np.sqrt(objective) <= _CLOSING * length
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None
