@@ -385,11 +385,11 @@ def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(threads, "_MOST", most)
         monkeypatch.setattr(os, "cpu_count", lambda: 8)
         if program is Program.IIIA:
-            problem = Simultaneous(network=replace(network), options=options)
+            problem = Simultaneous(network=replace(network, _gathered=[]), options=options)
             lines.append(problem.linearise(problem.with_squares(state)))
             assert problem.network.compiled is not None and len(problem.network.compiled.parts) == 4
         else:
-            pass_points = Triangulation(network=replace(network), options=options)
+            pass_points = Triangulation(network=replace(network, _gathered=[]), options=options)
             lines.append(pass_points.linearise(pass_points.settled(state)))
     a, b = lines
     np.testing.assert_array_equal(a.matrix.blocks, b.matrix.blocks)

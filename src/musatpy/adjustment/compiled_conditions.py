@@ -73,7 +73,7 @@ class CompiledPassPoints(CompiledRows):
 
         first = self if chosen is None else self._part(chosen)
         moving, rounds, over = first, 0, self.water(state, ground)
-        _, wet, _ = self.sequence.wet(self.network.refracted)
+        _, wet, _ = self.sequence.wet(self.network.refracted, self.network.point)
         while moving.groups and rounds < MAX_STEPS:
             moving.of_parts(partial(work, over))
             before, over, rounds = over, self.water(state, ground), rounds + 1

@@ -110,6 +110,7 @@ class CompiledLonePoints:
             row=np.where(wet.reshape(-1), rays, -1),
             normal=plain(over.normal),
             depth=plain(over.depth),
+            tangent=np.full(wet.size, np.nan),
             rise=np.zeros(0),
             refraction=float(state.index),
         )

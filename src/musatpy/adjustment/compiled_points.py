@@ -92,12 +92,12 @@ class CompiledRows:
     @cached_property
     def rows(self) -> IntArray:
         """The rows (j,) of the points of the groups."""
-        return self.sequence.rows(self.groups)
+        return self.sequence.chosen(self.groups)[0]
 
     @cached_property
     def parts(self) -> list[SequencePart]:
         """The rows in parts."""
-        return self.sequence.parts(self.rows)
+        return self.sequence.chosen(self.groups)[1]
 
     def of_parts(self, work: Callable[[SequencePart], Result]) -> list[Result]:
         """Return the results of `work` at all parts, in their order."""
@@ -137,13 +137,14 @@ class CompiledRows:
     def water(self, state: State, ground: FloatArray) -> points.Water:
         """Return the level water over points that are at `ground` (p, 3)."""
         network = self.network
-        wet, point, row = self.sequence.wet(network.refracted)
+        wet, point, row = self.sequence.wet(network.refracted, network.point)
         tide = state.tide.take(self.sequence.photo.take(wet))
         over = surface(network.frame, network.slope(state.tilt), tide, ground.take(point, axis=0))
         water: points.Water = self.kernels.Water(
             row=row,
             normal=plain(over.normal),
             depth=plain(over.depth),
+            tangent=np.full(len(wet), np.nan),
             rise=1.0 / over.secant if network.water.per_photo else np.zeros(0),
             refraction=float(state.index),
         )
@@ -152,7 +153,7 @@ class CompiledRows:
     @cached_property
     def known_rows(self) -> IntArray:
         """The rows of points of which something is known."""
-        return self.sequence.rows(group for group in self.groups if group.known)
+        return self.sequence.chosen(group for group in self.groups if group.known)[0]
 
     def known(self, state: State, ground: FloatArray) -> points.Known:
         """Return what is known of the points, which are at `ground` (p, 3)."""

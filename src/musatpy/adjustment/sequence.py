@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 _MOST = 4  # parts of the work: each has sums of its own
 _PART = 10_000  # rays: less is not worth a thread
+_KEPT = 6  # choices of groups that were asked for last
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,6 +43,7 @@ class PointSequence:
     first_pair: IntArray  # (n + 1,) of each photo in the pattern
     _images: dict[str, FloatArray] = field(default_factory=dict, repr=False)  # that were asked for last
     _wet: list[tuple[BoolArray, tuple[IntArray, IntArray, IntArray]]] = field(default_factory=list, repr=False)
+    _chosen: list[tuple[tuple[PointGroup, ...], IntArray, list[Part]]] = field(default_factory=list, repr=False)
     last_seen: list[Any] = field(default_factory=list, repr=False)  # of `CompiledRows.seen`
 
     @classmethod
@@ -77,8 +80,10 @@ class PointSequence:
             self._images["all weights"], self._images["roots"] = weight, np.sqrt(weight.take(self.rays, axis=0))
         return self._images["xy"], self._images["roots"]
 
-    def wet(self, refracted: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+    def wet(self, refracted: BoolArray, point: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """Return the rays (w,) that are `refracted` (m,), their points (w,), and the row (r,) of each ray, or -1.
+
+        `point` (m,): those of all measurements.
 
         Networks have these in common, or what is made of one and the same of them.
         """
@@ -86,16 +91,25 @@ class PointSequence:
             wet = np.flatnonzero(refracted[self.rays])
             row = np.full(len(self.rays), -1)
             row[wet] = np.arange(len(wet))
-            point = self.point[np.searchsorted(self.start, wet, side="right") - 1]
-            self._wet[:] = [(refracted, (wet, point, row))]
+            self._wet[:] = [(refracted, (wet, point.take(self.rays.take(wet)), row))]
         return self._wet[0][1]
 
-    def rows(self, groups: Iterable[PointGroup]) -> IntArray:
-        """Return the rows of the points of groups, ascending."""
-        return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *(self.row[group.point] for group in groups)]))
+    def chosen(self, groups: Iterable[PointGroup]) -> tuple[IntArray, list[Part]]:
+        """Return the rows of the points of groups, ascending, and in parts of as many rays.
 
-    def parts(self, rows: IntArray) -> list[Part]:
-        """Return rows in parts of as many rays: how many does not depend on the threads, so that sums do not."""
+        How many parts does not depend on the threads, so that sums do not. Networks have most groups in common.
+        """
+        groups = tuple(groups)
+        for number, (before, _, _) in enumerate(self._chosen):
+            if len(before) == len(groups) and all(map(operator.is_, before, groups)):
+                self._chosen.insert(0, self._chosen.pop(number))
+                return self._chosen[0][1:]
+        every = [np.zeros(0, dtype=np.int64), *(self.row[group.point] for group in groups)]
+        rows = np.sort(np.concatenate(every))
+        self._chosen[:] = [(groups, rows, self._parts(rows)), *self._chosen[: _KEPT - 1]]
+        return self._chosen[0][1:]
+
+    def _parts(self, rows: IntArray) -> list[Part]:
         rays = np.cumsum(self.start[rows + 1] - self.start[rows])
         total = int(rays[-1]) if len(rays) else 0
         count = min(_MOST, max(1, total // _PART))

@@ -197,10 +197,11 @@ def add_conditions(
 
 @inlined
 def _sink(p: int, at: Measured, water: Water, change: FloatArray) -> None:
-    """Change the depths of a point below the water of its rays by its movement (3,)."""
+    """Change the depths of a point below the water of its rays by its movement (3,), and forget their tangents."""
     for r in range(at.start[p], at.start[p + 1]):
         w = water.row[r]
         if w >= 0:
+            water.tangent[w] = np.nan
             for i in range(3):
                 water.depth[w] -= water.normal[w, i] * change[i]
 

@@ -50,6 +50,7 @@ class Water(NamedTuple):
     row: IntArray  # (r,) of the ray among those, -1 where it is dry
     normal: FloatArray  # (w, 3)
     depth: FloatArray  # (w,) m, of the points
+    tangent: FloatArray  # (w,) of the angle in air, NaN until it is asked for: it stays as camera and point do
     rise: FloatArray  # (w,) m of depth by one of the level of the photo; (0,) where levels are known
     refraction: float  # index of the water
 

@@ -46,8 +46,9 @@ def bend(
     D = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
     share = 1.0 / (D if D > 0.0 else 1.0)  # 0 at the nadir
     e0, e1, e2 = e0 * share, e1 * share, e2 * share
-    H = fall - h
-    t = _air_tangent(H, h, D, water.refraction)
+    H, t = fall - h, water.tangent[row]
+    if math.isnan(t):
+        t = water.tangent[row] = _air_tangent(H, h, D, water.refraction)
     Q = H * t
     return e0 * Q - up0 * H, e1 * Q - up1 * H, e2 * Q - up2 * H, e0, e1, e2, H, t
 
