@@ -21,7 +21,7 @@ from musatpy.geometry import collinearity, intersection
 from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
-    from musatpy.adjustment.compiled_conditions import CompiledPassPoints
+    from musatpy.adjustment.compiled_settling import CompiledSettling
 
 MAX_STEPS = 25
 _FEW_STEPS = 5  # for a trial: points that take more of them are running away
@@ -182,7 +182,7 @@ def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
 
 
 def settle(
-    network: Network, state: State, compiled: CompiledPassPoints | None = None, before: Network | None = None
+    network: Network, state: State, compiled: CompiledSettling | None = None, before: Network | None = None
 ) -> State:
     """Return the state with every point of the solution at its optimum for the current stations and levels.
 
@@ -192,11 +192,11 @@ def settle(
     moving = np.ones(network.points, dtype=bool)
     if before is not None:
         squares, unsettled, moving = state.squares.copy(), state.unsettled, network.changed(before)
-    groups = network.pass_groups
+    groups = (*network.pass_groups, *network.control_groups)
     if compiled is not None:
         unsettled += compiled.settle(state, ground, squares, None if before is None else moving)
         groups = compiled.others
-    for group in (*groups, *network.control_groups):
+    for group in groups:
         for part in group.some(moving[group.point]):
             point = part.point
             ground[point], squares[point], left = _best(network, state, part, ground[point])

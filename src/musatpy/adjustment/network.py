@@ -23,6 +23,7 @@ from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 if TYPE_CHECKING:
     from musatpy.adjustment.compiled_conditions import CompiledPassPoints
     from musatpy.adjustment.compiled_points import CompiledPoints
+    from musatpy.adjustment.compiled_settling import CompiledSettling
     from musatpy.adjustment.sequence import PointSequence
 
 
@@ -135,6 +136,13 @@ class Network:
         from musatpy.adjustment.compiled_conditions import CompiledPassPoints  # which is made of networks
 
         return CompiledPassPoints.of(self)
+
+    @cached_property
+    def compiled_settling(self) -> CompiledSettling | None:
+        """Its points for those that settle them; None where numpy does all."""
+        from musatpy.adjustment.compiled_settling import CompiledSettling  # which is made of networks
+
+        return CompiledSettling.of(self)
 
     def sequence(self, kernels: ModuleType) -> PointSequence:
         """Return the points that are eliminated one after the other, for compiled kernels."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
-from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.compiled_points import CompiledPoints
+from musatpy.adjustment.compiled_settling import CompiledSettling
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError
@@ -171,7 +171,7 @@ def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray |
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
-    state = _by_images(network, ground_points.settle(network, state, CompiledPassPoints.of(network)))
+    state = _by_images(network, ground_points.settle(network, state, CompiledSettling.of(network)))
     problem = scene.problem(factors)
     line = problem.linearise(problem.with_squares(state))
     factor = factorised(line.matrix)

@@ -206,23 +206,43 @@ def _sink(p: int, at: Measured, water: Water, change: FloatArray) -> None:
                 water.depth[w] -= water.normal[w, i] * change[i]
 
 
+@inlined
+def _let_go(row: int, known: Known, change: FloatArray) -> None:
+    """Take the movement (3,) of a point from what pulls it to where it is known to be."""
+    for i in range(3):
+        along = known.axes[row, i, 0] * change[0] + known.axes[row, i, 1] * change[1]
+        known.pull[row, i] -= known.weight[row, i] * (along + known.axes[row, i, 2] * change[2])
+
+
+@inlined
+def _squares_of_known(row: int, known: Known) -> float:
+    """Return the weighted squares of what is known of a point."""
+    squares = 0.0
+    for i in range(3):
+        if known.weight[row, i] > 0.0:
+            squares += known.pull[row, i] ** 2 / known.weight[row, i]
+    return squares
+
+
 @compiled
 def settle(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, steps: int,
     limit: float, rounding: float, ground: FloatArray, squares: FloatArray, left: FloatArray,
 ) -> None:  # fmt: skip
-    """Take points to the optimum of their images: `ground.settle_group`. What is known of them is held.
+    """Take points to the optimum of their images and of what is known of them: `ground.settle_group`.
 
     Sets their ground, rows of (g, 3), their weighted squares, rows of (g,), and by how much (k,) these were still
     to fall by the last step. The water over them stays the plane that it is where they start: `water.depth` becomes
-    that of where they come to, as `at.ground` does.
+    that of where they come to, as `at.ground` does, and so does `known.pull` along the axes of the start.
     """
     room, best, step, change = room_for(at.start, rows), np.empty(3), np.empty(3), np.empty(3)
     for p in rows:
-        least, gain, fall, tried, g = np.inf, 0.0, 0.0, 0, at.point[p]
+        least, gain, fall, tried, g, row = np.inf, 0.0, 0.0, 0, at.point[p], known.row[p]
         step[0], step[1], step[2] = 0.0, 0.0, 0.0
         while tried < steps:
             objective = point_normals(p, at, stations, water, known, ridge, False, room)
+            if row >= 0:
+                objective += _squares_of_known(row, known)
             x, y, z = times(room.inverse, room.rhs)
             worse = least < np.inf and not objective <= least * (1.0 + rounding) + rounding
             if worse:
@@ -230,14 +250,16 @@ def settle(
             else:
                 least, fall = objective, room.rhs[0] * x + room.rhs[1] * y + room.rhs[2] * z
                 gain = fall
-                if known.row[p] >= 0:
-                    x, y, z = from_axes(known.axes[known.row[p]], x, y, z)
+                if row >= 0:
+                    x, y, z = from_axes(known.axes[row], x, y, z)
             step[0], step[1], step[2] = x, y, z
             for i in range(3):
                 best[i] = best[i] if worse else at.ground[p, i]
                 change[i] = best[i] + step[i] - at.ground[p, i]
                 at.ground[p, i] = best[i] + step[i]
             _sink(p, at, water, change)
+            if row >= 0:
+                _let_go(row, known, change)
             tried = steps if max(abs(x), abs(y), abs(z)) < limit else tried + 1
         for i in range(3):
             ground[g, i] = at.ground[p, i]

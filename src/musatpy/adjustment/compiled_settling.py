@@ -1,0 +1,91 @@
+"""Points taken to their optimum for given stations by compiled kernels: those without a ray through waves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from musatpy.adjustment.compiled_points import CompiledRows, split
+from musatpy.adjustment.ground import MAX_STEPS, RIDGE, ROUNDING, STEP_LIMIT, hold
+from musatpy.adjustment.kernels import compiled_points
+from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.sequence import Part
+from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.kernels import points
+
+_TURN = 1e-12  # of a normal, or of the vertical: a hundredth of a millimetre on the ground
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledSettling(CompiledRows):
+    """The eliminated points of a network whose rays are straight or go through level water, and the `others`."""
+
+    conditions: ModuleType
+    others: tuple[PointGroup, ...]
+
+    @classmethod
+    def of(cls, network: Network) -> CompiledSettling | None:
+        """Return the points of a network, None where numpy does all."""
+        kernels = compiled_points(network.photos)
+        if kernels is None:
+            return None
+        from musatpy.adjustment.kernels import conditions  # numba is there
+
+        groups, others = split(network, (*network.pass_groups, *network.control_groups))
+        return cls(kernels=kernels, conditions=conditions, network=network, groups=groups, others=others)
+
+    def settle(
+        self, state: State, ground: FloatArray, squares: FloatArray, chosen: BoolArray | None = None
+    ) -> float:
+        """Take the points, or those `chosen` (p,), to their optimum: set `ground` (p, 3) and their `squares` (p,).
+
+        Returns by how much the squares of all were still to fall by the last step. The water over points, and what
+        is known of them, are taken as planes: where these turn, points go on from there.
+        """
+        at, stations, left = self.measured(ground), self.stations(state), np.empty(len(self.sequence.point))
+        first = self if chosen is None else self._part(chosen)
+
+        def work(water: points.Water, known: points.Known, part: Part) -> None:
+            self.conditions.settle(
+                part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, ground, squares, left
+            )
+
+        moving, rounds = first, 0
+        over, known = self.water(state, ground), first.known(state, ground)
+        while moving.groups and rounds < MAX_STEPS:
+            moving.of_parts(partial(work, over, known))
+            first._hold(ground, at)
+            before, over, rounds = (over, known), self.water(state, ground), rounds + 1
+            known = first.known(state, ground)
+            moving = moving._part(first._turned(before, (over, known)))
+        return float(left[first.rows].sum())
+
+    def _hold(self, ground: FloatArray, at: points.Measured) -> None:
+        """Put held components of points back exactly."""
+        rows = self.known_rows
+        point = self.sequence.point[rows]
+        ground[point] = at.ground[rows] = hold(self.network, point, ground[point])
+
+    def _turned(
+        self, before: tuple[points.Water, points.Known], after: tuple[points.Water, points.Known]
+    ) -> BoolArray:
+        """Return which points (p,) have water over them, or a vertical, that is not as it was."""
+        _, wet, _ = self.sequence.wet(self.network.refracted, self.network.point)
+        known, turned = self.sequence.point[self.known_rows], np.zeros(self.network.points, dtype=bool)
+        (water, of_points), (water_after, of_points_after) = before, after
+        turned[wet[np.nonzero(np.abs(water_after.normal - water.normal) > _TURN)[0]]] = True
+        turned[known[np.nonzero(np.abs(of_points_after.axes - of_points.axes) > _TURN)[0]]] = True
+        return turned
+
+    def _part(self, chosen: BoolArray) -> CompiledSettling:
+        """Return those of the points that are `chosen` (p,)."""
+        parts = chain.from_iterable(group.some(chosen[group.point]) for group in self.groups)
+        return replace(self, groups=tuple(parts))
