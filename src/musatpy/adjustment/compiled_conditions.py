@@ -76,6 +76,8 @@ class CompiledPassPoints(CompiledRows):
         _, wet, _ = self.sequence.wet(self.network.refracted, self.network.point)
         while moving.groups and rounds < MAX_STEPS:
             moving.of_parts(partial(work, over))
+            if not self.network.frame.curved:
+                break
             before, over, rounds = over, self.water(state, ground), rounds + 1
             turned = np.zeros(self.network.points, dtype=bool)  # the water over them, which is no plane
             turned[wet[np.nonzero(np.abs(over.normal - before.normal) > _TURN)[0]]] = True
