@@ -69,6 +69,8 @@ class CompiledLonePoints:
                 squares,
                 left,
             )
+            if not self.network.frame.curved:
+                break
             before, over = over, self._water(at, wet, ground)
             # the water over them, which is no plane
             turned = np.abs(over.normal - before.normal).reshape(len(row), -1).max(axis=1) > _TURN

@@ -63,6 +63,8 @@ class CompiledSettling(CompiledRows):
         while moving.groups and rounds < MAX_STEPS:
             moving.of_parts(partial(work, over, known))
             first._hold(ground, at)
+            if not self.network.frame.curved:
+                break
             before, over, rounds = (over, known), self.water(state, ground), rounds + 1
             known = first.known(state, ground)
             moving = moving._part(first._turned(before, (over, known)))

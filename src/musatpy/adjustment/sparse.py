@@ -24,7 +24,7 @@ from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray, order_of
 
 _FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
-_ROWS = 16  # of blocks whose inverse is asked for together: their columns take memory
+_ROWS = 4  # of blocks whose inverse is asked for together: more take no less time, and more memory
 _LIGHT = 4  # times more unknowns take a solution, and plain fronts, for threads to pay
 
 
@@ -227,8 +227,12 @@ class SparseFactor:
         lowest = np.searchsorted(start, rows.min(axis=1), side="right") - 1
         order = np.argsort(lowest, kind="stable")  # those whose ways meet stand together
         out = np.empty((*rows.shape, rows.shape[1]))
-        for some in np.split(order, range(_ROWS, len(order), _ROWS)):
+
+        def invert(some: IntArray) -> None:
             out[some] = self._inverse_of(rows[some], lowest[some].tolist())
+
+        parts = np.split(order, range(_ROWS, len(order), _ROWS))
+        deque(side_by_side(invert, parts, self.pattern.work), maxlen=0)
         return out
 
     def _inverse_of(self, rows: IntArray, lowest: list[int]) -> FloatArray:

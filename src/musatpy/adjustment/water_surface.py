@@ -163,7 +163,8 @@ def surface(frame: Frame, slope: FloatArray, tide: FloatArray, ground: FloatArra
     up, height = frame.vertical(ground)
     below = water_heights(slope, tide, ground) - height
     if not slope.any():
-        return Surface(normal=up, depth=below, gradient=np.zeros_like(up), secant=np.ones_like(below))
+        level = np.broadcast_to(0.0, up.shape), np.broadcast_to(1.0, below.shape)  # which take no memory
+        return Surface(normal=up, depth=below, gradient=level[0], secant=level[1])
     gradient = slope - up * (up @ slope)[..., None]
     secant = np.sqrt(1.0 + np.sum(np.square(gradient), axis=-1))
     return Surface(

@@ -42,7 +42,7 @@ class WaterLine:
 
     def same_as(self, other: WaterLine) -> bool:
         """Return whether no ray and no held point has changed."""
-        return np.array_equal(self.wet, other.wet) and not _moved(self.level, other.level).any()
+        return self is other or (np.array_equal(self.wet, other.wet) and not _moved(self.level, other.level).any())
 
 
 def water_line(network: Network, state: State, bathymetric: BoolArray) -> WaterLine:

@@ -22,6 +22,8 @@ class Frame(ABC):
     - level: two horizontal coordinates and the height (latitude, longitude, height or X, Y, Z).
     """
 
+    curved = True  # the vertical turns from place to place
+
     def __init__(self, origin: FloatArray) -> None:
         self.origin = origin
 
@@ -79,6 +81,8 @@ def middle_of(stations: FloatArray) -> FloatArray:
 
 class LocalFrame(Frame):
     """A local rectangular job: the vertical is +Z everywhere."""
+
+    curved = False
 
     def level(self, working: ArrayLike) -> FloatArray:
         return self.system(working)
