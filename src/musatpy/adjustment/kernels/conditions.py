@@ -34,6 +34,8 @@ from musatpy.adjustment.kernels.points import (
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compiling import compiled, inlined
 
+_Vector = tuple[float, float, float]
+
 
 class Conditions(NamedTuple):
     """Room for the c conditions of a point with up to m rays, of which a point takes the first rows and columns."""
@@ -43,30 +45,33 @@ class Conditions(NamedTuple):
     G: FloatArray  # (c, 2 m) partials by images
     weight: FloatArray  # (c,)
     w: FloatArray  # (c,) misclosures in their weights
-    vectors: FloatArray  # (2, 3) of one condition
 
 
 @compiled
 def _room(m: int) -> Conditions:
     """Return room for the conditions of any point of up to m rays."""
     c = max(2 * m - 3, 1)
-    return Conditions(
-        np.empty((m, 3)), np.empty((2 * m, 3)), np.empty((c, 2 * m)), np.empty(c), np.empty(c), np.empty((2, 3))
-    )
+    return Conditions(np.empty((m, 3)), np.empty((2 * m, 3)), np.empty((c, 2 * m)), np.empty(c), np.empty(c))
 
 
 @inlined
-def _cross(a: FloatArray, i: int, b: FloatArray, j: int, out: FloatArray, k: int) -> None:
-    """Set a row of `out` to the vector product of rows of a and b."""
-    x = a[i, 1] * b[j, 2] - a[i, 2] * b[j, 1]
-    y = a[i, 2] * b[j, 0] - a[i, 0] * b[j, 2]
-    z = a[i, 0] * b[j, 1] - a[i, 1] * b[j, 0]
-    out[k, 0], out[k, 1], out[k, 2] = x, y, z
+def _row(a: FloatArray, i: int) -> _Vector:
+    return a[i, 0], a[i, 1], a[i, 2]
 
 
 @inlined
-def _dot(a: FloatArray, i: int, b: FloatArray, j: int) -> float:
-    return a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
+def _cross(a: _Vector, b: _Vector) -> _Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def _dot(a: _Vector, b: _Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def _scaled(a: _Vector, scale: float) -> _Vector:
+    return a[0] * scale, a[1] * scale, a[2] * scale
 
 
 @inlined
@@ -75,59 +80,54 @@ def _ray(k: int, B: FloatArray, of: Conditions) -> None:
 
     B (m, 2, 3): partials of the images by the point.
     """
-    _cross(B[k], 0, B[k], 1, of.u, k)
-    _cross(B[k], 1, of.u, k, of.shift, 2 * k)
-    _cross(of.u, k, B[k], 0, of.shift, 2 * k + 1)
-    scale = 1.0 / _dot(of.u, k, of.u, k)
-    for i in range(3):
-        of.shift[2 * k, i] *= scale
-        of.shift[2 * k + 1, i] *= scale
+    by_x, by_y = (B[k, 0, 0], B[k, 0, 1], B[k, 0, 2]), (B[k, 1, 0], B[k, 1, 1], B[k, 1, 2])
+    u = _cross(by_x, by_y)
+    scale = 1.0 / _dot(u, u)
+    of.u[k, 0], of.u[k, 1], of.u[k, 2] = u
+    of.shift[2 * k, 0], of.shift[2 * k, 1], of.shift[2 * k, 2] = _scaled(_cross(by_y, u), scale)
+    of.shift[2 * k + 1, 0], of.shift[2 * k + 1, 1], of.shift[2 * k + 1, 2] = _scaled(_cross(u, by_x), scale)
 
 
 @inlined
 def _coplanarity(row: int, ray: int, of: Conditions) -> None:
     """Set the partials of the coplanarity of a ray and the next: how they come apart, `coplanarity.coplanarity`."""
-    _cross(of.u, ray, of.u, ray + 1, of.vectors, 0)
+    across = _cross(_row(of.u, ray), _row(of.u, ray + 1))
     for b in range(2):
-        of.G[row, 2 * ray + b] = -_dot(of.vectors, 0, of.shift, 2 * ray + b)
-        of.G[row, 2 * ray + 2 + b] = _dot(of.vectors, 0, of.shift, 2 * ray + 2 + b)
+        of.G[row, 2 * ray + b] = -_dot(across, _row(of.shift, 2 * ray + b))
+        of.G[row, 2 * ray + 2 + b] = _dot(across, _row(of.shift, 2 * ray + 2 + b))
 
 
 @inlined
-def _slide(ray: int, along: int, of: Conditions, to: int) -> None:
-    """Set the vector whose product with a shift of a ray is how far along another one their meeting slides."""
-    _cross(of.u, ray, of.u, along, of.vectors, to)
-    scale = 1.0 / _dot(of.vectors, to, of.vectors, to)
-    _cross(of.vectors, to, of.u, ray, of.vectors, to)
-    for i in range(3):
-        of.vectors[to, i] *= scale
+def _slide(ray: int, along: int, of: Conditions) -> _Vector:
+    """Return the vector whose product with a shift of a ray is how far along another one their meeting slides."""
+    across = _cross(_row(of.u, ray), _row(of.u, along))
+    return _scaled(_cross(across, _row(of.u, ray)), 1.0 / _dot(across, across))
 
 
 @inlined
 def _scale_restraint(row: int, ray: int, of: Conditions) -> None:
     """Set the partials of the scale restraint of a ray and the next two: `coplanarity.scale_restraint`."""
-    _slide(ray, ray + 1, of, 0)
-    _slide(ray + 2, ray + 1, of, 1)
+    by_first, by_last = _slide(ray, ray + 1, of), _slide(ray + 2, ray + 1, of)
     for b in range(2):
-        first, middle, last = 2 * ray + b, 2 * ray + 2 + b, 2 * ray + 4 + b
-        of.G[row, first] = _dot(of.vectors, 0, of.shift, first)
-        of.G[row, middle] = _dot(of.vectors, 1, of.shift, middle) - _dot(of.vectors, 0, of.shift, middle)
-        of.G[row, last] = -_dot(of.vectors, 1, of.shift, last)
+        middle = _row(of.shift, 2 * ray + 2 + b)
+        of.G[row, 2 * ray + b] = _dot(by_first, _row(of.shift, 2 * ray + b))
+        of.G[row, 2 * ray + 2 + b] = _dot(by_last, middle) - _dot(by_first, middle)
+        of.G[row, 2 * ray + 4 + b] = -_dot(by_last, _row(of.shift, 2 * ray + 4 + b))
 
 
 @inlined
 def _weigh(m: int, residual: FloatArray, of: Conditions) -> None:
     """Replace G by L^-1 G, G G' = L W^-1 L', and set the weights W and w = W L^-1 G v, row after row.
 
-    G is by images in their sigmas. Its rows become orthogonal.
+    G is by images in their sigmas. Its rows become orthogonal. A coplanarity has no part of later rays.
     """
     for row in range(2 * m - 3):
         for before in range(row):
-            along = 0.0
-            for a in range(2 * m):
+            along, end = 0.0, min(2 * before + 4, 2 * m)
+            for a in range(end):
                 along += of.G[row, a] * of.G[before, a]
             along *= of.weight[before]
-            for a in range(2 * m):
+            for a in range(end):
                 of.G[row, a] -= along * of.G[before, a]
         square = 0.0
         for a in range(2 * m):
