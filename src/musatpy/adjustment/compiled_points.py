@@ -108,14 +108,12 @@ class CompiledRows:
 
         Each step is judged where it leads, and the next one begins there.
         """
-        network, last = self.network, self.sequence.last_seen
-        of = (
+        network = self.network
+        return self.sequence.last_seen.made(
+            lambda: (self.measured(state.ground), self.stations(state), self.water(state, state.ground)),
             *(network.xy, network.weight, network.refracted, network.water, network.axes),
             *(state.position, state.attitude, state.ground, state.tide, state.tilt, state.index),
         )
-        if not last or any(mine is not its for mine, its in zip(of, last[0], strict=True)):
-            last[:] = [of, (self.measured(state.ground), self.stations(state), self.water(state, state.ground))]
-        return last[1]
 
     def measured(self, ground: FloatArray) -> points.Measured:
         """Return the images of the points of the sequence, which are at `ground` (p, 3)."""
@@ -131,8 +129,13 @@ class CompiledRows:
         return at
 
     def stations(self, state: State) -> points.Stations:
-        """Return the photos where they are."""
-        return stations_of(self.kernels, self.network, state)
+        """Return the photos where they are; not to be changed, as what is `seen`."""
+        return self.sequence.last_stations.made(
+            lambda: stations_of(self.kernels, self.network, state),
+            self.network.axes,
+            state.position,
+            state.attitude,
+        )
 
     def water(self, state: State, ground: FloatArray) -> points.Water:
         """Return the level water over points that are at `ground` (p, 3)."""

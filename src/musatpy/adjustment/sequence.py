@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
     from musatpy.adjustment.network import Network, PointGroup
+
+Made = TypeVar("Made")
 
 _MOST = 4  # parts of the work: each has sums of its own
 _PART = 10_000  # rays: less is not worth a thread
@@ -30,6 +32,20 @@ class Part:
     last: int
 
 
+class Last(Generic[Made]):
+    """What was made last, for as long as it is asked for of the same objects: arrays that stay are not copied."""
+
+    def __init__(self) -> None:
+        self._of: tuple[object, ...] | None = None
+        self._made: Made | None = None
+
+    def made(self, make: Callable[[], Made], *of: object) -> Made:
+        """Return what `make` has made of these objects."""
+        if self._of is None or any(map(operator.is_not, self._of, of)):
+            self._of, self._made = of, make()
+        return cast(Made, self._made)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointSequence:
     """k points and their r rays, in the order of first photos: what they add to stays in the cache."""
@@ -41,10 +57,13 @@ class PointSequence:
     photo: IntArray  # (r,)
     pairs: points.Pairs
     first_pair: IntArray  # (n + 1,) of each photo in the pattern
-    _images: dict[str, FloatArray] = field(default_factory=dict, repr=False)  # that were asked for last
-    _wet: list[tuple[BoolArray, tuple[IntArray, IntArray, IntArray]]] = field(default_factory=list, repr=False)
+    _xy: Last[FloatArray] = field(default_factory=Last, repr=False)
+    _roots: Last[FloatArray] = field(default_factory=Last, repr=False)
+    _wet: Last[tuple[IntArray, IntArray, IntArray]] = field(default_factory=Last, repr=False)
     _chosen: list[tuple[tuple[PointGroup, ...], IntArray, list[Part]]] = field(default_factory=list, repr=False)
-    last_seen: list[Any] = field(default_factory=list, repr=False)  # of `CompiledRows.seen`
+    # of `CompiledRows`
+    last_stations: Last[points.Stations] = field(default_factory=Last, repr=False)
+    last_seen: Last[tuple[points.Measured, points.Stations, points.Water]] = field(default_factory=Last, repr=False)
 
     @classmethod
     def of(cls, kernels: ModuleType, network: Network, groups: Iterable[PointGroup]) -> PointSequence:
@@ -74,11 +93,10 @@ class PointSequence:
 
         Networks have these in common.
         """
-        if self._images.get("all xy") is not xy:
-            self._images["all xy"], self._images["xy"] = xy, xy.take(self.rays, axis=0)
-        if self._images.get("all weights") is not weight:
-            self._images["all weights"], self._images["roots"] = weight, np.sqrt(weight.take(self.rays, axis=0))
-        return self._images["xy"], self._images["roots"]
+        return (
+            self._xy.made(lambda: xy.take(self.rays, axis=0), xy),
+            self._roots.made(lambda: np.sqrt(weight.take(self.rays, axis=0)), weight),
+        )
 
     def wet(self, refracted: BoolArray, point: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """Return the rays (w,) that are `refracted` (m,), their points (w,), and the row (r,) of each ray, or -1.
@@ -87,12 +105,14 @@ class PointSequence:
 
         Networks have these in common, or what is made of one and the same of them.
         """
-        if not self._wet or self._wet[0][0] is not refracted:
+
+        def made() -> tuple[IntArray, IntArray, IntArray]:
             wet = np.flatnonzero(refracted[self.rays])
             row = np.full(len(self.rays), -1)
             row[wet] = np.arange(len(wet))
-            self._wet[:] = [(refracted, (wet, point.take(self.rays.take(wet)), row))]
-        return self._wet[0][1]
+            return wet, point.take(self.rays.take(wet)), row
+
+        return self._wet.made(made, refracted)
 
     def chosen(self, groups: Iterable[PointGroup]) -> tuple[IntArray, list[Part]]:
         """Return the rows of the points of groups, ascending, and in parts of as many rays.
