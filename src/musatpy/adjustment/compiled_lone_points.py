@@ -120,12 +120,14 @@ class CompiledLonePoints:
 
     def _known(self, X: FloatArray, level: FloatArray | None) -> points.Known:
         """Return that points (t, 3) are held on levels (t,)."""
-        held = np.zeros(len(X), dtype=bool) if level is None else np.isfinite(level)
-        nothing = np.zeros((int(held.sum()), 3))
+        row = np.full(len(X), -1)
+        held = row[:0] if level is None else np.flatnonzero(np.isfinite(level))
+        row[held] = np.arange(len(held))
+        nothing = np.zeros((len(held), 3))
         known: points.Known = self.kernels.Known(
-            row=np.where(held, np.cumsum(held) - 1, -1),
+            row=row,
             axes=plain(self.network.frame.axes(X[held])),
-            free=np.tile(_ACROSS, (len(nothing), 1)),
+            free=np.tile(_ACROSS, (len(held), 1)),
             weight=nothing,
             pull=nothing,
         )

@@ -55,7 +55,8 @@ def split(network: Network, groups: Iterable[PointGroup]) -> tuple[tuple[PointGr
 
 def plain(array: FloatArray) -> FloatArray:
     """Return an array as kernels are compiled for: in the order of C, and writable."""
-    return np.require(array, requirements=["C", "W"])
+    flags = array.flags
+    return array if flags.c_contiguous and flags.writeable else np.array(array, order="C")
 
 
 def stations_of(kernels: ModuleType, network: Network, state: State) -> points.Stations:

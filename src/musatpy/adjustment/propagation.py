@@ -40,15 +40,16 @@ class Counts:
 def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts:
     """Return what entered the solution; conditions of a point count as its 2m - 3 do, by images minus ground."""
     priors, water = network.priors, network.water
-    points = np.concatenate([g.point for g in network.groups]) if network.groups else np.empty(0, dtype=int)
-    grouped = points[priors.group[points] >= 0]
     control = (*network.control_groups, *network.kept_groups)
+    known = np.concatenate([np.zeros(0, dtype=np.int64), *(g.point for g in control)])  # of others nothing is
+    grouped = known[priors.group[known] >= 0]
+    points = sum(len(g.point) for g in network.groups)
     of_water = sum(network.border.count(kind.observed) for kind in WATER)
     levels = int(np.count_nonzero(_sees_water(network) | (water.level_weight > 0.0)))
     observations = {
         "plate coordinates, pass points": 2 * sum(g.rays.size for g in network.pass_groups),
         "plate coordinates, control points": 2 * sum(g.rays.size for g in control),
-        "control coordinates": int(np.count_nonzero(priors.weight.take(points, axis=0))),
+        "control coordinates": int(np.count_nonzero(priors.weight[known])),
         "station positions": int(np.count_nonzero(network.position_weight)),
         "station attitudes": int(np.count_nonzero(network.attitude_weight)),
         "equal elevations": len(grouped),
@@ -56,7 +57,7 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     }
     unknowns = {
         "station parameters": 6 * (network.photos - unobserved_photos),
-        "ground coordinates": 3 * len(points) - int(np.count_nonzero(priors.held.take(points, axis=0))),
+        "ground coordinates": 3 * points - int(np.count_nonzero(priors.held[known])),
         "levels": len(np.unique(priors.group[grouped])),
     }
     further = {kind.noun: len(measured.row) for kind, measured in network.measured.items()}
