@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.compiled_fronts import CompiledFronts, Tables, tables_of
+from musatpy.adjustment.dense import Columns
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.ordering import Front, Graph, compiled_fronts, dissect, dissect_by_place, fronts_of
 from musatpy.adjustment.plain_fronts import Part, PlainFronts
@@ -24,7 +25,7 @@ from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray, order_of
 
 _FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
-_ROWS = 4  # of blocks whose inverse is asked for together: more take no less time, and more memory
+_ROWS = 8  # of blocks whose inverse is asked for together: more take no less time, and more memory
 _LIGHT = 4  # times more unknowns take a solution, and plain fronts, for threads to pay
 
 
@@ -174,7 +175,9 @@ class Pattern:
     @cached_property
     def rank(self) -> IntArray:
         """(v size,) the places of the unknowns in the order of their elimination."""
-        return np.argsort(self.eliminated)
+        rank = np.empty(self.order, dtype=np.int64)
+        rank[self.eliminated] = np.arange(self.order)
+        return rank
 
 
 class NotPositiveDefiniteError(Exception):
@@ -227,12 +230,8 @@ class SparseFactor:
         lowest = np.searchsorted(start, rows.min(axis=1), side="right") - 1
         order = np.argsort(lowest, kind="stable")  # those whose ways meet stand together
         out = np.empty((*rows.shape, rows.shape[1]))
-
-        def invert(some: IntArray) -> None:
+        for some in np.split(order, range(_ROWS, len(order), _ROWS)):
             out[some] = self._inverse_of(rows[some], lowest[some].tolist())
-
-        parts = np.split(order, range(_ROWS, len(order), _ROWS))
-        deque(side_by_side(invert, parts, self.pattern.work), maxlen=0)
         return out
 
     def _inverse_of(self, rows: IntArray, lowest: list[int]) -> FloatArray:
@@ -250,11 +249,11 @@ class SparseFactor:
             place[fronts[i].eliminated], size = np.arange(size, size + fronts[i].own), size + fronts[i].own
         x, out = np.zeros((size, k * u)), np.zeros((k, u, u))
         x[place[rows], np.arange(k * u).reshape(k, u)] = 1.0
-        columns = {i: L for part in self.parts.values() for i, L in zip(part.numbers, part.columns, strict=True)}
+        part_of = {i: part for part in self.parts.values() for i in part.numbers}
         for i in ways:
             front, first, last = fronts[i], through[i][0], through[i][-1] + 1
             own = x[place[front.eliminated], first * u : last * u]
-            x[place[front.boundary], first * u : last * u] -= columns[i].forward(own)
+            x[place[front.boundary], first * u : last * u] -= Columns(part_of[i].own(i).T).forward(own)
             of_rows = own.reshape(front.own, -1, u)
             out[first:last] += of_rows.transpose(1, 2, 0) @ of_rows.transpose(1, 0, 2)
         return out
