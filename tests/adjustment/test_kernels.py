@@ -100,10 +100,18 @@ def test_both_have_the_same_normal_equations(deck: str, seed: int, shift: float,
 def test_both_have_the_same_conditions_and_points_at_rest(
     deck: str, seed: int, shift: float, spread: float
 ) -> None:
-    """IIA: stations off by metres, weights apart by their squares, some rays wet."""
+    """IIA: stations off by metres, weights apart by their squares, some rays wet.
+
+    Of some control points the height alone is known, or all but it; what is known is held, or has a weight.
+    """
     network, state, options = job(deck)
     draws = np.random.default_rng(seed)
     network = replace(network, weight=network.weight * draws.uniform(1.0, spread, network.weight.shape))
+    kinds = np.array([[1, 1, 1], [0, 0, 1], [1, 1, 0]], dtype=bool)
+    known = network.priors.known & kinds[draws.integers(0, 3, network.points)]
+    held = known & (draws.uniform(size=(network.points, 1)) < 0.3)
+    weight = np.where(known & ~held, draws.uniform(0.1, 100.0, known.shape), 0.0)
+    network = replace(network, priors=replace(network.priors, known=known, held=held, weight=weight))
     state = replace(state, position=state.position + shift * draws.normal(size=state.position.shape))
     lines, settled = [], []
     for kind in BOTH:
