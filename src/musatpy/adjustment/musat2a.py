@@ -210,8 +210,9 @@ class _Run:
         seen = np.bincount(network.point, minlength=network.points) > 0
         points = np.flatnonzero(seen & self.job.bathymetric)
         rays = np.flatnonzero(self.job.part.used & self.job.bathymetric[network.point])
-        change = np.abs(after[rays] - network.xy[rays]) * np.sqrt(network.weight[rays])
-        change = np.nan_to_num(change).max(axis=1, initial=0.0)
+        before_it, after_it, weight = (of.take(rays, axis=0) for of in (network.xy, after, network.weight))
+        change = np.nan_to_num(np.abs(after_it - before_it) * np.sqrt(weight))
+        change = np.maximum(change[:, 0], change[:, 1])
         movement = np.linalg.norm(state.ground[points] - before[points], axis=1)
         known = np.isfinite(movement)
         movement = np.where(known, movement, 0.0)

@@ -76,14 +76,13 @@ def _meet(axes: FloatArray, start: FloatArray, ray: FloatArray) -> FloatArray:
     w = np.einsum("kij,kmj->kmi", axes, start)
     u = np.einsum("kij,kmj->kmi", axes, ray)
     slope = u[..., :2] / u[..., 2:]  # (3.20): rows [1 0 -u1/u3], [0 1 -u2/u3]
-    k, m, _ = slope.shape
     right = w[..., :2] - slope * w[..., 2:]
-    normal, b = np.zeros((k, 3, 3)), np.empty((k, 3))
-    normal[:, 0, 0] = normal[:, 1, 1] = m
-    normal[:, :2, 2] = normal[:, 2, :2] = -slope.sum(axis=1)
-    normal[:, 2, 2] = np.einsum("kmi,kmi->k", slope, slope)
-    b[:, :2], b[:, 2] = right.sum(axis=1), -np.einsum("kmi,kmi->k", slope, right)
-    local = np.linalg.solve(normal, b[..., None])[..., 0]
+    # of the normal equations the height first: by slopes about their mean the other two have no part in it
+    m = slope.shape[1]
+    mean, middle = np.einsum("kmi->ki", slope) / m, np.einsum("kmi->ki", right) / m
+    about = slope - mean[:, None]
+    height = -np.einsum("kmi,kmi->k", about, right) / np.einsum("kmi,kmi->k", about, about)
+    local = np.concatenate([middle + mean * height[:, None], height[:, None]], axis=1)
     return np.einsum("kji,kj->ki", axes, local)
 
 
@@ -113,9 +112,10 @@ def corrected_plates(
     points = water_points(network, state, groups, wet)
     if not legacy:
         points = held_by_control(network, state, points, wet)
-    known = np.asarray(np.isfinite(points).all(axis=1))
+    known = np.isfinite(points[:, 0] + points[:, 1] + points[:, 2])
     rays = np.flatnonzero(known[network.point])
-    straight, displacement = refraction_displacement(network, state, rays, points[network.point[rays]], wet[rays])
+    ground = points.take(network.point.take(rays), axis=0)
+    straight, displacement = refraction_displacement(network, state, rays, ground, wet[rays])
     xy = network.xy.copy()
-    xy[rays] = straight if legacy else network.xy[rays] + displacement
+    xy[rays] = straight if legacy else network.xy.take(rays, axis=0) + displacement
     return xy
