@@ -230,7 +230,7 @@ def _ranked(
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
-        trial = with_hypothesis(case, option, sea)
+        trial = with_hypothesis(case, option, sea, model.kept)
         if worst - trial.squares >= _WORTH * (worst - final):
             tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]

@@ -12,13 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.ground import point_squares, settle_group
+from musatpy.adjustment.iteration import Kept, Until
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.robust import FITS, chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
-from musatpy.blunders.factors import Factors, taking_part
+from musatpy.blunders.factors import Factors, taking_part, weighted
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
@@ -157,10 +159,14 @@ def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
     return Case(block=block, scene=scene, state=state, out=out, taken=(), revisions=(), squares=np.inf)
 
 
-def readjusted(case: Case) -> Case:
-    """Return the case after a re-adjustment, of infinite squares where that fails."""
+def readjusted(case: Case, kept: Kept | None = None) -> Case:
+    """Return the case after a re-adjustment, of infinite squares where that fails.
+
+    `kept` are the normals nearby, with a little less given up.
+    """
+    near = AROUND if kept is None else replace(AROUND, kept=kept)
     try:
-        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS, AROUND).state
+        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS, near, Until.COMPARED).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
@@ -176,19 +182,19 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     seen_from_first = True
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
-        options = shortlist(case, variance)
+        options, kept = shortlist(case, variance)
         if only_common and options and options[0].given_up:
             break
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
             seen_from_first, case = False, readjusted(case)
-            options = shortlist(case, variance) if np.isfinite(case.squares) else []
+            options, kept = shortlist(case, variance) if np.isfinite(case.squares) else ([], None)
         if not options:
             break
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = cheapest([with_hypothesis(case, option, sea) for option in options], variance)
+            best = cheapest([with_hypothesis(case, option, sea, kept) for option in options], variance)
             if not np.isfinite(best.squares):
                 break
         first = seen_from_first and best.scene is case.scene
@@ -198,8 +204,8 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     return taken_back(case if np.isfinite(case.squares) else readjusted(case), variance)
 
 
-def shortlist(case: Case, variance: float) -> list[Hypothesis]:
-    """Return the hypotheses to be tried, none where nothing more has to be explained.
+def shortlist(case: Case, variance: float) -> tuple[list[Hypothesis], Kept | None]:
+    """Return the hypotheses to be tried, none where nothing more has to be explained; and the normals of the case.
 
     They are as many as the observations: in a large block some good one lies beyond the limit of a small one.
     """
@@ -216,14 +222,14 @@ def shortlist(case: Case, variance: float) -> list[Hypothesis]:
 
     options = [option for option in hypotheses(model, None, wanted, _NEARLY) if wanted(option)]
     if not options:
-        return []
+        return [], None
     options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
     best = max(option.squares for option in options)
     if model.squares - best > _GROSS * len(case.out[ObservationKind.PLATE]) * variance:
         # no adjustment tells anything yet, and no difference that is small beside what the model leaves out
         alike = [option for option in options if option.squares >= _ALIKE * best]
-        return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))]
-    return [option for option in options if option.squares >= _NEARLY * best][:TRIED]
+        return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))], model.kept
+    return [option for option in options if option.squares >= _NEARLY * best][:TRIED], model.kept
 
 
 def sensible(hypothesis: Hypothesis) -> bool:
@@ -254,11 +260,25 @@ def cheapest(cases: list[Case], variance: float) -> Case:
     return min(alike, key=lambda case: _CHEAP.index(case.taken[-1].kind)) if alike else cases[0]
 
 
-def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
-    """Return the case with a hypothesis more, re-adjusted."""
+def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None, kept: Kept | None = None) -> Case:
+    """Return the case with a hypothesis more, re-adjusted; `kept` are the normals of the case."""
     if not hypothesis.given_up:
         return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
-    return readjusted(_taking(case, hypothesis))
+    case = _taking(case, hypothesis)
+    return readjusted(replace(case, state=_met_by_the_others(case, hypothesis.point)), kept)
+
+
+def _met_by_the_others(case: Case, point: tuple[int, ...]) -> State:
+    """Return the state with points of which something is given up at their best: the stations follow little."""
+    state, network = case.state, weighted(case.scene.network, case.scene.block, case.factors())
+    ground = state.ground.copy()
+    for group in network.groups:
+        for part in () if group.kept else group.some(np.isin(group.point, point)):
+            first = ground[part.point]
+            met, _ = settle_group(network, state, part, first, trial=True)
+            before, after = (point_squares(network, state, part, X) for X in (first, met))
+            ground[part.point] = np.where((after < before)[:, None], met, first)
+    return replace(state, ground=ground)
 
 
 def _taking(case: Case, hypothesis: Hypothesis) -> Case:

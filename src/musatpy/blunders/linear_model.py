@@ -19,7 +19,7 @@ from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
-from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.adjustment.iteration import Kept, SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
@@ -113,6 +113,7 @@ class LinearModel:
     state: State
     network: Network  # with the weights of what is in
     factor: Factor
+    kept: Kept | None  # these normals, where an adjustment nearby may use them
     cofactors: Cofactors
     step: FloatArray  # (u,) to the minimum
     points: tuple[PointChecks, ...]  # those that were asked for
@@ -188,6 +189,7 @@ def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray |
         state=state,
         network=network,
         factor=factor,
+        kept=Kept(line=replace(line, context=None), factor=factor) if line.renewable else None,
         cofactors=cofactors,
         step=step,
         minimum=_after(network, state, step),

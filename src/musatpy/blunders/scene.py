@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Near, Outcome, SingularNormalsError, iterate
+from musatpy.adjustment.iteration import SHORT, Near, Outcome, SingularNormalsError, Until, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
@@ -182,13 +182,20 @@ def ones(scene: Scene) -> Factors:
     return {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
 
 
-def adjusted(scene: Scene, factors: Factors, state: State, steps: int, start: Near | None = None) -> Outcome:
+def adjusted(
+    scene: Scene,
+    factors: Factors,
+    state: State,
+    steps: int,
+    start: Near | None = None,
+    until: Until = Until.REST,
+) -> Outcome:
     """Return the outcome of at most so many iterations, from near a minimum by `start`.
 
     Raises `SingularNormalsError`.
     """
     problem = scene.problem(factors)
-    return iterate(problem, problem.with_squares(state), steps, start=start)
+    return iterate(problem, problem.with_squares(state), steps, start=start, until=until)
 
 
 def settled(
