@@ -220,7 +220,8 @@ def shortlist(case: Case, variance: float) -> tuple[list[Hypothesis], Kept | Non
             and (_still_in(case.out, option) if option.given_up else option.key not in known)
         )
 
-    options = [option for option in hypotheses(model, None, wanted, _NEARLY) if wanted(option)]
+    least = variance * chi_square_limit(1, normal)
+    options = [option for option in hypotheses(model, None, wanted, _NEARLY, least) if wanted(option)]
     if not options:
         return [], None
     options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]

@@ -16,7 +16,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
 from musatpy.adjustment.compiled_conditions import CompiledPassPoints
-from musatpy.adjustment.compiled_points import CompiledPoints
+from musatpy.adjustment.compiled_points import CompiledPoints, LeftOver
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import Kept, SingularNormalsError
@@ -32,6 +32,7 @@ from musatpy.blunders.scene import Scene
 from musatpy.model import ObservationKind
 
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
+_ROUNDING = 1e-6  # of squares
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
@@ -106,6 +107,58 @@ class PointChecks:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class LoosePoints:
+    """The points of which nothing is known, for compiled kernels: checked by the others only where asked for."""
+
+    compiled: CompiledPoints
+    state: State
+    cofactors: Cofactors
+    step: FloatArray  # (u,)
+
+    @cached_property
+    def squares(self) -> FloatArray:
+        """(p,) weighted squares of the residuals, 0 for other points."""
+        return self.left_over(np.zeros((0, *self.compiled.network.xy.shape))).squares
+
+    def left_over(self, images: FloatArray) -> LeftOver:
+        """Return what the step leaves of their images, and what columns (C, m, 2) mm of these do in it."""
+        return self.compiled.left_over(self.state, self.step, images)
+
+    def explaining(self, squares: float, near: BoolArray) -> BoolArray:
+        """Return which points (p,), `near` ones, have images that may explain so many squares or more.
+
+        The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
+        1 - trace(a Q a'), a by the stations, and so have its parts: images explain the squares over this at most.
+        Less than `IMAGES_CHECKED` does not count as checked.
+        """
+        near = near & (self.squares >= IMAGES_CHECKED * squares)
+        left = np.maximum(1.0 - self.compiled.leverages(self.state, self.cofactors, near), IMAGES_CHECKED)
+        return near & (self.squares >= left * squares * (1.0 - _ROUNDING))
+
+    def checks(self, near: BoolArray) -> Iterator[PointChecks]:
+        """Yield the checks of some of the points (p,)."""
+        network = self.compiled.network
+        every = [part for group in self.compiled.loose for part in group.some(near[group.point])]
+        groups = [part.part(rows) for part in every for rows in portions(network, part)]
+        linear = self.compiled.linear_images(self.state, groups, self.step)
+        for group, images in zip(groups, linear, strict=True):
+            k = len(group.point)
+            extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
+            yield PointChecks(
+                point=group.point,
+                rays=group.rays,
+                control=nothing,
+                member=nothing,
+                weight=network.weight[group.rays].reshape(k, -1),
+                unknowns=network.unknowns(group, extras),
+                photo=network.photo[group.rays],
+                extras=extras,
+                cofactors=self.cofactors,
+                **images._asdict(),
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LinearModel:
     """The linear adjustment of a scene at a state, some observations out."""
 
@@ -117,6 +170,7 @@ class LinearModel:
     cofactors: Cofactors
     step: FloatArray  # (u,) to the minimum
     points: tuple[PointChecks, ...]  # those that were asked for
+    loose: LoosePoints | None  # and those that were not, for compiled kernels
     minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
@@ -125,6 +179,7 @@ class LinearModel:
     def squares(self) -> float:
         """v'Pv at the minimum, of images of the points asked for, control and stations."""
         squares = sum(float(np.sum(checks.squares)) for checks in self.points)
+        squares += float(np.sum(self.loose.squares)) if self.loose else 0.0
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
     def station_drop(self, columns: IntArray) -> Drop:
@@ -168,21 +223,24 @@ def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[Floa
 def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray | None = None) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
-    With the checks of all points, or of those only that are `near` (p,).
+    With the checks of all points, those of loose ones when they are asked for; or of those that are `near` (p,).
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
     state = _by_images(network, ground_points.settle(network, state, CompiledPassPoints.of(network)))
     problem = scene.problem(factors)
-    line = problem.linearise(problem.with_squares(state))
+    line = problem.linearise(state)
     factor = factorised(line.matrix)
     if factor is None:
         raise SingularNormalsError(line.matrix)
     cofactors = factor.cofactors().holding(scene.held)
     step = factor.solve(line.rhs)
     station_weight, residual = station_rows(network, state)
-    near = np.ones(network.points, dtype=bool) if near is None else near
-    points = tuple(_checks(scene, network, near, state, cofactors, step))
+    loose = None
+    if network.compiled is not None:
+        loose = LoosePoints(compiled=network.compiled, state=state, cofactors=cofactors, step=step)
+    points = _checks(scene, network, near, state, cofactors, step)
+    points += list(loose.checks(near)) if loose and near is not None else []
     stations = residual + step[: residual.size].reshape(residual.shape)
     return LinearModel(
         scene=scene,
@@ -193,7 +251,8 @@ def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray |
         cofactors=cofactors,
         step=step,
         minimum=_after(network, state, step),
-        points=points,
+        points=tuple(points),
+        loose=loose if near is None else None,
         stations=stations,
         station_weight=station_weight,
     )
@@ -229,43 +288,22 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
 
 
 def _checks(
-    scene: Scene, network: Network, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
+    scene: Scene,
+    network: Network,
+    near: BoolArray | None,
+    state: State,
+    cofactors: Cofactors,
+    step: FloatArray,
 ) -> list[PointChecks]:
     block, checks, compiled = scene.block, [], network.compiled
     control = first_rows(block.control.point, network.points)
     member = first_rows(block.equal_elevations.point, network.points)
     for group in network.groups if compiled is None else (*compiled.bound, *compiled.others):
-        for part in group.some(near[group.point]):
+        for part in [group] if near is None else group.some(near[group.point]):
             for _, piece in pieces(network, state, part, cofactors):
                 point = piece.group.point
                 checks.append(_checks_of(network, piece, step, control[point], member[point]))
-    if compiled is not None:
-        checks += _compiled_checks(compiled, near, state, cofactors, step)
     return checks
-
-
-def _compiled_checks(
-    compiled: CompiledPoints, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
-) -> Iterator[PointChecks]:
-    """Yield the checks of the points of which nothing is known."""
-    network = compiled.network
-    every = [part for group in compiled.loose for part in group.some(near[group.point])]
-    groups = [part.part(rows) for part in every for rows in portions(network, part)]
-    for group, images in zip(groups, compiled.linear_images(state, groups, step), strict=True):
-        k = len(group.point)
-        extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
-        yield PointChecks(
-            point=group.point,
-            rays=group.rays,
-            control=nothing,
-            member=nothing,
-            weight=network.weight[group.rays].reshape(k, -1),
-            unknowns=network.unknowns(group, extras),
-            photo=network.photo[group.rays],
-            extras=extras,
-            cofactors=cofactors,
-            **images._asdict(),
-        )
 
 
 def _checks_of(
