@@ -7,7 +7,7 @@ own: only an observation with a residual can be tested.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -91,6 +91,15 @@ class Scene:
     held: IntArray  # unknowns of photos that hold a free network
     effort: Effort  # that of the whole search
     progress: Progress | None = None  # whoever watches the search
+    _sizes: list[tuple[Network, State, Factors, Factors]] = field(default_factory=list, repr=False)
+
+    def residuals_and_sizes(self, state: State) -> tuple[Factors, Factors]:
+        """Return the residuals in their units, and in a priori sigmas; those that were asked for last are kept."""
+        if not self._sizes or self._sizes[0][0] is not self.network or self._sizes[0][1] is not state:
+            residuals = deviations(self.network, self.block, state)
+            sizes = {kind: residuals[kind] * np.sqrt(weight) for kind, weight in self.weight.items()}
+            self._sizes[:] = [(self.network, state, residuals, sizes)]
+        return self._sizes[0][2:]
 
     def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
@@ -236,8 +245,7 @@ def settled(
 
 def sizes(scene: Scene, state: State) -> Factors:
     """Return the residuals in a priori sigmas."""
-    residuals = deviations(scene.network, scene.block, state)
-    return {kind: residuals[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
+    return scene.residuals_and_sizes(state)[1]
 
 
 def plate_scale(scene: Scene, size: Factors) -> float:

@@ -205,9 +205,7 @@ def _case(start: _Explained) -> Case:
     return replace(first_case(start.block, last.scene, last.state, last.out()), taken=start.common)
 
 
-def _at_rest(
-    case: Case, variance: float, returning: bool = True, before: Snooped | None = None
-) -> _Explained:
+def _at_rest(case: Case, variance: float, returning: bool = True, before: Snooped | None = None) -> _Explained:
     """Return the search from an explanation on, what is out `returning` or not, or the one `before` that it meets.
 
     Raises `SingularNormalsError`.

@@ -8,20 +8,19 @@ against what the others predict, whose variance is added to its own. Both are di
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment import reliability
 from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor, factorised
-from musatpy.adjustment.precision import Errors, spread_to_observations
+from musatpy.adjustment.precision import Errors, Spread, spread_to_observations
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.factors import Factors, deviations
+from musatpy.blunders.factors import Factors
 from musatpy.blunders.scene import AROUND, Scene, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
-from musatpy.model import ObservationKind, Observations
+from musatpy.model import ObservationKind
 from musatpy.model.progress import begin
 from musatpy.statistics.quality import test_limit
 
@@ -54,6 +53,13 @@ class Units:
     component: IntArray  # (o,)
     unit: IntArray  # (o,) number of its unit
     place: IntArray  # (o,) ground point, or a number of its own: units of one place compete
+
+    @cached_property
+    def of_kinds(self) -> dict[ObservationKind, slice]:
+        """The observations of each kind."""
+        kinds, first = np.unique(self.kind, return_index=True)
+        cut = [*first.tolist(), len(self.kind)]
+        return {_K(kind): slice(*cut[at : at + 2]) for at, kind in enumerate(kinds.tolist())}
 
     @property
     def count(self) -> int:
@@ -227,18 +233,16 @@ def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
     """Return 1 for the observations of units that are out, 0 for all others."""
     masks = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     taken = out[units.unit]
-    for kind, mask in masks.items():
-        rows = taken & (units.kind == kind)
-        mask[units.row[rows], units.component[rows]] = 1.0
+    for kind, rows in units.of_kinds.items():
+        masks[kind][units.row[rows], units.component[rows]] = taken[rows]
     return masks
 
 
 def _gathered(values: Factors, units: Units) -> FloatArray:
     """Return the values (o,) of all observations."""
     out = np.zeros(len(units.kind))
-    for kind, value in values.items():
-        rows = units.kind == kind
-        out[rows] = value[units.row[rows], units.component[rows]]
+    for kind, rows in units.of_kinds.items():
+        out[rows] = values[kind][units.row[rows], units.component[rows]]
     return out
 
 
@@ -255,11 +259,13 @@ def judged(
         factor = factorised(normals)
         if factor is None:
             raise SingularNormalsError(normals)
-    observed, cofactors = _observations(scene, problem.network, state, factor)
+    residuals, _ = scene.residuals_and_sizes(state)
+    errors = Errors(network=problem.network, state=state, cofactors=factor.cofactors().holding(scene.held))
+    spread = spread_to_observations(errors, scene.block, residuals[_K.PLATE])
     taken = out[units.unit]
-    sigma = 1.0 / np.sqrt(_gathered(scene.weight, units))
-    r, v = observed.redundancy, observed.residual
-    cofactor = (1.0 - r) * np.square(observed.sigma)
+    weight, v = _gathered(scene.weight, units), _gathered(residuals, units)
+    sigma, cofactor = 1.0 / np.sqrt(weight), _cofactors(scene, units, spread)
+    r = 1.0 - weight * _gathered(factors, units) * cofactor
     variance = np.where(taken, np.square(sigma) + cofactor, np.square(sigma) * r)
     checked = r > np.where(taken, _PREDICTED, np.where(units.kind == _K.PLATE, _CHECKED, _ROUNDING))
     f = float(r[~taken].sum())
@@ -276,20 +282,19 @@ def judged(
         error=-v / np.where(checked, r, np.nan),
         sigma0=sigma0,
         factor=factor,
-        covariance=cofactors * sigma0**2,
+        covariance=spread.points * sigma0**2,
     )
 
 
-def _observations(scene: Scene, network: Network, state: State, factor: Factor) -> tuple[Observations, FloatArray]:
-    """Return the observations with their redundancy numbers, and the cofactors (p, 3, 3) of points.
-
-    `network` has the weights of the search.
-    """
-    residual = deviations(network, scene.block, state)[_K.PLATE]
-    errors = Errors(network=network, state=state, cofactors=factor.cofactors().holding(scene.held))
-    spread = spread_to_observations(errors, scene.block, residual)
-    # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
-    return reliability.joined(part for part in spread.parts if part.kind in scene.weight), spread.points
+def _cofactors(scene: Scene, units: Units, spread: Spread) -> FloatArray:
+    """Return the cofactors (o,) of the adjusted observations."""
+    cofactor = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+    for part in spread.parts:
+        # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
+        if part.kind in cofactor:
+            observed = part.weight > 0.0
+            cofactor[part.kind][part.row[observed], part.component[observed]] = part.cofactor[observed]
+    return _gathered(cofactor, units)
 
 
 def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> CommonTide | None:
