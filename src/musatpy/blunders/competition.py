@@ -29,6 +29,7 @@ from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
+from musatpy.blunders.snooping import Judgement
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
 from musatpy.model.ranking import falling
@@ -61,7 +62,7 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     )
     found, size = [*search.common, *members(search)], sizes(last.scene, last.state)
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
-    others = _ImagesAtRest.of(whole, found[GROUPS:most])
+    others = _ImagesAtRest.of(whole, found[GROUPS:most], last.judgement)
     out: list[Rival] = []
     for number, member in enumerate(found, 1):
         if len(out) >= most:
@@ -88,14 +89,15 @@ class _ImagesAtRest:
     residual: Factors
 
     @classmethod
-    def of(cls, whole: Case, found: list[Hypothesis]) -> _ImagesAtRest:
+    def of(cls, whole: Case, found: list[Hypothesis], judgement: Judgement) -> _ImagesAtRest:
         """Return that of a case, for the images in a list."""
         model, points = None, [member.point[0] for member in found if member.kind in _IMAGES]
         if points:
             near = np.zeros(whole.scene.network.points, dtype=bool)
             near[points] = True
             with suppress(*GIVEN_UP):
-                model = linear_model(whole.scene, whole.factors(), whole.state, near)
+                rest = (judgement.normals, judgement.inverse)
+                model = linear_model(whole.scene, whole.factors(), whole.state, near, rest)
         return cls(model=model, residual=_residual(whole))
 
     def rival(self, member: Hypothesis, group: int) -> Rival:

@@ -8,7 +8,7 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,7 @@ from musatpy.model import ObservationKind
 
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
 _ROUNDING = 1e-6  # of squares
+_FEW = 4  # points that are asked for alone
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
@@ -65,7 +66,7 @@ class PointChecks:
     unknowns: IntArray  # (k, T) of the normal equations
     photo: IntArray  # (k, m)
     extras: IntArray  # (k, X) further unknowns
-    cofactors: Cofactors
+    inverse_of_stations: Inverse
 
     @property
     def has_priors(self) -> bool:
@@ -80,13 +81,15 @@ class PointChecks:
     @cached_property
     def cofactor(self) -> FloatArray:
         """(k, o, o) cofactors of the adjusted observations."""
-        a, b, Q = self.partials, self.ground, self.cofactors.with_border(self.photo, self.extras)
+        a, b, Q = self.partials, self.ground, self.inverse_of_stations.with_border(self.photo, self.extras)
         return a @ Q @ np.swapaxes(a, 1, 2) + b @ self.inverse @ np.swapaxes(b, 1, 2)
 
     def part(self, taken: BoolArray) -> PointChecks:
         """Return some of the points."""
-        rows = {one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "cofactors"}
-        return PointChecks(**rows, cofactors=self.cofactors)
+        rows = {
+            one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
+        }
+        return PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
 
     def image_drops(self) -> list[Drop]:
         """Return what each image (m) of every point explains, both coordinates."""
@@ -107,22 +110,46 @@ class PointChecks:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Inverse:
+    """The inverse of normal equations, as much of it as is asked for."""
+
+    factor: Factor
+    held: IntArray  # unknowns of photos
+
+    @cached_property
+    def cofactors(self) -> Cofactors:
+        """The cofactors of all photos that meet."""
+        return self.factor.cofactors().holding(self.held)
+
+    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
+        """Return what `Cofactors.with_border` does; of a few points alone without computing all others."""
+        if len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self):
+            return self.factor.with_border(photo, index)
+        return self.cofactors.with_border(photo, index)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LoosePoints:
     """The points of which nothing is known, for compiled kernels: checked by the others only where asked for."""
 
     compiled: CompiledPoints
     state: State
-    cofactors: Cofactors
+    inverse: Inverse
     step: FloatArray  # (u,)
+    _squares: list[FloatArray] = field(default_factory=list, repr=False)
 
-    @cached_property
+    @property
     def squares(self) -> FloatArray:
         """(p,) weighted squares of the residuals, 0 for other points."""
-        return self.left_over(np.zeros((0, *self.compiled.network.xy.shape))).squares
+        if not self._squares:
+            self.left_over(np.zeros((0, *self.compiled.network.xy.shape)))
+        return self._squares[0]
 
     def left_over(self, images: FloatArray) -> LeftOver:
         """Return what the step leaves of their images, and what columns (C, m, 2) mm of these do in it."""
-        return self.compiled.left_over(self.state, self.step, images)
+        left = self.compiled.left_over(self.state, self.step, images)
+        self._squares[:] = [left.squares]
+        return left
 
     def explaining(self, squares: float, near: BoolArray) -> BoolArray:
         """Return which points (p,), `near` ones, have images that may explain so many squares or more.
@@ -132,7 +159,7 @@ class LoosePoints:
         Less than `IMAGES_CHECKED` does not count as checked.
         """
         near = near & (self.squares >= IMAGES_CHECKED * squares)
-        left = np.maximum(1.0 - self.compiled.leverages(self.state, self.cofactors, near), IMAGES_CHECKED)
+        left = np.maximum(1.0 - self.compiled.leverages(self.state, self.inverse.cofactors, near), IMAGES_CHECKED)
         return near & (self.squares >= left * squares * (1.0 - _ROUNDING))
 
     def checks(self, near: BoolArray) -> Iterator[PointChecks]:
@@ -153,7 +180,7 @@ class LoosePoints:
                 unknowns=network.unknowns(group, extras),
                 photo=network.photo[group.rays],
                 extras=extras,
-                cofactors=self.cofactors,
+                inverse_of_stations=self.inverse,
                 **images._asdict(),
             )
 
@@ -167,13 +194,18 @@ class LinearModel:
     network: Network  # with the weights of what is in
     factor: Factor
     kept: Kept | None  # these normals, where an adjustment nearby may use them
-    cofactors: Cofactors
+    inverse: Inverse
     step: FloatArray  # (u,) to the minimum
     points: tuple[PointChecks, ...]  # those that were asked for
     loose: LoosePoints | None  # and those that were not, for compiled kernels
     minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
+
+    @property
+    def cofactors(self) -> Cofactors:
+        """The cofactors of stations and globals."""
+        return self.inverse.cofactors
 
     @property
     def squares(self) -> float:
@@ -220,26 +252,33 @@ def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[Floa
     return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
 
 
-def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray | None = None) -> LinearModel:
+def linear_model(
+    scene: Scene,
+    factors: Factors,
+    state: State,
+    near: BoolArray | None = None,
+    rest: tuple[Kept, Inverse] | None = None,
+) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
     With the checks of all points, those of loose ones when they are asked for; or of those that are `near` (p,).
+    `rest`: the normal equations, where the state is at rest with these weights.
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
     state = _by_images(network, ground_points.settle(network, state, CompiledPassPoints.of(network)))
     problem = scene.problem(factors)
-    line = problem.linearise(state)
-    factor = factorised(line.matrix)
+    line = problem.linearise(state) if rest is None else problem.renewed(state, rest[0].line)
+    factor = factorised(line.matrix) if rest is None else rest[0].factor
     if factor is None:
         raise SingularNormalsError(line.matrix)
-    cofactors = factor.cofactors().holding(scene.held)
+    inverse = Inverse(factor=factor, held=scene.held) if rest is None else rest[1]
     step = factor.solve(line.rhs)
     station_weight, residual = station_rows(network, state)
     loose = None
     if network.compiled is not None:
-        loose = LoosePoints(compiled=network.compiled, state=state, cofactors=cofactors, step=step)
-    points = _checks(scene, network, near, state, cofactors, step)
+        loose = LoosePoints(compiled=network.compiled, state=state, inverse=inverse, step=step)
+    points = _checks(scene, network, near, state, inverse, step)
     points += list(loose.checks(near)) if loose and near is not None else []
     stations = residual + step[: residual.size].reshape(residual.shape)
     return LinearModel(
@@ -248,7 +287,7 @@ def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray |
         network=network,
         factor=factor,
         kept=Kept(line=replace(line, context=None), factor=factor) if line.renewable else None,
-        cofactors=cofactors,
+        inverse=inverse,
         step=step,
         minimum=_after(network, state, step),
         points=tuple(points),
@@ -292,7 +331,7 @@ def _checks(
     network: Network,
     near: BoolArray | None,
     state: State,
-    cofactors: Cofactors,
+    inverse: Inverse,
     step: FloatArray,
 ) -> list[PointChecks]:
     block, checks, compiled = scene.block, [], network.compiled
@@ -300,14 +339,14 @@ def _checks(
     member = first_rows(block.equal_elevations.point, network.points)
     for group in network.groups if compiled is None else (*compiled.bound, *compiled.others):
         for part in [group] if near is None else group.some(near[group.point]):
-            for _, piece in pieces(network, state, part, cofactors):
+            for _, piece in pieces(network, state, part, inverse):
                 point = piece.group.point
-                checks.append(_checks_of(network, piece, step, control[point], member[point]))
+                checks.append(_checks_of(network, piece, inverse, step, control[point], member[point]))
     return checks
 
 
 def _checks_of(
-    network: Network, piece: Piece, step: FloatArray, control: IntArray, member: IntArray
+    network: Network, piece: Piece, inverse: Inverse, step: FloatArray, control: IntArray, member: IntArray
 ) -> PointChecks:
     E, rays = piece.E, piece.group.rays
     k = len(rays)
@@ -334,5 +373,5 @@ def _checks_of(
         unknowns=unknowns,
         photo=piece.photo,
         extras=E.extras.index,
-        cofactors=piece.cofactors,
+        inverse_of_stations=inverse,
     )

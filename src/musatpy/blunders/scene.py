@@ -14,11 +14,10 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Near, Outcome, SingularNormalsError, Until, iterate
+from musatpy.adjustment.iteration import SHORT, Kept, Near, Outcome, SingularNormalsError, Until, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
@@ -209,16 +208,15 @@ def adjusted(
 
 def settled(
     scene: Scene, factors: Factors, state: State, start: Near | None = None
-) -> tuple[Scene, State, Factor | None]:
+) -> tuple[Scene, State, Kept | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
-    And the factor of the normal equations there, None where the iteration has not converged. Raises
-    `SingularNormalsError`.
+    And the normal equations there, None where the iteration has not converged. Raises `SingularNormalsError`.
     """
     line = scene.line
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
-    short, factor, whole = 0, None, True
+    short, normals, whole = 0, None, True
     near = start
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     for _ in range(_TURNS):
@@ -228,7 +226,7 @@ def settled(
             scene, factors, state, steps if whole else 1, Near() if whole and near is not start else near
         )
         near = Near(kept=outcome.kept) if outcome.kept else near
-        state, factor = outcome.state, None if outcome.last is None else outcome.last.factor
+        state, normals = outcome.state, outcome.last
         short = short + 1 if outcome.failure and whole else 0
         if (outcome.is_final and whole) or short == SHORT:
             break
@@ -239,8 +237,8 @@ def settled(
         whole = not crossing
         if crossing:
             scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
-            factor = None  # which was that of the other sides
-    return scene, state, factor
+            normals = None  # which were those of the other sides
+    return scene, state, normals
 
 
 def sizes(scene: Scene, state: State) -> Factors:

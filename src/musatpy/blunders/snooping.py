@@ -7,18 +7,19 @@ against what the others predict, whose variance is added to its own. Both are di
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.normals import Factor, factorised
+from musatpy.adjustment.iteration import Kept, Near, SingularNormalsError
+from musatpy.adjustment.normals import SINGULAR, factorised
 from musatpy.adjustment.precision import Errors, Spread, spread_to_observations
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import Factors
-from musatpy.blunders.scene import AROUND, Scene, plate_scale, settled, sizes
+from musatpy.blunders.linear_model import Inverse
+from musatpy.blunders.scene import Scene, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind
 from musatpy.model.progress import begin
@@ -93,7 +94,8 @@ class Judgement:
     test: FloatArray  # (o,) NaN where nothing checks the observation
     error: FloatArray  # (o,) estimated: given minus what the others say
     sigma0: float
-    factor: Factor
+    normals: Kept
+    inverse: Inverse
     covariance: FloatArray  # (p, 3, 3) m2, east, north, up of the points that take part
 
     @property
@@ -167,8 +169,8 @@ def snooped(
     for number in range(_ROUNDS):
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
-        scene, state, factor = settled(scene, factors, state, AROUND if number else None)
-        judgement = judged(scene, state, units, out, factors, factor)
+        scene, state, normals = settled(scene, factors, state, Near() if number else None)
+        judgement = judged(scene, state, units, out, factors, normals)
         value = judgement.unit_test
         back = out & _predicted(judgement) & (value < _BACK * limit) & (returns < _RETURNS)
         if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
@@ -247,20 +249,24 @@ def _gathered(values: Factors, units: Units) -> FloatArray:
 
 
 def judged(
-    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, factor: Factor | None
+    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, normals: Kept | None
 ) -> Judgement:
     """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out.
 
-    `factor` is that of the normal equations, if there is one. Raises `SingularNormalsError`.
+    `normals` are those there, if they are known. Raises `SingularNormalsError`.
     """
     problem = scene.problem(factors)
-    if factor is None:
-        normals = problem.linearise(problem.with_squares(state)).matrix
-        factor = factorised(normals)
+    if normals is None:
+        line = problem.linearise(problem.with_squares(state))
+        factor = factorised(line.matrix)
         if factor is None:
-            raise SingularNormalsError(normals)
+            raise SingularNormalsError(line.matrix)
+        normals = Kept(line=replace(line, context=None), factor=factor)
+    inverse = Inverse(factor=normals.factor, held=scene.held)
+    if _is_weak(inverse):
+        raise SingularNormalsError(normals.line.matrix)
     residuals, _ = scene.residuals_and_sizes(state)
-    errors = Errors(network=problem.network, state=state, cofactors=factor.cofactors().holding(scene.held))
+    errors = Errors(network=problem.network, state=state, cofactors=inverse.cofactors)
     spread = spread_to_observations(errors, scene.block, residuals[_K.PLATE])
     taken = out[units.unit]
     weight, v = _gathered(scene.weight, units), _gathered(residuals, units)
@@ -281,9 +287,20 @@ def judged(
         test=np.where(taken | (f <= 2.0), tau, student),
         error=-v / np.where(checked, r, np.nan),
         sigma0=sigma0,
-        factor=factor,
+        normals=normals,
+        inverse=inverse,
         covariance=spread.points * sigma0**2,
     )
+
+
+def _is_weak(inverse: Inverse) -> bool:
+    """Return whether the normal equations leave unknowns free.
+
+    The trace of the inverse of the scaled matrix is larger than that of its smallest eigenvalue.
+    """
+    factor = inverse.factor
+    trace = float(np.sum(inverse.cofactors.diagonal() / np.square(factor.scale)))
+    return not trace * SINGULAR < 1.0 and factor.is_weak(SINGULAR)
 
 
 def _cofactors(scene: Scene, units: Units, spread: Spread) -> FloatArray:
@@ -305,7 +322,7 @@ def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Commo
     taken = np.ones(len(block.photos.ids), dtype=bool)
     inside = units.kind[units.first()] == _K.WATER_LEVEL
     taken[units.row[units.first()][inside & ~judgement.out]] = False
-    errors = common_tides(block, scene.network, state, judgement.factor, taken, judgement.sigma0)
+    errors = common_tides(block, scene.network, state, judgement.normals.factor, taken, judgement.sigma0)
     return max(errors, key=lambda error: error.test, default=None)
 
 
