@@ -159,14 +159,15 @@ def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
     return Case(block=block, scene=scene, state=state, out=out, taken=(), revisions=(), squares=np.inf)
 
 
-def readjusted(case: Case, kept: Kept | None = None) -> Case:
+def readjusted(case: Case, kept: Kept | None = None, factors: Factors | None = None) -> Case:
     """Return the case after a re-adjustment, of infinite squares where that fails.
 
-    `kept` are the normals nearby, with a little less given up.
+    `kept` are the normals nearby, with a little less given up; `factors` on the weights those of a state before.
     """
     near = AROUND if kept is None else replace(AROUND, kept=kept)
+    factors = case.factors() if factors is None else factors
     try:
-        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS, near, Until.COMPARED).state
+        state = adjusted(case.scene, factors, case.state, _ITERATIONS, near, Until.COMPARED).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
@@ -266,12 +267,13 @@ def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None, kept: K
     if not hypothesis.given_up:
         return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
     case = _taking(case, hypothesis)
-    return readjusted(replace(case, state=_met_by_the_others(case, hypothesis.point)), kept)
+    factors = case.factors()
+    return readjusted(replace(case, state=_met_by_the_others(case, factors, hypothesis.point)), kept, factors)
 
 
-def _met_by_the_others(case: Case, point: tuple[int, ...]) -> State:
+def _met_by_the_others(case: Case, factors: Factors, point: tuple[int, ...]) -> State:
     """Return the state with points of which something is given up at their best: the stations follow little."""
-    state, network = case.state, weighted(case.scene.network, case.scene.block, case.factors())
+    state, network = case.state, weighted(case.scene.network, case.scene.block, factors)
     ground = state.ground.copy()
     for group in network.groups:
         for part in () if group.kept else group.some(np.isin(group.point, point)):

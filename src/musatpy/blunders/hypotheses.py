@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.sightings import all_residuals, images
+from musatpy.adjustment.sightings import all_residuals, index_partials
 from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
@@ -280,12 +280,11 @@ def _columns(model: LinearModel) -> Iterator[_Column]:
                 member, unit = 2 * camera + axis, -np.eye(2)[axis]
                 yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=images_taken * unit)
     wet = np.flatnonzero(used & network.refracted)
-    if len(wet) and not network.border.count(_K.WATER_INDEX):
-        by_water = images(network, state, wet, state.ground[network.point[wet]]).by_water
-        if by_water is not None:
-            column = np.zeros((m, 2))
-            column[wet] = -by_water[..., 3]
-            yield _Column(kind=CauseKind.INDEX, images=column)
+    unknown = network.water.unknown or network.border.count(_K.WAVE)
+    if len(wet) and unknown and not network.border.count(_K.WATER_INDEX):
+        column = np.zeros((m, 2))
+        column[wet] = -index_partials(network, state, wet)
+        yield _Column(kind=CauseKind.INDEX, images=column)
     yield from _units(block, n, q)
     if network.water.per_photo:
         for name, photos in tide_groups(block, network.water.level_weight > 0.0):
