@@ -119,12 +119,12 @@ def members(search: Search, most: int) -> Iterator[Hypothesis]:
     wrong = wrong[np.argsort(network.point[wrong], kind="stable")]
     point, used = network.point[wrong], (last.scene.weight[_K.PLATE] > 0.0).all(axis=1)
     seen = np.bincount(network.point[used], minlength=network.points)
-    lost = np.bincount(point, minlength=network.points)
-    every = ((lost > 1) & (lost == seen))[point]
-    parts = np.split(wrong, np.flatnonzero((np.diff(point, prepend=-1) != 0) | ~every)[1:])
+    gone = np.bincount(point, minlength=network.points)
+    every = ((gone > 1) & (gone == seen))[point]
+    of_points = np.split(wrong, np.flatnonzero((np.diff(point, prepend=-1) != 0) | ~every)[1:])
     squares = np.square(sizes(last.scene, last.state)[_K.PLATE]).sum(axis=1)
-    largest = np.sort(falling([squares[rows].sum() for rows in parts])[:most])
-    for rows in [parts[number] for number in largest.tolist()] if len(wrong) else ():
+    largest = np.sort(falling([squares[rows].sum() for rows in of_points])[:most])
+    for rows in [of_points[number] for number in largest.tolist()] if len(wrong) else ():
         of_images = CauseKind.IMAGES if len(rows) > 1 else CauseKind.IMAGE
         photo = tuple(np.unique(network.photo[rows]).tolist())
         yield _member(of_images, (GivenUp.of_images(rows),), photo, (int(network.point[rows[0]]),))

@@ -8,6 +8,7 @@ back.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +22,8 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part, weighted
-from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses
-from musatpy.blunders.linear_model import linear_model
+from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
+from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
 from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
@@ -183,19 +184,24 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     seen_from_first = True
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
-        options, kept = shortlist(case, variance)
+        model = linear_model(case.scene, case.factors(), case.state)
+        if only_common and _image_explains_more(case, model, variance):
+            break
+        options = shortlist(case, model, variance)
         if only_common and options and options[0].given_up:
             break
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
             seen_from_first, case = False, readjusted(case)
-            options, kept = shortlist(case, variance) if np.isfinite(case.squares) else ([], None)
+            if np.isfinite(case.squares):
+                model = linear_model(case.scene, case.factors(), case.state)
+                options = shortlist(case, model, variance)
         if not options:
             break
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = cheapest([with_hypothesis(case, option, sea, kept) for option in options], variance)
+            best = cheapest([with_hypothesis(case, option, sea, model.kept) for option in options], variance)
             if not np.isfinite(best.squares):
                 break
         first = seen_from_first and best.scene is case.scene
@@ -205,14 +211,33 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     return taken_back(case if np.isfinite(case.squares) else readjusted(case), variance)
 
 
-def shortlist(case: Case, variance: float) -> tuple[list[Hypothesis], Kept | None]:
-    """Return the hypotheses to be tried, none where nothing more has to be explained; and the normals of the case.
+def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesis]:
+    """Return the hypotheses to be tried, none where nothing more has to be explained.
 
     They are as many as the observations: in a large block some good one lies beyond the limit of a small one.
     """
-    model = linear_model(case.scene, case.factors(), case.state)
-    known = {option.key for option in case.taken}
-    normal = max(FITS, test_limit(sum(int(np.count_nonzero(weight)) for weight in case.scene.weight.values())))
+    wanted, least = _wanted(case, variance), variance * chi_square_limit(1, _normal_limit(case))
+    options = [option for option in hypotheses(model, None, wanted, _NEARLY, least) if wanted(option)]
+    if not options:
+        return []
+    options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
+    best = max(option.squares for option in options)
+    if model.squares - best > _GROSS * len(case.out[ObservationKind.PLATE]) * variance:
+        # no adjustment tells anything yet, and no difference that is small beside what the model leaves out
+        alike = [option for option in options if option.squares >= _ALIKE * best]
+        return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))]
+    return [option for option in options if option.squares >= _NEARLY * best][:TRIED]
+
+
+def _normal_limit(case: Case) -> float:
+    """Return the normal quantile of what has to be explained."""
+    observations = sum(int(np.count_nonzero(weight)) for weight in case.scene.weight.values())
+    return max(FITS, test_limit(observations))
+
+
+def _wanted(case: Case, variance: float) -> Callable[[Hypothesis], bool]:
+    """Return which hypotheses explain something that has to be explained, and can be taken."""
+    known, normal = {option.key for option in case.taken}, _normal_limit(case)
 
     def wanted(option: Hypothesis) -> bool:
         return (
@@ -221,17 +246,25 @@ def shortlist(case: Case, variance: float) -> tuple[list[Hypothesis], Kept | Non
             and (_still_in(case.out, option) if option.given_up else option.key not in known)
         )
 
-    least = variance * chi_square_limit(1, normal)
-    options = [option for option in hypotheses(model, None, wanted, _NEARLY, least) if wanted(option)]
-    if not options:
-        return [], None
-    options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
-    best = max(option.squares for option in options)
-    if model.squares - best > _GROSS * len(case.out[ObservationKind.PLATE]) * variance:
-        # no adjustment tells anything yet, and no difference that is small beside what the model leaves out
-        alike = [option for option in options if option.squares >= _ALIKE * best]
-        return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))], model.kept
-    return [option for option in options if option.squares >= _NEARLY * best][:TRIED], model.kept
+    return wanted
+
+
+def _image_explains_more(case: Case, model: LinearModel, variance: float) -> bool:
+    """Return whether images of one point explain more than anything that is common to many observations.
+
+    One of them, or something else that is given up, stands first on the shortlist then.
+    """
+    wanted = _wanted(case, variance)
+    best = max((option for option in of_worst_point(model) if wanted(option)), key=_squares, default=None)
+    return best is not None and all(
+        option.squares < _ALIKE * best.squares and option.gain(variance) < _ALIKE * best.gain(variance)
+        for option in common_errors(model)
+        if wanted(option)
+    )
+
+
+def _squares(option: Hypothesis) -> float:
+    return option.squares
 
 
 def sensible(hypothesis: Hypothesis) -> bool:

@@ -89,6 +89,7 @@ def hypotheses(
     Of all points, or of those only that are `near` (p,). What points explain may be missing where it is less than
     the `least` squares, or than this `share` of what the `wanted` hypothesis does that explains most.
     """
+    model.inverse.compute_all()
     options = [*_stations(model), *common_errors(model), *_direct(model)]
     points = [checks if near is None else checks.part(near[checks.point]) for checks in model.points]
     known = [checks for checks in points if checks.has_priors]
@@ -101,10 +102,8 @@ def hypotheses(
 
     if wanted is not None:
         worst = [checks.part(checks.squares == checks.squares.max()) for checks in seen]
-        if loose is not None:
-            worst += loose.checks(near & (loose.squares == loose.squares[near].max(initial=0.0)))
         likely = [option for checks in worst for option in _of_points(model, checks, least)]
-        least = max(least, share_of_best([*options, *likely]))
+        least = max(least, share_of_best([*options, *likely, *of_worst_point(model, near, least)]))
     for checks in known:
         options += _of_points(model, checks, least)
     least = max(least, share_of_best(options))
@@ -116,6 +115,16 @@ def hypotheses(
     for checks in loose.checks(loose.explaining(least, near)) if loose is not None else ():
         options += _of_points(model, checks, least)
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
+
+
+def of_worst_point(model: LinearModel, near: BoolArray | None = None, least: float = 0.0) -> list[Hypothesis]:
+    """Return what the images explain of the loose point, of those `near` (p,), that fits least of all."""
+    loose = model.loose
+    if loose is None:
+        return []
+    near = np.ones(model.network.points, dtype=bool) if near is None else near
+    worst = loose.checks(near & (loose.squares == loose.squares[near].max(initial=0.0)))
+    return [option for checks in worst for option in _of_points(model, checks, least)]
 
 
 def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:

@@ -121,6 +121,10 @@ class Inverse:
         """The cofactors of all photos that meet."""
         return self.factor.cofactors().holding(self.held)
 
+    def compute_all(self) -> None:
+        """Compute the cofactors, as many points will ask for theirs."""
+        _ = self.cofactors
+
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
         """Return what `Cofactors.with_border` does; of a few points alone without computing all others."""
         if len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self):
