@@ -13,7 +13,6 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.collinear import Follow
-from musatpy.adjustment.compiled_conditions import CompiledPassPoints
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
 from musatpy.adjustment.iteration import SHORT, Kept, Near, Outcome, SingularNormalsError, Until, iterate
 from musatpy.adjustment.job import Job, prepared
@@ -217,35 +216,29 @@ def settled(
     line = scene.line
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
-    short, normals, near = 0, None, start
+    short, normals, whole = 0, None, True
+    near = start
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     for _ in range(_TURNS):
-        outcome = adjusted(scene, factors, state, steps, near)
-        state, normals, near = outcome.state, outcome.last, Near()
-        short = short + 1 if outcome.failure else 0
-        if outcome.is_final or short == SHORT:
+        # a few points that cross the tides one by one hardly move the stations: one step, until they rest, for
+        # which the matrix of before serves
+        outcome = adjusted(
+            scene, factors, state, steps if whole else 1, Near() if whole and near is not start else near
+        )
+        near = Near(kept=outcome.kept) if outcome.kept else near
+        state, normals = outcome.state, outcome.last
+        short = short + 1 if outcome.failure and whole else 0
+        if (outcome.is_final and whole) or short == SHORT:
             break
-        crossed, state = _crossed(scene, factors, state)
-        if crossed is scene:
+        line = next_line(scene.network, scene.line, state, scene.block.points.bathymetric)
+        crossing = not np.array_equal(line.wet, scene.line.wet)
+        if not crossing and (whole or not outcome.failure):
             break
-        scene, normals = crossed, None  # those were of the other sides
+        whole = not crossing
+        if crossing:
+            scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
+            normals = None  # which were those of the other sides
     return scene, state, normals
-
-
-def _crossed(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State]:
-    """Return scene and state with the points that have crossed tides at rest for the stations as they are.
-
-    A few points that cross the tides one by one hardly move the stations.
-    """
-    network = weighted(scene.network, scene.block, factors)
-    for _ in range(_TURNS):
-        line = next_line(network, scene.line, state, scene.block.points.bathymetric)
-        if np.array_equal(line.wet, scene.line.wet):
-            break
-        scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
-        before, network = network, network.with_plates(network.xy, line.wet)
-        state = ground_points.settle(network, state, CompiledPassPoints.of(network), before)
-    return scene, state
 
 
 def sizes(scene: Scene, state: State) -> Factors:
