@@ -104,14 +104,11 @@ def hypotheses(
         worst = [checks.part(checks.squares == checks.squares.max()) for checks in seen]
         likely = [option for checks in worst for option in _of_points(model, checks, least)]
         least = max(least, share_of_best([*options, *likely, *of_worst_point(model, near, least)]))
-    for checks in known:
-        options += _of_points(model, checks, least)
-    least = max(least, share_of_best(options))
-    for checks in seen:
-        # with all eigenvalues that count above `IMAGES_CHECKED`, images explain so much at most
-        part = checks.part(checks.squares >= IMAGES_CHECKED * least)
+    for checks in (*known, *seen):
+        part = checks.part(checks.explaining(least))
         if len(part.point):
             options += _of_points(model, part, least)
+        least = max(least, share_of_best(options))
     for checks in loose.checks(loose.explaining(least, near)) if loose is not None else ():
         options += _of_points(model, checks, least)
     return [options[row] for row in falling([option.squares for option in options]).tolist()]

@@ -84,6 +84,21 @@ class PointChecks:
         a, b, Q = self.partials, self.ground, self.inverse_of_stations.with_border(self.photo, self.extras)
         return a @ Q @ np.swapaxes(a, 1, 2) + b @ self.inverse @ np.swapaxes(b, 1, 2)
 
+    def explaining(self, squares: float) -> BoolArray:
+        """Return which points (k,) have observations that may explain so many squares or more.
+
+        The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
+        1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most. Smaller
+        ones do not count as checked.
+        """
+        checked = OTHERS_CHECKED if self.has_priors else IMAGES_CHECKED
+        likely = self.squares >= checked * squares
+        part = self.part(likely)
+        a, Q = part.partials, part.inverse_of_stations.with_border(part.photo, part.extras)
+        leverage = np.einsum("kot,kot->k", (part.weight[..., None] * a) @ Q, a)
+        likely[likely] = _may_explain(part.squares, leverage, squares, checked)
+        return likely
+
     def part(self, taken: BoolArray) -> PointChecks:
         """Return some of the points."""
         rows = {
@@ -156,15 +171,10 @@ class LoosePoints:
         return left
 
     def explaining(self, squares: float, near: BoolArray) -> BoolArray:
-        """Return which points (p,), `near` ones, have images that may explain so many squares or more.
-
-        The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
-        1 - trace(a Q a'), a by the stations, and so have its parts: images explain the squares over this at most.
-        Less than `IMAGES_CHECKED` does not count as checked.
-        """
+        """Return which points (p,), `near` ones, may explain so many squares: `PointChecks.explaining`."""
         near = near & (self.squares >= IMAGES_CHECKED * squares)
-        left = np.maximum(1.0 - self.compiled.leverages(self.state, self.inverse.cofactors, near), IMAGES_CHECKED)
-        return near & (self.squares >= left * squares * (1.0 - _ROUNDING))
+        leverage = self.compiled.leverages(self.state, self.inverse.cofactors, near)
+        return near & _may_explain(self.squares, leverage, squares, IMAGES_CHECKED)
 
     def checks(self, near: BoolArray) -> Iterator[PointChecks]:
         """Yield the checks of some of the points (p,)."""
@@ -222,6 +232,11 @@ class LinearModel:
         """Return what some of the observations of every station explain."""
         Q = self.cofactors.of_single_photos()[:, columns[:, None], columns[None]]
         return dropped(self.stations[:, columns], self.station_weight[:, columns], Q, OTHERS_CHECKED)
+
+
+def _may_explain(own: FloatArray, leverage: FloatArray, squares: float, checked: float) -> BoolArray:
+    """Return whether the `own` squares of points (k,) may explain so many, by the `leverage` (k,) of stations."""
+    return np.asarray(own >= np.maximum(1.0 - leverage, checked) * squares * (1.0 - _ROUNDING))
 
 
 def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
