@@ -89,7 +89,6 @@ def hypotheses(
     Of all points, or of those only that are `near` (p,). What points explain may be missing where it is less than
     the `least` squares, or than this `share` of what the `wanted` hypothesis does that explains most.
     """
-    model.inverse.compute_all()
     options = [*_stations(model), *common_errors(model), *_direct(model)]
     points = [checks if near is None else checks.part(near[checks.point]) for checks in model.points]
     known = [checks for checks in points if checks.has_priors]

@@ -33,7 +33,7 @@ from musatpy.model import ObservationKind
 
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
 _ROUNDING = 1e-6  # of squares
-_FEW = 4  # points that are asked for alone
+_FEW = 8  # points, each of which asks for its cofactors alone: more are worth those of all
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
@@ -136,10 +136,6 @@ class Inverse:
         """The cofactors of all photos that meet."""
         return self.factor.cofactors().holding(self.held)
 
-    def compute_all(self) -> None:
-        """Compute the cofactors, as many points will ask for theirs."""
-        _ = self.cofactors
-
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
         """Return what `Cofactors.with_border` does; of a few points alone without computing all others."""
         if len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self):
@@ -173,6 +169,8 @@ class LoosePoints:
     def explaining(self, squares: float, near: BoolArray) -> BoolArray:
         """Return which points (p,), `near` ones, may explain so many squares: `PointChecks.explaining`."""
         near = near & (self.squares >= IMAGES_CHECKED * squares)
+        if np.count_nonzero(near) <= _FEW:
+            return near
         leverage = self.compiled.leverages(self.state, self.inverse.cofactors, near)
         return near & _may_explain(self.squares, leverage, squares, IMAGES_CHECKED)
 

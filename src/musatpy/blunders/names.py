@@ -50,7 +50,7 @@ def lookalikes(
     good = taking_part(network) & ~out
     determined = np.bincount(network.point[good], minlength=network.points) >= _DETERMINED
     determined &= np.isfinite(covariance).all(axis=(1, 2))
-    around = _near(network)
+    around, rims = _near(network), _rims(network)
     rows: list[int] = []
     points: list[int] = []
     distances: list[float] = []
@@ -60,7 +60,8 @@ def lookalikes(
     for first in range(0, len(photos), _TOGETHER):
         part = photos[first : first + _TOGETHER]
         of_part = suspect[np.isin(network.photo[suspect], part)]
-        found = _nearest(network, of_part, _imagined(scene, state, part, around, determined, covariance), sigma0)
+        seen = _imagined(scene, state, part, around, rims, determined, covariance)
+        found = _nearest(network, of_part, seen, sigma0)
         near = found.off < _NEAR
         rows += found.row[near].tolist()
         points += found.point[near].tolist()
@@ -185,13 +186,12 @@ class _Imagined:
         return out
 
 
-def _rims(network: Network, photos: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the largest coordinates (c, 2) mm of plates and their rims."""
+def _rims(network: Network) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the largest coordinates (n, 2) mm of plates and their rims."""
     low, high = np.full((network.photos, 2), np.inf), np.full((network.photos, 2), -np.inf)
-    rows = np.flatnonzero(np.isin(network.photo, photos))
-    np.minimum.at(low, network.photo[rows], network.xy[rows])
-    np.maximum.at(high, network.photo[rows], network.xy[rows])
-    return low[photos] - _RIM, high[photos] + _RIM
+    np.minimum.at(low, network.photo, network.xy)
+    np.maximum.at(high, network.photo, network.xy)
+    return low - _RIM, high + _RIM
 
 
 def _imagined(
@@ -199,10 +199,11 @@ def _imagined(
     state: State,
     photos: IntArray,
     around: Callable[[int], IntArray],
+    rims: tuple[FloatArray, FloatArray],
     determined: BoolArray,
     covariance: FloatArray,
 ) -> _Imagined:
-    """Return what some photos (c,) would show of the points `around` them (p,) that are determined."""
+    """Return what some photos (c,) would show, within `rims`, of the points `around` them that are determined."""
     network, near = scene.network, [around(photo) for photo in photos.tolist()]
     near = [points[determined[points]] for points in near]
     number = np.repeat(np.arange(len(photos)), [len(points) for points in near])
@@ -215,8 +216,9 @@ def _imagined(
     )
     ground = state.ground[points]
     xy = image_coordinates(imagined, state, np.arange(len(points)), ground)
-    low, high = (rim[number] for rim in _rims(network, photos))
-    rows = np.flatnonzero(((xy > low) & (xy < high)).all(axis=1))
+    low, high = (rim[photo] for rim in rims)
+    inside = (xy > low) & (xy < high)
+    rows = np.flatnonzero(inside[:, 0] & inside[:, 1])
     seen = collinearity.in_front(ground[rows] - state.position[photo[rows]], state.M[photo[rows]])
     rows = rows[seen]
     predicted = images(imagined, state, rows, ground[rows], stations=False)

@@ -169,7 +169,7 @@ def snooped(
     for number in range(_ROUNDS):
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
-        scene, state, normals = settled(scene, factors, state, Near() if number else None)
+        scene, state, normals = settled(scene, factors, state, Near() if number or first is not None else None)
         judgement = judged(scene, state, units, out, factors, normals)
         value = judgement.unit_test
         back = out & _predicted(judgement) & (value < _BACK * limit) & (returns < _RETURNS)
