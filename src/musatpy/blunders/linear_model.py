@@ -93,6 +93,8 @@ class PointChecks:
         """
         checked = OTHERS_CHECKED if self.has_priors else IMAGES_CHECKED
         likely = self.squares >= checked * squares
+        if not likely.any():
+            return likely
         part = self.part(likely)
         a, Q = part.partials, part.inverse_of_stations.with_border(part.photo, part.extras)
         leverage = np.einsum("kot,kot->k", (part.weight[..., None] * a) @ Q, a)

@@ -43,6 +43,7 @@ _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can t
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
+_REMEMBERED = 3  # states, whose residuals are asked for again: where trials begin, and where the last one has ended
 _WAVES = 8  # times the effort of a step on a plane
 
 
@@ -94,11 +95,13 @@ class Scene:
 
     def residuals_and_sizes(self, state: State) -> tuple[Factors, Factors]:
         """Return the residuals in their units, and in a priori sigmas; those that were asked for last are kept."""
-        if not self._sizes or self._sizes[0][0] is not self.network or self._sizes[0][1] is not state:
-            residuals = deviations(self.network, self.block, state)
-            sizes = {kind: residuals[kind] * np.sqrt(weight) for kind, weight in self.weight.items()}
-            self._sizes[:] = [(self.network, state, residuals, sizes)]
-        return self._sizes[0][2:]
+        for network, known, residuals, sizes in self._sizes:
+            if network is self.network and known is state:
+                return residuals, sizes
+        residuals = deviations(self.network, self.block, state)
+        sizes = {kind: residuals[kind] * np.sqrt(weight) for kind, weight in self.weight.items()}
+        self._sizes[:] = [(self.network, state, residuals, sizes), *self._sizes[: _REMEMBERED - 1]]
+        return residuals, sizes
 
     def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
