@@ -96,10 +96,14 @@ class PointChecks:
         if not likely.any():
             return likely
         part = self.part(likely)
-        a, Q = part.partials, part.inverse_of_stations.with_border(part.photo, part.extras)
-        leverage = np.einsum("kot,kot->k", (part.weight[..., None] * a) @ Q, a)
-        likely[likely] = _may_explain(part.squares, leverage, squares, checked)
+        likely[likely] = _may_explain(part.squares, part.leverage, squares, checked)
         return likely
+
+    @property
+    def leverage(self) -> FloatArray:
+        """(k,) trace of P^1/2 a Q a' P^1/2."""
+        a, Q = self.partials, self.inverse_of_stations.with_border(self.photo, self.extras)
+        return np.asarray(np.einsum("kot,kot->k", (self.weight[..., None] * a) @ Q, a))
 
     def part(self, taken: BoolArray) -> PointChecks:
         """Return some of the points."""
