@@ -135,6 +135,19 @@ def test_an_iteration_may_end_as_soon_as_its_steps_close_in(
         assert outcome.rough == np.isfinite(outcome.length)
 
 
+@pytest.mark.parametrize("share", [None, 1.0, 1.1, 1.3, 2.0])
+@pytest.mark.parametrize("place", [1.01, 3.0, 30.0])
+def test_sums_of_squares_can_be_compared_a_tenth_of_a_sigma_from_the_minimum(
+    place: float, share: float | None
+) -> None:
+    """A kept matrix that is too large makes steps shorter by one and the same share; the minimum is 0."""
+    start, steps = None if share is None else Near(kept=kept_of(0.01, share)), list[Step]()
+    outcome = iterate(Curve(b=0.01, fresh=[]), place, 20, steps.append, start, Until.COMPARED)
+    assert not outcome.failure
+    assert Curve(b=0.01, fresh=[]).evaluate(outcome.state, None) < 0.1**2
+    assert len(steps) < 5
+
+
 def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction, large: int) -> Any:
     """Return the solution of a deck, blocks of more than so many photos large, and how often it was factorised."""
     factorise, count = normals.factorise, [0]

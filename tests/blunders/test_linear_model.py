@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -96,6 +97,51 @@ def test_compiled_kernels_and_numpy_check_points_alike(wet: float, monkeypatch: 
                 (images.residual[at], checks.residual[row], np.abs(block.plates.xy).max()),
             ):
                 np.testing.assert_allclose(value, twin, rtol=0.0, atol=RELATIVE * largest)
+
+
+@pytest.mark.slow  # kernels are compiled first
+@pytest.mark.parametrize("wet", [0.0, 0.4])
+def test_compiled_kernels_and_numpy_find_the_same_hypotheses(wet: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Squares and leverages of points, sums of common errors, and all that explains a share of the most."""
+    pytest.importorskip("numba")
+    block = altered(strip(6, wet=wet), plates={"xy": added((40, 0), 0.5)})
+    scene, state = staged(block, None, None, Effort(left=1000))
+    factors = {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
+    numpy = linear_model(scene, factors, state)
+    monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
+    compiled = linear_model(replace(scene, network=replace(scene.network)), factors, state)
+    loose = compiled.loose
+    assert loose is not None and numpy.loose is None
+    every = np.ones(scene.network.points, dtype=bool)
+    leverage = loose.compiled.leverages(loose.state, loose.inverse.cofactors, every)
+    for checks in numpy.points:
+        if not checks.has_priors:
+            np.testing.assert_allclose(loose.squares[checks.point], checks.squares, rtol=0.0, atol=1e-9)
+            np.testing.assert_allclose(leverage[checks.point], checks.leverage, rtol=0.0, atol=1e-9)
+    assert compiled.squares == pytest.approx(numpy.squares, rel=1e-12)
+    for wanted, share in ((None, 0.0), (lambda option: bool(option.given_up), 0.1)):
+        models = (hypotheses(model, None, wanted, share) for model in (compiled, numpy))
+        found, twins = ({option.key: option for option in options} for options in models)
+        most = max(option.squares for option in twins.values())
+        large = {key for key, option in twins.items() if option.squares > max(share, 1e-6) * most}
+        assert large == {key for key, option in found.items() if option.squares > max(share, 1e-6) * most}
+        for key in large:
+            assert found[key].squares == pytest.approx(twins[key].squares, rel=1e-7)
+            np.testing.assert_allclose(found[key].error, twins[key].error, rtol=1e-6, atol=1e-12)
+
+
+def test_no_observations_of_a_point_explain_more_than_its_bound() -> None:
+    case, taken = wrong(), []
+    for checks in linear_model(case.scene, case.factors(), case.state).points:
+        m = checks.rays.shape[1]
+        every = [*checks.image_drops(), checks.drop(np.arange(2 * m))]
+        if checks.has_priors:
+            every += [checks.drop(2 * m + np.array(rows)) for rows in ([0, 1], [2], [0, 1, 2, 3])]
+        most = np.max([drop.squares for drop in every], axis=0)
+        for squares in (0.1, 1.0, 10.0, 100.0):
+            assert not (most[~checks.explaining(squares)] >= squares).any()
+        taken += checks.explaining(10.0).tolist()
+    assert 0.02 < np.mean(taken) < 0.8
 
 
 def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:

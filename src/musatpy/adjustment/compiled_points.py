@@ -22,7 +22,7 @@ from musatpy.adjustment.sequence import PointSequence
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
@@ -75,6 +75,18 @@ class Spread:
     point: IntArray
     points: FloatArray
     images: Part
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeftOver:
+    """Weighted squares (p,) of images after a step, 0 for other points; and c'Pc (C,), c'Pv (C,) and c'PA (C, n q)
+    of columns c of images, by stations that the points follow.
+    """
+
+    squares: FloatArray
+    weight: FloatArray
+    pull: FloatArray
+    coupling: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -304,6 +316,49 @@ class CompiledPoints(CompiledRows):
             images.append(out)
         return images
 
+    def left_over(self, state: State, step: FloatArray, images: FloatArray) -> LeftOver:
+        """Return what a step (u,) of all unknowns leaves of the points of which nothing is known.
+
+        And what columns (C, m, 2) mm of their images have to do with it.
+        """
+        from musatpy.adjustment.kernels import checking  # numba is there
+
+        (at, stations, water), sequence, network = self.seen(state), self.sequence, self.network
+        known, squares = self.known(state, state.ground), np.zeros(network.points)
+        step, count = plain(step[: network.pattern.order].reshape(network.photos, -1)), len(images)
+
+        def work(part: SequencePart) -> checking.Columns:
+            weight, pull, coupling = np.zeros(count), np.zeros(count), np.zeros((count, *step.shape))
+            sums = checking.Columns(images=plain(images), weight=weight, pull=pull, coupling=coupling)
+            checking.left_over(part.rows, at, stations, water, known, RIDGE, step, sequence.rays, sums, squares)
+            return sums
+
+        sums = self._loose_rows.of_parts(work)
+        weight, pull, coupling = (
+            np.asarray(sum((getattr(of, name) for of in sums), np.zeros(shape)))
+            for name, shape in (("weight", count), ("pull", count), ("coupling", (count, *step.shape)))
+        )
+        coupling = coupling.reshape(count, step.size)
+        return LeftOver(squares=squares, weight=weight, pull=pull, coupling=coupling)
+
+    def leverages(self, state: State, cofactors: Cofactors, points: BoolArray) -> FloatArray:
+        """Return the traces (p,) of the cofactors that images have of their stations, of some `points` (p,) only.
+
+        These are points of which nothing is known.
+        """
+        from musatpy.adjustment.kernels import checking  # numba is there
+
+        (at, stations, water), sequence = self.seen(state), self.sequence
+        known, out = self.known(state, state.ground), np.zeros(self.network.points)
+        rows = self._loose_rows.rows
+        rows = rows[points[sequence.point[rows]]]
+        checking.leverages(rows, at, stations, water, known, RIDGE, sequence.pairs, cofactors.blocks, out)
+        return out
+
+    @cached_property
+    def _loose_rows(self) -> CompiledRows:
+        return CompiledRows(kernels=self.kernels, network=self.network, groups=self.loose)
+
     @property
     def loose(self) -> tuple[PointGroup, ...]:
         """The groups of points of which nothing is known."""
@@ -321,8 +376,8 @@ class CompiledPoints(CompiledRows):
         """
         from musatpy.adjustment.kernels import spreading  # numba is there
 
-        network, kernels = self.network, self.kernels
-        loose = CompiledRows(kernels=kernels, network=network, groups=self.loose)
+        network = self.network
+        loose = self._loose_rows
         (at, stations, water), sequence = self.seen(state), self.sequence
         known = self.known(state, state.ground)
         taken = np.zeros(len(network.photo), dtype=bool)

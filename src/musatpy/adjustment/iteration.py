@@ -31,6 +31,7 @@ _SLOW = 0.01  # share of the objective that a last step must gain to go on from 
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 _CLOSING = 0.1  # share of the step before, or sigmas, from which on the matrix may be kept
 _KEPT = 0.01  # and that a step with a kept matrix may be at most
+_SEEN = 0.1  # sigmas: what a step that is this long changes of a sum of squares decides no comparison
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,6 +122,7 @@ class Until(Enum):
     REST = "rest"  # below the limits
     CLOSE = "close"  # as soon as its steps close in, so that it may keep its matrix
     FIT = "fit"  # or as soon as misfits are so small that the next step will close in: it gains less than they are
+    COMPARED = "compared"  # as soon as its sum of squares can be compared with others
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -220,12 +222,17 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
         first = start if number == 1 else None
-        near = length <= (_CLOSING * max(last, 1.0) if kept is None else _KEPT * last)
+        compared = until is Until.COMPARED
+        near = length <= (_CLOSING * max(last, 1.0) if kept is None or compared else _KEPT * last)
         near |= until is Until.FIT and np.sqrt(objective) <= _CLOSING * length
+        # the next step will be shorter by the same share
+        seen = compared and bool(length**2 <= _SEEN * last < np.inf)
+        near |= seen
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None
         rest = good and proven and change < AT_REST and problem.converged(step)
-        rough = not rest and until is not Until.REST and good and near and line.renewable
+        ends = seen if compared else near and until is not Until.REST
+        rough = not rest and ends and good and line.renewable
         if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor)
             return Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)

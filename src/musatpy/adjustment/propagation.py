@@ -12,7 +12,7 @@ from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
-from musatpy.adjustment.reliability import Piece
+from musatpy.adjustment.reliability import Piece, StationCofactors
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind
@@ -85,7 +85,7 @@ def _sees_water(network: Network) -> BoolArray:
 
 
 def pieces(
-    network: Network, state: State, group: PointGroup, cofactors: Cofactors
+    network: Network, state: State, group: PointGroup, cofactors: StationCofactors
 ) -> Iterator[tuple[slice, Piece]]:
     """Yield the points of a group in portions."""
     for rows in portions(network, group):
@@ -100,7 +100,7 @@ def portions(network: Network, group: PointGroup) -> Iterator[slice]:
         yield slice(start, start + size)
 
 
-def _piece(network: Network, state: State, group: PointGroup, cofactors: Cofactors) -> Piece:
+def _piece(network: Network, state: State, group: PointGroup, cofactors: StationCofactors) -> Piece:
     E = eliminate(network, state, group)
     E = replace(E, inverse=E.free_inverse)
     return Piece(

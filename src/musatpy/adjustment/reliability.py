@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -23,6 +24,13 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind, Observations
 
 
+class StationCofactors(Protocol):
+    """Whatever knows the cofactors of the stations of points."""
+
+    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
+        """Return the cofactors (k, m q + X, m q + X) of photos (k, m) and global unknowns (k, X)."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
     """Some points of a group with what their errors depend on: T = m q + X unknowns of stations and globals."""
@@ -30,7 +38,7 @@ class Piece:
     group: PointGroup
     E: Elimination
     F: FloatArray  # (k, 3, T) the points by these unknowns, zero where they are kept
-    cofactors: Cofactors
+    cofactors: StationCofactors
     photo: IntArray  # (k, m)
     axes: FloatArray  # (k, 3, 3) axes of the elimination to east, north, up of the points
 

@@ -96,6 +96,15 @@ def image_coordinates(network: Network, state: State, rays: IntArray, ground: Fl
     return collinearity.image(v, state.M[photo], network.focal_length[photo], network.principal_point[photo])
 
 
+def index_partials(network: Network, state: State, rays: IntArray) -> FloatArray:
+    """Return the partials (r, 2) mm of the images of wet `rays` (r,) by the index of the water: of `images`."""
+    photo, ground = network.photo[rays], state.ground[network.point[rays]]
+    _, bent = _incidence(network, state, photo, state.position[photo], ground)
+    f, pp = network.focal_length[photo], network.principal_point[photo]
+    _, by_v = collinearity.image_by_vector(bent.v, state.M[photo], f, pp)
+    return np.asarray((by_v @ bent.by_index[..., None])[..., 0])
+
+
 def residuals(network: Network, state: State, rays: IntArray) -> FloatArray:
     """Return adjusted minus measured plate coordinates (r, 2) mm of measurements (r,), their points as they are."""
     return image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]

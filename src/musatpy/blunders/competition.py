@@ -29,6 +29,7 @@ from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses
 from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
+from musatpy.blunders.snooping import Judgement
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
 from musatpy.model.ranking import falling
@@ -59,9 +60,9 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     whole = replace(
         first_case(search.revised, last.scene, last.state, last.out()), taken=search.common, squares=final
     )
-    found, size = [*search.common, *members(search)], sizes(last.scene, last.state)
+    found, size = [*search.common, *members(search, most)], sizes(last.scene, last.state)
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
-    others = _ImagesAtRest.of(whole, found[GROUPS:most])
+    others = _ImagesAtRest.of(whole, found[GROUPS:most], last.judgement)
     out: list[Rival] = []
     for number, member in enumerate(found, 1):
         if len(out) >= most:
@@ -88,14 +89,15 @@ class _ImagesAtRest:
     residual: Factors
 
     @classmethod
-    def of(cls, whole: Case, found: list[Hypothesis]) -> _ImagesAtRest:
+    def of(cls, whole: Case, found: list[Hypothesis], judgement: Judgement) -> _ImagesAtRest:
         """Return that of a case, for the images in a list."""
         model, points = None, [member.point[0] for member in found if member.kind in _IMAGES]
         if points:
             near = np.zeros(whole.scene.network.points, dtype=bool)
             near[points] = True
             with suppress(*GIVEN_UP):
-                model = linear_model(whole.scene, whole.factors(), whole.state, near)
+                rest = (judgement.normals, judgement.inverse)
+                model = linear_model(whole.scene, whole.factors(), whole.state, near, rest)
         return cls(model=model, residual=_residual(whole))
 
     def rival(self, member: Hypothesis, group: int) -> Rival:
@@ -106,21 +108,26 @@ class _ImagesAtRest:
         return Rival(hypothesis=found, drop=found.squares, group=group, rank=1)
 
 
-def members(search: Search) -> Iterator[Hypothesis]:
-    """Yield what is out, as hypotheses: cards, stations, single images, all images of points."""
+def members(search: Search, most: int) -> Iterator[Hypothesis]:
+    """Yield what is out, as hypotheses: cards, stations, single images, all images of points.
+
+    Of those of images the `most` only that seem to explain most.
+    """
     last, block = search.last, search.last.scene.block
     network, out = last.scene.network, last.out()
     wrong = np.flatnonzero(out[_K.PLATE].any(axis=1))
-    used = (last.scene.weight[_K.PLATE] > 0.0).all(axis=1)
+    wrong = wrong[np.argsort(network.point[wrong], kind="stable")]
+    point, used = network.point[wrong], (last.scene.weight[_K.PLATE] > 0.0).all(axis=1)
     seen = np.bincount(network.point[used], minlength=network.points)
-    for point in np.unique(network.point[wrong]).tolist():
-        rows = wrong[network.point[wrong] == point]
-        every = 1 < len(rows) == seen[point]
-        for part in (rows,) if every else np.split(rows, len(rows)):
-            photo = tuple(np.unique(network.photo[part]).tolist())
-            yield _member(
-                CauseKind.IMAGES if every else CauseKind.IMAGE, (GivenUp.of_images(part),), photo, (int(point),)
-            )
+    gone = np.bincount(point, minlength=network.points)
+    every = ((gone > 1) & (gone == seen))[point]
+    of_points = np.split(wrong, np.flatnonzero((np.diff(point, prepend=-1) != 0) | ~every)[1:])
+    squares = np.square(sizes(last.scene, last.state)[_K.PLATE]).sum(axis=1)
+    largest = np.sort(falling([squares[rows].sum() for rows in of_points])[:most])
+    for rows in [of_points[number] for number in largest.tolist()] if len(wrong) else ():
+        of_images = CauseKind.IMAGES if len(rows) > 1 else CauseKind.IMAGE
+        photo = tuple(np.unique(network.photo[rows]).tolist())
+        yield _member(of_images, (GivenUp.of_images(rows),), photo, (int(network.point[rows[0]]),))
     for prior in PRIORS:
         for row in np.flatnonzero(out[prior.observed].any(axis=1)).tolist():
             lost = _rows(prior.observed, row, out)
@@ -230,7 +237,7 @@ def _ranked(
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
-        trial = with_hypothesis(case, option, sea)
+        trial = with_hypothesis(case, option, sea, model.kept)
         if worst - trial.squares >= _WORTH * (worst - final):
             tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]

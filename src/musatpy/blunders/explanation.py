@@ -8,19 +8,22 @@ back.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.ground import point_squares, settle_group
+from musatpy.adjustment.iteration import Kept, Until
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.robust import FITS, chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
-from musatpy.blunders.factors import Factors, taking_part
-from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses
-from musatpy.blunders.linear_model import linear_model
+from musatpy.blunders.factors import Factors, taking_part, weighted
+from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
+from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
 from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
@@ -157,10 +160,15 @@ def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
     return Case(block=block, scene=scene, state=state, out=out, taken=(), revisions=(), squares=np.inf)
 
 
-def readjusted(case: Case) -> Case:
-    """Return the case after a re-adjustment, of infinite squares where that fails."""
+def readjusted(case: Case, kept: Kept | None = None, factors: Factors | None = None) -> Case:
+    """Return the case after a re-adjustment, of infinite squares where that fails.
+
+    `kept` are the normals nearby, with a little less given up; `factors` on the weights those of a state before.
+    """
+    near = AROUND if kept is None else replace(AROUND, kept=kept)
+    factors = case.factors() if factors is None else factors
     try:
-        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS, AROUND).state
+        state = adjusted(case.scene, factors, case.state, _ITERATIONS, near, Until.COMPARED).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
@@ -176,19 +184,24 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     seen_from_first = True
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
-        options = shortlist(case, variance)
+        model = linear_model(case.scene, case.factors(), case.state)
+        if only_common and _image_explains_more(case, model, variance):
+            break
+        options = shortlist(case, model, variance)
         if only_common and options and options[0].given_up:
             break
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
             seen_from_first, case = False, readjusted(case)
-            options = shortlist(case, variance) if np.isfinite(case.squares) else []
+            if np.isfinite(case.squares):
+                model = linear_model(case.scene, case.factors(), case.state)
+                options = shortlist(case, model, variance)
         if not options:
             break
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = cheapest([with_hypothesis(case, option, sea) for option in options], variance)
+            best = cheapest([with_hypothesis(case, option, sea, model.kept) for option in options], variance)
             if not np.isfinite(best.squares):
                 break
         first = seen_from_first and best.scene is case.scene
@@ -198,23 +211,13 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     return taken_back(case if np.isfinite(case.squares) else readjusted(case), variance)
 
 
-def shortlist(case: Case, variance: float) -> list[Hypothesis]:
+def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesis]:
     """Return the hypotheses to be tried, none where nothing more has to be explained.
 
     They are as many as the observations: in a large block some good one lies beyond the limit of a small one.
     """
-    model = linear_model(case.scene, case.factors(), case.state)
-    known = {option.key for option in case.taken}
-    normal = max(FITS, test_limit(sum(int(np.count_nonzero(weight)) for weight in case.scene.weight.values())))
-
-    def wanted(option: Hypothesis) -> bool:
-        return (
-            option.squares > variance * chi_square_limit(option.parameters, normal)
-            and sensible(option)
-            and (_still_in(case.out, option) if option.given_up else option.key not in known)
-        )
-
-    options = [option for option in hypotheses(model, None, wanted, _NEARLY) if wanted(option)]
+    wanted, least = _wanted(case, variance), variance * chi_square_limit(1, _normal_limit(case))
+    options = [option for option in hypotheses(model, None, wanted, _NEARLY, least) if wanted(option)]
     if not options:
         return []
     options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
@@ -224,6 +227,44 @@ def shortlist(case: Case, variance: float) -> list[Hypothesis]:
         alike = [option for option in options if option.squares >= _ALIKE * best]
         return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))]
     return [option for option in options if option.squares >= _NEARLY * best][:TRIED]
+
+
+def _normal_limit(case: Case) -> float:
+    """Return the normal quantile of what has to be explained."""
+    observations = sum(int(np.count_nonzero(weight)) for weight in case.scene.weight.values())
+    return max(FITS, test_limit(observations))
+
+
+def _wanted(case: Case, variance: float) -> Callable[[Hypothesis], bool]:
+    """Return which hypotheses explain something that has to be explained, and can be taken."""
+    known, normal = {option.key for option in case.taken}, _normal_limit(case)
+
+    def wanted(option: Hypothesis) -> bool:
+        return (
+            option.squares > variance * chi_square_limit(option.parameters, normal)
+            and sensible(option)
+            and (_still_in(case.out, option) if option.given_up else option.key not in known)
+        )
+
+    return wanted
+
+
+def _image_explains_more(case: Case, model: LinearModel, variance: float) -> bool:
+    """Return whether images of one point explain more than anything that is common to many observations.
+
+    One of them, or something else that is given up, stands first on the shortlist then.
+    """
+    wanted = _wanted(case, variance)
+    best = max((option for option in of_worst_point(model) if wanted(option)), key=_squares, default=None)
+    return best is not None and all(
+        option.squares < _ALIKE * best.squares and option.gain(variance) < _ALIKE * best.gain(variance)
+        for option in common_errors(model)
+        if wanted(option)
+    )
+
+
+def _squares(option: Hypothesis) -> float:
+    return option.squares
 
 
 def sensible(hypothesis: Hypothesis) -> bool:
@@ -254,11 +295,26 @@ def cheapest(cases: list[Case], variance: float) -> Case:
     return min(alike, key=lambda case: _CHEAP.index(case.taken[-1].kind)) if alike else cases[0]
 
 
-def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
-    """Return the case with a hypothesis more, re-adjusted."""
+def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None, kept: Kept | None = None) -> Case:
+    """Return the case with a hypothesis more, re-adjusted; `kept` are the normals of the case."""
     if not hypothesis.given_up:
         return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
-    return readjusted(_taking(case, hypothesis))
+    case = _taking(case, hypothesis)
+    factors = case.factors()
+    return readjusted(replace(case, state=_met_by_the_others(case, factors, hypothesis.point)), kept, factors)
+
+
+def _met_by_the_others(case: Case, factors: Factors, point: tuple[int, ...]) -> State:
+    """Return the state with points of which something is given up at their best: the stations follow little."""
+    state, network = case.state, weighted(case.scene.network, case.scene.block, factors)
+    ground = state.ground.copy()
+    for group in network.groups:
+        for part in () if group.kept else group.some(np.isin(group.point, point)):
+            first = ground[part.point]
+            met, _ = settle_group(network, state, part, first, trial=True)
+            before, after = (point_squares(network, state, part, X) for X in (first, met))
+            ground[part.point] = np.where((after < before)[:, None], met, first)
+    return replace(state, ground=ground)
 
 
 def _taking(case: Case, hypothesis: Hypothesis) -> Case:

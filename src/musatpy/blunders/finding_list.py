@@ -79,20 +79,25 @@ def _images(search: Search) -> Iterator[Finding]:
     untested = rows[np.isnan(test[rows])]
     test[untested] = misfit(last.scene.network, last.state, plates.point[untested]) / last.judgement.sigma0
     alike = dict(zip(search.alike.row.tolist(), search.alike.point.tolist(), strict=True))
-    for row in rows.tolist():
+    photos, points = block.photos.ids[plates.photo[rows]].tolist(), block.points.ids[plates.point[rows]].tolist()
+    sizes, tests = (error[rows] / MICROMETRE).tolist(), test[rows].tolist()
+    unknown = frozenset(untested.tolist())
+    for row, photo, point, size, value in zip(rows.tolist(), photos, points, sizes, tests, strict=True):
         notes = []
         if row in alike:
             notes.append(f"it lies on point {block.points.ids[alike[row]]}")
-        others = untested[(plates.point[untested] == plates.point[row]) & (untested != row)]
-        if row in untested and len(others):
+        if row in unknown:
+            others = untested[(plates.point[untested] == plates.point[row]) & (untested != row)]
             names = ", ".join(block.photos.ids[plates.photo[others]].tolist())
-            notes.append(f"cannot be told from photo {names}" if len(others) == 1 else f"nor from photos {names}")
+            if len(others):
+                which = "cannot be told from photo" if len(others) == 1 else "nor from photos"
+                notes.append(f"{which} {names}")
         yield Finding(
             blunder=Blunder.PLATE,
-            photo=str(block.photos.ids[plates.photo[row]]),
-            point=str(block.points.ids[plates.point[row]]),
-            test=float(test[row]),
-            size=tuple((error[row] / MICROMETRE).tolist()),
+            photo=photo,
+            point=point,
+            test=value,
+            size=tuple(size),
             action=Action.KEPT_OUT,
             note="; ".join(notes),
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.sightings import image_coordinates, images
+from musatpy.adjustment.sightings import all_residuals, index_partials
 from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
@@ -82,29 +82,45 @@ def hypotheses(
     near: BoolArray | None = None,
     wanted: Callable[[Hypothesis], bool] | None = None,
     share: float = 0.0,
+    least: float = 0.0,
 ) -> list[Hypothesis]:
     """Return what explains most, by falling squares explained; some of every kind.
 
-    Of all points, or of those only that are `near` (p,). Points of which only images are known may be missing where
-    they cannot explain this `share` of what the `wanted` hypothesis does that explains most.
+    Of all points, or of those only that are `near` (p,). What points explain may be missing where it is less than
+    the `least` squares, or than this `share` of what the `wanted` hypothesis does that explains most.
     """
     options = [*_stations(model), *common_errors(model), *_direct(model)]
     points = [checks if near is None else checks.part(near[checks.point]) for checks in model.points]
     known = [checks for checks in points if checks.has_priors]
     seen = [checks for checks in points if not checks.has_priors and len(checks.point)]
-    for checks in known:
-        options += _of_points(model, checks)
-    least = 0.0
-    if wanted is not None and seen:
-        first = max(seen, key=lambda checks: float(checks.squares.max()))
-        likely = list(_of_points(model, first.part(first.squares == first.squares.max())))
-        least = share * max((option.squares for option in [*options, *likely] if wanted(option)), default=0.0)
-    for checks in seen:
-        # with all eigenvalues that count above `IMAGES_CHECKED`, images explain so much at most
-        part = checks.part(checks.squares >= IMAGES_CHECKED * least) if least > 0.0 else checks
+    loose = model.loose
+    near = np.ones(model.network.points, dtype=bool) if near is None else near
+
+    def share_of_best(options: list[Hypothesis]) -> float:
+        return share * max((option.squares for option in options if wanted and wanted(option)), default=0.0)
+
+    if wanted is not None:
+        worst = [checks.part(checks.squares == checks.squares.max()) for checks in seen]
+        likely = [option for checks in worst for option in _of_points(model, checks, least)]
+        least = max(least, share_of_best([*options, *likely, *of_worst_point(model, near, least)]))
+    for checks in (*known, *seen):
+        part = checks.part(checks.explaining(least))
         if len(part.point):
-            options += _of_points(model, part)
+            options += _of_points(model, part, least)
+        least = max(least, share_of_best(options))
+    for checks in loose.checks(loose.explaining(least, near)) if loose is not None else ():
+        options += _of_points(model, checks, least)
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
+
+
+def of_worst_point(model: LinearModel, near: BoolArray | None = None, least: float = 0.0) -> list[Hypothesis]:
+    """Return what the images explain of the loose point, of those `near` (p,), that fits least of all."""
+    loose = model.loose
+    if loose is None:
+        return []
+    near = np.ones(model.network.points, dtype=bool) if near is None else near
+    worst = loose.checks(near & (loose.squares == loose.squares[near].max(initial=0.0)))
+    return [option for checks in worst for option in _of_points(model, checks, least)]
 
 
 def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
@@ -119,15 +135,15 @@ def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
     return _hypothesis(images.kind, drop, 0, photo=images.photo, point=images.point, given_up=images.given_up)
 
 
-def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
-    """Yield single images, all images, and what is known of points."""
+def _of_points(model: LinearModel, checks: PointChecks, least: float) -> Iterator[Hypothesis]:
+    """Yield single images, all images, and what is known of points, where they explain the `least` squares."""
     m = checks.rays.shape[1]
     for image, drop in enumerate(checks.image_drops()):
         rows = np.array([2 * image, 2 * image + 1])
-        yield from _largest(model, checks, CauseKind.IMAGE, rows, drop, image)
+        yield from _largest(model, checks, CauseKind.IMAGE, rows, drop, least, image)
     if m > 1:
         rows = np.arange(2 * m)
-        yield from _largest(model, checks, CauseKind.IMAGES, rows, checks.drop(rows))
+        yield from _largest(model, checks, CauseKind.IMAGES, rows, checks.drop(rows), least)
     if checks.has_priors:
         for kind, rows in (
             (CauseKind.HORIZONTAL, np.arange(2)),
@@ -135,18 +151,24 @@ def _of_points(model: LinearModel, checks: PointChecks) -> Iterator[Hypothesis]:
             (CauseKind.CONTROL, np.arange(3)),
             (CauseKind.ELEVATION, np.array([3])),
         ):
-            yield from _largest(model, checks, kind, 2 * m + rows, checks.drop(2 * m + rows))
+            yield from _largest(model, checks, kind, 2 * m + rows, checks.drop(2 * m + rows), least)
 
 
 def _largest(
-    model: LinearModel, checks: PointChecks, kind: CauseKind, rows: IntArray, drop: Drop, image: int | None = None
+    model: LinearModel,
+    checks: PointChecks,
+    kind: CauseKind,
+    rows: IntArray,
+    drop: Drop,
+    least: float,
+    image: int | None = None,
 ) -> Iterator[Hypothesis]:
     m = checks.rays.shape[1]
     squares = np.where(drop.parameters > 0, drop.squares, 0.0)
     if kind is CauseKind.CONTROL:  # with one of its parts known only, it is that part
         known = checks.weight[:, rows] > 0.0
         squares[~(known[:, :2].any(axis=1) & known[:, 2])] = 0.0
-    for k in _most(squares):
+    for k in _most(squares, least):
         if image is not None or kind is CauseKind.IMAGES:
             rays = checks.rays[k] if image is None else checks.rays[k, image : image + 1]
             given_up = GivenUp.of_images(rays)
@@ -210,8 +232,8 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
                 )
 
 
-def _most(squares: FloatArray) -> list[int]:
-    return [int(k) for k in falling(squares)[:_LISTED] if squares[k] > 0.0]
+def _most(squares: FloatArray, least: float = 0.0) -> list[int]:
+    return [int(k) for k in falling(squares)[:_LISTED] if squares[k] > max(least, 0.0)]
 
 
 def _hypothesis(
@@ -250,33 +272,24 @@ class _Column:
 def _columns(model: LinearModel) -> Iterator[_Column]:
     """Yield camera constants, the index, units of length, and common errors of tides."""
     network, state, block = model.network, model.state, model.scene.block
-    used = np.flatnonzero(taking_part(network))
-    ground = state.ground[network.point[used]]
-    xy = image_coordinates(network, state, used, ground)
-    photo = network.photo[used]
-    m, n, q = len(network.photo), network.photos, model.stations.shape[1]
-
-    def of_images(value: FloatArray, rows: FloatArray) -> FloatArray:
-        column = np.zeros((m, 2))
-        column[used[rows]] = value[rows]
-        return column
-
+    used, photo = taking_part(network), network.photo
+    m, n, q = len(photo), network.photos, model.stations.shape[1]
+    xy = network.xy + all_residuals(network, state, used)
     ray = (xy - network.principal_point[photo]) / network.focal_length[photo][:, None]
     for camera in range(len(block.cameras.ids)):
-        taken = block.photos.camera[photo] == camera
+        taken = used & (block.photos.camera == camera)[photo]
         if taken.any():
-            yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, images=of_images(-ray, taken))
+            images_taken = taken[:, None]
+            yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, images=np.where(images_taken, -ray, 0.0))
             for axis in range(2):
-                unit = np.tile(-np.eye(2)[axis], (len(used), 1))
-                member = 2 * camera + axis
-                yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=of_images(unit, taken))
-    wet = used[network.refracted[used]]
-    if len(wet) and not network.border.count(_K.WATER_INDEX):
-        by_water = images(network, state, wet, state.ground[network.point[wet]]).by_water
-        if by_water is not None:
-            column = np.zeros((m, 2))
-            column[wet] = -by_water[..., 3]
-            yield _Column(kind=CauseKind.INDEX, images=column)
+                member, unit = 2 * camera + axis, -np.eye(2)[axis]
+                yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=images_taken * unit)
+    wet = np.flatnonzero(used & network.refracted)
+    unknown = network.water.unknown or network.border.count(_K.WAVE)
+    if len(wet) and unknown and not network.border.count(_K.WATER_INDEX):
+        column = np.zeros((m, 2))
+        column[wet] = -index_partials(network, state, wet)
+        yield _Column(kind=CauseKind.INDEX, images=column)
     yield from _units(block, n, q)
     if network.water.per_photo:
         for name, photos in tide_groups(block, network.water.level_weight > 0.0):
@@ -302,11 +315,11 @@ def common_errors(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
     columns = list(_columns(model))
     weight, pull, coupling = _of_columns(model, columns)
+    scaled = coupling * model.factor.scale
+    solved = np.einsum("cu,uc->c", scaled, model.factor.solve_scaled(scaled.T))
     for number, column in enumerate(columns):
-        if weight[number] <= 0.0:
-            continue
-        checked = weight[number] - float(coupling[number] @ model.factor.solve(coupling[number]))
-        if checked > _COMMON_CHECKED * weight[number]:
+        checked = weight[number] - float(solved[number])
+        if weight[number] > 0.0 and checked > _COMMON_CHECKED * weight[number]:
             yield Hypothesis(
                 kind=column.kind,
                 photo=column.photo,
@@ -329,6 +342,10 @@ def _of_columns(model: LinearModel, columns: list[_Column]) -> tuple[FloatArray,
     images = _stacked([columns[number].images for number in on_images])
     on_control = [number for number, column in enumerate(columns) if column.control is not None]
     control = _stacked([columns[number].control for number in on_control])
+    if on_images and model.loose is not None:
+        loose = model.loose.left_over(np.moveaxis(images, -1, 0))
+        weight[on_images], pull[on_images] = loose.weight, loose.pull
+        coupling[on_images, : loose.coupling.shape[1]] = loose.coupling
     for checks in model.points:
         k, m = checks.rays.shape
         parts = [(on_images, slice(0, 2 * m), images[checks.rays].reshape(k, 2 * m, -1))] if on_images else []

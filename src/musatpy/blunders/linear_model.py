@@ -8,18 +8,18 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
-from musatpy.adjustment.compiled_points import CompiledPoints
+from musatpy.adjustment.compiled_points import CompiledPoints, LeftOver
 from musatpy.adjustment.compiled_settling import CompiledSettling
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
-from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.adjustment.iteration import Kept, SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
@@ -32,6 +32,8 @@ from musatpy.blunders.scene import Scene
 from musatpy.model import ObservationKind
 
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
+_ROUNDING = 1e-6  # of squares
+_FEW = 8  # points, each of which asks for its cofactors alone: more are worth those of all
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
@@ -64,7 +66,7 @@ class PointChecks:
     unknowns: IntArray  # (k, T) of the normal equations
     photo: IntArray  # (k, m)
     extras: IntArray  # (k, X) further unknowns
-    cofactors: Cofactors
+    inverse_of_stations: Inverse
 
     @property
     def has_priors(self) -> bool:
@@ -79,13 +81,36 @@ class PointChecks:
     @cached_property
     def cofactor(self) -> FloatArray:
         """(k, o, o) cofactors of the adjusted observations."""
-        a, b, Q = self.partials, self.ground, self.cofactors.with_border(self.photo, self.extras)
+        a, b, Q = self.partials, self.ground, self.inverse_of_stations.with_border(self.photo, self.extras)
         return a @ Q @ np.swapaxes(a, 1, 2) + b @ self.inverse @ np.swapaxes(b, 1, 2)
+
+    def explaining(self, squares: float) -> BoolArray:
+        """Return which points (k,) have observations that may explain so many squares or more.
+
+        The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
+        1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most. Smaller
+        ones do not count as checked.
+        """
+        checked = OTHERS_CHECKED if self.has_priors else IMAGES_CHECKED
+        likely = self.squares >= checked * squares
+        if not likely.any():
+            return likely
+        part = self.part(likely)
+        likely[likely] = _may_explain(part.squares, part.leverage, squares, checked)
+        return likely
+
+    @property
+    def leverage(self) -> FloatArray:
+        """(k,) trace of P^1/2 a Q a' P^1/2."""
+        a, Q = self.partials, self.inverse_of_stations.with_border(self.photo, self.extras)
+        return np.asarray(np.einsum("kot,kot->k", (self.weight[..., None] * a) @ Q, a))
 
     def part(self, taken: BoolArray) -> PointChecks:
         """Return some of the points."""
-        rows = {one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "cofactors"}
-        return PointChecks(**rows, cofactors=self.cofactors)
+        rows = {
+            one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
+        }
+        return PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
 
     def image_drops(self) -> list[Drop]:
         """Return what each image (m) of every point explains, both coordinates."""
@@ -106,6 +131,79 @@ class PointChecks:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Inverse:
+    """The inverse of normal equations, as much of it as is asked for."""
+
+    factor: Factor
+    held: IntArray  # unknowns of photos
+
+    @cached_property
+    def cofactors(self) -> Cofactors:
+        """The cofactors of all photos that meet."""
+        return self.factor.cofactors().holding(self.held)
+
+    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
+        """Return what `Cofactors.with_border` does; of a few points alone without computing all others."""
+        if len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self):
+            return self.factor.with_border(photo, index)
+        return self.cofactors.with_border(photo, index)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoosePoints:
+    """The points of which nothing is known, for compiled kernels: checked by the others only where asked for."""
+
+    compiled: CompiledPoints
+    state: State
+    inverse: Inverse
+    step: FloatArray  # (u,)
+    _squares: list[FloatArray] = field(default_factory=list, repr=False)
+
+    @property
+    def squares(self) -> FloatArray:
+        """(p,) weighted squares of the residuals, 0 for other points."""
+        if not self._squares:
+            self.left_over(np.zeros((0, *self.compiled.network.xy.shape)))
+        return self._squares[0]
+
+    def left_over(self, images: FloatArray) -> LeftOver:
+        """Return what the step leaves of their images, and what columns (C, m, 2) mm of these do in it."""
+        left = self.compiled.left_over(self.state, self.step, images)
+        self._squares[:] = [left.squares]
+        return left
+
+    def explaining(self, squares: float, near: BoolArray) -> BoolArray:
+        """Return which points (p,), `near` ones, may explain so many squares: `PointChecks.explaining`."""
+        near = near & (self.squares >= IMAGES_CHECKED * squares)
+        if np.count_nonzero(near) <= _FEW:
+            return near
+        leverage = self.compiled.leverages(self.state, self.inverse.cofactors, near)
+        return near & _may_explain(self.squares, leverage, squares, IMAGES_CHECKED)
+
+    def checks(self, near: BoolArray) -> Iterator[PointChecks]:
+        """Yield the checks of some of the points (p,)."""
+        network = self.compiled.network
+        every = [part for group in self.compiled.loose for part in group.some(near[group.point])]
+        groups = [part.part(rows) for part in every for rows in portions(network, part)]
+        linear = self.compiled.linear_images(self.state, groups, self.step)
+        for group, images in zip(groups, linear, strict=True):
+            k = len(group.point)
+            extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
+            yield PointChecks(
+                point=group.point,
+                rays=group.rays,
+                control=nothing,
+                member=nothing,
+                weight=network.weight[group.rays].reshape(k, -1),
+                unknowns=network.unknowns(group, extras),
+                photo=network.photo[group.rays],
+                extras=extras,
+                inverse_of_stations=self.inverse,
+                **images._asdict(),
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LinearModel:
     """The linear adjustment of a scene at a state, some observations out."""
 
@@ -113,23 +211,36 @@ class LinearModel:
     state: State
     network: Network  # with the weights of what is in
     factor: Factor
-    cofactors: Cofactors
+    kept: Kept | None  # these normals, where an adjustment nearby may use them
+    inverse: Inverse
     step: FloatArray  # (u,) to the minimum
     points: tuple[PointChecks, ...]  # those that were asked for
+    loose: LoosePoints | None  # and those that were not, for compiled kernels
     minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
 
     @property
+    def cofactors(self) -> Cofactors:
+        """The cofactors of stations and globals."""
+        return self.inverse.cofactors
+
+    @property
     def squares(self) -> float:
         """v'Pv at the minimum, of images of the points asked for, control and stations."""
         squares = sum(float(np.sum(checks.squares)) for checks in self.points)
+        squares += float(np.sum(self.loose.squares)) if self.loose else 0.0
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
     def station_drop(self, columns: IntArray) -> Drop:
         """Return what some of the observations of every station explain."""
         Q = self.cofactors.of_single_photos()[:, columns[:, None], columns[None]]
         return dropped(self.stations[:, columns], self.station_weight[:, columns], Q, OTHERS_CHECKED)
+
+
+def _may_explain(own: FloatArray, leverage: FloatArray, squares: float, checked: float) -> BoolArray:
+    """Return whether the `own` squares of points (k,) may explain so many, by the `leverage` (k,) of stations."""
+    return np.asarray(own >= np.maximum(1.0 - leverage, checked) * squares * (1.0 - _ROUNDING))
 
 
 def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
@@ -164,34 +275,46 @@ def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[Floa
     return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
 
 
-def linear_model(scene: Scene, factors: Factors, state: State, near: BoolArray | None = None) -> LinearModel:
+def linear_model(
+    scene: Scene,
+    factors: Factors,
+    state: State,
+    near: BoolArray | None = None,
+    rest: tuple[Kept, Inverse] | None = None,
+) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
-    With the checks of all points, or of those only that are `near` (p,).
+    With the checks of all points, those of loose ones when they are asked for; or of those that are `near` (p,).
+    `rest`: the normal equations, where the state is at rest with these weights.
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
     state = _by_images(network, ground_points.settle(network, state, CompiledSettling.of(network)))
     problem = scene.problem(factors)
-    line = problem.linearise(problem.with_squares(state))
-    factor = factorised(line.matrix)
+    line = problem.linearise(state) if rest is None else problem.renewed(state, rest[0].line)
+    factor = factorised(line.matrix) if rest is None else rest[0].factor
     if factor is None:
         raise SingularNormalsError(line.matrix)
-    cofactors = factor.cofactors().holding(scene.held)
+    inverse = Inverse(factor=factor, held=scene.held) if rest is None else rest[1]
     step = factor.solve(line.rhs)
     station_weight, residual = station_rows(network, state)
-    near = np.ones(network.points, dtype=bool) if near is None else near
-    points = tuple(_checks(scene, network, near, state, cofactors, step))
+    loose = None
+    if network.compiled is not None:
+        loose = LoosePoints(compiled=network.compiled, state=state, inverse=inverse, step=step)
+    points = _checks(scene, network, near, state, inverse, step)
+    points += list(loose.checks(near)) if loose and near is not None else []
     stations = residual + step[: residual.size].reshape(residual.shape)
     return LinearModel(
         scene=scene,
         state=state,
         network=network,
         factor=factor,
-        cofactors=cofactors,
+        kept=Kept(line=replace(line, context=None), factor=factor) if line.renewable else None,
+        inverse=inverse,
         step=step,
         minimum=_after(network, state, step),
-        points=points,
+        points=tuple(points),
+        loose=loose if near is None else None,
         stations=stations,
         station_weight=station_weight,
     )
@@ -227,47 +350,26 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
 
 
 def _checks(
-    scene: Scene, network: Network, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
+    scene: Scene,
+    network: Network,
+    near: BoolArray | None,
+    state: State,
+    inverse: Inverse,
+    step: FloatArray,
 ) -> list[PointChecks]:
     block, checks, compiled = scene.block, [], network.compiled
     control = first_rows(block.control.point, network.points)
     member = first_rows(block.equal_elevations.point, network.points)
     for group in network.groups if compiled is None else (*compiled.bound, *compiled.others):
-        for part in group.some(near[group.point]):
-            for _, piece in pieces(network, state, part, cofactors):
+        for part in [group] if near is None else group.some(near[group.point]):
+            for _, piece in pieces(network, state, part, inverse):
                 point = piece.group.point
-                checks.append(_checks_of(network, piece, step, control[point], member[point]))
-    if compiled is not None:
-        checks += _compiled_checks(compiled, near, state, cofactors, step)
+                checks.append(_checks_of(network, piece, inverse, step, control[point], member[point]))
     return checks
 
 
-def _compiled_checks(
-    compiled: CompiledPoints, near: BoolArray, state: State, cofactors: Cofactors, step: FloatArray
-) -> Iterator[PointChecks]:
-    """Yield the checks of the points of which nothing is known."""
-    network = compiled.network
-    every = [part for group in compiled.loose for part in group.some(near[group.point])]
-    groups = [part.part(rows) for part in every for rows in portions(network, part)]
-    for group, images in zip(groups, compiled.linear_images(state, groups, step), strict=True):
-        k = len(group.point)
-        extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
-        yield PointChecks(
-            point=group.point,
-            rays=group.rays,
-            control=nothing,
-            member=nothing,
-            weight=network.weight[group.rays].reshape(k, -1),
-            unknowns=network.unknowns(group, extras),
-            photo=network.photo[group.rays],
-            extras=extras,
-            cofactors=cofactors,
-            **images._asdict(),
-        )
-
-
 def _checks_of(
-    network: Network, piece: Piece, step: FloatArray, control: IntArray, member: IntArray
+    network: Network, piece: Piece, inverse: Inverse, step: FloatArray, control: IntArray, member: IntArray
 ) -> PointChecks:
     E, rays = piece.E, piece.group.rays
     k = len(rays)
@@ -294,5 +396,5 @@ def _checks_of(
         unknowns=unknowns,
         photo=piece.photo,
         extras=E.extras.index,
-        cofactors=piece.cofactors,
+        inverse_of_stations=inverse,
     )

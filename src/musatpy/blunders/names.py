@@ -7,9 +7,8 @@ points lie about that it is there by chance in less than one case of a thousand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -51,19 +50,23 @@ def lookalikes(
     good = taking_part(network) & ~out
     determined = np.bincount(network.point[good], minlength=network.points) >= _DETERMINED
     determined &= np.isfinite(covariance).all(axis=(1, 2))
-    rows, points, distances, alone = [], [], [], []
+    around, rims = _near(network), _rims(network)
+    rows: list[int] = []
+    points: list[int] = []
+    distances: list[float] = []
+    alone: list[bool] = []
+    suspect = suspect[np.argsort(network.photo[suspect], kind="stable")]
     photos = np.unique(network.photo[suspect])
-    for photo, seen in zip(photos.tolist(), _imagined(scene, state, photos, determined, covariance), strict=True):
-        suspects = suspect[network.photo[suspect] == photo]
-        if len(seen.point) < _FEW:
-            continue
-        off, chance = _compared(network, suspects, seen, sigma0)
-        first, second = np.partition(off, 1, axis=1)[:, :2].T
-        near, best = first < _NEAR, off.argmin(axis=1)
-        rows += suspects[near].tolist()
-        points += seen.point[best][near].tolist()
-        distances += np.linalg.norm(network.xy[suspects] - seen.xy[best], axis=1)[near].tolist()
-        alone += ((second > _APART * _NEAR) & (chance < _CHANCE))[near].tolist()
+    for first in range(0, len(photos), _TOGETHER):
+        part = photos[first : first + _TOGETHER]
+        of_part = suspect[np.isin(network.photo[suspect], part)]
+        seen = _imagined(scene, state, part, around, rims, determined, covariance)
+        found = _nearest(network, of_part, seen, sigma0)
+        near = found.off < _NEAR
+        rows += found.row[near].tolist()
+        points += found.point[near].tolist()
+        distances += found.distance[near].tolist()
+        alone += ((found.second > _APART * _NEAR) & (found.chance < _CHANCE))[near].tolist()
     for partner, name in _exchanged(network, rows, points, alone, out, determined):
         rows.append(partner)
         points.append(name)
@@ -74,20 +77,50 @@ def lookalikes(
     return Lookalikes(row=row, point=point, distance=np.array(distances), certain=certain)
 
 
-def _compared(network: Network, rows: IntArray, seen: _Imagined, sigma0: float) -> tuple[FloatArray, FloatArray]:
-    """Return how many sigmas the images `rows` are off those imagined (c, k), and how many are near by chance (c,).
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Nearest:
+    """Images (c,) and the points that photos would show nearest to them, those of their names left out."""
 
-    Infinite for the point whose name an image bears.
-    """
-    measured = sigma0**2 / network.weight[rows][:, None]
-    xx, yy = (seen.covariance[:, axis, axis] + measured[..., axis] for axis in range(2))
-    xy = seen.covariance[:, 0, 1]
-    dx, dy = (network.xy[rows][:, None, axis] - seen.xy[:, axis] for axis in range(2))
+    row: IntArray  # (c,) plate measurement
+    point: IntArray  # (c,)
+    distance: FloatArray  # (c,) mm
+    off: FloatArray  # (c,) sigmas
+    second: FloatArray  # (c,) sigmas, of the next point
+    chance: FloatArray  # (c,) expected number of points so near by chance, were they spread evenly
+
+
+def _nearest(network: Network, rows: IntArray, seen: _Imagined, sigma0: float) -> _Nearest:
+    """Return the nearest points of the images `rows`, photo by photo, where photos would show a few."""
+    number = np.searchsorted(seen.photos, network.photo[rows])
+    few = np.diff(seen.start)[number] < _FEW
+    rows, number = rows[~few], number[~few]
+    count = np.diff(seen.start)[number]
+    begin = np.cumsum(count) - count
+    image = np.repeat(np.arange(len(rows)), count)
+    of = np.arange(len(image)) + (seen.start[number] - begin)[image]  # the pairs of an image stand together
+    if not len(image):
+        nothing = np.zeros(0)
+        return _Nearest(row=rows, point=rows, distance=nothing, off=nothing, second=nothing, chance=nothing)
+    measured = (sigma0**2 / network.weight[rows])[image]
+    xx, yy = (seen.covariance[of, axis, axis] + measured[:, axis] for axis in range(2))
+    xy = seen.covariance[of, 0, 1]
+    dx, dy = (network.xy[rows[image], axis] - seen.xy[of, axis] for axis in range(2))
     determinant = xx * yy - np.square(xy)
     off = np.sqrt((yy * np.square(dx) - 2.0 * xy * dx * dy + xx * np.square(dy)) / determinant)
-    off[seen.point[None] == network.point[rows][:, None]] = np.inf
-    areas = np.pi * _NEAR**2 * np.sqrt(determinant).sum(axis=1)
-    return off, areas / np.prod(np.ptp(seen.xy, axis=0))  # of an even spread
+    off[np.isnan(off) | (seen.point[of] == network.point[rows[image]])] = np.inf
+    least = np.minimum.reduceat(off, begin)
+    at = np.flatnonzero(off == least[image])
+    best = at[np.searchsorted(image[at], np.arange(len(rows)))]
+    off[best] = np.inf
+    extent = np.prod(seen.extent()[number], axis=1)
+    return _Nearest(
+        row=rows,
+        point=seen.point[of[best]],
+        distance=np.hypot(dx[best], dy[best]),
+        off=least,
+        second=np.minimum.reduceat(off, begin),
+        chance=np.pi * _NEAR**2 * np.add.reduceat(np.sqrt(determinant), begin) / extent,
+    )
 
 
 def _exchanged(
@@ -130,47 +163,49 @@ def _near(network: Network) -> Callable[[int], IntArray]:
     seen = np.ones(len(network.photo), dtype=np.int32)
     shows = csr_array((seen, (network.photo, network.point)), shape=(network.photos, network.points))
     near = (shows @ shows.T) @ shows
-    near.sort_indices()
     points = near.indices.astype(np.int64)
     return lambda photo: points[near.indptr[photo] : near.indptr[photo + 1]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Imagined:
-    """The k points that a photo would show, where, and how sure that is."""
+    """The points that photos would show, one photo after the other, where, and how sure that is."""
 
+    photos: IntArray  # (c,)
+    start: IntArray  # (c + 1,) the points of each
     point: IntArray  # (k,)
     xy: FloatArray  # (k, 2) mm
-    covariance: FloatArray  # (k, 2, 2) mm2, the station without error
+    covariance: FloatArray  # (k, 2, 2) mm2, the stations without error
+
+    def extent(self) -> FloatArray:
+        """Return how far (c, 2) mm the points of each photo lie apart, 0 of those without any."""
+        out = np.zeros((len(self.photos), 2))
+        some = np.flatnonzero(np.diff(self.start))
+        start = self.start[some]
+        out[some] = np.maximum.reduceat(self.xy, start) - np.minimum.reduceat(self.xy, start)
+        return out
+
+
+def _rims(network: Network) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the largest coordinates (n, 2) mm of plates and their rims."""
+    low, high = np.full((network.photos, 2), np.inf), np.full((network.photos, 2), -np.inf)
+    np.minimum.at(low, network.photo, network.xy)
+    np.maximum.at(high, network.photo, network.xy)
+    return low - _RIM, high + _RIM
 
 
 def _imagined(
-    scene: Scene, state: State, photos: IntArray, determined: BoolArray, covariance: FloatArray
-) -> Iterator[_Imagined]:
-    """Yield what each of some photos (c,) would show of the points (p,) that are determined."""
-    around = _near(scene.network)
-    for first in range(0, len(photos), _TOGETHER):
-        part = photos[first : first + _TOGETHER]
-        near = [around(photo) for photo in part.tolist()]
-        yield from _imagined_at_once(
-            scene, state, part, [points[determined[points]] for points in near], covariance
-        )
-
-
-def _rims(network: Network, photos: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the largest coordinates (c, 2) mm of plates and their rims."""
-    low, high = np.full((network.photos, 2), np.inf), np.full((network.photos, 2), -np.inf)
-    rows = np.flatnonzero(np.isin(network.photo, photos))
-    np.minimum.at(low, network.photo[rows], network.xy[rows])
-    np.maximum.at(high, network.photo[rows], network.xy[rows])
-    return low[photos] - _RIM, high[photos] + _RIM
-
-
-def _imagined_at_once(
-    scene: Scene, state: State, photos: IntArray, near: list[IntArray], covariance: FloatArray
-) -> Iterator[_Imagined]:
-    """Yield what each of some photos (c,) would show of the points near it (c arrays)."""
-    network = scene.network
+    scene: Scene,
+    state: State,
+    photos: IntArray,
+    around: Callable[[int], IntArray],
+    rims: tuple[FloatArray, FloatArray],
+    determined: BoolArray,
+    covariance: FloatArray,
+) -> _Imagined:
+    """Return what some photos (c,) would show, within `rims`, of the points `around` them that are determined."""
+    network, near = scene.network, [around(photo) for photo in photos.tolist()]
+    near = [points[determined[points]] for points in near]
     number = np.repeat(np.arange(len(photos)), [len(points) for points in near])
     photo, points = photos[number], np.concatenate(near)
     imagined = replace(
@@ -181,12 +216,18 @@ def _imagined_at_once(
     )
     ground = state.ground[points]
     xy = image_coordinates(imagined, state, np.arange(len(points)), ground)
-    low, high = (rim[number] for rim in _rims(network, photos))
-    seen = collinearity.in_front(ground - state.position[photo], state.M[photo])
-    rows = np.flatnonzero(seen & ((xy > low) & (xy < high)).all(axis=1))
+    low, high = (rim[photo] for rim in rims)
+    inside = (xy > low) & (xy < high)
+    rows = np.flatnonzero(inside[:, 0] & inside[:, 1])
+    seen = collinearity.in_front(ground[rows] - state.position[photo[rows]], state.M[photo[rows]])
+    rows = rows[seen]
     predicted = images(imagined, state, rows, ground[rows], stations=False)
     B = predicted.by_ground @ np.swapaxes(network.frame.axes(ground[rows]), 1, 2)
     spread = B @ covariance[points[rows]] @ np.swapaxes(B, 1, 2)
-    cut = np.searchsorted(number[rows], np.arange(len(photos) + 1))
-    for start, stop in pairwise(cut.tolist()):
-        yield _Imagined(point=points[rows[start:stop]], xy=predicted.xy[start:stop], covariance=spread[start:stop])
+    return _Imagined(
+        photos=photos,
+        start=np.searchsorted(number[rows], np.arange(len(photos) + 1)),
+        point=points[rows],
+        xy=predicted.xy,
+        covariance=spread,
+    )

@@ -7,18 +7,17 @@ own: only an observation with a residual can be tested.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Near, Outcome, SingularNormalsError, iterate
+from musatpy.adjustment.iteration import SHORT, Kept, Near, Outcome, SingularNormalsError, Until, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
@@ -44,6 +43,7 @@ _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can t
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
+_REMEMBERED = 3  # states, whose residuals are asked for again: where trials begin, and where the last one has ended
 _WAVES = 8  # times the effort of a step on a plane
 
 
@@ -91,6 +91,17 @@ class Scene:
     held: IntArray  # unknowns of photos that hold a free network
     effort: Effort  # that of the whole search
     progress: Progress | None = None  # whoever watches the search
+    _sizes: list[tuple[Network, State, Factors, Factors]] = field(default_factory=list, repr=False)
+
+    def residuals_and_sizes(self, state: State) -> tuple[Factors, Factors]:
+        """Return the residuals in their units, and in a priori sigmas; those that were asked for last are kept."""
+        for network, known, residuals, sizes in self._sizes:
+            if network is self.network and known is state:
+                return residuals, sizes
+        residuals = deviations(self.network, self.block, state)
+        sizes = {kind: residuals[kind] * np.sqrt(weight) for kind, weight in self.weight.items()}
+        self._sizes[:] = [(self.network, state, residuals, sizes), *self._sizes[: _REMEMBERED - 1]]
+        return residuals, sizes
 
     def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
@@ -182,27 +193,33 @@ def ones(scene: Scene) -> Factors:
     return {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
 
 
-def adjusted(scene: Scene, factors: Factors, state: State, steps: int, start: Near | None = None) -> Outcome:
+def adjusted(
+    scene: Scene,
+    factors: Factors,
+    state: State,
+    steps: int,
+    start: Near | None = None,
+    until: Until = Until.REST,
+) -> Outcome:
     """Return the outcome of at most so many iterations, from near a minimum by `start`.
 
     Raises `SingularNormalsError`.
     """
     problem = scene.problem(factors)
-    return iterate(problem, problem.with_squares(state), steps, start=start)
+    return iterate(problem, problem.with_squares(state), steps, start=start, until=until)
 
 
 def settled(
     scene: Scene, factors: Factors, state: State, start: Near | None = None
-) -> tuple[Scene, State, Factor | None]:
+) -> tuple[Scene, State, Kept | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
-    And the factor of the normal equations there, None where the iteration has not converged. Raises
-    `SingularNormalsError`.
+    And the normal equations there, None where the iteration has not converged. Raises `SingularNormalsError`.
     """
     line = scene.line
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
-    short, factor, whole = 0, None, True
+    short, normals, whole = 0, None, True
     near = start
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     for _ in range(_TURNS):
@@ -212,7 +229,7 @@ def settled(
             scene, factors, state, steps if whole else 1, Near() if whole and near is not start else near
         )
         near = Near(kept=outcome.kept) if outcome.kept else near
-        state, factor = outcome.state, None if outcome.last is None else outcome.last.factor
+        state, normals = outcome.state, outcome.last
         short = short + 1 if outcome.failure and whole else 0
         if (outcome.is_final and whole) or short == SHORT:
             break
@@ -223,14 +240,13 @@ def settled(
         whole = not crossing
         if crossing:
             scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
-            factor = None  # which was that of the other sides
-    return scene, state, factor
+            normals = None  # which were those of the other sides
+    return scene, state, normals
 
 
 def sizes(scene: Scene, state: State) -> Factors:
     """Return the residuals in a priori sigmas."""
-    residuals = deviations(scene.network, scene.block, state)
-    return {kind: residuals[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
+    return scene.residuals_and_sizes(state)[1]
 
 
 def plate_scale(scene: Scene, size: Factors) -> float:

@@ -153,7 +153,7 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
             case = explained(case, variance, sea, only_common)
             if (only_common and not case.revisions) or case.cost(variance) > _HOPELESS * best.cost:
                 continue
-            other = _at_rest(case, variance, returning=not chosen)
+            other = _at_rest(case, variance, not chosen, start.last)
         except GIVEN_UP:
             continue
         if other.cost < best.cost + (EQUAL if best is start else 0.0):
@@ -205,9 +205,12 @@ def _case(start: _Explained) -> Case:
     return replace(first_case(start.block, last.scene, last.state, last.out()), taken=start.common)
 
 
-def _at_rest(case: Case, variance: float, returning: bool = True) -> _Explained:
-    """Return the search from an explanation on, what is out `returning` or not. Raises `SingularNormalsError`."""
-    last = _chosen_anew(snooped(case.scene, case.state, case.out, returning))
+def _at_rest(case: Case, variance: float, returning: bool = True, before: Snooped | None = None) -> _Explained:
+    """Return the search from an explanation on, what is out `returning` or not, or the one `before` that it meets.
+
+    Raises `SingularNormalsError`.
+    """
+    last = _chosen_anew(snooped(case.scene, case.state, case.out, returning, before), before)
     common = tuple(hypothesis for hypothesis in case.taken if not hypothesis.given_up)
     price = cost(last.scene, last.out(), last.state, len(common), variance)
     return _Explained(last=last, block=case.block, common=common, cost=price)
@@ -305,13 +308,16 @@ def _searched_again(
     return _chosen_anew(snooped(scene, state, out | {_PLATE: wrong}))
 
 
-def _chosen_anew(last: Snooped) -> Snooped:
-    """Return the search with the images of every point that has some out chosen anew, and what follows from it."""
+def _chosen_anew(last: Snooped, before: Snooped | None = None) -> Snooped:
+    """Return the search with the images of every point that has some out chosen anew, and what follows from it.
+
+    That may be what followed `before`.
+    """
     out = last.out()
     wrong, state = _choice(last.scene, last.state, out, np.zeros(len(out[_PLATE]), bool), last.judgement.sigma0)
     if np.array_equal(wrong, out[_PLATE]):
         return last
-    again = snooped(last.scene, state, out | {_PLATE: wrong}, returning=False)
+    again = snooped(last.scene, state, out | {_PLATE: wrong}, False, before)
     return replace(again, tides=(*last.tides, *again.tides))
 
 

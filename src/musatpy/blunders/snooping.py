@@ -7,21 +7,21 @@ against what the others predict, whose variance is added to its own. Both are di
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment import reliability
-from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import Factor, factorised
-from musatpy.adjustment.precision import Errors, spread_to_observations
+from musatpy.adjustment.iteration import Kept, Near, SingularNormalsError
+from musatpy.adjustment.normals import SINGULAR, factorised
+from musatpy.adjustment.precision import Errors, Spread, spread_to_observations
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.factors import Factors, deviations
-from musatpy.blunders.scene import AROUND, Scene, plate_scale, settled, sizes
+from musatpy.blunders.factors import Factors
+from musatpy.blunders.linear_model import Inverse
+from musatpy.blunders.scene import Scene, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
-from musatpy.model import ObservationKind, Observations
+from musatpy.model import ObservationKind
 from musatpy.model.progress import begin
 from musatpy.statistics.quality import test_limit
 
@@ -55,6 +55,13 @@ class Units:
     unit: IntArray  # (o,) number of its unit
     place: IntArray  # (o,) ground point, or a number of its own: units of one place compete
 
+    @cached_property
+    def of_kinds(self) -> dict[ObservationKind, slice]:
+        """The observations of each kind."""
+        kinds, first = np.unique(self.kind, return_index=True)
+        cut = [*first.tolist(), len(self.kind)]
+        return {_K(kind): slice(*cut[at : at + 2]) for at, kind in enumerate(kinds.tolist())}
+
     @property
     def count(self) -> int:
         """Number of units."""
@@ -87,13 +94,32 @@ class Judgement:
     test: FloatArray  # (o,) NaN where nothing checks the observation
     error: FloatArray  # (o,) estimated: given minus what the others say
     sigma0: float
-    factor: Factor
+    normals: Kept
+    inverse: Inverse
     covariance: FloatArray  # (p, 3, 3) m2, east, north, up of the points that take part
 
     @property
     def unit_test(self) -> FloatArray:
         """(units,) the largest test value, without its sign, of each unit; 0 where nothing checks it."""
         return self.units.per_unit(np.abs(self.test))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Beginning:
+    """Where a search begins; the state does not matter, as it is adjusted first."""
+
+    scene: Scene
+    out: BoolArray  # (units,)
+    returning: bool
+
+    def same_as(self, other: Beginning) -> bool:
+        """Return whether two searches do the same."""
+        return (
+            self.scene.block is other.scene.block
+            and self.returning is other.returning
+            and np.array_equal(self.out, other.out)
+            and np.array_equal(self.scene.line.wet, other.scene.line.wet)
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,6 +131,7 @@ class Snooped:
     judgement: Judgement
     tides: tuple[CommonTide, ...]  # errors that the tides of several photos have in common
     rest: bool  # False: it was stopped
+    begun: Beginning
 
     @property
     def units(self) -> Units:
@@ -116,24 +143,34 @@ class Snooped:
         return _masks(self.scene, self.units, self.judgement.out)
 
 
-def snooped(scene: Scene, state: State, first: Factors | None = None, returning: bool = True) -> Snooped:
+def snooped(
+    scene: Scene,
+    state: State,
+    first: Factors | None = None,
+    returning: bool = True,
+    before: Snooped | None = None,
+) -> Snooped:
     """Return the search at rest.
 
     `first` is 1 for what is out at the beginning; without it, what robust weights leave far off is. Without
-    `returning` nothing of that comes back. Raises `SingularNormalsError`.
+    `returning` nothing of that comes back. One `before` that has begun alike has come to the same rest. Raises
+    `SingularNormalsError`.
     """
     units = units_of(scene)
     size = sizes(scene, state) if first is None else first
     beyond = _START * plate_scale(scene, size) if first is None else 0.0
     out = units.per_unit(np.abs(_gathered(size, units))) > beyond
+    begun = Beginning(scene=scene, out=out, returning=returning)
+    if before is not None and not before.tides and begun.same_as(before.begun):
+        return before
     returns, limit = np.full(units.count, 0 if returning else _RETURNS), units.limits()
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
-        scene, state, factor = settled(scene, factors, state, AROUND if number else None)
-        judgement = judged(scene, state, units, out, factors, factor)
+        scene, state, normals = settled(scene, factors, state, Near() if number or first is not None else None)
+        judgement = judged(scene, state, units, out, factors, normals)
         value = judgement.unit_test
         back = out & _predicted(judgement) & (value < _BACK * limit) & (returns < _RETURNS)
         if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
@@ -151,7 +188,7 @@ def snooped(scene: Scene, state: State, first: Factors | None = None, returning:
             back, tides, proven = _tides_of(units, np.concatenate([tide.photo for tide in tides])), (), True
         returns[back] += 1
         out = (out & ~back) | leaving
-    return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
+    return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest, begun=begun)
 
 
 def _tides_of(units: Units, photo: IntArray) -> BoolArray:
@@ -198,39 +235,43 @@ def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
     """Return 1 for the observations of units that are out, 0 for all others."""
     masks = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     taken = out[units.unit]
-    for kind, mask in masks.items():
-        rows = taken & (units.kind == kind)
-        mask[units.row[rows], units.component[rows]] = 1.0
+    for kind, rows in units.of_kinds.items():
+        masks[kind][units.row[rows], units.component[rows]] = taken[rows]
     return masks
 
 
 def _gathered(values: Factors, units: Units) -> FloatArray:
     """Return the values (o,) of all observations."""
     out = np.zeros(len(units.kind))
-    for kind, value in values.items():
-        rows = units.kind == kind
-        out[rows] = value[units.row[rows], units.component[rows]]
+    for kind, rows in units.of_kinds.items():
+        out[rows] = values[kind][units.row[rows], units.component[rows]]
     return out
 
 
 def judged(
-    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, factor: Factor | None
+    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, normals: Kept | None
 ) -> Judgement:
     """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out.
 
-    `factor` is that of the normal equations, if there is one. Raises `SingularNormalsError`.
+    `normals` are those there, if they are known. Raises `SingularNormalsError`.
     """
     problem = scene.problem(factors)
-    if factor is None:
-        normals = problem.linearise(problem.with_squares(state)).matrix
-        factor = factorised(normals)
+    if normals is None:
+        line = problem.linearise(problem.with_squares(state))
+        factor = factorised(line.matrix)
         if factor is None:
-            raise SingularNormalsError(normals)
-    observed, cofactors = _observations(scene, problem.network, state, factor)
+            raise SingularNormalsError(line.matrix)
+        normals = Kept(line=replace(line, context=None), factor=factor)
+    inverse = Inverse(factor=normals.factor, held=scene.held)
+    if _is_weak(inverse):
+        raise SingularNormalsError(normals.line.matrix)
+    residuals, _ = scene.residuals_and_sizes(state)
+    errors = Errors(network=problem.network, state=state, cofactors=inverse.cofactors)
+    spread = spread_to_observations(errors, scene.block, residuals[_K.PLATE])
     taken = out[units.unit]
-    sigma = 1.0 / np.sqrt(_gathered(scene.weight, units))
-    r, v = observed.redundancy, observed.residual
-    cofactor = (1.0 - r) * np.square(observed.sigma)
+    weight, v = _gathered(scene.weight, units), _gathered(residuals, units)
+    sigma, cofactor = 1.0 / np.sqrt(weight), _cofactors(scene, units, spread)
+    r = 1.0 - weight * _gathered(factors, units) * cofactor
     variance = np.where(taken, np.square(sigma) + cofactor, np.square(sigma) * r)
     checked = r > np.where(taken, _PREDICTED, np.where(units.kind == _K.PLATE, _CHECKED, _ROUNDING))
     f = float(r[~taken].sum())
@@ -246,21 +287,31 @@ def judged(
         test=np.where(taken | (f <= 2.0), tau, student),
         error=-v / np.where(checked, r, np.nan),
         sigma0=sigma0,
-        factor=factor,
-        covariance=cofactors * sigma0**2,
+        normals=normals,
+        inverse=inverse,
+        covariance=spread.points * sigma0**2,
     )
 
 
-def _observations(scene: Scene, network: Network, state: State, factor: Factor) -> tuple[Observations, FloatArray]:
-    """Return the observations with their redundancy numbers, and the cofactors (p, 3, 3) of points.
+def _is_weak(inverse: Inverse) -> bool:
+    """Return whether the normal equations leave unknowns free.
 
-    `network` has the weights of the search.
+    The trace of the inverse of the scaled matrix is larger than that of its smallest eigenvalue.
     """
-    residual = deviations(network, scene.block, state)[_K.PLATE]
-    errors = Errors(network=network, state=state, cofactors=factor.cofactors().holding(scene.held))
-    spread = spread_to_observations(errors, scene.block, residual)
-    # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
-    return reliability.joined(part for part in spread.parts if part.kind in scene.weight), spread.points
+    factor = inverse.factor
+    trace = float(np.sum(inverse.cofactors.diagonal() / np.square(factor.scale)))
+    return not trace * SINGULAR < 1.0 and factor.is_weak(SINGULAR)
+
+
+def _cofactors(scene: Scene, units: Units, spread: Spread) -> FloatArray:
+    """Return the cofactors (o,) of the adjusted observations."""
+    cofactor = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+    for part in spread.parts:
+        # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
+        if part.kind in cofactor:
+            observed = part.weight > 0.0
+            cofactor[part.kind][part.row[observed], part.component[observed]] = part.cofactor[observed]
+    return _gathered(cofactor, units)
 
 
 def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> CommonTide | None:
@@ -271,7 +322,7 @@ def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Commo
     taken = np.ones(len(block.photos.ids), dtype=bool)
     inside = units.kind[units.first()] == _K.WATER_LEVEL
     taken[units.row[units.first()][inside & ~judgement.out]] = False
-    errors = common_tides(block, scene.network, state, judgement.factor, taken, judgement.sigma0)
+    errors = common_tides(block, scene.network, state, judgement.normals.factor, taken, judgement.sigma0)
     return max(errors, key=lambda error: error.test, default=None)
 
 

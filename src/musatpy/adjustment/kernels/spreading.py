@@ -42,7 +42,7 @@ class Spread(NamedTuple):
 
 
 @inlined
-def _of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
+def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
     """Set the diagonal C (m, 2) of A Q A', cofactors of its images by their stations, and D = A Q A' Y."""
     pair, A, Y = pairs.start[p], room.A, room.Y
     for k in range(m):
@@ -120,7 +120,7 @@ def _set(
     p: int, m: int, size: int, at: Measured, pairs: Pairs, Q: FloatArray, room: Room, of: Images, out: Spread
 ) -> None:
     """Set the cofactors of a point and of its images, its stations of `size` unknowns each."""
-    _of_stations(p, m, size, pairs, Q, room, of)
+    of_stations(p, m, size, pairs, Q, room, of)
     _set_point(p, m, room, of, out)
     _set_images(p, m, size, at, room, of, out)
 
