@@ -222,16 +222,10 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
         first = start if number == 1 else None
-        compared = until is Until.COMPARED
-        near = length <= (_CLOSING * max(last, 1.0) if kept is None or compared else _KEPT * last)
-        near |= until is Until.FIT and np.sqrt(objective) <= _CLOSING * length
-        # the next step will be shorter by the same share
-        seen = compared and bool(length**2 <= _SEEN * last < np.inf)
-        near |= seen
+        near, ends = _closing(until, length, last, objective, kept is not None)
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None
         rest = good and proven and change < AT_REST and problem.converged(step)
-        ends = seen if compared else near and until is not Until.REST
         rough = not rest and ends and good and line.renewable
         if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor)
@@ -242,6 +236,19 @@ def iterate(
     failure = f"limits not reached in {max_iterations} iteration{plural}"
     slow = objective > (1.0 - _SLOW) * line.objective
     return Outcome(state=state, last_step=step, failure=failure, change=change, hopeless=line.hopeless and slow)
+
+
+def _closing(until: Until, length: float, last: float, objective: float, kept: bool) -> tuple[bool, bool]:
+    """Return whether steps close in, so that they may have a `kept` matrix, and whether that is near enough.
+
+    For comparisons it is where the next step will be short enough, shorter than this one by the same share.
+    """
+    if until is Until.COMPARED:
+        seen = length**2 <= _SEEN * last < np.inf
+        return seen or length <= _CLOSING * last, seen
+    near = length <= (_KEPT * last if kept else _CLOSING * max(last, 1.0))
+    near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
+    return near, near and until is not Until.REST
 
 
 def not_raised(objective: float, before: float) -> bool:

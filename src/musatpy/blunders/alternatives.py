@@ -90,7 +90,12 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
             continue
         m = part.rays.shape[1]
         every = np.arange(m)
-        flagged, flipped = (_squares(tried, state, part, every)[0] for tried in (network, other))
+        flagged = _squares(network, state, part, every)[0]
+        misfits = ~(flagged <= _AS_GOOD * sigma0**2)  # the other flag gains no more than these squares
+        if not misfits.any():
+            continue
+        part, flagged = part.part(misfits), flagged[misfits]
+        flipped = _squares(other, state, part, every)[0]
         with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
             gain = (flagged - flipped) / sigma0**2
         wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * chi_square_limit(_redundancy(part, m)))

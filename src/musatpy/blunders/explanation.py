@@ -192,7 +192,7 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
             break
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
-            seen_from_first, case = False, readjusted(case)
+            seen_from_first, case = False, readjusted(case, model.kept)
             if np.isfinite(case.squares):
                 model = linear_model(case.scene, case.factors(), case.state)
                 options = shortlist(case, model, variance)
@@ -208,7 +208,8 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
         case = replace(best, state=case.state, squares=np.inf) if first else best
     if only_common and not case.revisions:
         return case
-    return taken_back(case if np.isfinite(case.squares) else readjusted(case), variance)
+    kept = model.kept if model.scene is case.scene else None
+    return taken_back(case if np.isfinite(case.squares) else readjusted(case, kept), variance, kept)
 
 
 def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesis]:
@@ -368,15 +369,16 @@ def with_revision(case: Case, revision: Revision, sea: Sea | None) -> Case:
     )
 
 
-def taken_back(case: Case, variance: float) -> Case:
+def taken_back(case: Case, variance: float, kept: Kept | None = None) -> Case:
     """Return the case without the hypotheses that the others have come to explain, the weakest first.
 
-    Only what the others predict well enough is put in again, and the adjustment decides.
+    Only what the others predict well enough is put in again, and the adjustment decides. `kept` are the normals of
+    the case, where they are known.
     """
     order = sorted(case.taken, key=lambda hypothesis: hypothesis.squares)
     for hypothesis in order if len(order) > 1 else ():
         if hypothesis.given_up and hypothesis.squares < variance * _WEAK:
             less = tuple(other for other in case.taken if other is not hypothesis)
-            trial = readjusted(replace(case, out=given_up(case.out, hypothesis, 0.0), taken=less))
+            trial = readjusted(replace(case, out=given_up(case.out, hypothesis, 0.0), taken=less), kept)
             case = trial if trial.cost(variance) <= case.cost(variance) else case
     return case
