@@ -153,11 +153,11 @@ class Simultaneous:
     def with_squares(self, state: State, before: Network | None = None) -> State:
         """Return the state with the weighted squares of its points where they are: it has those of `before`."""
         squares, groups = state.squares.copy(), self._others
+        if self.network.compiled is not None:  # all of them, which takes no longer than to look for some
+            self.network.compiled.set_squares(state, squares)
         if before is not None:
             changed = self.network.changed(before)
-            groups = tuple(chain.from_iterable(group.some(changed[group.point]) for group in self.network.groups))
-        elif self.network.compiled is not None:
-            self.network.compiled.set_squares(state, squares)
+            groups = tuple(chain.from_iterable(group.some(changed[group.point]) for group in groups))
         for group in groups:
             squares[group.point] = point_squares(self.network, state, group, state.ground[group.point])
         return replace(state, squares=squares)
