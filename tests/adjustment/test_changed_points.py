@@ -10,7 +10,6 @@ import pytest
 from adjustment.water_jobs import shore
 from altered import with_options
 from musatpy.adjustment import kernels
-from musatpy.adjustment.compiled_settling import CompiledSettling
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network
@@ -45,9 +44,8 @@ def test_points_that_are_at_their_optimum_are_left_there(monkeypatch: pytest.Mon
     """All that are not come to the same places, with the same squares, as if all were settled."""
     monkeypatch.setenv(kernels.VARIABLE, kind)
     before, after, state, _ = networks()
-    state = settle(before, state, CompiledSettling.of(before))
-    compiled = CompiledSettling.of(after)
-    again, expected = settle(after, state, compiled, before), settle(after, state, compiled)
+    state = settle(before, state)
+    again, expected = settle(after, state, before), settle(after, state)
     # what Gauss-Newton leaves of a step below 10 um
     np.testing.assert_allclose(again.ground, expected.ground, rtol=0.0, atol=1e-7)
     np.testing.assert_allclose(again.squares, expected.squares, atol=1e-9)

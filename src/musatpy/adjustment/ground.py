@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, intersection
 from musatpy.model import ObservationKind
-
-if TYPE_CHECKING:
-    from musatpy.adjustment.compiled_settling import CompiledSettling
 
 MAX_STEPS = 25
 _FEW_STEPS = 5  # for a trial: points that take more of them are running away
@@ -181,9 +177,7 @@ def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
     return ground
 
 
-def settle(
-    network: Network, state: State, compiled: CompiledSettling | None = None, before: Network | None = None
-) -> State:
+def settle(network: Network, state: State, before: Network | None = None) -> State:
     """Return the state with every point of the solution at its optimum for the current stations and levels.
 
     In the network `before`, where there is one, they are at it.
@@ -192,7 +186,7 @@ def settle(
     moving = np.ones(network.points, dtype=bool)
     if before is not None:
         squares, unsettled, moving = state.squares.copy(), state.unsettled, network.changed(before)
-    groups = (*network.pass_groups, *network.control_groups)
+    compiled, groups = network.compiled_settling, (*network.pass_groups, *network.control_groups)
     if compiled is not None:
         unsettled += compiled.settle(state, ground, squares, None if before is None else moving)
         groups = compiled.others

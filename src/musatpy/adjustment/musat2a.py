@@ -135,7 +135,7 @@ class _Run:
         Raises `AdjustmentError` naming what is free.
         """
         done = before if network.photos > LARGE else None
-        state = ground_points.settle(network, state, network.compiled_settling, done)
+        state = ground_points.settle(network, state, done)
         return self.job.iterate(self.problem(network, state), network, state, outer_pass, start, until)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:

@@ -117,8 +117,7 @@ class _Run:
             return None
         for _ in range(_SIDES):
             network = measured.with_plates(measured.xy, line.wet)
-            settled = ground_points.settle(network, state, network.compiled_settling)
-            state = job.with_left_out(network, settled)
+            state = job.with_left_out(network, ground_points.settle(network, state))
             before, line = line, next_line(measured, line, state, job.bathymetric)
             if np.array_equal(line.wet, before.wet):
                 break

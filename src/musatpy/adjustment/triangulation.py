@@ -109,7 +109,7 @@ class Triangulation:
 
     def settled(self, state: State) -> State:
         """Return the state with its points at their optimum."""
-        return settle(self.network, state, self.network.compiled_settling)
+        return settle(self.network, state)
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest differential rotation and translation are below their limits."""

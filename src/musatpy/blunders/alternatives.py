@@ -14,7 +14,6 @@ from itertools import combinations
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.compiled_settling import CompiledSettling
 from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.robust import chi_square_limit
@@ -173,6 +172,6 @@ def _intersected(
     tried, every = network.apart(group, network.xy[rays] if xy is None else xy, network.refracted[rays])
     first = ground_points.start_ground(tried, replace(state, ground=state.ground[group.point])).ground
     met = replace(state, ground=first, squares=np.zeros(len(first)))
-    ground = ground_points.settle(tried, met, CompiledSettling.of(tried)).ground
+    ground = ground_points.settle(tried, met).ground
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
     return point_squares(tried, state, every, ground), ground

@@ -16,7 +16,6 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
 from musatpy.adjustment.compiled_points import CompiledPoints, LeftOver
-from musatpy.adjustment.compiled_settling import CompiledSettling
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import Kept, SingularNormalsError
@@ -289,7 +288,7 @@ def linear_model(
     Raises `SingularNormalsError`.
     """
     network = weighted(scene.network, scene.block, factors)
-    state = _by_images(network, ground_points.settle(network, state, CompiledSettling.of(network)))
+    state = _by_images(network, ground_points.settle(network, state))
     problem = scene.problem(factors)
     line = problem.linearise(state) if rest is None else problem.renewed(state, rest[0].line)
     factor = factorised(line.matrix) if rest is None else rest[0].factor
