@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.compiled_points import plain, stations_of
-from musatpy.adjustment.ground import MAX_STEPS, RIDGE, ROUNDING, STEP_LIMIT
+from musatpy.adjustment.compiled_settling import LIMITS
+from musatpy.adjustment.ground import MAX_STEPS, RIDGE
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.lone_points import LocalNormals
 from musatpy.adjustment.network import Network, PointGroup
@@ -55,20 +56,7 @@ class CompiledLonePoints:
         at, known, moving = self._measured(row, ground), self._known(ground, level), np.arange(len(row))
         over = self._water(at, wet, ground)
         for _ in range(MAX_STEPS):
-            conditions.settle(
-                moving,
-                at,
-                self._stations,
-                over,
-                known,
-                RIDGE,
-                MAX_STEPS,
-                STEP_LIMIT,
-                ROUNDING,
-                ground,
-                squares,
-                left,
-            )
+            conditions.settle(moving, at, self._stations, over, known, *LIMITS, ground, squares, left)
             if not self.network.frame.curved:
                 break
             before, over = over, self._water(at, wet, ground)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.compiled_points import CompiledRows, split
-from musatpy.adjustment.ground import MAX_STEPS, RIDGE, ROUNDING, STEP_LIMIT, hold
+from musatpy.adjustment.ground import MAX_STEPS, RIDGE, ROUNDING, SHARE, STEP_LIMIT, hold
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sequence import Part
@@ -21,6 +21,7 @@ from musatpy.arrays import BoolArray, FloatArray
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
 
+LIMITS = (RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, SHARE)  # of the kernel
 _TURN = 1e-12  # of a normal, or of the vertical: a hundredth of a millimetre on the ground
 
 
@@ -55,7 +56,19 @@ class CompiledSettling(CompiledRows):
 
         def work(water: points.Water, known: points.Known, part: Part) -> None:
             self.conditions.settle(
-                part.rows, at, stations, water, known, RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, ground, squares, left
+                part.rows,
+                at,
+                stations,
+                water,
+                known,
+                RIDGE,
+                MAX_STEPS,
+                STEP_LIMIT,
+                ROUNDING,
+                SHARE,
+                ground,
+                squares,
+                left,
             )
 
         moving, rounds = first, 0

@@ -26,6 +26,7 @@ PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _REACHED = 1e-9  # m from a height
 _STEPS_TO_LEVEL = 3  # at most, along a ray
+SHARE = 0.04  # of the fall of a first step that is still to come: a step leaves a fifth of itself at most
 ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
@@ -142,11 +143,14 @@ def settle_group(
 def _best(
     network: Network, state: State, group: PointGroup, ground: FloatArray, steps: int = MAX_STEPS
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what `settle_group` does, and by how much the squares (k,) were still to fall by the last step."""
+    """Return what `settle_group` does, and by how much the squares (k,) are still to fall.
+
+    That is as much of the last fall as that is of the one before.
+    """
     X, best = ground, ground
     best_objective = np.full(len(ground), np.inf)
     step = np.zeros_like(ground)
-    gain = left = np.zeros(len(ground))
+    gain = fall = before = np.zeros(len(ground))
     for _ in range(steps):
         normals = point_normals(network, state, group, X, stations=False)
         worse = ~(normals.objective <= best_objective * (1.0 + ROUNDING) + ROUNDING)
@@ -155,8 +159,9 @@ def _best(
         new_step = (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0]
         best = np.where(worse[:, None], best, X)
         best_objective = np.where(worse, best_objective, normals.objective)
-        left = np.where(worse, left, np.einsum("ki,kij->k", normals.rhs, local))
-        gain = np.where(worse, 0.0, left)
+        before = np.where(worse, before, fall)
+        fall = np.where(worse, fall, np.einsum("ki,kij->k", normals.rhs, local))
+        gain = np.where(worse, 0.0, fall)
         step = np.where(worse[:, None], 0.5 * step, new_step)
         X = best + step
         if group.known:
@@ -164,6 +169,9 @@ def _best(
         if np.abs(step).max(initial=0.0) < STEP_LIMIT:
             break
     # the last step is taken without looking: its gain in squares is known to the second order
+    with np.errstate(invalid="ignore", over="ignore"):  # of wild points
+        share = np.divide(fall, before, out=np.full_like(fall, SHARE), where=before > 0.0)
+        left = fall * np.minimum(share, 1.0)
     return X, np.maximum(best_objective - gain, 0.0), left
 
 

@@ -227,17 +227,18 @@ def _squares_of_known(row: int, known: Known) -> float:
 @compiled
 def settle(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, steps: int,
-    limit: float, rounding: float, ground: FloatArray, squares: FloatArray, left: FloatArray,
+    limit: float, rounding: float, share: float, ground: FloatArray, squares: FloatArray, left: FloatArray,
 ) -> None:  # fmt: skip
     """Take points to the optimum of their images and of what is known of them: `ground.settle_group`.
 
-    Sets their ground, rows of (g, 3), their weighted squares, rows of (g,), and by how much (k,) these were still
-    to fall by the last step. The water over them stays the plane that it is where they start: `water.depth` becomes
-    that of where they come to, as `at.ground` does, and so does `known.pull` along the axes of the start.
+    Sets their ground, rows of (g, 3), their weighted squares, rows of (g,), and by how much (k,) these are still to
+    fall: what `share` leaves of the fall of a first step, later ones as much of their fall as that is of the one
+    before. The water over them stays the plane that it is where they start: `water.depth` becomes that of where
+    they come to, as `at.ground` does, and so does `known.pull` along the axes of the start.
     """
     room, best, step, change = room_for(at.start, rows), np.empty(3), np.empty(3), np.empty(3)
     for p in rows:
-        least, gain, fall, tried, g, row = np.inf, 0.0, 0.0, 0, at.point[p], known.row[p]
+        least, gain, fall, before, tried, g, row = np.inf, 0.0, 0.0, 0.0, 0, at.point[p], known.row[p]
         step[0], step[1], step[2] = 0.0, 0.0, 0.0
         while tried < steps:
             objective = point_normals(p, at, stations, water, known, ridge, False, room)
@@ -248,7 +249,7 @@ def settle(
             if worse:
                 x, y, z, gain = 0.5 * step[0], 0.5 * step[1], 0.5 * step[2], 0.0
             else:
-                least, fall = objective, room.rhs[0] * x + room.rhs[1] * y + room.rhs[2] * z
+                least, before, fall = objective, fall, room.rhs[0] * x + room.rhs[1] * y + room.rhs[2] * z
                 gain = fall
                 if row >= 0:
                     x, y, z = from_axes(known.axes[row], x, y, z)
@@ -264,4 +265,4 @@ def settle(
         for i in range(3):
             ground[g, i] = at.ground[p, i]
         squares[g] = max(least - gain, 0.0)
-        left[p] = fall
+        left[p] = fall * (min(fall / before, 1.0) if before > 0.0 else share)
