@@ -45,7 +45,8 @@ class PointGroup:
 
     def some(self, rows: BoolArray) -> list[Self]:
         """Return some of the points, as none or one group."""
-        return [self.part(rows)] if rows.any() else []
+        chosen = np.flatnonzero(rows)  # by numbers rows are found several times as fast as by a mask
+        return [self.part(chosen)] if len(chosen) else []
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -210,9 +210,8 @@ def _bathymetric_groups(
     entering = np.zeros(network.points, dtype=bool)
     for group in network.groups:
         entering[group.point] = True
-        part = group.part(bathymetric[group.point])
-        if len(part.point) and not group.kept:
-            yield part, True
+        if not group.kept:
+            yield from ((part, True) for part in group.some(bathymetric[group.point]))
     others = bathymetric & _known(state) & ~entering
     if others.any():
         every_ray = np.ones(len(network.point), dtype=bool)
