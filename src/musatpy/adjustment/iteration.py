@@ -204,10 +204,11 @@ def iterate(
             if not line.matrix.sensible():
                 return Outcome(state=before, last_step=step, failure=_LOST, lost=True)
             factor = factorised(line.matrix, damping)
-            tested = start is not None and start.determined
-            if number == 1 and (factor is None or (not tested and factor.is_weak(SINGULAR))):
-                raise SingularNormalsError(line.matrix)
-            accepted = _damped_step(problem, state, line, damping, factor)
+            first_step = None
+            if number == 1:
+                tested = start is not None and start.determined
+                first_step = _first_step(line, factor, tested)
+            accepted = _damped_step(problem, state, line, damping, factor, first_step)
         if accepted is None:
             return Outcome(state=state, last_step=step, failure=_STUCK, change=change, hopeless=line.hopeless)
         before = before if blind else state
@@ -256,26 +257,50 @@ def not_raised(objective: float, before: float) -> bool:
     return objective <= before * (1.0 + _ROUNDING) + _NOTHING
 
 
+def _first_step(line: Linearisation, factor: Factor | None, tested: bool) -> FloatArray:
+    """Return the first full step of normals that may still have to be `tested`. Raises `SingularNormalsError`."""
+    step = None
+    if factor is not None:
+        step = factor.solve(line.rhs) if tested else factor.tested_solution(line.rhs, SINGULAR)
+    if step is None:
+        raise SingularNormalsError(line.matrix)
+    return step
+
+
 def _damped_step(
-    problem: LeastSquares, state: Any, line: Linearisation, damping: float, factor: Factor | None
+    problem: LeastSquares,
+    state: Any,
+    line: Linearisation,
+    damping: float,
+    factor: Factor | None,
+    step: FloatArray | None,
 ) -> tuple[Any, FloatArray, float, float] | None:
-    """Return state, step, objective and damping of the first step that is taken; `factor` is that of `damping`."""
+    """Return state, step, objective and damping of the first step that is taken.
+
+    `factor` is that of `damping`, and so is the `step`, where it is known.
+    """
     while damping <= _LAST_DAMPING:
-        accepted = _step(problem, state, line, damping, factor)
+        accepted = _step(problem, state, line, damping, factor, step)
         if accepted is not None:
             return accepted
+        step = None
         damping = max(10.0 * damping, _FIRST_DAMPING)
         factor = factorised(line.matrix, damping)
     return None
 
 
 def _step(
-    problem: LeastSquares, state: Any, line: Linearisation, damping: float, factor: Factor | None
+    problem: LeastSquares,
+    state: Any,
+    line: Linearisation,
+    damping: float,
+    factor: Factor | None,
+    step: FloatArray | None = None,
 ) -> tuple[Any, FloatArray, float, float] | None:
     """Return state, step, objective and damping of a step, None where it would raise the objective."""
     if factor is None:
         return None
-    step = factor.solve(line.rhs)
+    step = factor.solve(line.rhs) if step is None else step
     trial = problem.apply(state, step, line.context)
     objective = problem.evaluate(trial, line.context)
     return (trial, step, objective, damping) if not_raised(objective, line.objective) else None

@@ -287,7 +287,14 @@ class Factor:
         the eigenvalue: where all of some vectors stay short, it is above the limit but by a chance of 1e-12.
         Otherwise it comes by inverse iteration.
         """
-        solved = self.solve_scaled(_start(self, _FEW))
+        return self._is_weak(limit, self.solve_scaled(_start(self, _FEW)))
+
+    def tested_solution(self, rhs: FloatArray, limit: float) -> FloatArray | None:
+        """Return N^-1 rhs, (u,), None where it `is_weak`: both go through the factor together."""
+        solved = self.solve_scaled(np.column_stack([rhs * self.scale, _start(self, _FEW)]))
+        return None if self._is_weak(limit, solved[:, 1:]) else solved[:, 0] * self.scale
+
+    def _is_weak(self, limit: float, solved: FloatArray) -> bool:
         if limit * np.linalg.norm(solved, axis=0).max() < _SHARE:
             return False
         values, _ = _weakest(self, _FEW, rounds=2)
