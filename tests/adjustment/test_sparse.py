@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from musatpy.adjustment import kernels, threads
 from musatpy.adjustment.normals import Cofactors, NormalMatrix, factorised
-from musatpy.adjustment.ordering import compiled_fronts, dissect_by_place, fronts_of
+from musatpy.adjustment.ordering import dissect_by_place, fronts_by_kernels, fronts_of
 from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, factorise
 
 KINDS = [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)]  # which is compiled first
@@ -159,7 +159,7 @@ def test_compiled_fronts_are_the_plain_ones(strips: int, photos: int, noise: flo
     place = step * np.rint(place / step) if step else place
     graph = Pattern.of(count, 6, cliques).graph
     for one, other in zip(
-        compiled_fronts(graph, place), fronts_of(graph, dissect_by_place(graph, place)), strict=True
+        fronts_by_kernels(graph, place), fronts_of(graph, dissect_by_place(graph, place)), strict=True
     ):
         np.testing.assert_array_equal(one.own, other.own)
         np.testing.assert_array_equal(one.boundary, other.boundary)

@@ -142,11 +142,8 @@ def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
             wet = present.refracted.copy()
             wet[part.rays] = ~wet[part.rays]
             other = measured.with_plates(measured.xy, wet)
-            X, lone, first = (
-                state.ground[part.point],
-                wet_states.lone_points(measured, state, part),
-                np.zeros(1, dtype=int),
-            )
+            X, first = state.ground[part.point], np.zeros(1, dtype=int)
+            lone = wet_states.lone_points(measured, state, part)
             free, now = np.full(1, np.nan), present.refracted[part.rays]
             states = wet_states.States.of(measured, state, part)
             at = states.present(part, now, free, cofactors)

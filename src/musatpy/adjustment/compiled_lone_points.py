@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.compiled_points import plain, stations_of
-from musatpy.adjustment.compiled_settling import LIMITS
+from musatpy.adjustment.compiled_settling import LIMITS, TURN
 from musatpy.adjustment.ground import MAX_STEPS, RIDGE
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.lone_points import LocalNormals
@@ -22,7 +22,6 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
 
-_TURN = 1e-12  # of the vertical: a hundredth of a millimetre on the ground
 _ACROSS = np.array([True, True, False])  # what is free of a point that is held on a level
 
 
@@ -61,7 +60,7 @@ class CompiledLonePoints:
                 break
             before, over = over, self._water(at, wet, ground)
             # the water over them, which is no plane
-            turned = np.abs(over.normal - before.normal).reshape(len(row), -1).max(axis=1) > _TURN
+            turned = np.abs(over.normal - before.normal).reshape(len(row), -1).max(axis=1) > TURN
             moving = np.flatnonzero(turned)
             if not len(moving):
                 break

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
 
 LIMITS = (RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, SHARE)  # of the kernel
-_TURN = 1e-12  # of a normal, or of the vertical: a hundredth of a millimetre on the ground
+TURN = 1e-12  # of a normal, or of the vertical: a hundredth of a millimetre on the ground
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,8 +96,8 @@ class CompiledSettling(CompiledRows):
         _, wet, _ = self.sequence.wet(self.network.refracted, self.network.point)
         known, turned = self.sequence.point[self.known_rows], np.zeros(self.network.points, dtype=bool)
         (water, of_points), (water_after, of_points_after) = before, after
-        turned[wet[np.nonzero(np.abs(water_after.normal - water.normal) > _TURN)[0]]] = True
-        turned[known[np.nonzero(np.abs(of_points_after.axes - of_points.axes) > _TURN)[0]]] = True
+        turned[wet[np.nonzero(np.abs(water_after.normal - water.normal) > TURN)[0]]] = True
+        turned[known[np.nonzero(np.abs(of_points_after.axes - of_points.axes) > TURN)[0]]] = True
         return turned
 
     def _part(self, chosen: BoolArray) -> CompiledSettling:

@@ -140,6 +140,13 @@ def settle_group(
     return X, squares
 
 
+def better(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:
+    """Return the positions (k, 3) of the points of a group: their optimum, or `ground` where that fits better."""
+    settled, _ = settle_group(network, state, group, ground, trial=True)
+    before, after = (point_squares(network, state, group, X) for X in (ground, settled))
+    return np.where((after < before)[:, None], settled, ground)
+
+
 def _best(
     network: Network, state: State, group: PointGroup, ground: FloatArray, steps: int = MAX_STEPS
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -284,10 +291,10 @@ def level_start(network: Network, state: State) -> State:
 
     ground, compiled, groups = state.ground.copy(), CompiledStart.of(network), network.groups
     if compiled is not None:
-        groups, held = compiled.others, compiled.sequence.point[compiled.known_rows]
+        groups, control = compiled.others, compiled.sequence.point[compiled.known_rows]
         cut, direction = compiled.reach(state, height, _FLATTEST)
         compiled.set_middles(state, _cut(network, cut, direction, height, _STEPS_TO_LEVEL - 1), ground)
-        _set_level(network, held, ground[held], ground)
+        _set_level(network, control, ground[control], ground)
     for group in groups:
         cut = _level(network, *sightings.straight_rays(network, state, group.rays), height)
         _set_level(network, group.point, cut.mean(axis=1), ground)

@@ -184,9 +184,8 @@ def iterate(
     Near the minimum the matrix hardly changes: a large problem keeps it, factorised, and takes new right sides as
     long as each step is a hundredth of the one before at most; so it does where nothing moves by a tenth of a
     sigma. The step that ends it is such a one, or has a matrix of its own: what is left then is a hundredth of the
-    limits.
-    Of an iteration that `start` says to be near its minimum the first step may have a kept matrix as well, which
-    does not end it where that is not proven.
+    limits. Of an iteration that `start` says to be near its minimum the first step may have a kept matrix as well,
+    which does not end it where that is not proven.
     What follows may not need the minimum itself: `until` says how near a large problem is to come.
     """
     damping, blind, stalled, before = 0.0, 0, 0, state

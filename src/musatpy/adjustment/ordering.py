@@ -139,7 +139,7 @@ def dissect_by_place(graph: Graph, place: FloatArray) -> list[Tree]:
     return list(_halved(graph, np.arange(len(place)), start, graph.neighbours, along))
 
 
-def compiled_fronts(graph: Graph, place: FloatArray) -> tuple[Front, ...]:
+def fronts_by_kernels(graph: Graph, place: FloatArray) -> tuple[Front, ...]:
     """Return the fronts of the same dissection, by compiled kernels."""
     from musatpy.adjustment.kernels import dissection  # numba is there
 

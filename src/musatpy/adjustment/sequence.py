@@ -101,9 +101,8 @@ class PointSequence:
     def wet(self, refracted: BoolArray, point: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """Return the rays (w,) that are `refracted` (m,), their points (w,), and the row (r,) of each ray, or -1.
 
-        `point` (m,): those of all measurements.
-
-        Networks have these in common, or what is made of one and the same of them.
+        `point` (m,): those of all measurements. Networks have these in common, or what is made of one and the same
+        of them.
         """
 
         def made() -> tuple[IntArray, IntArray, IntArray]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
-from musatpy.adjustment.ground import point_squares, settle_group
+from musatpy.adjustment.ground import better, point_squares
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.kinds import UNKNOWNS
@@ -144,10 +144,7 @@ class Simultaneous:
             worse = after.squares[group.point] > before.squares[group.point]
             if worse.any() and not group.kept:
                 part = group.part(worse)
-                first = before.ground[part.point]
-                settled, _ = settle_group(network, after, part, first, trial=True)
-                squares = [point_squares(network, after, part, X) for X in (first, settled)]
-                ground[part.point] = np.where((squares[1] < squares[0])[:, None], settled, first)
+                ground[part.point] = better(network, after, part, before.ground[part.point])
         return replace(after, ground=ground)
 
     def with_squares(self, state: State, before: Network | None = None) -> State:

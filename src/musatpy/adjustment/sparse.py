@@ -18,7 +18,7 @@ import numpy as np
 from musatpy.adjustment.compiled_fronts import CompiledFronts, Tables, tables_of
 from musatpy.adjustment.dense import Columns
 from musatpy.adjustment.kernels import compiled_points
-from musatpy.adjustment.ordering import Front, Graph, compiled_fronts, dissect, dissect_by_place, fronts_of
+from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_by_kernels, fronts_of
 from musatpy.adjustment.plain_fronts import Part, PlainFronts
 from musatpy.adjustment.plans import Plan, expand
 from musatpy.adjustment.threads import side_by_side
@@ -141,7 +141,7 @@ class Pattern:
         if self.place is None:
             return fronts_of(self.graph, dissect(self.graph, np.arange(self.count)))
         if self._compiled:
-            return compiled_fronts(self.graph, self.place)
+            return fronts_by_kernels(self.graph, self.place)
         return fronts_of(self.graph, dissect_by_place(self.graph, self.place))
 
     @cached_property

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.ground import point_squares, settle_group
+from musatpy.adjustment.ground import better
 from musatpy.adjustment.iteration import Kept, Until
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import PRIORS
@@ -311,10 +311,7 @@ def _met_by_the_others(case: Case, factors: Factors, point: tuple[int, ...]) -> 
     ground = state.ground.copy()
     for group in network.groups:
         for part in () if group.kept else group.some(np.isin(group.point, point)):
-            first = ground[part.point]
-            met, _ = settle_group(network, state, part, first, trial=True)
-            before, after = (point_squares(network, state, part, X) for X in (first, met))
-            ground[part.point] = np.where((after < before)[:, None], met, first)
+            ground[part.point] = better(network, state, part, ground[part.point])
     return replace(state, ground=ground)
 
 
