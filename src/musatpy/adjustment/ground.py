@@ -223,6 +223,15 @@ def unrest(network: Network, state: State) -> FloatArray:
     return np.nan_to_num(out, nan=0.0)
 
 
+def at_their_best(network: Network, state: State, points: BoolArray) -> State:
+    """Return the state with some of the eliminated points (p,) at their best for the stations as they are."""
+    ground = state.ground.copy()
+    for group in network.groups:
+        for part in () if group.kept else group.some(points[group.point]):
+            ground[part.point] = better(network, state, part, ground[part.point])
+    return replace(state, ground=ground)
+
+
 def point_squares(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:
     """Return the weighted squares (k,) of the points of a group at `ground` (k, 3), infinite behind a camera."""
     rays = group.rays

@@ -122,7 +122,11 @@ class Until(Enum):
     REST = "rest"  # below the limits
     CLOSE = "close"  # as soon as its steps close in, so that it may keep its matrix
     FIT = "fit"  # or as soon as misfits are so small that the next step will close in: it gains less than they are
+    TESTED = "tested"  # as soon as the next step would change no residual, and no test of it
     COMPARED = "compared"  # as soon as its sum of squares can be compared with others
+    WEIGHED = (
+        "weighed"  # as soon as a step gained less than the misfits that are left: weights by these hardly change
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,7 +230,7 @@ def iterate(
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None
         rest = good and proven and change < AT_REST and problem.converged(step)
-        rough = not rest and ends and good and line.renewable
+        rough = not rest and ends and good and (line.renewable or until is Until.WEIGHED)
         if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor)
             return Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)
@@ -246,7 +250,13 @@ def _closing(until: Until, length: float, last: float, objective: float, kept: b
     if until is Until.COMPARED:
         seen = length**2 <= _SEEN * last < np.inf
         return seen or length <= _CLOSING * last, seen
-    near = length <= (_KEPT * last if kept else _CLOSING * max(last, 1.0))
+    if until is Until.WEIGHED:
+        return False, length**2 <= objective
+    near = length <= _CLOSING * max(last, 1.0)
+    if kept:  # or the next one ends it: steps that shrink alike leave a hundredth of the limit then
+        near = length <= _KEPT * last or length**3 <= _KEPT * AT_REST * last**2
+    if until is Until.TESTED:
+        return near, length**2 <= AT_REST * last < np.inf
     near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
     return near, near and until is not Until.REST
 

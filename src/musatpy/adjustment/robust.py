@@ -14,8 +14,7 @@ from musatpy.geometry import robust
 
 Weights = TypeVar("Weights")
 
-ROUNDS = 8  # of weights
-STEPS = 3  # of the adjustment with each
+STEPS = 24  # of an adjustment, each with weights of its own
 _LEAST = 1e-11  # weight that keeps a point determined; with more, errors of kilometres pull
 _LOST = 1e3  # sigmas, for residuals that make no sense
 FITS = 4.0  # normal quantile of the squares with which observations still fit
@@ -39,17 +38,15 @@ def robust_scale(size: FloatArray) -> float:
 
 
 def reweighted(
-    state: State, weights_at: Callable[[State], Weights], adjusted: Callable[[Weights, State], Outcome]
+    state: State, weights_at: Callable[[State], Weights], stepped: Callable[[Weights, State], Outcome]
 ) -> State:
-    """Return the state after rounds of new weights and a few steps of an adjustment with them.
+    """Return the state after steps of an adjustment, each with new weights, until one says that it is the last.
 
     Raises `SingularNormalsError`.
     """
-    weights = weights_at(state)
-    for _ in range(ROUNDS):
-        outcome = adjusted(weights, state)
+    for _ in range(STEPS):
+        outcome = stepped(weights_at(state), state)
         state = outcome.state
         if not outcome.failure:
             break
-        weights = weights_at(state)
     return state

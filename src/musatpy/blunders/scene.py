@@ -18,7 +18,7 @@ from musatpy.adjustment.iteration import SHORT, Kept, Near, Outcome, SingularNor
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
+from musatpy.adjustment.robust import cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet, next_line
@@ -158,7 +158,7 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Eff
         problem = scene.problem(ones(scene))
         matrix = problem.linearise(problem.with_squares(state)).matrix
         scene = replace(scene, held=freedom(scene.network, state, matrix).held)
-    return scene, _robust(scene, job.with_iterations(STEPS), state)
+    return scene, _robust(scene, job.with_iterations(1), state)
 
 
 def scene_of(job: Job, state: State, effort: Effort) -> Scene:
@@ -209,9 +209,7 @@ def adjusted(
     return iterate(problem, problem.with_squares(state), steps, start=start, until=until)
 
 
-def settled(
-    scene: Scene, factors: Factors, state: State, start: Near | None = None
-) -> tuple[Scene, State, Kept | None]:
+def settled(scene: Scene, factors: Factors, state: State, start: Near = AROUND) -> tuple[Scene, State, Kept | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
     And the normal equations there, None where the iteration has not converged. Raises `SingularNormalsError`.
@@ -219,29 +217,42 @@ def settled(
     line = scene.line
     # with other observations points stand elsewhere: where they turned back before does not count
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
-    short, normals, whole = 0, None, True
-    near = start
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
+    short, near = 0, start
+    until = Until.CLOSE if scene.block.points.bathymetric.any() else Until.TESTED
     for _ in range(_TURNS):
-        # a few points that cross the tides one by one hardly move the stations: one step, until they rest, for
-        # which the matrix of before serves
-        outcome = adjusted(
-            scene, factors, state, steps if whole else 1, Near() if whole and near is not start else near
-        )
-        near = Near(kept=outcome.kept) if outcome.kept else near
+        outcome = adjusted(scene, factors, state, steps, near, until)
+        short = short + 1 if outcome.failure else 0
         state, normals = outcome.state, outcome.last
-        short = short + 1 if outcome.failure and whole else 0
-        if (outcome.is_final and whole) or short == SHORT:
+        if outcome.is_final or short == SHORT:
             break
-        line = next_line(scene.network, scene.line, state, scene.block.points.bathymetric)
-        crossing = not np.array_equal(line.wet, scene.line.wet)
-        if not crossing and (whole or not outcome.failure):
+        sides = _on_their_sides(scene, factors, state)
+        same = sides is None
+        scene, state = sides or (scene, state)
+        if same and until is Until.TESTED:
             break
-        whole = not crossing
-        if crossing:
-            scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
-            normals = None  # which were those of the other sides
+        near = Near(kept=outcome.kept, proven=same, length=outcome.length)
+        until = Until.TESTED
     return scene, state, normals
+
+
+def _on_their_sides(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State] | None:
+    """Return scene and state with rays on the sides of the water where their points stand, these at their best.
+
+    Points cross the tides of their photos one by one; the stations stay. None where none crosses any.
+    """
+    crossing = None
+    for _ in range(_TURNS):
+        line = next_line(scene.network, scene.line, state, scene.block.points.bathymetric)
+        changed = line.wet != scene.line.wet
+        if not changed.any():
+            break
+        scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
+        crossed = np.zeros(scene.network.points, dtype=bool)
+        crossed[scene.network.point[changed]] = True
+        state = ground_points.at_their_best(weighted(scene.network, scene.block, factors), state, crossed)
+        crossing = scene, state
+    return crossing
 
 
 def sizes(scene: Scene, state: State) -> Factors:
@@ -265,8 +276,8 @@ def _robust(scene: Scene, job: Job, state: State) -> State:
         scale = plate_scale(scene, size)
         return {kind: cauchy(value, scale) for kind, value in size.items()}
 
-    def adjusted(factors: Factors, state: State) -> Outcome:
+    def stepped(factors: Factors, state: State) -> Outcome:
         problem = scene.problem(factors)
-        return job.iterate(problem, problem.network, problem.with_squares(state), 0)
+        return job.iterate(problem, problem.network, problem.with_squares(state), 0, until=Until.WEIGHED)
 
-    return reweighted(state, weights_at, adjusted)
+    return reweighted(state, weights_at, stepped)

@@ -15,11 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import BoolArray, FloatArray
-from musatpy.blunders.alternatives import misfit, wrong_flags, wrong_images
+from musatpy.arrays import FloatArray
+from musatpy.blunders.alternatives import misfit, wrong_flags
 from musatpy.blunders.exchanges import exchanges
 from musatpy.blunders.explanation import (
     EQUAL,
@@ -31,11 +30,11 @@ from musatpy.blunders.explanation import (
     starts,
     with_revision,
 )
-from musatpy.blunders.factors import Factors, taking_part, weighted
+from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
-from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, scene_of, search_block, sees_water, sizes
-from musatpy.blunders.snooping import Snooped, factors_of, snooped
+from musatpy.blunders.scene import GIVEN_UP, Effort, scene_of, search_block, sees_water
+from musatpy.blunders.snooping import Snooped, images_anew, snooped
 from musatpy.blunders.starts import Start, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.progress import Progress, begin
@@ -135,7 +134,7 @@ def _begun(start: Start, sea: Sea | None) -> _Explained:
     """
     scene, state, common = start.scene, start.state, start.common
     try:
-        last = _chosen_anew(snooped(scene, state))
+        last = snooped(scene, state)
     except GIVEN_UP:
         nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
         case = replace(first_case(start.block, scene, state, nothing), taken=common)
@@ -210,7 +209,7 @@ def _at_rest(case: Case, variance: float, returning: bool = True, before: Snoope
 
     Raises `SingularNormalsError`.
     """
-    last = _chosen_anew(snooped(case.scene, case.state, case.out, returning, before), before)
+    last = snooped(case.scene, case.state, case.out, returning, before)
     common = tuple(hypothesis for hypothesis in case.taken if not hypothesis.given_up)
     price = cost(last.scene, last.out(), last.state, len(common), variance)
     return _Explained(last=last, block=case.block, common=common, cost=price)
@@ -304,28 +303,6 @@ def _searched_again(
     state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)
     plates = old.plates
     touched = [change.point for change in names + flags] + [int(plates.point[name.row]) for name in names]
-    wrong, state = _choice(scene, state, out, np.isin(revised.plates.point, touched), before.judgement.sigma0)
-    return _chosen_anew(snooped(scene, state, out | {_PLATE: wrong}))
-
-
-def _chosen_anew(last: Snooped, before: Snooped | None = None) -> Snooped:
-    """Return the search with the images of every point that has some out chosen anew, and what follows from it.
-
-    That may be what followed `before`.
-    """
-    out = last.out()
-    wrong, state = _choice(last.scene, last.state, out, np.zeros(len(out[_PLATE]), bool), last.judgement.sigma0)
-    if np.array_equal(wrong, out[_PLATE]):
-        return last
-    again = snooped(last.scene, state, out | {_PLATE: wrong}, False, before)
-    return replace(again, tides=(*last.tides, *again.tides))
-
-
-def _choice(
-    scene: Scene, state: State, out: Factors, touched: BoolArray, sigma0: float
-) -> tuple[FloatArray, State]:
-    """Return which images (m, 2) are out when those of points with images out or `touched` (m,) are chosen anew."""
-    plate = np.ones_like(out[_PLATE])
-    network = weighted(scene.network, scene.block, factors_of(out, sizes(scene, state)) | {_PLATE: plate})
-    wrong, state = wrong_images(network, state, out[_PLATE].any(axis=1) | touched, sigma0)
-    return np.repeat(wrong[:, None], 2, axis=1).astype(float), state
+    anew = out[_PLATE].any(axis=1) | np.isin(revised.plates.point, touched)
+    out, state = images_anew(scene, state, out, anew, before.judgement.sigma0)
+    return snooped(scene, state, out)

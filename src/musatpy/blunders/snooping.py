@@ -17,9 +17,10 @@ from musatpy.adjustment.normals import SINGULAR, factorised
 from musatpy.adjustment.precision import Errors, Spread, spread_to_observations
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.factors import Factors
+from musatpy.blunders.alternatives import wrong_images
+from musatpy.blunders.factors import Factors, weighted
 from musatpy.blunders.linear_model import Inverse
-from musatpy.blunders.scene import Scene, plate_scale, settled, sizes
+from musatpy.blunders.scene import AROUND, Scene, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind
 from musatpy.model.progress import begin
@@ -31,6 +32,7 @@ _RETURNS = 2  # of one observation, at most
 _ROUNDS = 25
 _START = 6.0  # robust scales beyond which an observation is out from the start
 _SHARE = 0.5  # of the largest test value that others must have to go out with it
+_LITTLE = 0.1  # of all squares, that those which leave may explain for their sum to be foreseen
 _TIED = 0.98  # of the largest test value of a point: no telling which of them it is
 _CHECKED, _PREDICTED = 0.01, 0.99  # redundancy numbers that make tests of images in, and out, worth anything
 _ROUNDING = 1e-5  # that of observations held tightly, such as control without error and tides
@@ -94,6 +96,7 @@ class Judgement:
     test: FloatArray  # (o,) NaN where nothing checks the observation
     error: FloatArray  # (o,) estimated: given minus what the others say
     sigma0: float
+    redundancy: float  # of what is in
     normals: Kept
     inverse: Inverse
     covariance: FloatArray  # (p, 3, 3) m2, east, north, up of the points that take part
@@ -105,24 +108,6 @@ class Judgement:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Beginning:
-    """Where a search begins; the state does not matter, as it is adjusted first."""
-
-    scene: Scene
-    out: BoolArray  # (units,)
-    returning: bool
-
-    def same_as(self, other: Beginning) -> bool:
-        """Return whether two searches do the same."""
-        return (
-            self.scene.block is other.scene.block
-            and self.returning is other.returning
-            and np.array_equal(self.out, other.out)
-            and np.array_equal(self.scene.line.wet, other.scene.line.wet)
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Snooped:
     """Where the search has come to rest."""
 
@@ -131,7 +116,6 @@ class Snooped:
     judgement: Judgement
     tides: tuple[CommonTide, ...]  # errors that the tides of several photos have in common
     rest: bool  # False: it was stopped
-    begun: Beginning
 
     @property
     def units(self) -> Units:
@@ -141,6 +125,16 @@ class Snooped:
     def out(self) -> Factors:
         """Return 1 for the observations that are out, 0 for all others."""
         return _masks(self.scene, self.units, self.judgement.out)
+
+    def is_rest_with(self, scene: Scene, out: BoolArray) -> bool:
+        """Return whether it is where a scene comes to rest with these units (units,) out."""
+        return (
+            self.rest
+            and not self.tides
+            and self.scene.block is scene.block
+            and np.array_equal(self.judgement.out, out)
+            and np.array_equal(self.scene.line.wet, scene.line.wet)
+        )
 
 
 def snooped(
@@ -153,33 +147,45 @@ def snooped(
     """Return the search at rest.
 
     `first` is 1 for what is out at the beginning; without it, what robust weights leave far off is. Without
-    `returning` nothing of that comes back. One `before` that has begun alike has come to the same rest. Raises
-    `SingularNormalsError`.
+    `returning` nothing of that comes back but images whose points are explained otherwise. Where what is out comes
+    to be that of the search `before`, it has come to the same rest. Raises `SingularNormalsError`.
     """
     units = units_of(scene)
-    size = sizes(scene, state) if first is None else first
-    beyond = _START * plate_scale(scene, size) if first is None else 0.0
-    out = units.per_unit(np.abs(_gathered(size, units))) > beyond
-    begun = Beginning(scene=scene, out=out, returning=returning)
-    if before is not None and not before.tides and begun.same_as(before.begun):
-        return before
-    returns, limit = np.full(units.count, 0 if returning else _RETURNS), units.limits()
+    image, limit = units.kind[units.first()] == _K.PLATE, units.limits()
+    returns = np.full(units.count, 0 if returning else _RETURNS)
+    if first is None:
+        size, near = sizes(scene, state), AROUND
+        scale = plate_scale(scene, size)
+        out = units.per_unit(np.abs(_gathered(size, units))) > _START * scale
+        chosen, state = _images_anew(scene, state, units, out & image, scale)
+        out = np.where(image, chosen, out)
+    else:
+        near, out = Near(), units.per_unit(_gathered(first, units)) > 0.0
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
+        if before is not None and before.is_rest_with(scene, out):
+            return replace(before, tides=tides)
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
-        scene, state, normals = settled(scene, factors, state, Near() if number or first is not None else None)
+        scene, state, normals = settled(scene, factors, state, near)
+        near = Near()
         judgement = judged(scene, state, units, out, factors, normals)
         value = judgement.unit_test
-        back = out & _predicted(judgement) & (value < _BACK * limit) & (returns < _RETURNS)
-        if number == 0:  # what nothing predicts can be tested only when it is in; images are chosen later
-            back |= out & ~_predicted(judgement) & (units.kind[units.first()] != _K.PLATE)
+        fits = _predicted(judgement) & (value < _BACK * limit)
+        back = out & fits & (returns < _RETURNS) & ~image
+        if number == 0:  # what nothing predicts can be tested only when it is in
+            back |= out & ~_predicted(judgement) & ~image
         leaving = _leaving(judgement, value)
         common = worst_common_tide(scene, state, judgement)
         if common is not None and common.test > max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)):
             tides, leaving = (*tides, common), _tides_of(units, common.photo)
             returns[leaving] = _RETURNS
+        # an image comes back where its point is explained otherwise, unless its own test says no
+        sure = image & (leaving | (out & ~fits & _predicted(judgement)))
+        wrong, after = _images_anew(scene, state, units, image & (out | leaving), judgement.sigma0)
+        stays = sure | wrong | (out & (number > 0))
+        back, leaving = np.where(image, out & ~stays, back), np.where(image, stays & ~out, leaving)
         if not back.any() and not leaving.any():
             if not tides or proven:
                 rest = True
@@ -187,8 +193,30 @@ def snooped(
             # what else was wrong when they went out may have looked like them: they have to be found once more
             back, tides, proven = _tides_of(units, np.concatenate([tide.photo for tide in tides])), (), True
         returns[back] += 1
-        out = (out & ~back) | leaving
-    return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest, begun=begun)
+        out, state = (out & ~back) | leaving, after
+    return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
+
+
+def _images_anew(
+    scene: Scene, state: State, units: Units, anew: BoolArray, sigma0: float
+) -> tuple[BoolArray, State]:
+    """Return which images (units,) are out when those of points with some in `anew` are chosen anew.
+
+    And the state with these points where the others see them.
+    """
+    out = _masks(scene, units, anew)
+    out, state = images_anew(scene, state, out, np.asarray(out[_K.PLATE].any(axis=1)), sigma0)
+    return units.per_unit(_gathered(out, units)) > 0.0, state
+
+
+def images_anew(scene: Scene, state: State, out: Factors, anew: BoolArray, sigma0: float) -> tuple[Factors, State]:
+    """Return what is out with the images chosen anew of the points that have some in `anew` (m,), no others out.
+
+    And the state with these points where the others see them.
+    """
+    factors = factors_of(out, sizes(scene, state)) | {_K.PLATE: np.ones_like(out[_K.PLATE])}
+    wrong, state = wrong_images(weighted(scene.network, scene.block, factors), state, anew, sigma0)
+    return out | {_K.PLATE: np.repeat(wrong[:, None], 2, axis=1).astype(float)}, state
 
 
 def _tides_of(units: Units, photo: IntArray) -> BoolArray:
@@ -287,6 +315,7 @@ def judged(
         test=np.where(taken | (f <= 2.0), tau, student),
         error=-v / np.where(checked, r, np.nan),
         sigma0=sigma0,
+        redundancy=f,
         normals=normals,
         inverse=inverse,
         covariance=spread.points * sigma0**2,
@@ -334,13 +363,22 @@ def _predicted(judgement: Judgement) -> BoolArray:
 
 
 def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:
-    """Return the units that go out now: the worst of every place, with what cannot be told from it."""
-    units, in_ = judgement.units, ~judgement.out
-    value = np.where(in_, value, 0.0)
-    limit = units.limits()
+    """Return the units that go out now: the worst of every place, with what cannot be told from it.
+
+    And those that will be beyond their limits as soon as these have gone, as sigma0 gets smaller by them.
+    """
+    units, leaving = judgement.units, np.zeros(judgement.units.count, dtype=bool)
+    value = np.where(judgement.out, 0.0, value)
+    limit, f = units.limits(), judgement.redundancy
     if not (value > limit).any():
-        return np.zeros(units.count, dtype=bool)
+        return leaving
     place = units.place[units.first()]
     worst = np.zeros(place.max() + 1)
     np.maximum.at(worst, place, value)
-    return (value > limit) & (value >= _SHARE * value.max()) & (value >= _TIED * worst[place])
+    may_leave, smaller = (value >= _SHARE * value.max()) & (value >= _TIED * worst[place]), 1.0
+    while not np.array_equal(leaving, more := may_leave & (value > smaller * limit)):
+        leaving = more
+        squares = float(np.square(worst[np.unique(place[leaving])]).sum())
+        if squares < _LITTLE * f:  # else they are not independent of each other
+            smaller = float(np.sqrt((f - squares) / (f - np.count_nonzero(leaving))))
+    return leaving
