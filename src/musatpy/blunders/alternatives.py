@@ -124,7 +124,8 @@ def _misfits(scene: Scene, state: State, least: float) -> BoolArray:
     """
     network = scene.network
     size = sizes(scene, state)[ObservationKind.PLATE]
-    squares = np.bincount(network.point, weights=np.square(size).sum(axis=1), minlength=network.points)
+    squares = np.einsum("ra,ra->r", size, size)
+    squares = np.bincount(network.point, weights=squares, minlength=network.points)
     misfits = ~(squares <= least)
     for group in network.groups:
         misfits[group.point] |= group.known
