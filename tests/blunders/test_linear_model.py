@@ -160,19 +160,22 @@ def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:
 
 
 def test_points_apart_have_the_squares_that_they_have_together() -> None:
-    """Each of them twice, the second time with its images 10 um to the right."""
+    """Each of them twice, the second time with its images 10 um to the right; all groups in one network."""
     case = wrong()
     network, state = case.scene.network, case.state
-    for group in network.groups:
-        twice = group.part(np.repeat(np.arange(len(group.point)), 2))
-        xy = network.xy[twice.rays]
-        xy[1::2, :, 0] += 0.01
-        alone, every = network.apart(twice, xy, network.refracted[twice.rays])
-        ground = state.ground[twice.point]
-        squares = point_squares(alone, state, every, ground)
-        np.testing.assert_allclose(squares[::2], point_squares(network, state, group, ground[::2]), rtol=1e-12)
-        moved = network.xy + np.array([0.01, 0.0])
-        moved_squares = point_squares(network.with_plates(moved, network.refracted), state, group, ground[::2])
+    moved = network.with_plates(network.xy + np.array([0.01, 0.0]), network.refracted)
+    twice = [group.part(np.repeat(np.arange(len(group.point)), 2)) for group in network.groups]
+    xy = [network.xy[group.rays] for group in twice]
+    for of_group in xy:
+        of_group[1::2, :, 0] += 0.01
+    refracted = np.concatenate([network.refracted[group.rays].reshape(-1) for group in twice])
+    alone, every = network.apart(twice, np.concatenate([of_group.reshape(-1, 2) for of_group in xy]), refracted)
+    assert alone.points == 2 * sum(len(group.point) for group in network.groups)
+    for group, of_both in zip(network.groups, every, strict=True):
+        ground = state.ground[group.point]
+        squares = point_squares(alone, state, of_both, np.repeat(ground, 2, axis=0))
+        moved_squares = point_squares(moved, state, group, ground)
+        np.testing.assert_allclose(squares[::2], point_squares(network, state, group, ground), rtol=1e-12)
         np.testing.assert_allclose(squares[1::2], moved_squares, rtol=1e-12)
         assert (np.abs(moved_squares - squares[::2]) > 1e-3).all()
 

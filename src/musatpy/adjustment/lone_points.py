@@ -65,5 +65,6 @@ class PlainLonePoints:
         self, row: IntArray, wet: BoolArray, level: FloatArray | None, known: bool
     ) -> tuple[Network, PointGroup]:
         group = replace(self.group.part(row), known=known)
-        network, group = self.network.apart(group, self.network.xy[group.rays], wet)
+        xy = self.network.xy[group.rays.reshape(-1)]
+        network, (group,) = self.network.apart([group], xy, wet.reshape(-1))
         return network if level is None else network.with_heights_held(level), group

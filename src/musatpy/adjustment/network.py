@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import ModuleType
@@ -168,25 +168,35 @@ class Network:
         sea = self.sea if waves is None else self.sea.at(waves)
         return replace(self, sea=sea.known, border=self.border.having(ObservationKind.WAVE, ()))
 
-    def apart(self, group: PointGroup, xy: FloatArray, refracted: BoolArray) -> tuple[Self, PointGroup]:
-        """Return a network of the k points of a group alone, and that group in it.
+    def apart(
+        self, groups: Sequence[PointGroup], xy: FloatArray, refracted: BoolArray
+    ) -> tuple[Self, list[PointGroup]]:
+        """Return a network of the points of groups alone, numbered one after the other, and these groups in it.
 
-        Each point counts for itself with its own images xy (k, m, 2) and rays that are `refracted` (k, m), so that
-        one can be there more than once.
+        Each point counts for itself with its own images xy (r, 2) and rays that are `refracted` (r,), those of its
+        group, so that one can be there more than once.
         """
-        (k, m), rays = group.rays.shape, group.rays.reshape(-1)
-        every = replace(group, point=np.arange(k), rays=np.arange(k * m).reshape(k, m))
-        priors = {one.name: getattr(self.priors, one.name)[group.point] for one in fields(self.priors)}
+        point = np.concatenate([group.point for group in groups])
+        rays = np.concatenate([group.rays.reshape(-1) for group in groups])
+        of_ray, every = np.empty(len(rays), dtype=int), []
+        points = measured = 0
+        for group in groups:
+            k, m = group.rays.shape
+            row = np.arange(points, points + k)
+            of_ray[measured : measured + k * m] = np.repeat(row, m)
+            every.append(replace(group, point=row, rays=np.arange(measured, measured + k * m).reshape(k, m)))
+            points, measured = points + k, measured + k * m
+        priors = {one.name: getattr(self.priors, one.name)[point] for one in fields(self.priors)}
         alone = replace(
             self,
             photo=self.photo[rays],
-            point=np.repeat(np.arange(k), m),
-            xy=xy.reshape(-1, 2),
+            point=of_ray,
+            xy=xy,
             weight=self.weight[rays],
-            refracted=refracted.reshape(-1),
+            refracted=refracted,
             priors=replace(self.priors, **priors),
-            pass_groups=() if group.known else (every,),
-            control_groups=(every,) if group.known else (),
+            pass_groups=tuple(group for group in every if not group.known),
+            control_groups=tuple(group for group in every if group.known),
             kept_groups=(),
             _gathered=[],
         )

@@ -8,8 +8,11 @@ go out.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, count
+from math import comb
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,7 +23,10 @@ from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.scene import Scene
+from musatpy.blunders.scene import Scene, sizes
+from musatpy.model import ObservationKind
+
+Values = TypeVar("Values", FloatArray, BoolArray)
 
 _AS_GOOD = 16.0  # of squares over sigma0 squared: a choice that is worse by less explains the point too
 _MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
@@ -35,20 +41,30 @@ def wrong_images(network: Network, state: State, out: BoolArray, sigma0: float) 
     `network` has the full weights of the images.
     """
     wrong, ground = np.zeros_like(out), state.ground.copy()
-    for group in network.groups:
-        part = group.part(np.asarray(out[group.rays].any(axis=1)))
-        if len(part.point):
-            wrong[part.rays], ground[part.point] = _chosen(network, state, part, out[part.rays], sigma0)
+    left = [part for group in network.groups for part in group.some(np.asarray(out[group.rays].any(axis=1)))]
+    for group in left:
+        wrong[group.rays] = True  # until a choice fits
+    for number in count():
+        tried = []
+        for group in left:
+            m = group.rays.shape[1]
+            if sum(comb(m, less) for less in range(number + 1)) > _MOST:
+                wrong[group.rays] = out[group.rays]
+            elif number < m - 1:
+                tried.append(group)
+        if not tried:
+            break
+        left = _choose(network, state, tried, number, sigma0, wrong, ground)
     return wrong, replace(state, ground=ground)
 
 
 def misfit(network: Network, state: State, point: IntArray) -> FloatArray:
     """Return the root of the squares (k,) of points with all their images, NaN for those that take no part."""
-    roots = np.full(network.points, np.nan)
-    for group in network.groups:
-        part = group.part(np.isin(group.point, point))
-        if len(part.point):
-            roots[part.point] = np.sqrt(_squares(network, state, part, np.arange(part.rays.shape[1]))[0])
+    roots, asked = np.full(network.points, np.nan), np.zeros(network.points, dtype=bool)
+    asked[point] = True
+    groups = [part for group in network.groups for part in group.some(asked[group.point])]
+    if groups:
+        roots[_points(groups)] = np.sqrt(_squares(network, state, groups)[0])
     return roots[point]
 
 
@@ -64,8 +80,8 @@ def exchanged_images(network: Network, state: State, point: int) -> list[tuple[i
         order = np.tile(np.arange(m), (len(exchanged), 1))
         np.put_along_axis(order, exchanged, exchanged[:, ::-1], axis=1)
         tries = part.part(np.zeros(len(exchanged), dtype=int))
-        squares, _ = _intersected(network, state, tries, network.xy[part.rays[0][order]])
-        fits = squares < _MEET * chi_square_limit(_redundancy(part, m))
+        squares, _ = _intersected(network, state, [tries], network.xy[part.rays[0][order].reshape(-1)])
+        fits = squares < _MEET * _limit(part, m)
         pairs += [tuple(photos) for photos in network.photo[part.rays[0]][exchanged[fits]].tolist()]
     return pairs
 
@@ -77,101 +93,145 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
     difference of the squares. Only points below the water at all their photos can have either. Where one wrong
     image would explain the misfit better, the flag is not blamed.
     """
-    network = scene.network
-    height, water = heights_and_water(network, state)
-    below = np.ones(network.points, dtype=bool)
-    np.logical_and.at(below, network.point, height < water)
-    other = replace(network, refracted=np.where(below[network.point], ~network.refracted, network.refracted))
-    points, tests = [np.zeros(0, dtype=int)], [np.zeros(0)]
-    for group in network.groups:
-        part = group.part(below[group.point])
-        if not len(part.point) or part.rays.shape[1] == 1:
-            continue
-        m = part.rays.shape[1]
-        every = np.arange(m)
-        flagged = _squares(network, state, part, every)[0]
-        misfits = ~(flagged <= _AS_GOOD * sigma0**2)  # the other flag gains no more than these squares
-        if not misfits.any():
-            continue
-        part, flagged = part.part(misfits), flagged[misfits]
-        flipped = _squares(other, state, part, every)[0]
-        with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
-            gain = (flagged - flipped) / sigma0**2
-        wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * chi_square_limit(_redundancy(part, m)))
-        doubtful = part.part(wrong)
-        if wrong.any():
-            one_less = [_squares(network, state, doubtful, np.delete(every, image))[0] for image in every]
-            wrong[wrong] = np.min(one_less, axis=0) > flipped[wrong]
-        points.append(part.point[wrong])
-        tests.append(np.sqrt(gain[wrong]))
-    return np.concatenate(points), np.concatenate(tests)
+    network, nothing = scene.network, (np.zeros(0, dtype=int), np.zeros(0))
+    asked = _below_water(scene, state, _misfits(scene, state, _AS_GOOD * sigma0**2))
+    groups = [
+        part for group in network.groups if group.rays.shape[1] > 1 for part in group.some(asked[group.point])
+    ]
+    if not groups:
+        return nothing
+    flagged = _squares(network, state, groups)[0]
+    misfits = ~(flagged <= _AS_GOOD * sigma0**2)  # the other flag gains no more than these squares
+    if not misfits.any():
+        return nothing
+    groups, flagged = _some(groups, misfits), flagged[misfits]
+    other = replace(network, refracted=np.where(asked[network.point], ~network.refracted, network.refracted))
+    flipped = _squares(other, state, groups)[0]
+    with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
+        gain = (flagged - flipped) / sigma0**2
+    limit = np.concatenate([np.full(len(group.point), _limit(group, group.rays.shape[1])) for group in groups])
+    wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * limit)
+    if wrong.any():
+        one_less = [squares.min(axis=1) for _, squares, _ in _without(network, state, _some(groups, wrong), 1)]
+        wrong[wrong] = np.concatenate(one_less) > flipped[wrong]
+    return _points(groups)[wrong], np.sqrt(gain[wrong])
 
 
-def _chosen(
-    network: Network, state: State, group: PointGroup, out: BoolArray, sigma0: float
-) -> tuple[BoolArray, FloatArray]:
-    """Return which images (k, m) of the points of a group are out, and the positions (k, 3) by the others.
+def _misfits(scene: Scene, state: State, least: float) -> BoolArray:
+    """Return the points (p,) that may have more than the `least` squares with all their images.
 
-    Where too many choices would have to be tried, `out` and the positions are kept.
+    At their optimum they have no more than where they are. Of those of which something is known all may.
     """
-    k, m = group.rays.shape
-    ground = state.ground[group.point]
-    wrong, open_ = np.ones((k, m), dtype=bool), np.ones(k, dtype=bool)
-    tried = 0
-    for number in range(m - 1):
-        choices = [np.array(kept) for kept in combinations(range(m), m - number)]
-        tried += len(choices)
-        rows = np.flatnonzero(open_)
-        if not len(rows):
-            break
-        if tried > _MOST:
-            wrong[rows] = out[rows]
-            break
-        squares, positions = _of_choices(network, state, group.part(open_), np.stack(choices))
+    network = scene.network
+    size = sizes(scene, state)[ObservationKind.PLATE]
+    squares = np.einsum("ra,ra->r", size, size)
+    squares = np.bincount(network.point, weights=squares, minlength=network.points)
+    misfits = ~(squares <= least)
+    for group in network.groups:
+        misfits[group.point] |= group.known
+    return misfits
+
+
+def _below_water(scene: Scene, state: State, points: BoolArray) -> BoolArray:
+    """Return which of some `points` (p,) are below the water at all their photos."""
+    network = scene.network
+    height, water = heights_and_water(network, state, points)
+    above = np.bincount(network.point[~(height < water)], minlength=network.points) > 0
+    return points & ~above
+
+
+def _choose(
+    network: Network,
+    state: State,
+    groups: list[PointGroup],
+    number: int,
+    sigma0: float,
+    wrong: BoolArray,
+    ground: FloatArray,
+) -> list[PointGroup]:
+    """Set which images (m,) of points that fit without so many are wrong, and the positions (p, 3) by the others.
+
+    Return the points that do not.
+    """
+    left = []
+    for group, (kept, squares, positions) in zip(groups, _without(network, state, groups, number), strict=True):
         squares /= sigma0**2
-        positions = positions[np.arange(len(rows)), squares.argmin(axis=1)]
         best = squares.min(axis=1)
-        fits = best < chi_square_limit(_redundancy(group, m - number))
-        taken = np.stack([~np.isin(np.arange(m), kept) for kept in choices])  # (c, m)
-        good = squares <= best[:, None] + _AS_GOOD
-        wrong[rows[fits]] = (good[fits, :, None] & taken[None]).any(axis=1)
-        ground[rows[fits]] = positions[fits]
-        open_[rows[fits]] = False
-    return wrong, ground
+        fits = best < _limit(group, kept.shape[1])
+        taken = (kept[:, :, None] != np.arange(group.rays.shape[1])).all(axis=1)  # (c, m)
+        good, fitting = squares[fits] <= best[fits, None] + _AS_GOOD, group.part(fits)
+        wrong[fitting.rays] = (good[:, :, None] & taken).any(axis=1)
+        ground[fitting.point] = positions[fits, squares[fits].argmin(axis=1)]
+        left += group.some(~fits)
+    return left
 
 
-def _redundancy(group: PointGroup, images: int) -> int:
-    """Return the redundancy of a point with so many images; one of which something is known counts as all known."""
-    return 2 * images if group.known else 2 * images - 3
+def _limit(group: PointGroup, images: int) -> float:
+    """Return the limit of the squares with which a point with so many images fits.
+
+    One of which something is known counts as all known.
+    """
+    return chi_square_limit(2 * images if group.known else 2 * images - 3)
 
 
-def _squares(network: Network, state: State, group: PointGroup, kept: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted squares (k,) of points with only the images `kept` of theirs, and their positions."""
-    return _intersected(network, state, replace(group, rays=group.rays[:, kept]))
+def _points(groups: Iterable[PointGroup]) -> IntArray:
+    return np.concatenate([group.point for group in groups])
 
 
-def _of_choices(
-    network: Network, state: State, group: PointGroup, choices: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the squares (k, c) and positions (k, c, 3) of points with `choices` (c, r) of their images only."""
-    (k, _), (c, r) = group.rays.shape, choices.shape
-    tries = replace(group, point=np.repeat(group.point, c), rays=group.rays[:, choices].reshape(-1, r))
-    parts = [_intersected(network, state, part) for part in parts_of([tries], _PART)]
-    squares, ground = (np.concatenate(values) for values in zip(*parts, strict=True))
-    return squares.reshape(k, c), ground.reshape(k, c, 3)
+def _split(groups: Sequence[PointGroup], values: Values) -> list[Values]:
+    """Return values (k, ...) of the points of groups, group by group."""
+    return np.split(values, np.cumsum([len(group.point) for group in groups])[:-1])
+
+
+def _some(groups: Sequence[PointGroup], chosen: BoolArray) -> list[PointGroup]:
+    """Return the points of groups that are `chosen` (k,), group after group."""
+    return [part for group, rows in zip(groups, _split(groups, chosen), strict=True) for part in group.some(rows)]
+
+
+def _without(
+    network: Network, state: State, groups: Sequence[PointGroup], number: int
+) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
+    """Yield all choices of all but so many of the images of points, group by group: those that are kept (c, r).
+
+    With the squares (k, c) and the positions (k, c, 3) of the points with these images only.
+    """
+    kept = [np.array(list(combinations(range(m), m - number))) for m in (group.rays.shape[1] for group in groups)]
+    tries = [
+        replace(group, point=np.repeat(group.point, len(rows)), rays=group.rays[:, rows].reshape(-1, rows.shape[1]))
+        for group, rows in zip(groups, kept, strict=True)
+    ]
+    squares, ground = (_split(tries, values) for values in _squares(network, state, tries))
+    for rows, of_tries, X in zip(kept, squares, ground, strict=True):
+        yield rows, of_tries.reshape(-1, len(rows)), X.reshape(-1, len(rows), 3)
+
+
+def _squares(network: Network, state: State, groups: Iterable[PointGroup]) -> tuple[FloatArray, FloatArray]:
+    """Return what `_intersected` does, of so many rays at a time as the memory is to hold."""
+    parts: list[list[PointGroup]] = [[]]
+    for part in parts_of(groups, _PART):
+        if sum(group.rays.size for group in parts[-1]) + part.rays.size > _PART:
+            parts.append([])
+        parts[-1].append(part)
+    squares, ground = zip(*(_intersected(network, state, part) for part in parts if part), strict=True)
+    return np.concatenate(squares), np.concatenate(ground)
 
 
 def _intersected(
-    network: Network, state: State, group: PointGroup, xy: FloatArray | None = None
+    network: Network, state: State, groups: list[PointGroup], xy: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted squares (k,) and the positions (k, 3) of points of a group by its rays and what is known.
+    """Return the weighted squares (k,) and the positions (k, 3) of points by their rays and what is known of them.
 
-    A point may be in it more than once, with other rays, or other images xy (k, m, 2). The stations stay.
+    A point may be in them more than once, with other rays, or other images xy (r, 2). The stations stay.
     """
-    rays = group.rays
-    tried, every = network.apart(group, network.xy[rays] if xy is None else xy, network.refracted[rays])
-    first = ground_points.start_ground(tried, replace(state, ground=state.ground[group.point])).ground
-    met = replace(state, ground=first, squares=np.zeros(len(first)))
-    ground = ground_points.settle(tried, met).ground
+    rays, point = np.concatenate([group.rays.reshape(-1) for group in groups]), _points(groups)
+    tried, every = network.apart(groups, network.xy[rays] if xy is None else xy, network.refracted[rays])
+    first = ground_points.start_ground(tried, replace(state, ground=state.ground[point])).ground
+    met = ground_points.settle(tried, replace(state, ground=first, squares=np.zeros(len(first))))
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
-    return point_squares(tried, state, every, ground), ground
+    squares, others = np.empty(len(first)), every
+    if tried.compiled is not None:
+        tried.compiled.set_squares(met, squares)
+        others = list(tried.compiled.others)
+    for group in others:
+        squares[group.point] = point_squares(tried, met, group, met.ground[group.point])
+    return squares, met.ground

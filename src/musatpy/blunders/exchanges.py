@@ -27,8 +27,8 @@ def flying_height(scene: Scene, state: State) -> float:
     """Return the median distance, m, of points from the stations that see them."""
     network = scene.network
     rays = np.flatnonzero(taking_part(network))
-    reach = np.linalg.norm(state.ground[network.point[rays]] - state.position[network.photo[rays]], axis=1)
-    return float(np.nanmedian(reach))
+    v = state.ground.take(network.point[rays], axis=0) - state.position.take(network.photo[rays], axis=0)
+    return float(np.nanmedian(np.sqrt(np.einsum("ri,ri->r", v, v))))
 
 
 def exchanged_photos(block: Block, scene: Scene, state: State) -> list[tuple[int, int]]:
@@ -54,15 +54,15 @@ def exchanged_control(last: Snooped) -> list[tuple[int, int]]:
 
 def _pairs(place: FloatArray, given: FloatArray, far: float) -> list[tuple[int, int]]:
     """Return the pairs of which each is `far` from what is given for it, and near what is given for the other."""
-    distance = np.linalg.norm(place[:, None] - given[None], axis=2)
-    off = np.diagonal(distance).copy()
-    pairs = []
-    for a in np.flatnonzero(off > far).tolist():
-        b = int(np.nanargmin(distance[a]))
-        near = distance[a, b] < _NEARER * off[a] and distance[b, a] < _NEARER * off[b]
-        if a < b and off[b] > far and near and int(np.nanargmin(distance[b])) == a:
-            pairs.append((a, b))
-    return pairs
+    off = np.linalg.norm(place - given, axis=1)
+    away = np.flatnonzero(off > far)
+    nearest = {}
+    for a in away.tolist():
+        distance = np.linalg.norm(place[a] - given, axis=1)
+        b = int(np.nanargmin(distance))
+        if distance[b] < _NEARER * off[a]:
+            nearest[a] = b
+    return [(a, b) for a, b in nearest.items() if a < b and nearest.get(b) == a]
 
 
 def exchanges(block: Block, last: Snooped) -> Iterator[Hypothesis]:

@@ -7,15 +7,17 @@ points lie about that it is there by chance in less than one case of a thousand.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.compiled_points import plain, stations_of
+from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.adjustment.water_surface import surface
+from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.scene import Scene
 from musatpy.geometry import collinearity
@@ -50,17 +52,18 @@ def lookalikes(
     good = taking_part(network) & ~out
     determined = np.bincount(network.point[good], minlength=network.points) >= _DETERMINED
     determined &= np.isfinite(covariance).all(axis=(1, 2))
-    around, rims = _near(network), _rims(network)
     rows: list[int] = []
     points: list[int] = []
     distances: list[float] = []
     alone: list[bool] = []
     suspect = suspect[np.argsort(network.photo[suspect], kind="stable")]
+    suspect = _perhaps_near(scene, state, suspect, determined, covariance, sigma0)
     photos = np.unique(network.photo[suspect])
+    around, rims = _near(network, photos), _rims(network, photos)
     for first in range(0, len(photos), _TOGETHER):
-        part = photos[first : first + _TOGETHER]
-        of_part = suspect[np.isin(network.photo[suspect], part)]
-        seen = _imagined(scene, state, part, around, rims, determined, covariance)
+        part = slice(first, first + _TOGETHER)
+        of_part = suspect[np.isin(network.photo[suspect], photos[part])]
+        seen = _imagined(scene, state, photos[part], around[part], rims, determined, covariance)
         found = _nearest(network, of_part, seen, sigma0)
         near = found.off < _NEAR
         rows += found.row[near].tolist()
@@ -133,38 +136,88 @@ def _exchanged(
     pairs = []
     for row, point, sure in zip(rows, points, alone, strict=True):
         name = int(network.point[row])
+        if not sure or determined[name]:
+            continue
         partner = np.flatnonzero((network.photo == network.photo[row]) & (network.point == point))
-        if sure and not determined[name] and len(partner) == 1 and out[partner[0]] and partner[0] not in rows:
+        if len(partner) == 1 and out[partner[0]] and partner[0] not in rows:
             pairs.append((int(partner[0]), name))
     return pairs
 
 
 def _free_names(network: Network, row: IntArray, point: IntArray, certain: BoolArray) -> BoolArray:
     """Return which images can get their new names: no other image on the photo has it, or keeps it."""
-    photo = network.photo[row]
+    old = network.photo * network.points + network.point
+    new = network.photo[row] * network.points + point
+    bearers = np.flatnonzero(np.isin(old, new))
     while certain.any():
-        renamed = np.zeros(len(network.photo), dtype=bool)
-        renamed[row[certain]] = True
-        keep = np.array([
-            not (~renamed & (network.photo == a) & (network.point == q)).any()
-            and np.count_nonzero(certain & (photo == a) & (point == q)) == 1
-            for a, q in zip(photo.tolist(), point.tolist(), strict=True)
-        ])  # fmt: skip
+        kept = old[np.setdiff1d(bearers, row[certain])]
+        names, count = np.unique(new[certain], return_counts=True)
+        keep = np.isin(new, names[count == 1]) & ~np.isin(new, kept)
         if (keep | ~certain).all():
             break
         certain = certain & keep
     return certain
 
 
-def _near(network: Network) -> Callable[[int], IntArray]:
-    """Return what gives the points on the photos that have points in common with a photo."""
+def _perhaps_near(
+    scene: Scene, state: State, rows: IntArray, determined: BoolArray, covariance: FloatArray, sigma0: float
+) -> IntArray:
+    """Return which images `rows`, in the order of photos, may lie near others of the points that are determined.
+
+    All where numpy does the work, or waves go on the water.
+    """
+    network = scene.network
+    kernels = compiled_points(network.photos)
+    if kernels is None or network.sea is not None:
+        return rows
+    from musatpy.adjustment.kernels import nearness  # numba is there
+
+    photo, point, of_photo = network.photo, network.point, network.photo[rows]
+    wet = np.flatnonzero(determined & scene.block.points.bathymetric)
+    over = surface(network.frame, network.slope(state.tilt), np.zeros(len(wet)), state.ground[wet])
+    row = np.full(network.points, -1)
+    row[wet] = np.arange(len(wet))
+    places = nearness.Places(
+        ground=plain(state.ground),
+        variance=np.where(determined, np.trace(covariance, axis1=1, axis2=2), np.nan),
+        tide=plain(state.tide),
+        row=row,
+        normal=plain(over.normal),
+        depth=plain(over.depth),
+        rise=1.0 / over.secant,
+    )
+    measurements = nearness.Measurements(
+        of_photo=_starts(photo, network.photos),
+        point=point[order_of(photo)],
+        of_point=_starts(point, network.points),
+        photo=photo[order_of(point)],
+    )
+    suspects = nearness.Suspects(
+        photo=of_photo,
+        point=point[rows],
+        xy=network.xy[rows] - network.principal_point[of_photo],
+        variance=sigma0**2 * np.sum(1.0 / network.weight[rows], axis=1),
+        near=np.zeros(len(rows), dtype=bool),
+    )
+    nearness.mark_near(_NEAR, measurements, stations_of(kernels, network, state), places, suspects)
+    return rows[suspects.near]
+
+
+def _starts(number: IntArray, count: int) -> IntArray:
+    """Return where each of so many numbers (count + 1,) begins in the order of all (m,)."""
+    return np.concatenate([[0], np.cumsum(np.bincount(number, minlength=count))])
+
+
+def _near(network: Network, photos: IntArray) -> list[IntArray]:
+    """Return the points on the photos that have points in common with each of some photos (c,)."""
+    if not len(photos):
+        return []
     from scipy.sparse import csr_array  # most jobs do without
 
     seen = np.ones(len(network.photo), dtype=np.int32)
     shows = csr_array((seen, (network.photo, network.point)), shape=(network.photos, network.points))
-    near = (shows @ shows.T) @ shows
-    points = near.indices.astype(np.int64)
-    return lambda photo: points[near.indptr[photo] : near.indptr[photo + 1]]
+    near = (shows[photos] @ shows.T) @ shows
+    return np.split(near.indices.astype(np.int64), near.indptr[1:-1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -186,11 +239,12 @@ class _Imagined:
         return out
 
 
-def _rims(network: Network) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the largest coordinates (n, 2) mm of plates and their rims."""
+def _rims(network: Network, photos: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the largest coordinates (n, 2) mm of the plates of some photos (c,) and their rims."""
     low, high = np.full((network.photos, 2), np.inf), np.full((network.photos, 2), -np.inf)
-    np.minimum.at(low, network.photo, network.xy)
-    np.maximum.at(high, network.photo, network.xy)
+    rows = np.flatnonzero(np.isin(network.photo, photos))
+    np.minimum.at(low, network.photo[rows], network.xy[rows])
+    np.maximum.at(high, network.photo[rows], network.xy[rows])
     return low - _RIM, high + _RIM
 
 
@@ -198,14 +252,13 @@ def _imagined(
     scene: Scene,
     state: State,
     photos: IntArray,
-    around: Callable[[int], IntArray],
+    near: list[IntArray],
     rims: tuple[FloatArray, FloatArray],
     determined: BoolArray,
     covariance: FloatArray,
 ) -> _Imagined:
-    """Return what some photos (c,) would show, within `rims`, of the points `around` them that are determined."""
-    network, near = scene.network, [around(photo) for photo in photos.tolist()]
-    near = [points[determined[points]] for points in near]
+    """Return what some photos (c,) would show, within `rims`, of the points `near` them that are determined."""
+    network, near = scene.network, [points[determined[points]] for points in near]
     number = np.repeat(np.arange(len(photos)), [len(points) for points in near])
     photo, points = photos[number], np.concatenate(near)
     imagined = replace(
