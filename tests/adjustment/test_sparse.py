@@ -10,8 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musatpy.adjustment import kernels, threads
+from musatpy.adjustment.compiled_fronts import CompiledFronts
 from musatpy.adjustment.normals import Cofactors, NormalMatrix, factorised
 from musatpy.adjustment.ordering import dissect_by_place, fronts_by_kernels, fronts_of
+from musatpy.adjustment.plain_fronts import PlainFronts
 from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, factorise
 
 KINDS = [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)]  # which is compiled first
@@ -64,11 +66,15 @@ def dense(pattern: Pattern, blocks: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("strips", "photos"), [(1, 1), (1, 2), (1, 40), (3, 9), (9, 14)])
 @pytest.mark.parametrize("size", [6, 7])
 @pytest.mark.parametrize("placed", [False, True])
+@pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(
-    monkeypatch: pytest.MonkeyPatch, strips: int, photos: int, size: int, placed: bool, kind: str
+    monkeypatch: pytest.MonkeyPatch, strips: int, photos: int, size: int, placed: bool, kind: str, shared: bool
 ) -> None:
+    """Of fronts that are one part, or `shared` by threads in several."""
     monkeypatch.setenv(kernels.VARIABLE, kind)
+    if shared:
+        monkeypatch.setattr(threads, "_FEWEST", 0)
     rng = np.random.default_rng(strips * 100 + photos)
     count, cliques, place = placed_cliques(strips, photos, rng)
     pattern = Pattern.of(count, size, cliques, place if placed else None)
@@ -164,6 +170,15 @@ def test_compiled_fronts_are_the_plain_ones(strips: int, photos: int, noise: flo
         np.testing.assert_array_equal(one.own, other.own)
         np.testing.assert_array_equal(one.boundary, other.boundary)
         assert (one.children, one.parent) == (other.children, other.parent)
+
+
+def test_kernels_are_loaded_for_smaller_factors_where_many_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by the search for blunders, of blocks whose points have kernels."""
+    monkeypatch.delenv(kernels.VARIABLE, raising=False)
+    for strips, of_one, of_many in ((5, PlainFronts, PlainFronts), (10, PlainFronts, CompiledFronts)):
+        count, cliques, place = placed_cliques(strips, 30, np.random.default_rng(5))
+        assert isinstance(Pattern.of(count, 6, cliques, place).at_work(), of_one)
+        assert isinstance(Pattern.of(count, 6, cliques, place, often=True).at_work(), of_many)
 
 
 def test_fronts_grow_with_the_cross_section_of_a_block_and_not_with_its_length() -> None:

@@ -44,12 +44,13 @@ class Plan:
     """
 
     fronts: tuple[FrontPlan, ...]
+    shared: bool  # threads share the work at it
     pairs: IntArray  # (e,) rows of the pairs, front by front
     turned: BoolArray  # (e,) whether the second block of the pair is eliminated before the first
     rows: IntArray  # (e, size) where the rows of each block are, of those turned its columns
 
     @classmethod
-    def of(cls, fronts: tuple[Front, ...], pairs: IntArray, size: int) -> Plan:
+    def of(cls, fronts: tuple[Front, ...], pairs: IntArray, size: int, *, shared: bool) -> Plan:
         """Return the plan of fronts for pairs of blocks (e, 2), which have so many unknowns each."""
         count = sum(len(front.own) for front in fronts)
         own, others = np.array([(len(front.own), len(front.boundary)) for front in fronts]).T
@@ -90,6 +91,7 @@ class Plan:
         )
         return cls(
             fronts=plans,
+            shared=shared,
             pairs=order,
             turned=i > j,
             rows=rows[:, None] + blocks[front, None] * np.arange(size),
@@ -97,14 +99,18 @@ class Plan:
 
     @cached_property
     def stages(self) -> list[list[range]]:
-        """Fronts that threads work at side by side, stage by stage: subtrees, then those above them by height."""
+        """Fronts that threads work at side by side, stage by stage: subtrees, then those above them by height.
+
+        Where they do not share the work, whole trees.
+        """
         work = np.array([front.own * front.size**2 for front in self.fronts], dtype=float)
         first = np.arange(len(work))  # front of each subtree: it is numbered before its root
         for i, front in enumerate(self.fronts):
             for child in front.children:
                 first[i] = min(first[i], first[child])
                 work[i] += work[child]
-        largest = work[[front.parent < 0 for front in self.fronts]].sum() / _SHARES
+        every = work[[front.parent < 0 for front in self.fronts]].sum()
+        largest = every / _SHARES if self.shared else every
         stages: list[list[range]] = [[]]
         height = np.zeros(len(work), dtype=int)
         for i, front in enumerate(self.fronts):

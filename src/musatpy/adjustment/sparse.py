@@ -21,7 +21,7 @@ from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.ordering import Front, Graph, dissect, dissect_by_place, fronts_by_kernels, fronts_of
 from musatpy.adjustment.plain_fronts import Part, PlainFronts
 from musatpy.adjustment.plans import Plan, expand
-from musatpy.adjustment.threads import side_by_side
+from musatpy.adjustment.threads import side_by_side, worth_sharing
 from musatpy.arrays import FloatArray, IntArray, order_of
 
 _FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
@@ -57,9 +57,18 @@ class Pattern:
     size: int
     pairs: IntArray  # (e, 2), ascending by i and j, every (i, i) among them
     place: FloatArray | None = None  # (v, 3) of the blocks, where who meets whom goes by places
+    often: bool = False  # so many factors are asked for that smaller ones repay the loading of kernels
 
     @classmethod
-    def of(cls, count: int, size: int, cliques: Iterable[IntArray], place: FloatArray | None = None) -> Pattern:
+    def of(
+        cls,
+        count: int,
+        size: int,
+        cliques: Iterable[IntArray],
+        place: FloatArray | None = None,
+        *,
+        often: bool = False,
+    ) -> Pattern:
         """Return the pattern in which the blocks of each row of the arrays `cliques` (k, m) meet one another."""
         keys = [np.arange(count) * (count + 1)]
         for clique in cliques:
@@ -68,7 +77,8 @@ class Pattern:
             keys.append((low * count + high).reshape(-1))
         key = np.sort(np.concatenate(keys))  # which is several times as fast as the hashing of `np.unique`
         key = key[np.append(True, key[1:] != key[:-1])]
-        return cls(count=count, size=size, pairs=np.stack(np.divmod(key, count), axis=1), place=place)
+        pairs = np.stack(np.divmod(key, count), axis=1)
+        return cls(count=count, size=size, pairs=pairs, place=place, often=often)
 
     @property
     def order(self) -> int:
@@ -147,12 +157,12 @@ class Pattern:
     @cached_property
     def plan(self) -> Plan:
         """What every front takes from where."""
-        return Plan.of(self.fronts, self.pairs, self.size)
+        return Plan.of(self.fronts, self.pairs, self.size, shared=worth_sharing(self.work))
 
     @cached_property
     def _compiled(self) -> bool:
         """Whether kernels work at the fronts."""
-        return compiled_points(self.count // _FRONTS) is not None
+        return compiled_points(self.count if self.often else self.count // _FRONTS) is not None
 
     @cached_property
     def _tables(self) -> Tables | None:
@@ -161,7 +171,7 @@ class Pattern:
     @property
     def work(self) -> int:
         """How much of it there is for threads, in rays; plain fronts wait for one another where they are small."""
-        return self.order if self._tables else self.order // _LIGHT
+        return self.order if self._compiled else self.order // _LIGHT
 
     def at_work(self) -> PlainFronts | CompiledFronts:
         """Return what works at the fronts."""
