@@ -16,6 +16,7 @@ from musatpy.blunders.explanation import (
     EQUAL,
     SENSIBLE,
     Case,
+    covers,
     first_case,
     given_up,
     readjusted,
@@ -227,7 +228,7 @@ def _ranked(
         if option.key != first.key
         and sensible(option)
         and option.squares >= _NEARLY * first.squares
-        and not (_covers(option, first) and option.gain(variance) < first.gain(variance))
+        and not (covers(option, first) and option.gain(variance) < first.gain(variance))
     ]
     others = [others[row] for row in falling([option.gain(variance) for option in others]).tolist()]
     worst = final + first.squares
@@ -274,16 +275,3 @@ def _exchange(image: Hypothesis, photos: tuple[int, int]) -> Hypothesis:
     nothing = np.zeros(0)
     exchanged = replace(image, kind=CauseKind.EXCHANGED_IMAGES, photo=photos)
     return replace(exchanged, given_up=(), parameters=1, error=nothing, sigma=nothing)
-
-
-def _covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
-    """Return whether a hypothesis gives up all that another one does, and more."""
-    rows = [
-        {
-            (part.kind, row, axis)
-            for part in each.given_up
-            for row, axis in zip(part.row, part.component, strict=True)
-        }
-        for each in (hypothesis, other)
-    ]
-    return bool(rows[1]) and rows[1] < rows[0]

@@ -45,6 +45,8 @@ SENSIBLE = {  # sizes of errors that are common to many observations, and can be
 }
 _GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much to adjust
 _ALIKE = 0.99  # of the squares that the best explains of gross errors
+_SURE = 0.75  # of the difference of two costs in the linear model: so much is left of it when they are adjusted
+_DOUBT = 2.0  # times what that model has misjudged of the best: by so much more it may of the others
 _WEAK = 400.0  # squares over sigma0 squared: what explained more when it was taken was no neighbour's error
 _NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried
 _ITERATIONS = 6  # of a re-adjustment
@@ -181,7 +183,7 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     adjusted again if that is at once.
     Raises `SingularNormalsError`.
     """
-    seen_from_first = True
+    seen_from_first, trial = True, None
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
         model = linear_model(case.scene, case.factors(), case.state)
@@ -192,16 +194,19 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
             break
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
-            seen_from_first, case = False, readjusted(case, model.kept)
-            if np.isfinite(case.squares):
+            foreseen = _foreseen(case, model)
+            seen_from_first, case = False, trial or readjusted(case, model.kept)
+            # where the adjustment is as foreseen, its linear model says what that of the first state has said
+            if np.isfinite(case.squares) and abs(case.squares - foreseen) > variance * _SAME:
                 model = linear_model(case.scene, case.factors(), case.state)
                 options = shortlist(case, model, variance)
         if not options:
             break
+        trial = None
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = cheapest([with_hypothesis(case, option, sea, model.kept) for option in options], variance)
+            best = trial = cheapest(_trials(case, model, options, variance, sea), variance)
             if not np.isfinite(best.squares):
                 break
         first = seen_from_first and best.scene is case.scene
@@ -227,7 +232,54 @@ def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesi
         # no adjustment tells anything yet, and no difference that is small beside what the model leaves out
         alike = [option for option in options if option.squares >= _ALIKE * best]
         return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))]
-    return [option for option in options if option.squares >= _NEARLY * best][:TRIED]
+    near = [option for option in options if option.squares >= _NEARLY * best][:TRIED]
+    return [option for option in near if not _in_vain(option, near[0], variance)]
+
+
+def _in_vain(option: Hypothesis, best: Hypothesis, variance: float) -> bool:
+    """Return whether a hypothesis gives up all that the best does, and more that is not worth its price."""
+    more, price = (option.squares - best.squares) / variance, PENALTY * (option.parameters - best.parameters)
+    return _DOUBT * more + _SAME < price and covers(option, best)
+
+
+def covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
+    """Return whether a hypothesis gives up all that another one does, and more."""
+    rows = [
+        {
+            (part.kind, row, axis)
+            for part in each.given_up
+            for row, axis in zip(part.row, part.component, strict=True)
+        }
+        for each in (hypothesis, other)
+    ]
+    return bool(rows[1]) and rows[1] < rows[0]
+
+
+def _trials(
+    case: Case, model: LinearModel, options: list[Hypothesis], variance: float, sea: Sea | None
+) -> list[Case]:
+    """Return the cases with those of the hypotheses that may cost least, adjusted, the most promising first.
+
+    The others cost more by about as much as their linear model says, which errs by what all of them leave in: by
+    as much as it has misjudged those before.
+    """
+    foreseen, misjudged, trials = _foreseen(case, model), 0.0, []
+    for option in options:
+        more = options[0].gain(variance) - option.gain(variance)
+        if _SURE * more > _SAME + _DOUBT * misjudged:
+            break
+        trials.append(with_hypothesis(case, option, sea, model.kept))
+        misjudged = max(misjudged, abs(trials[-1].squares + option.squares - foreseen) / variance)
+    return trials
+
+
+def _foreseen(case: Case, model: LinearModel) -> float:
+    """Return the weighted squares of all that is in, as the linear model of a case foresees them."""
+    size, factors = sizes(case.scene, case.state), case.factors()
+    out = [factors[kind] * np.square(size[kind]) for kind in case.out]
+    return model.squares - sum(
+        float(np.nansum(squares[mask > 0.0])) for squares, mask in zip(out, case.out.values(), strict=True)
+    )
 
 
 def _normal_limit(case: Case) -> float:
@@ -369,12 +421,13 @@ def with_revision(case: Case, revision: Revision, sea: Sea | None) -> Case:
 def taken_back(case: Case, variance: float, kept: Kept | None = None) -> Case:
     """Return the case without the hypotheses that the others have come to explain, the weakest first.
 
-    Only what the others predict well enough is put in again, and the adjustment decides. `kept` are the normals of
-    the case, where they are known.
+    Only what the others predict well enough is put in again, and the adjustment decides. What was taken last was
+    worth its price beside all others. `kept` are the normals of the case, where they are known.
     """
+    worth = case.taken[-1:] if case.taken and case.taken[-1].gain(variance) > _SAME else ()
     order = sorted(case.taken, key=lambda hypothesis: hypothesis.squares)
     for hypothesis in order if len(order) > 1 else ():
-        if hypothesis.given_up and hypothesis.squares < variance * _WEAK:
+        if hypothesis.given_up and hypothesis.squares < variance * _WEAK and hypothesis not in worth:
             less = tuple(other for other in case.taken if other is not hypothesis)
             trial = readjusted(replace(case, out=given_up(case.out, hypothesis, 0.0), taken=less), kept)
             case = trial if trial.cost(variance) <= case.cost(variance) else case
