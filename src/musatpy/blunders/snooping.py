@@ -174,6 +174,12 @@ class Snooped:
         """Return 1 for the observations that are out, 0 for all others."""
         return _masks(self.scene, self.units, self.judgement.out)
 
+    def rows_out(self, kind: ObservationKind) -> BoolArray:
+        """Return which rows (rows,) of the table of a kind have observations that are out."""
+        rows, taken = np.zeros(len(self.scene.weight[kind]), dtype=bool), self.units.first[self.judgement.out]
+        rows[self.units.row[taken[self.units.kind[taken] == kind]]] = True
+        return rows
+
 
 def snooped(
     scene: Scene,
