@@ -32,7 +32,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.cli import run
 from musatpy.cli.main import main as musat
 from musatpy.errors import AdjustmentError
-from musatpy.model import Options, Program, Refraction, WaterLevel
+from musatpy.model import ObservationKind, Options, Program, Refraction, WaterLevel
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECKS = ("st_thomas/st_thomas.crd", "cayman/cayman_modified.crd", "verdict/iia_same_deck.crd")
@@ -335,6 +335,17 @@ def test_errors_of_both_spread_alike(monkeypatch: pytest.MonkeyPatch, deck: str)
     assert_like(of_a.influence, of_b.influence, 1e-11)  # small differences of large products
     compiled = errors.network.compiled
     assert compiled is not None
+    of_points, of_images = compiled.adjusted(state, cofactors)
+    for group in compiled.groups:
+        own, axes = of_points[group.point], network.frame.axes(state.ground[group.point])
+        if group.known:  # along the axes of that, which are those of another position
+            assert_like(own, a.points[group.point], 1e-9)
+        else:
+            assert_like(axes @ own @ np.swapaxes(axes, 1, 2), a.points[group.point])
+    images = of_a.kind == ObservationKind.PLATE
+    row, component = of_a.row[images], of_a.component[images]
+    by_kernels = 1.0 - network.weight[row, component] * of_images[row, component]
+    assert_like(by_kernels[np.isfinite(by_kernels)], of_a.redundancy[images][np.isfinite(by_kernels)])
     compiled.set_residuals(state, residual)
     rays = np.concatenate([group.rays.reshape(-1) for group in compiled.groups])
     assert_like(residual[rays], sightings.residuals(network, state, rays))

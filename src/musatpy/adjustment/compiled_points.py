@@ -26,7 +26,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
-    from musatpy.adjustment.kernels import points
+    from musatpy.adjustment.kernels import points, spreading
     from musatpy.adjustment.kernels.linear import LinearImages
 
 Result = TypeVar("Result")
@@ -353,6 +353,25 @@ class CompiledPoints(CompiledRows):
         rows = self._loose_rows.rows
         rows = rows[points[sequence.point[rows]]]
         checking.leverages(rows, at, stations, water, known, RIDGE, sequence.pairs, cofactors.blocks, out)
+        return out
+
+    def adjusted(self, state: State, cofactors: Cofactors) -> spreading.Adjusted:
+        """Return the cofactors of points, along the axes of what is known of them, and of their adjusted images.
+
+        Those of others are NaN.
+        """
+        from musatpy.adjustment.kernels import spreading  # numba is there
+
+        (at, stations, water), sequence, network = self.seen(state), self.sequence, self.network
+        known, pairs = self.known(state, state.ground), sequence.pairs
+        of_points, of_images = np.full((network.points, 3, 3), np.nan), np.full(network.xy.shape, np.nan)
+        out = spreading.Adjusted(point=of_points, image=of_images)
+        self.of_parts(
+            lambda part: spreading.adjusted(
+                part.rows, at, stations, water, known, RIDGE, pairs, cofactors.blocks, sequence.rays, out
+            )
+        )
+        of_points[sequence.point[self.known_rows]] *= known.free[:, :, None] * known.free[:, None, :]
         return out
 
     @cached_property

@@ -37,26 +37,26 @@ ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be
 def edited(search: Search) -> Block:
     """Return the block with everything edited that the search found, and with no more editing asked for."""
     block = search.revised
-    out = {kind: np.asarray(mask.any(axis=1)) for kind, mask in search.last.out().items()}
-    groups, stays = block.equal_elevations, ~out[_K.EQUAL_ELEVATION]
+    out = search.last.rows_out
+    groups, stays = block.equal_elevations, ~out(_K.EQUAL_ELEVATION)
     block = replace(
         block,
         options=replace(block.options, editing=Editing.NONE),
-        photos=_stations(block.photos, out[_K.STATION_POSITION], out[_K.STATION_ATTITUDE]),
-        plates=_plates(block, out[_K.PLATE], wrong_tides(search)),
+        photos=_stations(block.photos, out(_K.STATION_POSITION), out(_K.STATION_ATTITUDE)),
+        plates=_plates(block, out(_K.PLATE), wrong_tides(search)),
         control=_control(search, block.control),
         equal_elevations=replace(groups, group=groups.group[stays], point=groups.point[stays]),
     )
     for kind in MEASURED:
         if kind.applies(block):
-            block = kind.without(block, out[kind.observed])
+            block = kind.without(block, out(kind.observed))
     return in_order(block)
 
 
 def lost_points(search: Search, deck: Block) -> frozenset[str]:
     """Return the ids of points that have lost images, and too many of them, to the search."""
     used = search.revised.plates.triangulated
-    wrong = search.revised.plates.point[used & search.last.out()[_K.PLATE].any(axis=1)]
+    wrong = search.revised.plates.point[used & search.last.rows_out(_K.PLATE)]
     ids = search.revised.points.ids[np.unique(wrong)]
     point, kept = deck.plates.point, deck.plates.triangulated
     left = np.bincount(point[kept], minlength=len(deck.points.ids))
@@ -69,10 +69,9 @@ def unedited(search: Search) -> str:
     named = ", ".join(kind for kind in CauseKind if kind in commons)
     if commons - {CauseKind.TIDES} or _explains_most(search):
         return f"one cause explains what does not fit: {named}"
-    out, block = search.last.out(), search.last.scene.block
-    for kind, mask in out.items():
-        wrong = np.asarray(mask.any(axis=1))
-        known = (search.last.scene.weight[kind] > 0.0).any(axis=1)
+    block = search.last.scene.block
+    for kind, weight in search.last.scene.weight.items():
+        wrong, known = search.last.rows_out(kind), (weight > 0.0).any(axis=1)
         if kind is _K.WATER_LEVEL:  # what common errors explain is not edited anyway
             wrong = wrong & wrong_tides(search) if len(wrong) == len(block.photos.ids) else np.zeros_like(wrong)
         count, total = np.count_nonzero(wrong), np.count_nonzero(known)
@@ -91,14 +90,15 @@ def _explains_most(search: Search) -> bool:
 def wrong_tides(search: Search) -> BoolArray:
     """Return the photos (n,) whose own tides are wrong, and whose submerged images can be done without."""
     block, tides = search.revised, np.zeros(len(search.revised.photos.ids), dtype=bool)
-    out = search.last.out()
-    mask = np.asarray(out[_K.WATER_LEVEL].any(axis=1))
+    mask = search.last.rows_out(_K.WATER_LEVEL)
     if len(mask) != len(tides):
         return tides
     tides[mask] = True
     for common in search.last.tides:
         tides[common.photo] = False
-    dry = ~block.points.bathymetric[block.plates.point] & ~out[_K.PLATE].any(axis=1) & block.plates.triangulated
+    dry = (
+        ~block.points.bathymetric[block.plates.point] & ~search.last.rows_out(_K.PLATE) & block.plates.triangulated
+    )
     return tides & (np.bincount(block.plates.photo[dry], minlength=len(tides)) >= ENOUGH)
 
 

@@ -39,7 +39,8 @@ def weighted(network: Network, block: Block, factors: Factors) -> Network:
 def deviations(network: Network, block: Block, state: State) -> Factors:
     """Return the residuals of the observations, adjusted minus observed, in their units."""
     used = taking_part(network)
-    plate = np.where(used[:, None], all_residuals(network, state, used), 0.0)
+    plate = all_residuals(network, state, used)
+    plate[~used] = 0.0
     return {_K.PLATE: plate, **{kind.observed: kind.residuals(network, block, state) for kind in SEARCHED}}
 
 

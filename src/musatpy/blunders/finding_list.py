@@ -14,7 +14,7 @@ from musatpy.blunders.edits import control_out, wrong_tides
 from musatpy.blunders.scene import sees_water
 from musatpy.blunders.search import Search, plate_errors
 from musatpy.blunders.snooping import LIMIT
-from musatpy.model import Action, Blunder, CauseKind, Finding, ObservationKind
+from musatpy.model import Action, Block, Blunder, CauseKind, Finding, ObservationKind
 from musatpy.model.ranking import falling
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -73,25 +73,18 @@ def _renamed(search: Search) -> Iterator[Finding]:
 def _images(search: Search) -> Iterator[Finding]:
     block, last = search.block, search.last
     plates = search.revised.plates
-    rows = np.flatnonzero(last.out()[_K.PLATE].any(axis=1))
-    test, error = plate_errors(last)
-    error = np.where(np.isnan(test)[:, None], np.nan, error)
-    untested = rows[np.isnan(test[rows])]
-    test[untested] = misfit(last.scene.network, last.state, plates.point[untested]) / last.judgement.sigma0
+    rows = np.flatnonzero(last.rows_out(_K.PLATE))
+    test, error = (values[rows] for values in plate_errors(last))
+    nothing = np.isnan(test)
+    untested, error[nothing] = rows[nothing], np.nan
+    test[nothing] = misfit(last.scene.network, last.state, plates.point[untested]) / last.judgement.sigma0
     alike = dict(zip(search.alike.row.tolist(), search.alike.point.tolist(), strict=True))
+    doubtful = dict(zip(untested.tolist(), _not_told_apart(search.revised, untested), strict=True))
     photos, points = block.photos.ids[plates.photo[rows]].tolist(), block.points.ids[plates.point[rows]].tolist()
-    sizes, tests = (error[rows] / MICROMETRE).tolist(), test[rows].tolist()
-    unknown = frozenset(untested.tolist())
-    for row, photo, point, size, value in zip(rows.tolist(), photos, points, sizes, tests, strict=True):
-        notes = []
-        if row in alike:
-            notes.append(f"it lies on point {block.points.ids[alike[row]]}")
-        if row in unknown:
-            others = untested[(plates.point[untested] == plates.point[row]) & (untested != row)]
-            names = ", ".join(block.photos.ids[plates.photo[others]].tolist())
-            if len(others):
-                which = "cannot be told from photo" if len(others) == 1 else "nor from photos"
-                notes.append(f"{which} {names}")
+    sizes = (error / MICROMETRE).tolist()
+    for row, photo, point, size, value in zip(rows.tolist(), photos, points, sizes, test.tolist(), strict=True):
+        notes = [f"it lies on point {block.points.ids[alike[row]]}"] if row in alike else []
+        notes += [doubtful[row]] if doubtful.get(row) else []
         yield Finding(
             blunder=Blunder.PLATE,
             photo=photo,
@@ -101,6 +94,20 @@ def _images(search: Search) -> Iterator[Finding]:
             action=Action.KEPT_OUT,
             note="; ".join(notes),
         )
+
+
+def _not_told_apart(block: Block, images: IntArray) -> Iterator[str]:
+    """Yield what is said of each of some images that nothing tests: the photos of the others of its point."""
+    point = block.plates.point[images].tolist()
+    photos: dict[int, list[str]] = {}
+    for of, photo in zip(point, block.photos.ids[block.plates.photo[images]].tolist(), strict=True):
+        photos.setdefault(of, []).append(photo)
+    place = dict.fromkeys(photos, 0)
+    for of in point:
+        others = photos[of][: place[of]] + photos[of][place[of] + 1 :]
+        place[of] += 1
+        which = "cannot be told from photo" if len(others) == 1 else "nor from photos"
+        yield f"{which} {', '.join(others)}" if others else ""
 
 
 def _tested(
@@ -132,9 +139,8 @@ def _control(search: Search) -> Iterator[Finding]:
 
 
 def _others(search: Search) -> Iterator[Finding]:
-    out = search.last.out()
     for kind, (blunder, action, unit) in _SIMPLE.items():
-        for row in np.flatnonzero(out[kind].any(axis=1)).tolist():
+        for row in np.flatnonzero(search.last.rows_out(kind)).tolist():
             test, size = _tested(search, kind, row, np.arange(3))
             photos, points = kind.links(search.block, row)
             yield Finding(
@@ -158,7 +164,7 @@ def _tides(search: Search) -> Iterator[Finding]:
         if other.kind is CauseKind.TIDES:
             error, sigma = float(other.error[0]), float(other.sigma[0]) * last.judgement.sigma0
             yield _common_tide(other.name, abs(error) / sigma, error, len(other.photo))
-    mask = np.asarray(last.out()[_K.WATER_LEVEL].any(axis=1))
+    mask = last.rows_out(_K.WATER_LEVEL)
     if len(mask) != len(common):
         return
     kept_out = wrong_tides(search)

@@ -231,12 +231,11 @@ def plate_errors(last: Snooped) -> tuple[FloatArray, FloatArray]:
     NaN if not tested. Errors are measured minus what all else predicts.
     """
     units, judgement = last.units, last.judgement
-    m = len(last.scene.network.photo)
-    plate = units.kind == _PLATE
-    test, error = np.full((m, 2), np.nan), np.full((m, 2), np.nan)
-    test[units.row[plate], units.component[plate]] = np.abs(judgement.test[plate])
-    error[units.row[plate], units.component[plate]] = judgement.error[plate]
-    return test.max(axis=1), error
+    plate = units.of_kinds[_PLATE]
+    test, error = np.full((2, *last.scene.weight[_PLATE].shape), np.nan)
+    test.reshape(-1)[units.element[plate]] = np.abs(judgement.test[plate])
+    error.reshape(-1)[units.element[plate]] = judgement.error[plate]
+    return np.maximum(test[:, 0], test[:, 1]), error
 
 
 def _lookalikes(last: Snooped) -> Lookalikes:

@@ -13,10 +13,11 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.iteration import Kept, Near, SingularNormalsError
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import SINGULAR, factorised
-from musatpy.adjustment.precision import Errors, Spread, spread_to_observations
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.blunders.adjusted import adjusted_cofactors
 from musatpy.blunders.alternatives import wrong_images
 from musatpy.blunders.factors import Factors, weighted
 from musatpy.blunders.linear_model import Inverse
@@ -54,6 +55,8 @@ class Units:
     kind: IntArray  # (o,)
     row: IntArray  # (o,)
     component: IntArray  # (o,)
+    element: IntArray  # (o,) number in the table of its kind
+    weight: FloatArray  # (o,) a priori
     unit: IntArray  # (o,) number of its unit
     place: IntArray  # (o,) ground point, or a number of its own: units of one place compete
 
@@ -67,24 +70,37 @@ class Units:
     @property
     def count(self) -> int:
         """Number of units."""
-        return int(self.unit.max(initial=-1)) + 1
+        return len(self.first)
 
+    @cached_property
     def limits(self) -> FloatArray:
-        """Return (units,) the limits of the test values, by how many observations there are of each kind.
+        """(units,) the limits of the test values, by how many observations there are of each kind.
 
         In a large block some good image lies beyond the limit of a small one.
         """
         of_kind = np.array([max(LIMIT, test_limit(count)) for count in np.bincount(self.kind).tolist()])
-        return np.asarray(of_kind[self.kind[self.first()]])
+        return np.asarray(of_kind[self.kind[self.first]])
 
+    @cached_property
     def first(self) -> IntArray:
-        """Return (units,) the first observation of every unit."""
+        """(units,) the first observation of every unit."""
         return np.flatnonzero(np.diff(self.unit, prepend=-1))
 
+    @cached_property
+    def checked(self) -> FloatArray:
+        """(o,) redundancy numbers below which the tests of what takes part are worth nothing."""
+        return np.where(self.kind == _K.PLATE, _CHECKED, _ROUNDING)
+
     def per_unit(self, value: FloatArray) -> FloatArray:
-        """Return (units,) the largest value of the observations of each unit."""
-        largest = np.maximum.reduceat(np.nan_to_num(value), self.first())
-        return np.asarray(np.maximum(largest, 0.0))
+        """Return (units,) the largest value of the observations of each unit, 0 where none is above."""
+        return np.asarray(np.maximum(np.nan_to_num(np.fmax.reduceat(value, self.first)), 0.0))
+
+    def gathered(self, tables: Factors) -> FloatArray:
+        """Return the values (o,) of all observations in tables of their kinds."""
+        out = np.empty(len(self.kind))
+        for kind, rows in self.of_kinds.items():
+            tables[kind].reshape(-1).take(self.element[rows], out=out[rows])
+        return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,14 +110,30 @@ class Judgement:
     units: Units
     out: BoolArray  # (units,)
     test: FloatArray  # (o,) NaN where nothing checks the observation
-    error: FloatArray  # (o,) estimated: given minus what the others say
+    redundancy: FloatArray  # (o,) numbers, likewise
+    residuals: Factors
     sigma0: float
-    redundancy: float  # of what is in
+    freedom: float  # degrees of freedom of what is in
     normals: Kept
     inverse: Inverse
-    covariance: FloatArray  # (p, 3, 3) m2, east, north, up of the points that take part
+    points: FloatArray  # (p, 3, 3) m2, cofactors along working axes, NaN for points that take no part
+    network: Network
+    state: State
 
-    @property
+    @cached_property
+    def error(self) -> FloatArray:
+        """(o,) estimated: given minus what the others say."""
+        return -self.units.gathered(self.residuals) / self.redundancy
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(p, 3, 3) m2, east, north, up of the points that take part."""
+        covariance, determined = np.full(self.points.shape, np.nan), np.isfinite(self.points).all(axis=(1, 2))
+        axes = self.network.frame.axes(self.state.ground[determined])
+        covariance[determined] = axes @ self.points[determined] @ np.swapaxes(axes, 1, 2) * self.sigma0**2
+        return covariance
+
+    @cached_property
     def unit_test(self) -> FloatArray:
         """(units,) the largest test value, without its sign, of each unit; 0 where nothing checks it."""
         return self.units.per_unit(np.abs(self.test))
@@ -136,6 +168,12 @@ class Snooped:
             and np.array_equal(self.scene.line.wet, scene.line.wet)
         )
 
+    def rows_out(self, kind: ObservationKind) -> BoolArray:
+        """Return which rows (rows,) of the table of a kind have observations that are out."""
+        rows, taken = np.zeros(len(self.scene.weight[kind]), dtype=bool), self.units.first[self.judgement.out]
+        rows[self.units.row[taken[self.units.kind[taken] == kind]]] = True
+        return rows
+
 
 def snooped(
     scene: Scene,
@@ -151,16 +189,16 @@ def snooped(
     to be that of the search `before`, it has come to the same rest. Raises `SingularNormalsError`.
     """
     units = units_of(scene)
-    image, limit = units.kind[units.first()] == _K.PLATE, units.limits()
+    image, limit = units.kind[units.first] == _K.PLATE, units.limits
     returns = np.full(units.count, 0 if returning else _RETURNS)
     if first is None:
         size, near = sizes(scene, state), AROUND
         scale = plate_scale(scene, size)
-        out = units.per_unit(np.abs(_gathered(size, units))) > _START * scale
+        out = units.per_unit(np.abs(units.gathered(size))) > _START * scale
         chosen, state = _images_anew(scene, state, units, out & image, scale)
         out = np.where(image, chosen, out)
     else:
-        near, out = Near(), units.per_unit(_gathered(first, units)) > 0.0
+        near, out = Near(), units.per_unit(units.gathered(first)) > 0.0
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
@@ -206,7 +244,7 @@ def _images_anew(
     """
     out = _masks(scene, units, anew)
     out, state = images_anew(scene, state, out, np.asarray(out[_K.PLATE].any(axis=1)), sigma0)
-    return units.per_unit(_gathered(out, units)) > 0.0, state
+    return units.per_unit(units.gathered(out)) > 0.0, state
 
 
 def images_anew(scene: Scene, state: State, out: Factors, anew: BoolArray, sigma0: float) -> tuple[Factors, State]:
@@ -228,23 +266,24 @@ def _tides_of(units: Units, photo: IntArray) -> BoolArray:
 
 def units_of(scene: Scene) -> Units:
     """Return the units of the observations of a scene, in the order of `Observations`."""
-    kinds = [np.argwhere(weight > 0.0) for weight in scene.weight.values()]
-    kind = np.repeat([int(of) for of in scene.weight], [len(rows) for rows in kinds])
-    row, component = np.concatenate(kinds).T
-    order = np.lexsort((component, row, kind))
-    kind, row, component = kind[order], row[order], component[order]
-    part = (kind == _K.CONTROL) & (component == _UP)
-    begins = np.diff(kind, prepend=-1) | np.diff(row, prepend=-1) | np.diff(part.astype(int), prepend=0)
-    unit = np.cumsum(begins != 0) - 1
-    block, points = scene.block, len(scene.block.points.ids)
-    place = points + unit
-    for of, table in (
-        (_K.PLATE, block.plates.point),
-        (_K.CONTROL, block.control.point),
-        (_K.EQUAL_ELEVATION, block.equal_elevations.point),
-    ):
-        place[kind == of] = table[row[kind == of]]
-    return Units(kind=kind, row=row, component=component, unit=unit, place=place)
+    block, points, count = scene.block, len(scene.block.points.ids), 0
+    point = {
+        _K.PLATE: block.plates.point,
+        _K.CONTROL: block.control.point,
+        _K.EQUAL_ELEVATION: block.equal_elevations.point,
+    }
+    parts = []
+    for kind, weight in sorted(scene.weight.items()):
+        element = np.flatnonzero(weight > 0.0)
+        row, component = np.divmod(element, weight.shape[1])
+        piece = 2 * row + (component == _UP) if kind is _K.CONTROL else row
+        begins = np.diff(piece, prepend=-1) != 0
+        unit = count - 1 + np.cumsum(begins)
+        place = point[kind][row] if kind in point else points + unit
+        count += int(np.count_nonzero(begins))
+        parts.append((np.full(len(row), kind), row, component, element, weight.take(element), unit, place))
+    names = ("kind", "row", "component", "element", "weight", "unit", "place")
+    return Units(**{name: np.concatenate(part) for name, part in zip(names, zip(*parts, strict=True), strict=True)})
 
 
 def factors_of(out: Factors, size: Factors) -> Factors:
@@ -254,26 +293,20 @@ def factors_of(out: Factors, size: Factors) -> Factors:
     """
     factors = {}
     for kind, mask in out.items():
-        beyond = np.maximum(np.nan_to_num(np.abs(size[kind])) / _PULL, 1.0)
-        factors[kind] = np.where(mask > 0.0, _TAKEN / np.square(beyond), 1.0)
+        taken = mask > 0.0
+        beyond = np.maximum(np.nan_to_num(np.abs(size[kind][taken])) / _PULL, 1.0)
+        factors[kind] = np.ones(mask.shape)
+        factors[kind][taken] = _TAKEN / np.square(beyond)
     return factors
 
 
 def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
     """Return 1 for the observations of units that are out, 0 for all others."""
-    masks = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+    masks = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
     taken = out[units.unit]
     for kind, rows in units.of_kinds.items():
-        masks[kind][units.row[rows], units.component[rows]] = taken[rows]
+        masks[kind].reshape(-1)[units.element[rows]] = taken[rows]
     return masks
-
-
-def _gathered(values: Factors, units: Units) -> FloatArray:
-    """Return the values (o,) of all observations."""
-    out = np.zeros(len(units.kind))
-    for kind, rows in units.of_kinds.items():
-        out[rows] = values[kind][units.row[rows], units.component[rows]]
-    return out
 
 
 def judged(
@@ -293,33 +326,45 @@ def judged(
     inverse = Inverse(factor=normals.factor, held=scene.held)
     if _is_weak(inverse):
         raise SingularNormalsError(normals.line.matrix)
-    residuals, _ = scene.residuals_and_sizes(state)
-    errors = Errors(network=problem.network, state=state, cofactors=inverse.cofactors)
-    spread = spread_to_observations(errors, scene.block, residuals[_K.PLATE])
-    taken = out[units.unit]
-    weight, v = _gathered(scene.weight, units), _gathered(residuals, units)
-    sigma, cofactor = 1.0 / np.sqrt(weight), _cofactors(scene, units, spread)
-    r = 1.0 - weight * _gathered(factors, units) * cofactor
-    variance = np.where(taken, np.square(sigma) + cofactor, np.square(sigma) * r)
-    checked = r > np.where(taken, _PREDICTED, np.where(units.kind == _K.PLATE, _CHECKED, _ROUNDING))
-    f = float(r[~taken].sum())
-    sigma0 = np.sqrt(float(np.square(v / sigma)[~taken].sum()) / f) if f > 1.0 else 1.0
+    adjusted = adjusted_cofactors(scene, problem.network, state, inverse.cofactors)
+    residuals, size = scene.residuals_and_sizes(state)
+    v, leverage = units.gathered(size), units.weight * units.gathered(adjusted.observations)
+    taken = np.flatnonzero(out[units.unit])  # few, and what is done about them costs little
+    r, variance, used = 1.0 - leverage, 1.0 - leverage, v.copy()
+    r[taken] = 1.0 - units.gathered(factors)[taken] * leverage[taken]
+    variance[taken] = 1.0 + leverage[taken]
+    checked = r > units.checked
+    checked[taken] = r[taken] > _PREDICTED
+    used[taken] = 0.0
+    f = float(np.sum(r) - np.sum(r[taken]))
+    sigma0 = np.sqrt(float(used @ used) / f) if f > 1.0 else 1.0
     sigma0 = max(sigma0, _BEST)
-    tau = v / (sigma0 * np.sqrt(np.where(checked, variance, np.nan)))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left = f - np.square(tau)
-        student = np.where(left > 0.0, tau * np.sqrt((f - 1.0) / left), np.sign(tau) * 1e3)
+    variance[~checked] = np.nan
+    tau = v / (sigma0 * np.sqrt(variance))
+    test = tau if f <= 2.0 else _student(tau, f)
+    test[taken] = tau[taken]
+    r[~checked] = np.nan
     return Judgement(
         units=units,
         out=out,
-        test=np.where(taken | (f <= 2.0), tau, student),
-        error=-v / np.where(checked, r, np.nan),
+        test=test,
+        redundancy=r,
+        residuals=residuals,
         sigma0=sigma0,
-        redundancy=f,
+        freedom=f,
         normals=normals,
         inverse=inverse,
-        covariance=spread.points * sigma0**2,
+        points=adjusted.points,
+        network=problem.network,
+        state=state,
     )
+
+
+def _student(tau: FloatArray, f: float) -> FloatArray:
+    """Return test values by the sigma0 of all others, of those by that of all, of `f` degrees of freedom."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = f - np.square(tau)
+        return np.where(left > 0.0, tau * np.sqrt((f - 1.0) / left), np.sign(tau) * 1e3)
 
 
 def _is_weak(inverse: Inverse) -> bool:
@@ -332,25 +377,14 @@ def _is_weak(inverse: Inverse) -> bool:
     return not trace * SINGULAR < 1.0 and factor.is_weak(SINGULAR)
 
 
-def _cofactors(scene: Scene, units: Units, spread: Spread) -> FloatArray:
-    """Return the cofactors (o,) of the adjusted observations."""
-    cofactor = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
-    for part in spread.parts:
-        # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
-        if part.kind in cofactor:
-            observed = part.weight > 0.0
-            cofactor[part.kind][part.row[observed], part.component[observed]] = part.cofactor[observed]
-    return _gathered(cofactor, units)
-
-
 def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> CommonTide | None:
     """Return the common error of the tides of several photos that is the surest one, None where none is tested."""
     units, block = judgement.units, scene.block
     if not scene.network.water.per_photo:
         return None
     taken = np.ones(len(block.photos.ids), dtype=bool)
-    inside = units.kind[units.first()] == _K.WATER_LEVEL
-    taken[units.row[units.first()][inside & ~judgement.out]] = False
+    inside = units.kind[units.first] == _K.WATER_LEVEL
+    taken[units.row[units.first][inside & ~judgement.out]] = False
     errors = common_tides(block, scene.network, state, judgement.normals.factor, taken, judgement.sigma0)
     return max(errors, key=lambda error: error.test, default=None)
 
@@ -369,10 +403,10 @@ def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:
     """
     units, leaving = judgement.units, np.zeros(judgement.units.count, dtype=bool)
     value = np.where(judgement.out, 0.0, value)
-    limit, f = units.limits(), judgement.redundancy
+    limit, f = units.limits, judgement.freedom
     if not (value > limit).any():
         return leaving
-    place = units.place[units.first()]
+    place = units.place[units.first]
     worst = np.zeros(place.max() + 1)
     np.maximum.at(worst, place, value)
     may_leave, smaller = (value >= _SHARE * value.max()) & (value >= _TIED * worst[place]), 1.0

@@ -129,7 +129,9 @@ def in_order(block: Block) -> Block:
     tables = linking(block, "points")
     columns = [column for table in tables.values() for column in table.links_to("points").values()]
     links = np.concatenate([column.reshape(-1) for column in columns])
-    order = np.array(list(dict.fromkeys(links.tolist())), dtype=int)
+    first = np.full(len(block.points.ids), len(links))
+    first[links[::-1]] = np.arange(len(links))[::-1]
+    order = np.argsort(first, kind="stable")[: np.count_nonzero(first < len(links))]
     number = np.full(len(block.points.ids), -1)
     number[order] = np.arange(len(order))
     return with_tables(

@@ -41,6 +41,13 @@ class Spread(NamedTuple):
     diagonal: FloatArray  # (n, q) of the normal equations before points are eliminated, to which is added
 
 
+class Adjusted(NamedTuple):
+    """Cofactors of points, and of the adjusted images, where they stand among all."""
+
+    point: FloatArray  # (g, 3, 3) along the axes of what is known of them
+    image: FloatArray  # (all measurements, 2)
+
+
 @inlined
 def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
     """Set the diagonal C (m, 2) of A Q A', cofactors of its images by their stations, and D = A Q A' Y."""
@@ -73,14 +80,33 @@ def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Ro
 
 
 @inlined
-def _set_point(p: int, m: int, room: Room, of: Images, out: Spread) -> None:
-    """Set N to the cofactors of a point along working axes, N_pp^-1 + Y' D, and those along its own."""
+def _add_stations(m: int, room: Room, of: Images) -> None:
+    """Set N to the cofactors of a point along working axes, N_pp^-1 + Y' D."""
     for i in range(3):
         for j in range(3):
             total = room.inverse[i, j]
             for k in range(m):
                 total += of.D[k, 0, i] * room.Y[k, 0, j] + of.D[k, 1, i] * room.Y[k, 1, j]
             room.N[i, j] = total
+
+
+@inlined
+def _image(k: int, c: int, room: Room, of: Images) -> float:
+    """Return the weighted cofactor of an image whose point has N; set `room.vector` to that with the position."""
+    total = of.C[k, c]
+    for i in range(3):
+        by_station, by_point = of.D[k, c, i], 0.0
+        for j in range(3):
+            by_point += room.B[k, c, j] * room.N[j, i]
+        total += room.B[k, c, i] * (by_point - 2.0 * by_station)
+        room.vector[i] = by_point - by_station
+    return total
+
+
+@inlined
+def _set_point(p: int, m: int, room: Room, of: Images, out: Spread) -> None:
+    """Set N to the cofactors of a point along working axes, and those along its own."""
+    _add_stations(m, room, of)
     for i in range(3):
         for j in range(3):
             total = 0.0
@@ -99,20 +125,11 @@ def _set_images(p: int, m: int, size: int, at: Measured, room: Room, of: Images,
         for a in range(size):
             out.diagonal[n, a] += room.A[k, 0, a] * room.A[k, 0, a] + room.A[k, 1, a] * room.A[k, 1, a]
         for c in range(2):
-            total, root = of.C[k, c], 1.0 / at.root[r, c]
+            root = 1.0 / at.root[r, c]
+            out.image[row, c] = _image(k, c, room, of) * root * root
+            x, y, z = room.vector[0] * root, room.vector[1] * root, room.vector[2] * root
             for i in range(3):
-                by_station, by_point = of.D[k, c, i], 0.0
-                for j in range(3):
-                    by_point += room.B[k, c, j] * room.N[j, i]
-                total += room.B[k, c, i] * (by_point - 2.0 * by_station)
-                room.vector[i] = (by_point - by_station) * root
-            out.image[row, c] = total * root * root
-            for i in range(3):
-                out.covariance[row, c, i] = (
-                    out.axes[p, i, 0] * room.vector[0]
-                    + out.axes[p, i, 1] * room.vector[1]
-                    + out.axes[p, i, 2] * room.vector[2]
-                )
+                out.covariance[row, c, i] = out.axes[p, i, 0] * x + out.axes[p, i, 1] * y + out.axes[p, i, 2] * z
 
 
 @inlined
@@ -146,3 +163,33 @@ def spread(
             _set(p, m, LEVELS, at, pairs, Q, room, of, out)
         else:
             _set(p, m, SIZE, at, pairs, Q, room, of, out)
+
+
+@compiled
+def adjusted(
+    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, pairs: Pairs,
+    Q: FloatArray, rays: IntArray, out: Adjusted,
+) -> None:  # fmt: skip
+    """Set what `spread` does of points and of their images alone, `rays` (r,) of all measurements.
+
+    Something may be known of the points, whose cofactors are along the axes of that.
+    """
+    room = room_for(at.start, rows)
+    of = Images(np.empty(room.residual.shape), np.empty(room.Y.shape))
+    for p in rows:
+        m = at.start[p + 1] - at.start[p]
+        point_normals(p, at, stations, water, known, ridge, True, room)
+        weigh(m, room)
+        if len(water.rise):
+            of_stations(p, m, LEVELS, pairs, Q, room, of)
+        else:
+            of_stations(p, m, SIZE, pairs, Q, room, of)
+        _add_stations(m, room, of)
+        for i in range(3):
+            for j in range(3):
+                out.point[at.point[p], i, j] = room.N[i, j]
+        for k in range(m):
+            r = at.start[p] + k
+            for c in range(2):
+                root = 1.0 / at.root[r, c]
+                out.image[rays[r], c] = _image(k, c, room, of) * root * root
