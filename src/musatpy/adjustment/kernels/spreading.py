@@ -26,8 +26,14 @@ from musatpy.compiling import compiled, inlined
 class Images(NamedTuple):
     """Room for what up to m images of one point have of the errors of their stations."""
 
-    C: FloatArray  # (m, 2) cofactors
+    C: FloatArray  # (m, 2, m, 2) cofactors, of pairs as `triu_indices` has them
     D: FloatArray  # (m, 2, 3) those with the position
+
+
+@compiled
+def room_for_images(m: int) -> Images:
+    """Return room for those of a point with up to m rays."""
+    return Images(np.empty((m, 2, m, 2)), np.empty((m, 2, 3)))
 
 
 class Spread(NamedTuple):
@@ -43,7 +49,7 @@ class Spread(NamedTuple):
 
 @inlined
 def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
-    """Set the diagonal C (m, 2) of A Q A', cofactors of its images by their stations, and D = A Q A' Y."""
+    """Set C = A Q A', cofactors of its images by their stations, and D = C Y."""
     pair, A, Y = pairs.start[p], room.A, room.Y
     for k in range(m):
         for c in range(2):
@@ -64,9 +70,9 @@ def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Ro
             for i in range(3):
                 of.D[k, 0, i] += c00 * Y[other, 0, i] + c01 * Y[other, 1, i]
                 of.D[k, 1, i] += c10 * Y[other, 0, i] + c11 * Y[other, 1, i]
-            if other == k:
-                of.C[k, 0], of.C[k, 1] = c00, c11
-            else:
+            of.C[k, 0, other, 0], of.C[k, 0, other, 1] = c00, c01
+            of.C[k, 1, other, 0], of.C[k, 1, other, 1] = c10, c11
+            if other != k:
                 for i in range(3):
                     of.D[other, 0, i] += c00 * Y[k, 0, i] + c10 * Y[k, 1, i]
                     of.D[other, 1, i] += c01 * Y[k, 0, i] + c11 * Y[k, 1, i]
@@ -99,7 +105,7 @@ def _set_images(p: int, m: int, size: int, at: Measured, room: Room, of: Images,
         for a in range(size):
             out.diagonal[n, a] += room.A[k, 0, a] * room.A[k, 0, a] + room.A[k, 1, a] * room.A[k, 1, a]
         for c in range(2):
-            total, root = of.C[k, c], 1.0 / at.root[r, c]
+            total, root = of.C[k, c, k, c], 1.0 / at.root[r, c]
             for i in range(3):
                 by_station, by_point = of.D[k, c, i], 0.0
                 for j in range(3):
@@ -137,7 +143,7 @@ def spread(
     C = A Q_ss A' and D = C Y.
     """
     room = room_for(at.start, rows)
-    of = Images(np.empty(room.residual.shape), np.empty(room.Y.shape))
+    of = room_for_images(len(room.Y))
     for p in rows:
         m = at.start[p + 1] - at.start[p]
         point_normals(p, at, stations, water, known, ridge, True, room)
