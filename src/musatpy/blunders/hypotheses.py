@@ -193,6 +193,8 @@ def _stations(model: LinearModel, least: float) -> Iterator[Hypothesis]:
         if columns.max() >= model.stations.shape[1] or not (model.station_weight[:, columns] > 0.0).any():
             continue
         photos = model.stations_explaining(least, columns)
+        if not len(photos):
+            continue
         drop = model.station_drop(photos, columns)
         squares = np.where(drop.parameters > 0, drop.squares, 0.0)
         if kind is CauseKind.STATION:
