@@ -105,9 +105,7 @@ def hypotheses(
         least = max(least, share_of_best([*options, *likely, *of_worst_point(model, near, least)]))
     options += _stations(model, least)
     for checks in (*known, *seen):
-        part = checks.part(checks.explaining(least))
-        if len(part.point):
-            options += _of_points(model, part, least)
+        options += _of_points(model, checks.explaining(least), least)
         least = max(least, share_of_best(options))
     for checks in loose.checks(loose.explaining(least, near)) if loose is not None else ():
         options += _of_points(model, checks, least)
@@ -139,6 +137,8 @@ def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
 def _of_points(model: LinearModel, checks: PointChecks, least: float) -> Iterator[Hypothesis]:
     """Yield single images, all images, and what is known of points, where they explain the `least` squares."""
     m = checks.rays.shape[1]
+    if not len(checks.point):
+        return
     for image, drop in enumerate(checks.image_drops()):
         rows = np.array([2 * image, 2 * image + 1])
         yield from _largest(model, checks, CauseKind.IMAGE, rows, drop, least, image)

@@ -80,21 +80,23 @@ class PointChecks:
     @cached_property
     def cofactor(self) -> FloatArray:
         """(k, o, o) cofactors of the adjusted observations."""
-        a, b, Q = self.partials, self.ground, self.inverse_of_stations.with_border(self.photo, self.extras)
-        return a @ Q @ np.swapaxes(a, 1, 2) + b @ self.inverse @ np.swapaxes(b, 1, 2)
+        return self.by_stations + self.ground @ self.inverse @ np.swapaxes(self.ground, 1, 2)
 
-    def explaining(self, squares: float) -> BoolArray:
-        """Return which points (k,) have observations that may explain so many squares or more.
+    @cached_property
+    def by_stations(self) -> FloatArray:
+        """(k, o, o) those that they have of the stations: a Q a'."""
+        return self.inverse_of_stations.cofactors_of(self.photo, self.extras, self.partials)
+
+    def explaining(self, squares: float) -> PointChecks:
+        """Return the points that have observations that may explain so many squares or more.
 
         The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
         1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most.
         """
         least = squares * (1.0 - _ROUNDING)
-        likely = self._most >= least
-        if likely.any():
-            part = self.part(likely)
-            likely[likely] = part.squares >= (1.0 - part._leverage) * least
-        return likely
+        likely = self.part(self._most >= least)
+        leverage = np.einsum("koo,ko->k", likely.by_stations, likely.weight)
+        return likely.part(likely.squares >= (1.0 - leverage) * least)
 
     @property
     def _most(self) -> FloatArray:
@@ -103,18 +105,14 @@ class PointChecks:
         images, priors = own[:, :split].sum(axis=1), own[:, split:].sum(axis=1)
         return np.asarray(np.maximum(images / IMAGES_CHECKED, priors / OTHERS_CHECKED))
 
-    @property
-    def _leverage(self) -> FloatArray:
-        """(k,) trace of P^1/2 a Q a' P^1/2."""
-        a, Q = self.partials, self.inverse_of_stations.with_border(self.photo, self.extras)
-        return np.asarray(np.einsum("kot,kot->k", (self.weight[..., None] * a) @ Q, a))
-
     def part(self, taken: BoolArray) -> PointChecks:
-        """Return some of the points."""
+        """Return some of the points, with what has been computed of them."""
         rows = {
             one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
         }
-        return PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
+        part = PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
+        vars(part).update({name: vars(self)[name][taken] for name in ("by_stations",) if name in vars(self)})
+        return part
 
     def image_drops(self) -> list[Drop]:
         """Return what each image (m) of every point explains, both coordinates."""
@@ -147,10 +145,13 @@ class Inverse:
         return self.factor.cofactors().holding(self.held)
 
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
-        """Return what `Cofactors.with_border` does; of a few points alone without computing all others."""
-        if len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self):
-            return self.factor.with_border(photo, index)
+        """Return what `Cofactors.with_border` does."""
         return self.cofactors.with_border(photo, index)
+
+    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
+        """Return what `Cofactors.cofactors_of` does; of a few points alone without computing all others."""
+        few = len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self)
+        return (self.factor if few else self.cofactors).cofactors_of(photo, index, partials)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -244,9 +245,10 @@ class LinearModel:
 
     def station_drop(self, photo: IntArray, columns: IntArray) -> Drop:
         """Return what some of the observations of photos (k,) explain."""
-        Q = self.inverse.with_border(photo[:, None], np.zeros((len(photo), 0), dtype=np.int64))
         v, weight = self.stations[photo[:, None], columns], self.station_weight[photo[:, None], columns]
-        return dropped(v, weight, Q[:, columns[:, None], columns], OTHERS_CHECKED)
+        unit = np.broadcast_to(np.eye(self.stations.shape[1])[columns], (*v.shape, self.stations.shape[1]))
+        Q = self.inverse.cofactors_of(photo[:, None], np.zeros((len(photo), 0), dtype=np.int64), unit)
+        return dropped(v, weight, Q, OTHERS_CHECKED)
 
 
 def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
