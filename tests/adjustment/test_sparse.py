@@ -122,6 +122,9 @@ def test_cofactors_of_a_few_photos_are_those_of_all(placed: bool, g: int) -> Non
         index = rng.integers(0, max(g, 1), (len(clique), 3 if g else 0))
         expected = whole.with_border(clique, index)
         np.testing.assert_allclose(factor.with_border(clique, index), expected, atol=1e-12 * np.abs(expected).max())
+        partials = rng.normal(size=(len(clique), 5, 6 * clique.shape[1] + index.shape[1]))
+        expected, found = (of.cofactors_of(clique, index, partials) for of in (whole, factor))
+        np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
 def test_parts_that_do_not_meet_are_factorised_one_by_one() -> None:

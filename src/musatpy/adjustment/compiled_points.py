@@ -80,7 +80,7 @@ class Spread:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeftOver:
     """Weighted squares (p,) of images after a step, 0 for other points; and c'Pc (C,), c'Pv (C,) and c'PA (C, n q)
-    of columns c of images, by stations that the points follow.
+    of columns c of images, by stations that the points follow: `checking.Columns`.
     """
 
     squares: FloatArray
@@ -300,8 +300,7 @@ class CompiledPoints(CompiledRows):
         from musatpy.adjustment.kernels import linear  # numba is there
 
         (at, stations, water), known = self.seen(state), self.known(state, state.ground)
-        q = self.network.pattern.size
-        of_stations = plain(step[: self.network.pattern.order].reshape(-1, q))
+        q, of_stations = self.network.pattern.size, self._of_stations(step)
         images = []
         for group in groups:
             k, m = group.rays.shape
@@ -316,21 +315,21 @@ class CompiledPoints(CompiledRows):
             images.append(out)
         return images
 
-    def left_over(self, state: State, step: FloatArray, images: FloatArray) -> LeftOver:
+    def left_over(self, state: State, step: FloatArray, camera: IntArray, with_index: bool) -> LeftOver:
         """Return what a step (u,) of all unknowns leaves of the points of which nothing is known.
 
-        And what columns (C, m, 2) mm of their images have to do with it.
+        And what errors of the cameras, `camera` (n,) of the photos, and of the index have to do with it.
         """
         from musatpy.adjustment.kernels import checking  # numba is there
 
-        (at, stations, water), sequence, network = self.seen(state), self.sequence, self.network
+        (at, stations, water), network = self.seen(state), self.network
         known, squares = self.known(state, state.ground), np.zeros(network.points)
-        step, count = plain(step[: network.pattern.order].reshape(network.photos, -1)), len(images)
+        step, count = self._of_stations(step), 3 * (int(camera.max()) + 1) + with_index
 
         def work(part: SequencePart) -> checking.Columns:
             weight, pull, coupling = np.zeros(count), np.zeros(count), np.zeros((count, *step.shape))
-            sums = checking.Columns(images=plain(images), weight=weight, pull=pull, coupling=coupling)
-            checking.left_over(part.rows, at, stations, water, known, RIDGE, step, sequence.rays, sums, squares)
+            sums = checking.Columns(camera, with_index, weight, pull, coupling)
+            checking.left_over(part.rows, at, stations, water, known, RIDGE, step, sums, squares)
             return sums
 
         sums = self._loose_rows.of_parts(work)
@@ -341,10 +340,10 @@ class CompiledPoints(CompiledRows):
         coupling = coupling.reshape(count, step.size)
         return LeftOver(squares=squares, weight=weight, pull=pull, coupling=coupling)
 
-    def leverages(self, state: State, cofactors: Cofactors, points: BoolArray) -> FloatArray:
-        """Return the traces (p,) of the cofactors that images have of their stations, of some `points` (p,) only.
+    def together(self, state: State, step: FloatArray, cofactors: Cofactors, points: BoolArray) -> FloatArray:
+        """Return the squares (p,) that all images of points explain together after a step (u,) of all unknowns.
 
-        These are points of which nothing is known.
+        Of some `points` (p,) only, of which nothing is known; infinite where these are hardly checked.
         """
         from musatpy.adjustment.kernels import checking  # numba is there
 
@@ -352,7 +351,8 @@ class CompiledPoints(CompiledRows):
         known, out = self.known(state, state.ground), np.zeros(self.network.points)
         rows = self._loose_rows.rows
         rows = rows[points[sequence.point[rows]]]
-        checking.leverages(rows, at, stations, water, known, RIDGE, sequence.pairs, cofactors.blocks, out)
+        of_stations, pairs = self._of_stations(step), sequence.pairs
+        checking.together(rows, at, stations, water, known, RIDGE, of_stations, pairs, cofactors.blocks, out)
         return out
 
     def adjusted(self, state: State, cofactors: Cofactors) -> spreading.Adjusted:
@@ -373,6 +373,10 @@ class CompiledPoints(CompiledRows):
         )
         of_points[sequence.point[self.known_rows]] *= known.free[:, :, None] * known.free[:, None, :]
         return out
+
+    def _of_stations(self, step: FloatArray) -> FloatArray:
+        """Return the step (n, q) of the stations, of one of all unknowns."""
+        return plain(step[: self.network.pattern.order].reshape(self.network.photos, -1))
 
     @cached_property
     def _loose_rows(self) -> CompiledRows:

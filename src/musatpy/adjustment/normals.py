@@ -258,6 +258,10 @@ class Cofactors(Bordered):
         out[:, split:, split:] = self.corner[index[:, :, None], index[:, None, :]]
         return out
 
+    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
+        """Return the cofactors (k, o, o) of functions with partials (k, o, m q + X) by what `with_border` has."""
+        return partials @ self.with_border(photo, index) @ np.swapaxes(partials, 1, 2)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Factor:
@@ -315,15 +319,19 @@ class Factor:
 
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
         """Return what `Cofactors.with_border` does, without any others: worth while for a few points."""
+        size = photo.shape[1] * self.matrix.pattern.size + index.shape[1]
+        return self.cofactors_of(photo, index, np.broadcast_to(np.eye(size), (len(photo), size, size)))
+
+    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
+        """Return what `Cofactors.cofactors_of` does, without any others: worth while for a few points."""
         rows, g = self.matrix.pattern.rows(photo), len(self.matrix.corner)
-        if not g:
-            scale = self.scale[rows]
-            return self.sparse.inverse_of(photo) * scale[:, :, None] * scale[:, None, :]
-        edge = np.concatenate([-self.solved_border[rows], np.eye(g)[index]], axis=1)
-        out = edge @ cho_solve(self.corner, np.eye(g)) @ np.swapaxes(edge, 1, 2)
-        out[:, : rows.shape[1], : rows.shape[1]] += self.sparse.inverse_of(photo)
-        scale = self.scale[np.concatenate([rows, self.matrix.pattern.order + index], axis=1)]
-        return np.asarray(out * scale[:, :, None] * scale[:, None, :])
+        split = rows.shape[1]
+        scaled = partials * self.scale[np.concatenate([rows, self.matrix.pattern.order + index], axis=1)][:, None]
+        out = self.sparse.cofactors_of(photo, scaled[:, :, :split])
+        if g:
+            edge = scaled[:, :, split:] @ np.eye(g)[index] - scaled[:, :, :split] @ self.solved_border[rows]
+            out += edge @ cho_solve(self.corner, np.eye(g)) @ np.swapaxes(edge, 1, 2)
+        return out
 
 
 def factorised(matrix: NormalMatrix, damping: float = 0.0) -> Factor | None:

@@ -25,7 +25,7 @@ from musatpy.adjustment.threads import side_by_side, worth_sharing
 from musatpy.arrays import FloatArray, IntArray, order_of
 
 _FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
-_ROWS = 8  # of blocks whose inverse is asked for together: more take no less time, and more memory
+_ROWS = 8  # of blocks whose cofactors are asked for together: more take no less time, and more memory
 _LIGHT = 4  # times more unknowns take a solution, and plain fronts, for threads to pay
 
 
@@ -229,24 +229,24 @@ class SparseFactor:
         out[pattern.eliminated] = x.reshape(given.shape)
         return out
 
-    def inverse_of(self, blocks: IntArray) -> FloatArray:
-        """Return the elements (k, b size, b size) of N^-1 of blocks (k, b); those of a row meet one another.
+    def cofactors_of(self, blocks: IntArray, partials: FloatArray) -> FloatArray:
+        """Return A N^-1 A' (k, o, o), A (k, o, b size) the partials of o functions of blocks (k, b).
 
-        They are products of columns of L^-1, zero but for the fronts from that of their block to the root, which of
-        blocks that meet lie on one way.
+        The blocks of a row meet one another. These are products of columns of L^-1 A', zero but for the fronts from
+        those of their blocks to the root, which of blocks that meet lie on one way.
         """
         start = [front.eliminated.start for front in self.pattern.plan.fronts]
         rows = self.pattern.rank[self.pattern.rows(blocks)]
         lowest = np.searchsorted(start, rows.min(axis=1), side="right") - 1
         order = np.argsort(lowest, kind="stable")  # those whose ways meet stand together
-        out = np.empty((*rows.shape, rows.shape[1]))
+        out = np.empty((*partials.shape[:2], partials.shape[1]))
         for some in np.split(order, range(_ROWS, len(order), _ROWS)):
-            out[some] = self._inverse_of(rows[some], lowest[some].tolist())
+            out[some] = self._cofactors_of(rows[some], partials[some], lowest[some].tolist())
         return out
 
-    def _inverse_of(self, rows: IntArray, lowest: list[int]) -> FloatArray:
+    def _cofactors_of(self, rows: IntArray, partials: FloatArray, lowest: list[int]) -> FloatArray:
         """Return the same of places (k, u) in the order of elimination, from the `lowest` fronts of each on."""
-        fronts, (k, u) = self.pattern.plan.fronts, rows.shape
+        fronts, (k, o, _) = self.pattern.plan.fronts, partials.shape
         through: dict[int, list[int]] = {}  # fronts, of rows
         for number, i in enumerate(lowest):
             while i >= 0:
@@ -257,14 +257,15 @@ class SparseFactor:
         size = 0
         for i in ways:
             place[fronts[i].eliminated], size = np.arange(size, size + fronts[i].own), size + fronts[i].own
-        x, out = np.zeros((size, k * u)), np.zeros((k, u, u))
-        x[place[rows], np.arange(k * u).reshape(k, u)] = 1.0
+        of_blocks, out = np.zeros((size, k, o)), np.zeros((k, o, o))
+        of_blocks[place[rows], np.arange(k)[:, None]] = np.swapaxes(partials, 1, 2)
+        x = of_blocks.reshape(size, -1)
         part_of = {i: part for part in self.parts.values() for i in part.numbers}
         for i in ways:
             front, first, last = fronts[i], through[i][0], through[i][-1] + 1
-            own = x[place[front.eliminated], first * u : last * u]
-            x[place[front.boundary], first * u : last * u] -= Columns(part_of[i].own(i).T).forward(own)
-            of_rows = own.reshape(front.own, -1, u)
+            own = x[place[front.eliminated], first * o : last * o]
+            x[place[front.boundary], first * o : last * o] -= Columns(part_of[i].own(i).T).forward(own)
+            of_rows = own.reshape(front.own, -1, o)
             out[first:last] += of_rows.transpose(1, 2, 0) @ of_rows.transpose(1, 0, 2)
         return out
 

@@ -13,16 +13,16 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.sightings import all_residuals, index_partials
+from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.factors import taking_part
 from musatpy.blunders.linear_model import (
     IMAGES_CHECKED,
     Drop,
     LinearModel,
     PointChecks,
     dropped,
+    index_counts,
     put_in_again,
 )
 from musatpy.blunders.revisions import Revision
@@ -86,10 +86,10 @@ def hypotheses(
 ) -> list[Hypothesis]:
     """Return what explains most, by falling squares explained; some of every kind.
 
-    Of all points, or of those only that are `near` (p,). What points explain may be missing where it is less than
-    the `least` squares, or than this `share` of what the `wanted` hypothesis does that explains most.
+    Of all points, or of those only that are `near` (p,). What points and stations explain may be missing where it
+    is less than the `least` squares, or than this `share` of what the `wanted` hypothesis does that explains most.
     """
-    options = [*_stations(model), *common_errors(model), *_direct(model)]
+    options = [*common_errors(model), *_direct(model)]
     points = [checks if near is None else checks.part(near[checks.point]) for checks in model.points]
     known = [checks for checks in points if checks.has_priors]
     seen = [checks for checks in points if not checks.has_priors and len(checks.point)]
@@ -103,10 +103,9 @@ def hypotheses(
         worst = [checks.part(checks.squares == checks.squares.max()) for checks in seen]
         likely = [option for checks in worst for option in _of_points(model, checks, least)]
         least = max(least, share_of_best([*options, *likely, *of_worst_point(model, near, least)]))
+    options += _stations(model, least)
     for checks in (*known, *seen):
-        part = checks.part(checks.explaining(least))
-        if len(part.point):
-            options += _of_points(model, part, least)
+        options += _of_points(model, checks.explaining(least), least)
         least = max(least, share_of_best(options))
     for checks in loose.checks(loose.explaining(least, near)) if loose is not None else ():
         options += _of_points(model, checks, least)
@@ -138,6 +137,8 @@ def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
 def _of_points(model: LinearModel, checks: PointChecks, least: float) -> Iterator[Hypothesis]:
     """Yield single images, all images, and what is known of points, where they explain the `least` squares."""
     m = checks.rays.shape[1]
+    if not len(checks.point):
+        return
     for image, drop in enumerate(checks.image_drops()):
         rows = np.array([2 * image, 2 * image + 1])
         yield from _largest(model, checks, CauseKind.IMAGE, rows, drop, least, image)
@@ -181,8 +182,8 @@ def _largest(
         yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
 
 
-def _stations(model: LinearModel) -> Iterator[Hypothesis]:
-    """Yield observed positions, attitudes, both, and tides."""
+def _stations(model: LinearModel, least: float) -> Iterator[Hypothesis]:
+    """Yield observed positions, attitudes, both, and tides, where they explain the `least` squares."""
     for kind, columns in (
         (CauseKind.POSITION, np.arange(3)),
         (CauseKind.ATTITUDE, np.arange(3, 6)),
@@ -191,19 +192,25 @@ def _stations(model: LinearModel) -> Iterator[Hypothesis]:
     ):
         if columns.max() >= model.stations.shape[1] or not (model.station_weight[:, columns] > 0.0).any():
             continue
-        drop = model.station_drop(columns)
+        photos = model.stations_explaining(least, columns)
+        if not len(photos):
+            continue
+        drop = model.station_drop(photos, columns)
         squares = np.where(drop.parameters > 0, drop.squares, 0.0)
         if kind is CauseKind.STATION:
-            known = model.station_weight > 0.0
+            known = model.station_weight[photos] > 0.0
             squares[~(known[:, :3].any(axis=1) & known[:, 3:6].any(axis=1))] = 0.0
-        for k in _most(squares):
+        for k in _most(squares, least):
+            photo = int(photos[k])
             parts = (
                 (_K.STATION_POSITION, columns[columns < 3]),
                 (_K.STATION_ATTITUDE, columns[(columns >= 3) & (columns < LEVEL)] - 3),
                 (_K.WATER_LEVEL, columns[columns == LEVEL] - LEVEL),
             )
-            given_up = tuple(GivenUp.of_row(part, k, components) for part, components in parts if len(components))
-            yield _hypothesis(kind, drop, k, photo=(k,), given_up=given_up)
+            given_up = tuple(
+                GivenUp.of_row(part, photo, components) for part, components in parts if len(components)
+            )
+            yield _hypothesis(kind, drop, k, photo=(photo,), given_up=given_up)
 
 
 def _direct(model: LinearModel) -> Iterator[Hypothesis]:
@@ -264,38 +271,49 @@ class _Column:
     member: int = 0
     photo: tuple[int, ...] = ()
     name: str = ""
-    images: FloatArray | None = None  # (m, 2)
+    on_images: bool = False  # `_errors_of_images`
     control: FloatArray | None = None  # (k, 3)
     stations: FloatArray | None = None  # (n, q)
 
 
 def _columns(model: LinearModel) -> Iterator[_Column]:
     """Yield camera constants, the index, units of length, and common errors of tides."""
-    network, state, block = model.network, model.state, model.scene.block
-    used, photo = taking_part(network), network.photo
-    m, n, q = len(photo), network.photos, model.stations.shape[1]
-    xy = network.xy + all_residuals(network, state, used)
-    ray = (xy - network.principal_point[photo]) / network.focal_length[photo][:, None]
-    for camera in range(len(block.cameras.ids)):
-        taken = used & (block.photos.camera == camera)[photo]
-        if taken.any():
-            images_taken = taken[:, None]
-            yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, images=np.where(images_taken, -ray, 0.0))
-            for axis in range(2):
-                member, unit = 2 * camera + axis, -np.eye(2)[axis]
-                yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=member, images=images_taken * unit)
-    wet = np.flatnonzero(used & network.refracted)
-    unknown = network.water.unknown or network.border.count(_K.WAVE)
-    if len(wet) and unknown and not network.border.count(_K.WATER_INDEX):
-        column = np.zeros((m, 2))
-        column[wet] = -index_partials(network, state, wet)
-        yield _Column(kind=CauseKind.INDEX, images=column)
+    network, block = model.network, model.scene.block
+    n, q = model.stations.shape
+    for camera in range(_cameras(block)):
+        yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, on_images=True)
+        for axis in range(2):
+            yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=2 * camera + axis, on_images=True)
+    if index_counts(network):
+        yield _Column(kind=CauseKind.INDEX, on_images=True)
     yield from _units(block, n, q)
     if network.water.per_photo:
         for name, photos in tide_groups(block, network.water.level_weight > 0.0):
             column = np.zeros((n, q))
             column[photos, LEVEL] = 1.0
             yield _Column(kind=CauseKind.TIDES, photo=tuple(photos.tolist()), name=name, stations=column)
+
+
+def _cameras(block: Block) -> int:
+    """Return how many cameras photos have, the last of them included."""
+    return int(block.photos.camera.max()) + 1
+
+
+def _errors_of_images(model: LinearModel, rays: IntArray) -> FloatArray:
+    """Return what errors of one unit add to images (k, m): (k, 2m, C), columns of `_columns` in their order."""
+    network, state, cameras = model.network, model.state, _cameras(model.scene.block)
+    photo, index = network.photo[rays], index_counts(network)
+    camera = 3 * model.scene.block.photos.camera[photo]
+    image = network.xy[rays] + residuals(network, state, rays.reshape(-1)).reshape(*rays.shape, 2)
+    ray = (image - network.principal_point[photo]) / network.focal_length[photo][..., None]
+    out = np.zeros((*rays.shape, 2, 3 * cameras + index))
+    np.put_along_axis(out, camera[..., None, None], -ray[..., None], axis=-1)
+    for axis in range(2):
+        np.put_along_axis(out[:, :, axis], camera[..., None] + 1 + axis, -1.0, axis=-1)
+    if index:
+        wet = network.refracted[rays]
+        out[wet, :, -1] = -index_partials(network, state, rays[wet])
+    return out.reshape(len(rays), 2 * rays.shape[1], -1)
 
 
 def _units(block: Block, photos: int, unknowns: int) -> Iterator[_Column]:
@@ -315,11 +333,12 @@ def common_errors(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
     columns = list(_columns(model))
     weight, pull, coupling = _of_columns(model, columns)
-    scaled = coupling * model.factor.scale
+    some = np.flatnonzero(weight > 0.0)
+    scaled = coupling[some] * model.factor.scale
     solved = np.einsum("cu,uc->c", scaled, model.factor.solve_scaled(scaled.T))
-    for number, column in enumerate(columns):
-        checked = weight[number] - float(solved[number])
-        if weight[number] > 0.0 and checked > _COMMON_CHECKED * weight[number]:
+    for number, by_others in zip(some.tolist(), solved.tolist(), strict=True):
+        column, checked = columns[number], weight[number] - by_others
+        if checked > _COMMON_CHECKED * weight[number]:
             yield Hypothesis(
                 kind=column.kind,
                 photo=column.photo,
@@ -338,17 +357,16 @@ def _of_columns(model: LinearModel, columns: list[_Column]) -> tuple[FloatArray,
     """
     weight, pull = np.zeros((2, len(columns)))
     coupling = np.zeros((len(columns), len(model.step)))
-    on_images = [number for number, column in enumerate(columns) if column.images is not None]
-    images = _stacked([columns[number].images for number in on_images])
+    on_images = [number for number, column in enumerate(columns) if column.on_images]
     on_control = [number for number, column in enumerate(columns) if column.control is not None]
     control = _stacked([columns[number].control for number in on_control])
-    if on_images and model.loose is not None:
-        loose = model.loose.left_over(np.moveaxis(images, -1, 0))
+    if model.loose is not None:
+        loose = model.loose.left_over
         weight[on_images], pull[on_images] = loose.weight, loose.pull
         coupling[on_images, : loose.coupling.shape[1]] = loose.coupling
     for checks in model.points:
-        k, m = checks.rays.shape
-        parts = [(on_images, slice(0, 2 * m), images[checks.rays].reshape(k, 2 * m, -1))] if on_images else []
+        m = checks.rays.shape[1]
+        parts = [(on_images, slice(0, 2 * m), _errors_of_images(model, checks.rays))]
         if on_control and checks.has_priors:
             of_control = np.where(checks.control[:, None, None] >= 0, control[checks.control], 0.0)
             parts.append((on_control, slice(2 * m, 2 * m + 3), of_control))

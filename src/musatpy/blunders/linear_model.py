@@ -8,7 +8,7 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,13 +26,13 @@ from musatpy.adjustment.propagation import pieces, portions
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.factors import Factors, weighted
+from musatpy.blunders.factors import Factors
 from musatpy.blunders.scene import Scene
 from musatpy.model import ObservationKind
 
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
 _ROUNDING = 1e-6  # of squares
-_FEW = 8  # points, each of which asks for its cofactors alone: more are worth those of all
+_FEW = 24  # points, each of which asks for its cofactors alone: more are worth those of all
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
@@ -80,36 +80,41 @@ class PointChecks:
     @cached_property
     def cofactor(self) -> FloatArray:
         """(k, o, o) cofactors of the adjusted observations."""
-        a, b, Q = self.partials, self.ground, self.inverse_of_stations.with_border(self.photo, self.extras)
-        return a @ Q @ np.swapaxes(a, 1, 2) + b @ self.inverse @ np.swapaxes(b, 1, 2)
+        return self.by_stations + self.ground @ self.inverse @ np.swapaxes(self.ground, 1, 2)
 
-    def explaining(self, squares: float) -> BoolArray:
-        """Return which points (k,) have observations that may explain so many squares or more.
+    @cached_property
+    def by_stations(self) -> FloatArray:
+        """(k, o, o) those that they have of the stations: a Q a'."""
+        return self.inverse_of_stations.cofactors_of(self.photo, self.extras, self.partials)
+
+    def explaining(self, squares: float) -> PointChecks:
+        """Return the points that have observations that may explain so many squares or more.
 
         The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
-        1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most. Smaller
-        ones do not count as checked.
+        1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most.
         """
-        checked = OTHERS_CHECKED if self.has_priors else IMAGES_CHECKED
-        likely = self.squares >= checked * squares
-        if not likely.any():
+        least = squares * (1.0 - _ROUNDING)
+        likely = self.part(self._most >= least)
+        if not len(likely.point):
             return likely
-        part = self.part(likely)
-        likely[likely] = _may_explain(part.squares, part.leverage, squares, checked)
-        return likely
+        leverage = np.einsum("koo,ko->k", likely.by_stations, likely.weight)
+        return likely.part(likely.squares >= (1.0 - leverage) * least)
 
     @property
-    def leverage(self) -> FloatArray:
-        """(k,) trace of P^1/2 a Q a' P^1/2."""
-        a, Q = self.partials, self.inverse_of_stations.with_border(self.photo, self.extras)
-        return np.asarray(np.einsum("kot,kot->k", (self.weight[..., None] * a) @ Q, a))
+    def _most(self) -> FloatArray:
+        """(k,) squares that images, or what is known, may explain: smaller eigenvalues do not count as checked."""
+        own, split = self.weight * np.square(self.residual), 2 * self.rays.shape[1]
+        images, priors = own[:, :split].sum(axis=1), own[:, split:].sum(axis=1)
+        return np.asarray(np.maximum(images / IMAGES_CHECKED, priors / OTHERS_CHECKED))
 
     def part(self, taken: BoolArray) -> PointChecks:
-        """Return some of the points."""
+        """Return some of the points, with what has been computed of them."""
         rows = {
             one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
         }
-        return PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
+        part = PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
+        vars(part).update({name: vars(self)[name][taken] for name in ("by_stations",) if name in vars(self)})
+        return part
 
     def image_drops(self) -> list[Drop]:
         """Return what each image (m) of every point explains, both coordinates."""
@@ -142,10 +147,13 @@ class Inverse:
         return self.factor.cofactors().holding(self.held)
 
     def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
-        """Return what `Cofactors.with_border` does; of a few points alone without computing all others."""
-        if len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self):
-            return self.factor.with_border(photo, index)
+        """Return what `Cofactors.with_border` does."""
         return self.cofactors.with_border(photo, index)
+
+    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
+        """Return what `Cofactors.cofactors_of` does; of a few points alone without computing all others."""
+        few = len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self)
+        return (self.factor if few else self.cofactors).cofactors_of(photo, index, partials)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,28 +164,29 @@ class LoosePoints:
     state: State
     inverse: Inverse
     step: FloatArray  # (u,)
-    _squares: list[FloatArray] = field(default_factory=list, repr=False)
+    camera: IntArray  # (n,) of the photos
+    with_index: bool  # whether an error of the index of the water is asked for
+
+    @cached_property
+    def left_over(self) -> LeftOver:
+        """What the step leaves of their images, and what errors of the cameras and of the index do in it."""
+        return self.compiled.left_over(self.state, self.step, self.camera, self.with_index)
 
     @property
     def squares(self) -> FloatArray:
         """(p,) weighted squares of the residuals, 0 for other points."""
-        if not self._squares:
-            self.left_over(np.zeros((0, *self.compiled.network.xy.shape)))
-        return self._squares[0]
-
-    def left_over(self, images: FloatArray) -> LeftOver:
-        """Return what the step leaves of their images, and what columns (C, m, 2) mm of these do in it."""
-        left = self.compiled.left_over(self.state, self.step, images)
-        self._squares[:] = [left.squares]
-        return left
+        return self.left_over.squares
 
     def explaining(self, squares: float, near: BoolArray) -> BoolArray:
-        """Return which points (p,), `near` ones, may explain so many squares: `PointChecks.explaining`."""
+        """Return which points (p,), `near` ones, have images that may explain so many squares or more.
+
+        Some images of a point explain no more than all of them: what more is given up, the less is left.
+        """
         near = near & (self.squares >= IMAGES_CHECKED * squares)
         if np.count_nonzero(near) <= _FEW:
             return near
-        leverage = self.compiled.leverages(self.state, self.inverse.cofactors, near)
-        return near & _may_explain(self.squares, leverage, squares, IMAGES_CHECKED)
+        together = self.compiled.together(self.state, self.step, self.inverse.cofactors, near)
+        return near & (together >= squares * (1.0 - _ROUNDING))
 
     def checks(self, near: BoolArray) -> Iterator[PointChecks]:
         """Yield the checks of some of the points (p,)."""
@@ -231,15 +240,17 @@ class LinearModel:
         squares += float(np.sum(self.loose.squares)) if self.loose else 0.0
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
-    def station_drop(self, columns: IntArray) -> Drop:
-        """Return what some of the observations of every station explain."""
-        Q = self.cofactors.of_single_photos()[:, columns[:, None], columns[None]]
-        return dropped(self.stations[:, columns], self.station_weight[:, columns], Q, OTHERS_CHECKED)
+    def stations_explaining(self, squares: float, columns: IntArray) -> IntArray:
+        """Return the photos (k,) some of whose observations may explain so many squares or more."""
+        own = np.sum(self.station_weight[:, columns] * np.square(self.stations[:, columns]), axis=1)
+        return np.flatnonzero((own > 0.0) & (own >= OTHERS_CHECKED * (1.0 - _ROUNDING) * squares))
 
-
-def _may_explain(own: FloatArray, leverage: FloatArray, squares: float, checked: float) -> BoolArray:
-    """Return whether the `own` squares of points (k,) may explain so many, by the `leverage` (k,) of stations."""
-    return np.asarray(own >= np.maximum(1.0 - leverage, checked) * squares * (1.0 - _ROUNDING))
+    def station_drop(self, photo: IntArray, columns: IntArray) -> Drop:
+        """Return what some of the observations of photos (k,) explain."""
+        v, weight = self.stations[photo[:, None], columns], self.station_weight[photo[:, None], columns]
+        unit = np.broadcast_to(np.eye(self.stations.shape[1])[columns], (*v.shape, self.stations.shape[1]))
+        Q = self.inverse.cofactors_of(photo[:, None], np.zeros((len(photo), 0), dtype=np.int64), unit)
+        return dropped(v, weight, Q, OTHERS_CHECKED)
 
 
 def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
@@ -287,9 +298,9 @@ def linear_model(
     `rest`: the normal equations, where the state is at rest with these weights.
     Raises `SingularNormalsError`.
     """
-    network = weighted(scene.network, scene.block, factors)
-    state = _by_images(network, ground_points.settle(network, state))
     problem = scene.problem(factors)
+    network = problem.network
+    state = _by_images(network, ground_points.settle(network, state))
     line = problem.linearise(state) if rest is None else problem.renewed(state, rest[0].line)
     factor = factorised(line.matrix) if rest is None else rest[0].factor
     if factor is None:
@@ -299,7 +310,14 @@ def linear_model(
     station_weight, residual = station_rows(network, state)
     loose = None
     if network.compiled is not None:
-        loose = LoosePoints(compiled=network.compiled, state=state, inverse=inverse, step=step)
+        loose = LoosePoints(
+            compiled=network.compiled,
+            state=state,
+            inverse=inverse,
+            step=step,
+            camera=scene.block.photos.camera,
+            with_index=index_counts(network),
+        )
     points = _checks(scene, network, near, state, inverse, step)
     points += list(loose.checks(near)) if loose and near is not None else []
     stations = residual + step[: residual.size].reshape(residual.shape)
@@ -317,6 +335,12 @@ def linear_model(
         stations=stations,
         station_weight=station_weight,
     )
+
+
+def index_counts(network: Network) -> bool:
+    """Return whether the index of the water, which is no unknown itself, is worth a hypothesis."""
+    unknown = network.water.unknown or network.border.count(_K.WAVE) > 0
+    return bool(unknown and not network.border.count(_K.WATER_INDEX))
 
 
 def _by_images(network: Network, state: State) -> State:

@@ -26,8 +26,14 @@ from musatpy.compiling import compiled, inlined
 class Images(NamedTuple):
     """Room for what up to m images of one point have of the errors of their stations."""
 
-    C: FloatArray  # (m, 2) cofactors
+    C: FloatArray  # (m, 2, m, 2) cofactors, of pairs as `triu_indices` has them
     D: FloatArray  # (m, 2, 3) those with the position
+
+
+@compiled
+def room_for_images(m: int) -> Images:
+    """Return room for those of a point with up to m rays."""
+    return Images(np.empty((m, 2, m, 2)), np.empty((m, 2, 3)))
 
 
 class Spread(NamedTuple):
@@ -50,7 +56,7 @@ class Adjusted(NamedTuple):
 
 @inlined
 def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
-    """Set the diagonal C (m, 2) of A Q A', cofactors of its images by their stations, and D = A Q A' Y."""
+    """Set C = A Q A', cofactors of its images by their stations, and D = C Y."""
     pair, A, Y = pairs.start[p], room.A, room.Y
     for k in range(m):
         for c in range(2):
@@ -71,9 +77,9 @@ def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Ro
             for i in range(3):
                 of.D[k, 0, i] += c00 * Y[other, 0, i] + c01 * Y[other, 1, i]
                 of.D[k, 1, i] += c10 * Y[other, 0, i] + c11 * Y[other, 1, i]
-            if other == k:
-                of.C[k, 0], of.C[k, 1] = c00, c11
-            else:
+            of.C[k, 0, other, 0], of.C[k, 0, other, 1] = c00, c01
+            of.C[k, 1, other, 0], of.C[k, 1, other, 1] = c10, c11
+            if other != k:
                 for i in range(3):
                     of.D[other, 0, i] += c00 * Y[k, 0, i] + c10 * Y[k, 1, i]
                     of.D[other, 1, i] += c01 * Y[k, 0, i] + c11 * Y[k, 1, i]
@@ -93,7 +99,7 @@ def _add_stations(m: int, room: Room, of: Images) -> None:
 @inlined
 def _image(k: int, c: int, room: Room, of: Images) -> float:
     """Return the weighted cofactor of an image whose point has N; set `room.vector` to that with the position."""
-    total = of.C[k, c]
+    total = of.C[k, c, k, c]
     for i in range(3):
         by_station, by_point = of.D[k, c, i], 0.0
         for j in range(3):
@@ -154,7 +160,7 @@ def spread(
     C = A Q_ss A' and D = C Y.
     """
     room = room_for(at.start, rows)
-    of = Images(np.empty(room.residual.shape), np.empty(room.Y.shape))
+    of = room_for_images(len(room.Y))
     for p in rows:
         m = at.start[p + 1] - at.start[p]
         point_normals(p, at, stations, water, known, ridge, True, room)
@@ -175,7 +181,7 @@ def adjusted(
     Something may be known of the points, whose cofactors are along the axes of that.
     """
     room = room_for(at.start, rows)
-    of = Images(np.empty(room.residual.shape), np.empty(room.Y.shape))
+    of = room_for_images(len(room.Y))
     for p in rows:
         m = at.start[p + 1] - at.start[p]
         point_normals(p, at, stations, water, known, ridge, True, room)
