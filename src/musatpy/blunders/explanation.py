@@ -24,6 +24,7 @@ from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part, weighted
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
 from musatpy.blunders.linear_model import LinearModel, linear_model
+from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
 from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
@@ -183,10 +184,10 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     adjusted again if that is at once.
     Raises `SingularNormalsError`.
     """
-    seen_from_first, trial = True, None
+    seen_from_first, trial, origin = True, None, None
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
-        model = linear_model(case.scene, case.factors(), case.state)
+        model, origin = model_of(case, origin)
         if only_common and _image_explains_more(case, model, variance):
             break
         options = shortlist(case, model, variance)
@@ -198,7 +199,7 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
             seen_from_first, case = False, trial or readjusted(case, model.kept)
             # where the adjustment is as foreseen, its linear model says what that of the first state has said
             if np.isfinite(case.squares) and abs(case.squares - foreseen) > variance * _SAME:
-                model = linear_model(case.scene, case.factors(), case.state)
+                model, origin = model_of(case)
                 options = shortlist(case, model, variance)
         if not options:
             break
@@ -215,6 +216,19 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
         return case
     kept = model.kept if model.scene is case.scene else None
     return taken_back(case if np.isfinite(case.squares) else readjusted(case, kept), variance, kept)
+
+
+def model_of(case: Case, origin: Origin | None = None) -> tuple[LinearModel, Origin]:
+    """Return the linear model of a case, and where the next one may begin: at an `origin`, if it is near that.
+
+    Raises `SingularNormalsError`.
+    """
+    factors = case.factors()
+    model = origin.neighbour(case.scene, factors, case.state) if origin else None
+    if origin and model:
+        return model, origin
+    model = linear_model(case.scene, factors, case.state)
+    return model, Origin(model=model, state=case.state, factors=factors)
 
 
 def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesis]:
