@@ -16,6 +16,7 @@ from musatpy.blunders.explanation import (
     EQUAL,
     SENSIBLE,
     Case,
+    at_rest,
     covers,
     first_case,
     given_up,
@@ -28,11 +29,10 @@ from musatpy.blunders.explanation import (
 )
 from musatpy.blunders.factors import Factors
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses, of_taken_images
-from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
-from musatpy.blunders.snooping import Judgement
+from musatpy.blunders.snooping import Snooped
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
 from musatpy.model.ranking import falling
@@ -65,7 +65,7 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     )
     found, size = [*search.common, *members(search, most)], sizes(last.scene, last.state)
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
-    rest = _rest(whole, found[:most], last.judgement)
+    rest = _rest(last, found[:most])
     out: list[Rival] = []
     for number, member in enumerate(found, 1):
         if len(out) >= most:
@@ -84,19 +84,17 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     return out
 
 
-def _rest(whole: Case, found: list[Hypothesis], judgement: Judgement) -> Origin | None:
+def _rest(last: Snooped, found: list[Hypothesis]) -> Origin | None:
     """Return the linear model of the search at rest, with the checks of what was found of points.
 
     None where there is nothing of these, or the model is singular.
     """
-    points, near = [point for member in found for point in member.point], np.zeros(whole.scene.network.points, bool)
+    points, near = [point for member in found for point in member.point], np.zeros(last.scene.network.points, bool)
     near[points] = True
-    factors, model = whole.factors(), None
     if points:
         with suppress(*GIVEN_UP):
-            at_rest = (judgement.normals, judgement.inverse)
-            model = linear_model(whole.scene, factors, whole.state, near, at_rest)
-    return Origin(model=model, state=whole.state, factors=factors) if model else None
+            return at_rest(last, near)
+    return None
 
 
 def _of_images(rest: Origin | None, residual: Factors, images: Hypothesis, group: int) -> Rival:
