@@ -96,3 +96,12 @@ def test_normal_equations_that_lose_what_determines_them_are_not_updated() -> No
     matrix, index = chain(), unknowns(np.array([2, 3, 4]))
     assert UpdatedFactor.of(factor_of(plus(matrix, index, change(index, 1e9))), index, change(index, -1e9)) is None
     assert UpdatedFactor.of(factor_of(matrix), index, change(index, -100.0)) is None
+
+
+def test_nothing_changed_changes_nothing() -> None:
+    factor, nothing = factor_of(chain()), np.zeros(0, dtype=np.int64)
+    updated = UpdatedFactor.of(factor, nothing, np.zeros((0, 0)))
+    assert updated is not None
+    rhs = np.random.default_rng(6).normal(size=factor.matrix.size)
+    np.testing.assert_array_equal(updated.solve(rhs), factor.solve(rhs))
+    np.testing.assert_array_equal(updated.cofactors().blocks, factor.cofactors().blocks)

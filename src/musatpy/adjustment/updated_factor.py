@@ -30,7 +30,7 @@ class UpdatedFactor(Factor):
     def of(cls, factor: Factor, index: IntArray, change: FloatArray) -> UpdatedFactor | None:
         """Return the factor of N plus `change` (s, s) in the rows `index` (s,).
 
-        None where too little of a direction is left, or nothing.
+        None where too little of a direction is left.
         """
         assert not isinstance(factor, UpdatedFactor), "changes are told from the same matrix"
         scale = factor.scale[index]
@@ -38,7 +38,7 @@ class UpdatedFactor(Factor):
         some = np.abs(values) > _NOTHING
         values, U = values[some], np.zeros((len(factor.scale), np.count_nonzero(some)))
         U[index] = vectors[:, some]
-        columns = factor.solve_scaled(U)
+        columns = factor.solve_scaled(U) if U.size else U
         # |C|^1/2 (C^-1 + U'G) |C|^1/2: its eigenvalues are 1 where nothing else determines these directions
         root = np.sqrt(np.abs(values))
         inner = np.diag(np.sign(values)) + root[:, None] * (U.T @ columns) * root
