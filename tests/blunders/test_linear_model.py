@@ -10,12 +10,13 @@ import pytest
 
 from altered import added, altered
 from blunders.study import strip
-from musatpy.adjustment import kernels
+from musatpy.adjustment import kernels, simultaneous
 from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import point_squares
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, _columns, _of_columns, hypotheses
 from musatpy.blunders.linear_model import dropped, linear_model, put_in_again
+from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.scene import Effort, staged
 from musatpy.model import CauseKind, ObservationKind
 
@@ -191,6 +192,41 @@ def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:
         for option in every:
             if option.squares >= share * most:
                 assert few[option.key].squares == pytest.approx(option.squares, rel=1e-12)
+
+
+def test_a_model_told_from_another_is_one_from_scratch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An image and a control point are given up; the model takes either in again, too."""
+    monkeypatch.setattr(simultaneous, "LARGE", 0)  # of a small block a new factor is cheaper
+    case = wrong()
+    every = case.factors()
+    less = {kind: values.copy() for kind, values in every.items()}
+    less[ObservationKind.PLATE][7] = 1e-6
+    less[ObservationKind.CONTROL][1] = 1e-6
+    for before, after in ((every, less), (less, every)):
+        first, scratch = (linear_model(case.scene, factors, case.state) for factors in (before, after))
+        told = Origin(model=first, state=case.state, factors=before).neighbour(case.scene, after, case.state)
+        assert told is not None
+        size = np.sqrt(scratch.cofactors.diagonal())
+        np.testing.assert_allclose(told.step / size, scratch.step / size, rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(told.cofactors.diagonal(), size**2, rtol=1e-8)
+        np.testing.assert_allclose(told.state.ground, scratch.state.ground, rtol=0.0, atol=1e-6)
+        assert told.squares == pytest.approx(scratch.squares, rel=1e-9)
+        for option, twin in zip(hypotheses(told)[:20], hypotheses(scratch)[:20], strict=True):
+            assert (option.key, option.squares) == (twin.key, pytest.approx(twin.squares, rel=1e-7))
+
+
+def test_a_model_of_other_stations_or_of_many_points_is_not_told_from_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(simultaneous, "LARGE", 0)
+    case = wrong()
+    every = case.factors()
+    origin = Origin(model=linear_model(case.scene, every, case.state), state=case.state, factors=every)
+    assert origin.neighbour(case.scene, every, replace(case.state)) is None
+    for kind, rows in ((ObservationKind.STATION_POSITION, [1]), (ObservationKind.PLATE, np.arange(40))):
+        less = every | {kind: every[kind].copy()}
+        less[kind][rows] = 1e-6
+        assert origin.neighbour(case.scene, less, case.state) is None
 
 
 def test_points_apart_have_the_squares_that_they_have_together() -> None:

@@ -16,21 +16,23 @@ from musatpy.blunders.explanation import (
     EQUAL,
     SENSIBLE,
     Case,
+    at_rest,
     covers,
     first_case,
     given_up,
+    model_of,
     readjusted,
     sensible,
     squares_in,
     with_hypothesis,
     with_revision,
 )
-from musatpy.blunders.factors import Factors, deviations
+from musatpy.blunders.factors import Factors
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses, of_taken_images
-from musatpy.blunders.linear_model import LinearModel, linear_model
+from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
-from musatpy.blunders.snooping import Judgement
+from musatpy.blunders.snooping import Snooped
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
 from musatpy.model.ranking import falling
@@ -63,14 +65,14 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     )
     found, size = [*search.common, *members(search, most)], sizes(last.scene, last.state)
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
-    others = _ImagesAtRest.of(whole, found[GROUPS:most], last.judgement)
+    rest = _rest(last, found[:most])
     out: list[Rival] = []
     for number, member in enumerate(found, 1):
         if len(out) >= most:
             break
         begin(last.scene.progress, "search for causes: what competes", number, len(found))
         if number > GROUPS and member.kind in _IMAGES:
-            out.append(others.rival(member, number))
+            out.append(_of_images(rest, _residual(whole), member, number))
             continue
         case = _without(whole, member, sea)
         if case is None:
@@ -78,35 +80,29 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
             out += [Rival(hypothesis=label, drop=label.squares, group=number, rank=1) for label in alike]
         else:
             few = COMPETITORS if number <= GROUPS else 0
-            out += _ranked(case, member, final, variance, few, number, sea)
+            out += _ranked(case, rest, member, final, variance, few, number, sea)
     return out
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _ImagesAtRest:
-    """The search at rest, for images that are out and whose competitors nobody asks for."""
+def _rest(last: Snooped, found: list[Hypothesis]) -> Origin | None:
+    """Return the linear model of the search at rest, with the checks of what was found of points.
 
-    model: LinearModel | None  # None where it is singular
-    residual: Factors
+    None where there is nothing of these, or the model is singular.
+    """
+    points, near = [point for member in found for point in member.point], np.zeros(last.scene.network.points, bool)
+    near[points] = True
+    if points:
+        with suppress(*GIVEN_UP):
+            return at_rest(last, near)
+    return None
 
-    @classmethod
-    def of(cls, whole: Case, found: list[Hypothesis], judgement: Judgement) -> _ImagesAtRest:
-        """Return that of a case, for the images in a list."""
-        model, points = None, [member.point[0] for member in found if member.kind in _IMAGES]
-        if points:
-            near = np.zeros(whole.scene.network.points, dtype=bool)
-            near[points] = True
-            with suppress(*GIVEN_UP):
-                rest = (judgement.normals, judgement.inverse)
-                model = linear_model(whole.scene, whole.factors(), whole.state, near, rest)
-        return cls(model=model, residual=_residual(whole))
 
-    def rival(self, member: Hypothesis, group: int) -> Rival:
-        """Return the images of one point, with what they explain."""
-        if self.model is None:
-            return Rival(hypothesis=member, drop=np.nan, group=group, rank=1)
-        found = _sized(of_taken_images(self.model, member), self.residual)
-        return Rival(hypothesis=found, drop=found.squares, group=group, rank=1)
+def _of_images(rest: Origin | None, residual: Factors, images: Hypothesis, group: int) -> Rival:
+    """Return images of one point that are out, with what they explain, whose competitors nobody asks for."""
+    if rest is None:
+        return Rival(hypothesis=images, drop=np.nan, group=group, rank=1)
+    found = _sized(of_taken_images(rest.model, images), residual)
+    return Rival(hypothesis=found, drop=found.squares, group=group, rank=1)
 
 
 def members(search: Search, most: int) -> Iterator[Hypothesis]:
@@ -211,12 +207,19 @@ def _explained(member: Hypothesis, size: Factors) -> float:
 
 
 def _ranked(
-    case: Case, member: Hypothesis, final: float, variance: float, few: int, group: int, sea: Sea | None
+    case: Case,
+    rest: Origin | None,
+    member: Hypothesis,
+    final: float,
+    variance: float,
+    few: int,
+    group: int,
+    sea: Sea | None,
 ) -> list[Rival]:
-    """Return a hypothesis and its competitors, the cheapest explanation first."""
+    """Return a hypothesis and its competitors, the cheapest explanation first; `rest` is the search at rest."""
     try:
         near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
-        model = linear_model(case.scene, case.factors(), case.state)
+        model, _ = model_of(case, rest)
         options = hypotheses(model, near, lambda option: option.key == member.key, _NEARLY)
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
@@ -260,7 +263,7 @@ def _same_photos(scene: Scene, images: Hypothesis) -> BoolArray:
 
 
 def _residual(case: Case) -> Factors:
-    return deviations(case.scene.network, case.scene.block, case.state)
+    return case.scene.residuals_and_sizes(case.state)[0]
 
 
 def _sized(hypothesis: Hypothesis, residual: Factors) -> Hypothesis:

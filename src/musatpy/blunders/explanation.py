@@ -24,6 +24,7 @@ from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part, weighted
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
 from musatpy.blunders.linear_model import LinearModel, linear_model
+from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
 from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
@@ -162,7 +163,9 @@ def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
     return Case(block=block, scene=scene, state=state, out=out, taken=(), revisions=(), squares=np.inf)
 
 
-def readjusted(case: Case, kept: Kept | None = None, factors: Factors | None = None) -> Case:
+def readjusted(
+    case: Case, kept: Kept | None = None, factors: Factors | None = None, steps: int = _ITERATIONS
+) -> Case:
     """Return the case after a re-adjustment, of infinite squares where that fails.
 
     `kept` are the normals nearby, with a little less given up; `factors` on the weights those of a state before.
@@ -170,23 +173,35 @@ def readjusted(case: Case, kept: Kept | None = None, factors: Factors | None = N
     near = AROUND if kept is None else replace(AROUND, kept=kept)
     factors = case.factors() if factors is None else factors
     try:
-        state = adjusted(case.scene, factors, case.state, _ITERATIONS, near, Until.COMPARED).state
+        state = adjusted(case.scene, factors, case.state, steps, near, Until.COMPARED).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
 
 
-def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = False) -> Case:
+def _at_minimum(case: Case, model: LinearModel, foreseen: float, variance: float) -> Case:
+    """Return the case re-adjusted: by the step of its linear model, where the squares are as this has foreseen."""
+    if model.kept is not None:
+        case = readjusted(replace(case, state=model.state), model.kept, steps=1)
+        if abs(case.squares - foreseen) <= variance * _SAME:
+            return case
+    return readjusted(case, model.kept)
+
+
+def explained(
+    case: Case, variance: float, sea: Sea | None, only_common: bool = False, rest: Snooped | None = None
+) -> Case:
     """Return the case under the explanation that is found, re-adjusted.
 
     With `only_common` it ends where something else than what is common to many observations would explain more, not
-    adjusted again if that is at once.
+    adjusted again if that is at once. It may begin near the `rest` of a search.
     Raises `SingularNormalsError`.
     """
     seen_from_first, trial = True, None
+    origin = at_rest(rest) if rest and rest.judgement.normals.line.renewable else None
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
-        model = linear_model(case.scene, case.factors(), case.state)
+        model, origin = model_of(case, origin)
         if only_common and _image_explains_more(case, model, variance):
             break
         options = shortlist(case, model, variance)
@@ -195,10 +210,10 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
             foreseen = _foreseen(case, model)
-            seen_from_first, case = False, trial or readjusted(case, model.kept)
+            seen_from_first, case = False, trial or _at_minimum(case, model, foreseen, variance)
             # where the adjustment is as foreseen, its linear model says what that of the first state has said
             if np.isfinite(case.squares) and abs(case.squares - foreseen) > variance * _SAME:
-                model = linear_model(case.scene, case.factors(), case.state)
+                model, origin = model_of(case)
                 options = shortlist(case, model, variance)
         if not options:
             break
@@ -215,6 +230,31 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
         return case
     kept = model.kept if model.scene is case.scene else None
     return taken_back(case if np.isfinite(case.squares) else readjusted(case, kept), variance, kept)
+
+
+def model_of(case: Case, origin: Origin | None = None) -> tuple[LinearModel, Origin]:
+    """Return the linear model of a case, and where the next one may begin: at an `origin`, if it is near that.
+
+    Raises `SingularNormalsError`.
+    """
+    factors = case.factors()
+    model = origin.neighbour(case.scene, factors, case.state) if origin else None
+    if origin and model:
+        return model, origin
+    model = linear_model(case.scene, factors, case.state)
+    return model, Origin(model=model, state=case.state, factors=factors)
+
+
+def at_rest(last: Snooped, near: BoolArray | None = None) -> Origin:
+    """Return the linear model of a search at rest, with the checks of the points that are `near` (p,).
+
+    Raises `SingularNormalsError`.
+    """
+    scene, state, judgement = last.scene, last.state, last.judgement
+    near = np.zeros(scene.network.points, dtype=bool) if near is None else near
+    factors = factors_of(last.out(), sizes(scene, state))
+    model = linear_model(scene, factors, state, near, (judgement.normals, judgement.inverse))
+    return Origin(model=model, state=state, factors=factors)
 
 
 def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesis]:

@@ -18,7 +18,7 @@ from musatpy.adjustment import reliability
 from musatpy.adjustment.compiled_points import CompiledPoints, LeftOver
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
-from musatpy.adjustment.iteration import Kept, SingularNormalsError
+from musatpy.adjustment.iteration import Kept, Linearisation, SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
@@ -300,12 +300,25 @@ def linear_model(
     """
     problem = scene.problem(factors)
     network = problem.network
-    state = _by_images(network, ground_points.settle(network, state))
+    state = by_images(network, ground_points.settle(network, state))
     line = problem.linearise(state) if rest is None else problem.renewed(state, rest[0].line)
     factor = factorised(line.matrix) if rest is None else rest[0].factor
     if factor is None:
         raise SingularNormalsError(line.matrix)
     inverse = Inverse(factor=factor, held=scene.held) if rest is None else rest[1]
+    return solved(scene, network, state, line, inverse, near)
+
+
+def solved(
+    scene: Scene,
+    network: Network,
+    state: State,
+    line: Linearisation,
+    inverse: Inverse,
+    near: BoolArray | None = None,
+) -> LinearModel:
+    """Return the linear adjustment of a scene whose normal equations have a factor: that of `inverse`."""
+    factor = inverse.factor
     step = factor.solve(line.rhs)
     station_weight, residual = station_rows(network, state)
     loose = None
@@ -343,7 +356,7 @@ def index_counts(network: Network) -> bool:
     return bool(unknown and not network.border.count(_K.WATER_INDEX))
 
 
-def _by_images(network: Network, state: State) -> State:
+def by_images(network: Network, state: State) -> State:
     """Return the state with control points where their images meet, where these meet well and control is far off.
 
     Images are linear near their point only; control is linear everywhere.
