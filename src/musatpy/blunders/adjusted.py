@@ -41,11 +41,12 @@ def adjusted_cofactors(scene: Scene, network: Network, state: State, cofactors: 
         tables[_K.CONTROL] = of_points.known_components[scene.block.control.point]
         groups = compiled.others
     parts = list(reliability.direct(network, state, cofactors))
+    not_asked_for = network.xy  # residuals
     for group in groups:
         for rows, piece in pieces(network, state, group, cofactors):
             working = replace(piece, axes=np.swapaxes(piece.E.normals.axes, 1, 2))
             points[group.point[rows]] = point_covariances(network, working, cofactors, None)
-            parts += [reliability.images(network, piece, network.xy), *reliability.priors(piece, scene.block)]
+            parts += [reliability.images(network, piece, not_asked_for), *reliability.priors(piece, scene.block)]
     for part in parts:
         # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
         if part.kind in tables:

@@ -296,13 +296,14 @@ def judged(
         raise SingularNormalsError(normals.line.matrix)
     adjusted = adjusted_cofactors(scene, problem.network, state, inverse.cofactors)
     residuals, size = scene.residuals_and_sizes(state)
+    # in a priori sigmas, and their squares
     v, leverage = units.gathered(size), units.weight * units.gathered(adjusted.observations)
     taken = np.flatnonzero(out[units.unit])  # few, and what is done about them costs little
     r, used, least = 1.0 - leverage, v.copy(), units.checked.copy()
     r[taken] = 1.0 - units.gathered(factors)[taken] * leverage[taken]
     used[taken], least[taken] = 0.0, _PREDICTED
     f = float(np.sum(r) - np.sum(r[taken]))
-    sigma0 = np.sqrt(float(used @ used) / f) if f > 1.0 else 1.0
+    sigma0 = np.sqrt(float(np.sum(np.square(used))) / f) if f > 1.0 else 1.0
     sigma0 = max(sigma0, _BEST)
     r[~(r > least)] = np.nan
     variance = r.copy()
