@@ -90,6 +90,10 @@ def test_an_updated_factor_is_one_from_scratch(sign: float) -> None:
     photo, columns = np.array([[1, 2], [4, 5]]), np.array([[0, 1], [1, 0]])
     some, values = updated.with_border(photo, columns), twin.with_border(photo, columns)
     np.testing.assert_allclose(some, values, rtol=0.0, atol=RELATIVE * np.abs(values).max())
+    partials = np.random.default_rng(7).normal(size=(2, 3, some.shape[1]))
+    functions = partials @ values @ np.swapaxes(partials, 1, 2)
+    of_functions = updated.cofactors_of(photo, columns, partials)
+    np.testing.assert_allclose(of_functions, functions, rtol=0.0, atol=RELATIVE * np.abs(functions).max())
 
 
 def test_normal_equations_that_lose_what_determines_them_are_not_updated() -> None:

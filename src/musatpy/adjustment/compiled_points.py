@@ -26,7 +26,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
-    from musatpy.adjustment.kernels import points, spreading
+    from musatpy.adjustment.kernels import points
     from musatpy.adjustment.kernels.linear import LinearImages
 
 Result = TypeVar("Result")
@@ -75,6 +75,18 @@ class Spread:
     point: IntArray
     points: FloatArray
     images: Part
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AdjustedPoints:
+    """Cofactors of points (p, 3, 3) along working axes, and of all images (m, 2), NaN of others.
+
+    And of east, north, up (p, 3) of points of which something is known, 0 of others.
+    """
+
+    points: FloatArray
+    known_components: FloatArray
+    images: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -355,24 +367,24 @@ class CompiledPoints(CompiledRows):
         checking.together(rows, at, stations, water, known, RIDGE, of_stations, pairs, cofactors.blocks, out)
         return out
 
-    def adjusted(self, state: State, cofactors: Cofactors) -> spreading.Adjusted:
-        """Return the cofactors of points, along the axes of what is known of them, and of their adjusted images.
-
-        Those of others are NaN.
-        """
+    def adjusted(self, state: State, cofactors: Cofactors) -> AdjustedPoints:
+        """Return the cofactors that points and images have by those of the unknowns."""
         from musatpy.adjustment.kernels import spreading  # numba is there
 
         (at, stations, water), sequence, network = self.seen(state), self.sequence, self.network
         known, pairs = self.known(state, state.ground), sequence.pairs
-        of_points, of_images = np.full((network.points, 3, 3), np.nan), np.full(network.xy.shape, np.nan)
-        out = spreading.Adjusted(point=of_points, image=of_images)
+        points, images = np.full((network.points, 3, 3), np.nan), np.full(network.xy.shape, np.nan)
+        out = spreading.Adjusted(point=points, image=images)
         self.of_parts(
             lambda part: spreading.adjusted(
                 part.rows, at, stations, water, known, RIDGE, pairs, cofactors.blocks, sequence.rays, out
             )
         )
-        of_points[sequence.point[self.known_rows]] *= known.free[:, :, None] * known.free[:, None, :]
-        return out
+        bound, known_components = sequence.point[self.known_rows], np.zeros((network.points, 3))
+        own = points[bound] * known.free[:, :, None] * known.free[:, None, :]
+        known_components[bound] = np.einsum("kii->ki", own)
+        points[bound] = np.swapaxes(known.axes, 1, 2) @ own @ known.axes
+        return AdjustedPoints(points=points, known_components=known_components, images=images)
 
     def _of_stations(self, step: FloatArray) -> FloatArray:
         """Return the step (n, q) of the stations, of one of all unknowns."""

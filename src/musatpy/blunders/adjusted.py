@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment import reliability
-from musatpy.adjustment.compiled_points import CompiledPoints
-from musatpy.adjustment.ground import prior_rows
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.propagation import pieces, point_covariances
@@ -38,29 +36,20 @@ def adjusted_cofactors(scene: Scene, network: Network, state: State, cofactors: 
     tables = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
     groups, compiled = network.groups, network.compiled
     if compiled is not None:
-        points, tables[_K.PLATE] = compiled.adjusted(state, cofactors)
-        tables[_K.CONTROL] = _of_control(scene, compiled, state, points)
+        of_points = compiled.adjusted(state, cofactors)
+        points, tables[_K.PLATE] = of_points.points, of_points.images
+        tables[_K.CONTROL] = of_points.known_components[scene.block.control.point]
         groups = compiled.others
     parts = list(reliability.direct(network, state, cofactors))
+    not_asked_for = network.xy  # residuals
     for group in groups:
         for rows, piece in pieces(network, state, group, cofactors):
             working = replace(piece, axes=np.swapaxes(piece.E.normals.axes, 1, 2))
             points[group.point[rows]] = point_covariances(network, working, cofactors, None)
-            parts += [reliability.images(network, piece, network.xy), *reliability.priors(piece, scene.block)]
+            parts += [reliability.images(network, piece, not_asked_for), *reliability.priors(piece, scene.block)]
     for part in parts:
         # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
         if part.kind in tables:
             observed = part.weight > 0.0
             tables[part.kind][part.row[observed], part.component[observed]] = part.cofactor[observed]
     return Adjusted(points=points, observations=tables)
-
-
-def _of_control(scene: Scene, compiled: CompiledPoints, state: State, points: FloatArray) -> FloatArray:
-    """Return the cofactors of control (k, 3) at compiled points, 0 of all other; turn `points` to working axes."""
-    along_known = np.zeros((len(points), 3))
-    for group in compiled.bound:
-        point = group.point
-        axes, own = prior_rows(compiled.network, state, point, state.ground[point]).axes, points[point]
-        along_known[point] = np.einsum("kii->ki", own)
-        points[point] = np.swapaxes(axes, 1, 2) @ own @ axes
-    return np.asarray(along_known[scene.block.control.point])

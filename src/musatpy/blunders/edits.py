@@ -69,12 +69,12 @@ def unedited(search: Search) -> str:
     named = ", ".join(kind for kind in CauseKind if kind in commons)
     if commons - {CauseKind.TIDES} or _explains_most(search):
         return f"one cause explains what does not fit: {named}"
-    block = search.last.scene.block
-    for kind, weight in search.last.scene.weight.items():
-        wrong, known = search.last.rows_out(kind), (weight > 0.0).any(axis=1)
+    block, units = search.last.scene.block, search.last.units
+    for kind, rows in units.of_kinds.items():
+        wrong = search.last.rows_out(kind)
         if kind is _K.WATER_LEVEL:  # what common errors explain is not edited anyway
             wrong = wrong & wrong_tides(search) if len(wrong) == len(block.photos.ids) else np.zeros_like(wrong)
-        count, total = np.count_nonzero(wrong), np.count_nonzero(known)
+        count, total = np.count_nonzero(wrong), np.count_nonzero(np.diff(units.row[rows], prepend=-1))
         if count >= _SEVERAL and count > _FIFTH * total:
             return f"{count} of {total} would go of one kind, {KIND_NAMES[kind]}: look for one cause of all"
     return ""
@@ -83,22 +83,22 @@ def unedited(search: Search) -> str:
 def _explains_most(search: Search) -> bool:
     """Return whether what is revised explains more than all that is out."""
     common = sum(cause.squares for cause in search.common if np.isfinite(cause.squares))
+    if not common > 0.0:
+        return False
     size, out = sizes(search.last.scene, search.last.state), search.last.out()
-    return common > 0.0 and common > sum(float(np.square(size[kind][out[kind] > 0.0]).sum()) for kind in out)
+    return common > sum(float(np.square(size[kind][out[kind] > 0.0]).sum()) for kind in out)
 
 
 def wrong_tides(search: Search) -> BoolArray:
     """Return the photos (n,) whose own tides are wrong, and whose submerged images can be done without."""
     block, tides = search.revised, np.zeros(len(search.revised.photos.ids), dtype=bool)
-    mask = search.last.rows_out(_K.WATER_LEVEL)
-    if len(mask) != len(tides):
+    mask, images = search.last.rows_out(_K.WATER_LEVEL), search.last.rows_out(_K.PLATE)
+    if len(mask) != len(tides) or not mask.any():
         return tides
     tides[mask] = True
     for common in search.last.tides:
         tides[common.photo] = False
-    dry = (
-        ~block.points.bathymetric[block.plates.point] & ~search.last.rows_out(_K.PLATE) & block.plates.triangulated
-    )
+    dry = ~block.points.bathymetric[block.plates.point] & ~images & block.plates.triangulated
     return tides & (np.bincount(block.plates.photo[dry], minlength=len(tides)) >= ENOUGH)
 
 
@@ -137,7 +137,8 @@ def control_out(search: Search) -> tuple[BoolArray, BoolArray]:
 def without_positions(solution: Solution, ids: frozenset[str]) -> Solution:
     """Return the solution with no position of points that only images which were taken out would intersect."""
     points = solution.points
-    lost = np.isin(solution.block.points.ids, list(ids)) & (points.status == PointStatus.INTERSECTED)
+    lost = points.status == PointStatus.INTERSECTED
+    lost[lost] = np.isin(solution.block.points.ids[lost], list(ids))
     if not lost.any():
         return solution
     nowhere = lost[:, None]

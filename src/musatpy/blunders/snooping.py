@@ -59,13 +59,7 @@ class Units:
     weight: FloatArray  # (o,) a priori
     unit: IntArray  # (o,) number of its unit
     place: IntArray  # (o,) ground point, or a number of its own: units of one place compete
-
-    @cached_property
-    def of_kinds(self) -> dict[ObservationKind, slice]:
-        """The observations of each kind."""
-        kinds, first = np.unique(self.kind, return_index=True)
-        cut = [*first.tolist(), len(self.kind)]
-        return {_K(kind): slice(*cut[at : at + 2]) for at, kind in enumerate(kinds.tolist())}
+    of_kinds: dict[ObservationKind, slice]  # the observations of each kind
 
     @property
     def count(self) -> int:
@@ -272,7 +266,7 @@ def units_of(scene: Scene) -> Units:
         _K.CONTROL: block.control.point,
         _K.EQUAL_ELEVATION: block.equal_elevations.point,
     }
-    parts = []
+    parts, of_kinds, start = [], {}, 0
     for kind, weight in sorted(scene.weight.items()):
         element = np.flatnonzero(weight > 0.0)
         row, component = np.divmod(element, weight.shape[1])
@@ -282,8 +276,10 @@ def units_of(scene: Scene) -> Units:
         place = point[kind][row] if kind in point else points + unit
         count += int(np.count_nonzero(begins))
         parts.append((np.full(len(row), kind), row, component, element, weight.take(element), unit, place))
+        of_kinds[kind], start = slice(start, start + len(row)), start + len(row)
     names = ("kind", "row", "component", "element", "weight", "unit", "place")
-    return Units(**{name: np.concatenate(part) for name, part in zip(names, zip(*parts, strict=True), strict=True)})
+    columns = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Units(of_kinds=of_kinds, **dict(zip(names, columns, strict=True)))
 
 
 def factors_of(out: Factors, size: Factors) -> Factors:
@@ -328,22 +324,21 @@ def judged(
         raise SingularNormalsError(normals.line.matrix)
     adjusted = adjusted_cofactors(scene, problem.network, state, inverse.cofactors)
     residuals, size = scene.residuals_and_sizes(state)
+    # in a priori sigmas, and their squares
     v, leverage = units.gathered(size), units.weight * units.gathered(adjusted.observations)
     taken = np.flatnonzero(out[units.unit])  # few, and what is done about them costs little
-    r, variance, used = 1.0 - leverage, 1.0 - leverage, v.copy()
+    r, used, least = 1.0 - leverage, v.copy(), units.checked.copy()
     r[taken] = 1.0 - units.gathered(factors)[taken] * leverage[taken]
-    variance[taken] = 1.0 + leverage[taken]
-    checked = r > units.checked
-    checked[taken] = r[taken] > _PREDICTED
-    used[taken] = 0.0
+    used[taken], least[taken] = 0.0, _PREDICTED
     f = float(np.sum(r) - np.sum(r[taken]))
-    sigma0 = np.sqrt(float(used @ used) / f) if f > 1.0 else 1.0
+    sigma0 = np.sqrt(float(np.sum(np.square(used))) / f) if f > 1.0 else 1.0
     sigma0 = max(sigma0, _BEST)
-    variance[~checked] = np.nan
+    r[~(r > least)] = np.nan
+    variance = r.copy()
+    variance[taken] = np.where(np.isnan(r[taken]), np.nan, 1.0 + leverage[taken])
     tau = v / (sigma0 * np.sqrt(variance))
     test = tau if f <= 2.0 else _student(tau, f)
     test[taken] = tau[taken]
-    r[~checked] = np.nan
     return Judgement(
         units=units,
         out=out,
