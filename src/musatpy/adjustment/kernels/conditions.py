@@ -1,17 +1,15 @@
 """Points of IIA, one after the other: their conditions through full weights, and where they come to rest.
 
-The numpy twins are `pass_points.conditions` and `pass_points.add_full`, `geometry.coplanarity`, and
-`ground.settle_group`.
+The numpy twins are `pass_points.add_full` and `ground.settle_group`.
 
-Conditions are linearised at the adjusted images of a point, whose rays meet there. An image moves its ray, where
-it meets the others, by the inverse of the partials of the image by the point; what this does to the conditions are
-their partials G. They hold wherever stations are, as long as the images follow these: g(l(s), s) = 0, so that the
-partials by the stations are -G A, A those of the images. Rays through water are no others than straight ones.
+With images in their sigmas and B their partials by the point, the conditions have G B = 0, as they hold wherever a
+point is, and are as many as 2m images leave of three coordinates. So G'(G G')^-1 G = I - B(B'B)^-1 B': both take
+from images what a point explains (docs/theory.md, Weights). With columns of B made orthonormal it is I - B B'.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 
@@ -20,11 +18,11 @@ from musatpy.adjustment.kernels.points import (
     Measured,
     Pairs,
     Q,
-    Room,
     Stations,
     Sums,
     Water,
-    add_pair,
+    add_blocks,
+    add_right_sides,
     from_axes,
     images,
     point_normals,
@@ -34,135 +32,23 @@ from musatpy.adjustment.kernels.points import (
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compiling import compiled, inlined
 
-_Vector = tuple[float, float, float]
-
-
-class Conditions(NamedTuple):
-    """Room for the c conditions of a point with up to m rays, of which a point takes the first rows and columns."""
-
-    u: FloatArray  # (m, 3) directions of the rays where they meet
-    shift: FloatArray  # (2 m, 3) of the rays there, by their images
-    G: FloatArray  # (c, 2 m) partials by images
-    weight: FloatArray  # (c,)
-    w: FloatArray  # (c,) misclosures in their weights
-
-
-@compiled
-def _room(m: int) -> Conditions:
-    """Return room for the conditions of any point of up to m rays."""
-    c = max(2 * m - 3, 1)
-    return Conditions(np.empty((m, 3)), np.empty((2 * m, 3)), np.empty((c, 2 * m)), np.empty(c), np.empty(c))
-
 
 @inlined
-def _row(a: FloatArray, i: int) -> _Vector:
-    return a[i, 0], a[i, 1], a[i, 2]
-
-
-@inlined
-def _cross(a: _Vector, b: _Vector) -> _Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
-def _dot(a: _Vector, b: _Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def _scaled(a: _Vector, scale: float) -> _Vector:
-    return a[0] * scale, a[1] * scale, a[2] * scale
-
-
-@inlined
-def _ray(k: int, B: FloatArray, of: Conditions) -> None:
-    """Set the direction of ray k of a point, along which its images do not change, and its shifts across.
-
-    B (m, 2, 3): partials of the images by the point.
-    """
-    by_x, by_y = (B[k, 0, 0], B[k, 0, 1], B[k, 0, 2]), (B[k, 1, 0], B[k, 1, 1], B[k, 1, 2])
-    u = _cross(by_x, by_y)
-    scale = 1.0 / _dot(u, u)
-    of.u[k, 0], of.u[k, 1], of.u[k, 2] = u
-    of.shift[2 * k, 0], of.shift[2 * k, 1], of.shift[2 * k, 2] = _scaled(_cross(by_y, u), scale)
-    of.shift[2 * k + 1, 0], of.shift[2 * k + 1, 1], of.shift[2 * k + 1, 2] = _scaled(_cross(u, by_x), scale)
-
-
-@inlined
-def _coplanarity(row: int, ray: int, of: Conditions) -> None:
-    """Set the partials of the coplanarity of a ray and the next: how they come apart, `coplanarity.coplanarity`."""
-    across = _cross(_row(of.u, ray), _row(of.u, ray + 1))
-    for b in range(2):
-        of.G[row, 2 * ray + b] = -_dot(across, _row(of.shift, 2 * ray + b))
-        of.G[row, 2 * ray + 2 + b] = _dot(across, _row(of.shift, 2 * ray + 2 + b))
-
-
-@inlined
-def _slide(ray: int, along: int, of: Conditions) -> _Vector:
-    """Return the vector whose product with a shift of a ray is how far along another one their meeting slides."""
-    across = _cross(_row(of.u, ray), _row(of.u, along))
-    return _scaled(_cross(across, _row(of.u, ray)), 1.0 / _dot(across, across))
-
-
-@inlined
-def _scale_restraint(row: int, ray: int, of: Conditions) -> None:
-    """Set the partials of the scale restraint of a ray and the next two: `coplanarity.scale_restraint`."""
-    by_first, by_last = _slide(ray, ray + 1, of), _slide(ray + 2, ray + 1, of)
-    for b in range(2):
-        middle = _row(of.shift, 2 * ray + 2 + b)
-        of.G[row, 2 * ray + b] = _dot(by_first, _row(of.shift, 2 * ray + b))
-        of.G[row, 2 * ray + 2 + b] = _dot(by_last, middle) - _dot(by_first, middle)
-        of.G[row, 2 * ray + 4 + b] = -_dot(by_last, _row(of.shift, 2 * ray + 4 + b))
-
-
-@inlined
-def _weigh(m: int, residual: FloatArray, of: Conditions) -> None:
-    """Replace G by L^-1 G, G G' = L W^-1 L', and set the weights W and w = W L^-1 G v, row after row.
-
-    G is by images in their sigmas. Its rows become orthogonal. A coplanarity has no part of later rays.
-    """
-    for row in range(2 * m - 3):
-        for before in range(row):
-            along, end = 0.0, min(2 * before + 4, 2 * m)
-            for a in range(end):
-                along += of.G[row, a] * of.G[before, a]
-            along *= of.weight[before]
-            for a in range(end):
-                of.G[row, a] -= along * of.G[before, a]
+def _orthonormal(m: int, B: FloatArray) -> None:
+    """Make the columns of partials B (m, 2, 3) by a point orthonormal: the modified Gram-Schmidt process."""
+    for i in range(3):
         square = 0.0
-        for a in range(2 * m):
-            square += of.G[row, a] * of.G[row, a]
-        off = 0.0
         for k in range(m):
-            off += of.G[row, 2 * k] * residual[k, 0] + of.G[row, 2 * k + 1] * residual[k, 1]
-        of.weight[row] = 1.0 / square
-        of.w[row] = off * of.weight[row]
-
-
-@inlined
-def _add(p: int, m: int, at: Measured, room: Room, of: Conditions, sums: Sums) -> None:
-    """Add A'G'w of a point to the right sides."""
-    for k in range(m):
-        n, x, y = at.photo[at.start[p] + k], 0.0, 0.0
-        for c in range(max(k - 1, 0), 2 * m - 3):
-            x, y = x + of.G[c, 2 * k] * of.w[c], y + of.G[c, 2 * k + 1] * of.w[c]
-        for a in range(Q):
-            sums.rhs[n, a] -= room.A[k, 0, a] * x + room.A[k, 1, a] * y
-
-
-@inlined
-def _add_blocks(p: int, m: int, pairs: Pairs, room: Room, of: Conditions, sums: Sums) -> None:
-    """Add A'G'W GA of a point to the normal matrix."""
-    pair, G = pairs.start[p], of.G
-    for k in range(m):
-        for other in range(k, m):
-            p00 = p01 = p10 = p11 = 0.0
-            for c in range(max(other - 1, 0), 2 * m - 3):  # the coplanarities of the rays before have no part in it
-                x, y = G[c, 2 * k] * of.weight[c], G[c, 2 * k + 1] * of.weight[c]
-                p00, p01 = p00 + x * G[c, 2 * other], p01 + x * G[c, 2 * other + 1]
-                p10, p11 = p10 + y * G[c, 2 * other], p11 + y * G[c, 2 * other + 1]
-            add_pair(pairs.slot[pair], k, other, Q, p00, p01, p10, p11, room.A, sums)
-            pair += 1
+            square += B[k, 0, i] * B[k, 0, i] + B[k, 1, i] * B[k, 1, i]
+        scale = 1.0 / math.sqrt(square)
+        for k in range(m):
+            B[k, 0, i], B[k, 1, i] = B[k, 0, i] * scale, B[k, 1, i] * scale
+        for j in range(i + 1, 3):
+            along = 0.0
+            for k in range(m):
+                along += B[k, 0, i] * B[k, 0, j] + B[k, 1, i] * B[k, 1, j]
+            for k in range(m):
+                B[k, 0, j], B[k, 1, j] = B[k, 0, j] - along * B[k, 0, i], B[k, 1, j] - along * B[k, 1, i]
 
 
 @compiled
@@ -176,23 +62,17 @@ def add_conditions(
     right sides only.
     """
     room = room_for(at.start, rows)
-    of = _room(len(room.residual))
     for p in rows:
-        m = at.start[p + 1] - at.start[p]
+        m, x, y, z = at.start[p + 1] - at.start[p], 0.0, 0.0, 0.0
         images(p, at, stations, water, known, True, room)
-        for row in range(2 * m - 3):
-            for a in range(2 * m):
-                of.G[row, a] = 0.0
+        _orthonormal(m, room.B)
         for k in range(m):
-            _ray(k, room.B, of)
-        for k in range(m - 1):
-            _coplanarity(k, k, of)
-        for k in range(m - 2):
-            _scale_restraint(m - 1 + k, k, of)
-        _weigh(m, room.residual, of)
-        _add(p, m, at, room, of, sums)
+            for c in range(2):
+                v = room.residual[k, c]
+                x, y, z = x - room.B[k, c, 0] * v, y - room.B[k, c, 1] * v, z - room.B[k, c, 2] * v
+        add_right_sides(p, m, Q, at, room, sums, x, y, z)
         if matrix:
-            _add_blocks(p, m, pairs, room, of, sums)
+            add_blocks(p, m, Q, pairs, room.B, room.B, room.A, sums)
 
 
 @inlined

@@ -300,7 +300,7 @@ def weigh(m: int, room: Room) -> None:
 
 
 @inlined
-def add_pair(
+def _add_pair(
     e: int, k: int, other: int, size: int, p00: float, p01: float, p10: float, p11: float, A: FloatArray, sums: Sums
 ) -> None:
     """Add A'PA of two rays to block e of the normal matrix; P (2, 2) weighs images of one by those of the other."""
@@ -311,9 +311,14 @@ def add_pair(
 
 
 @inlined
-def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums) -> None:
-    """Add a point to the reduced normal matrix of its stations, A'(I - B N_pp^-1 B')A: `collinear.reduced`."""
-    pair, B, Y = pairs.start[p], room.B, room.Y
+def add_blocks(
+    p: int, m: int, size: int, pairs: Pairs, B: FloatArray, Y: FloatArray, A: FloatArray, sums: Sums
+) -> None:
+    """Add a point to the reduced normal matrix of its stations, A'(I - Y B')A with Y (m, 2, 3) = B N_pp^-1.
+
+    `collinear.reduced`.
+    """
+    pair = pairs.start[p]
     for k in range(m):
         for other in range(k, m):
             unit = 1.0 if other == k else 0.0
@@ -321,8 +326,22 @@ def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums)
             p01 = -Y[k, 0, 0] * B[other, 1, 0] - Y[k, 0, 1] * B[other, 1, 1] - Y[k, 0, 2] * B[other, 1, 2]
             p10 = -Y[k, 1, 0] * B[other, 0, 0] - Y[k, 1, 1] * B[other, 0, 1] - Y[k, 1, 2] * B[other, 0, 2]
             p11 = unit - Y[k, 1, 0] * B[other, 1, 0] - Y[k, 1, 1] * B[other, 1, 1] - Y[k, 1, 2] * B[other, 1, 2]
-            add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, room.A, sums)
+            _add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, A, sums)
             pair += 1
+
+
+@inlined
+def add_right_sides(
+    p: int, m: int, size: int, at: Measured, room: Room, sums: Sums, x: float, y: float, z: float
+) -> None:
+    """Add a point, whose shift is (x, y, z), to the right sides of its stations, of `size` unknowns each."""
+    for k in range(m):
+        n = at.photo[at.start[p] + k]
+        v0, v1 = room.residual[k, 0], room.residual[k, 1]
+        v0 += room.B[k, 0, 0] * x + room.B[k, 0, 1] * y + room.B[k, 0, 2] * z
+        v1 += room.B[k, 1, 0] * x + room.B[k, 1, 1] * y + room.B[k, 1, 2] * z
+        for a in range(size):
+            sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
 
 
 @inlined
@@ -340,16 +359,10 @@ def _add_point(
 ) -> None:
     """Add a point, whose shift is (x, y, z), to the normal equations of its stations, of `size` unknowns each."""
     m = at.start[p + 1] - at.start[p]
-    for k in range(m):
-        n = at.photo[at.start[p] + k]
-        v0, v1 = room.residual[k, 0], room.residual[k, 1]
-        v0 += room.B[k, 0, 0] * x + room.B[k, 0, 1] * y + room.B[k, 0, 2] * z
-        v1 += room.B[k, 1, 0] * x + room.B[k, 1, 1] * y + room.B[k, 1, 2] * z
-        for a in range(size):
-            sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
+    add_right_sides(p, m, size, at, room, sums, x, y, z)
     if matrix:
         weigh(m, room)
-        _add_blocks(p, m, size, pairs, room, sums)
+        add_blocks(p, m, size, pairs, room.B, room.Y, room.A, sums)
 
 
 @compiled
