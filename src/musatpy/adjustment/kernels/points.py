@@ -425,18 +425,47 @@ def follow(
 
 
 @inlined
+def image_by_vector(
+    r: int, at: Measured, stations: Stations, v0: float, v1: float, v2: float
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Return the residuals of image r in mm, and its weighted partials by the vector v from the camera.
+
+    `geometry.collinearity.image_by_vector`. In registers: what is not used of it is not computed.
+    """
+    n, M = at.photo[r], stations.M
+    x = M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2
+    y = M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2
+    inverse = 1.0 / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
+    scale, ratio_x, ratio_y = -stations.focal_length[n] * inverse, x * inverse, y * inverse
+    of_x, of_y = scale * at.root[r, 0], scale * at.root[r, 1]
+    return (
+        scale * x + stations.principal_point[n, 0] - at.xy[r, 0],
+        scale * y + stations.principal_point[n, 1] - at.xy[r, 1],
+        of_x * (M[n, 0, 0] - ratio_x * M[n, 2, 0]),
+        of_x * (M[n, 0, 1] - ratio_x * M[n, 2, 1]),
+        of_x * (M[n, 0, 2] - ratio_x * M[n, 2, 2]),
+        of_y * (M[n, 1, 0] - ratio_y * M[n, 2, 0]),
+        of_y * (M[n, 1, 1] - ratio_y * M[n, 2, 1]),
+        of_y * (M[n, 1, 2] - ratio_y * M[n, 2, 2]),
+    )
+
+
+@inlined
+def to_point(r: int, p: int, at: Measured, stations: Stations) -> tuple[float, float, float, bool]:
+    """Return the vector from the camera of image r to point p, and whether that sees it."""
+    n, X, P, M = at.photo[r], at.ground, stations.position, stations.M
+    v0, v1, v2 = X[p, 0] - P[n, 0], X[p, 1] - P[n, 1], X[p, 2] - P[n, 2]
+    return v0, v1, v2, M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
+
+
+@inlined
 def _off(r: int, p: int, at: Measured, stations: Stations, water: Water) -> tuple[float, float, bool]:
     """Return the residuals of image r of point p, and whether its camera sees it."""
-    n, M, X, P = at.photo[r], stations.M, at.ground, stations.position
-    v0, v1, v2 = X[p, 0] - P[n, 0], X[p, 1] - P[n, 1], X[p, 2] - P[n, 2]
-    seen = M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
+    v0, v1, v2, seen = to_point(r, p, at, stations)
     if water.row[r] >= 0:
         v0, v1, v2, _, _, _, _, _ = bend(water.row[r], water, v0, v1, v2)
-    scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
-    x = scale * (M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2)
-    y = scale * (M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2)
-    x, y = x + stations.principal_point[n, 0], y + stations.principal_point[n, 1]
-    return x - at.xy[r, 0], y - at.xy[r, 1], seen
+    x, y, _, _, _, _, _, _ = image_by_vector(r, at, stations, v0, v1, v2)
+    return x, y, seen
 
 
 @compiled
