@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.adjustment.compiled_points import plain, stations_of
+from musatpy.adjustment.compiled_points import CompiledRows, plain
 from musatpy.adjustment.compiled_settling import LIMITS, TURN
 from musatpy.adjustment.ground import MAX_STEPS, RIDGE
 from musatpy.adjustment.kernels import compiled_points
@@ -44,7 +44,7 @@ class CompiledLonePoints:
 
     @cached_property
     def _stations(self) -> points.Stations:
-        return stations_of(self.kernels, self.network, self.state)
+        return CompiledRows(kernels=self.kernels, network=self.network, groups=()).stations(self.state)
 
     def settled(
         self, row: IntArray, wet: BoolArray, start: FloatArray, level: FloatArray | None = None

@@ -300,7 +300,7 @@ def weigh(m: int, room: Room) -> None:
 
 
 @inlined
-def add_pair(
+def _add_pair(
     e: int, k: int, other: int, size: int, p00: float, p01: float, p10: float, p11: float, A: FloatArray, sums: Sums
 ) -> None:
     """Add A'PA of two rays to block e of the normal matrix; P (2, 2) weighs images of one by those of the other."""
@@ -311,9 +311,14 @@ def add_pair(
 
 
 @inlined
-def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums) -> None:
-    """Add a point to the reduced normal matrix of its stations, A'(I - B N_pp^-1 B')A: `collinear.reduced`."""
-    pair, B, Y = pairs.start[p], room.B, room.Y
+def add_blocks(
+    p: int, m: int, size: int, pairs: Pairs, B: FloatArray, Y: FloatArray, A: FloatArray, sums: Sums
+) -> None:
+    """Add a point to the reduced normal matrix of its stations, A'(I - Y B')A with Y (m, 2, 3) = B N_pp^-1.
+
+    `collinear.reduced`.
+    """
+    pair = pairs.start[p]
     for k in range(m):
         for other in range(k, m):
             unit = 1.0 if other == k else 0.0
@@ -321,8 +326,22 @@ def _add_blocks(p: int, m: int, size: int, pairs: Pairs, room: Room, sums: Sums)
             p01 = -Y[k, 0, 0] * B[other, 1, 0] - Y[k, 0, 1] * B[other, 1, 1] - Y[k, 0, 2] * B[other, 1, 2]
             p10 = -Y[k, 1, 0] * B[other, 0, 0] - Y[k, 1, 1] * B[other, 0, 1] - Y[k, 1, 2] * B[other, 0, 2]
             p11 = unit - Y[k, 1, 0] * B[other, 1, 0] - Y[k, 1, 1] * B[other, 1, 1] - Y[k, 1, 2] * B[other, 1, 2]
-            add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, room.A, sums)
+            _add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, A, sums)
             pair += 1
+
+
+@inlined
+def add_right_sides(
+    p: int, m: int, size: int, at: Measured, room: Room, sums: Sums, x: float, y: float, z: float
+) -> None:
+    """Add a point, whose shift is (x, y, z), to the right sides of its stations, of `size` unknowns each."""
+    for k in range(m):
+        n = at.photo[at.start[p] + k]
+        v0, v1 = room.residual[k, 0], room.residual[k, 1]
+        v0 += room.B[k, 0, 0] * x + room.B[k, 0, 1] * y + room.B[k, 0, 2] * z
+        v1 += room.B[k, 1, 0] * x + room.B[k, 1, 1] * y + room.B[k, 1, 2] * z
+        for a in range(size):
+            sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
 
 
 @inlined
@@ -340,16 +359,10 @@ def _add_point(
 ) -> None:
     """Add a point, whose shift is (x, y, z), to the normal equations of its stations, of `size` unknowns each."""
     m = at.start[p + 1] - at.start[p]
-    for k in range(m):
-        n = at.photo[at.start[p] + k]
-        v0, v1 = room.residual[k, 0], room.residual[k, 1]
-        v0 += room.B[k, 0, 0] * x + room.B[k, 0, 1] * y + room.B[k, 0, 2] * z
-        v1 += room.B[k, 1, 0] * x + room.B[k, 1, 1] * y + room.B[k, 1, 2] * z
-        for a in range(size):
-            sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
+    add_right_sides(p, m, size, at, room, sums, x, y, z)
     if matrix:
         weigh(m, room)
-        _add_blocks(p, m, size, pairs, room, sums)
+        add_blocks(p, m, size, pairs, room.B, room.Y, room.A, sums)
 
 
 @compiled
@@ -412,18 +425,47 @@ def follow(
 
 
 @inlined
+def image_by_vector(
+    r: int, at: Measured, stations: Stations, v0: float, v1: float, v2: float
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Return the residuals of image r in mm, and its weighted partials by the vector v from the camera.
+
+    `geometry.collinearity.image_by_vector`. In registers: what is not used of it is not computed.
+    """
+    n, M = at.photo[r], stations.M
+    x = M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2
+    y = M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2
+    inverse = 1.0 / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
+    scale, ratio_x, ratio_y = -stations.focal_length[n] * inverse, x * inverse, y * inverse
+    of_x, of_y = scale * at.root[r, 0], scale * at.root[r, 1]
+    return (
+        scale * x + stations.principal_point[n, 0] - at.xy[r, 0],
+        scale * y + stations.principal_point[n, 1] - at.xy[r, 1],
+        of_x * (M[n, 0, 0] - ratio_x * M[n, 2, 0]),
+        of_x * (M[n, 0, 1] - ratio_x * M[n, 2, 1]),
+        of_x * (M[n, 0, 2] - ratio_x * M[n, 2, 2]),
+        of_y * (M[n, 1, 0] - ratio_y * M[n, 2, 0]),
+        of_y * (M[n, 1, 1] - ratio_y * M[n, 2, 1]),
+        of_y * (M[n, 1, 2] - ratio_y * M[n, 2, 2]),
+    )
+
+
+@inlined
+def to_point(r: int, p: int, at: Measured, stations: Stations) -> tuple[float, float, float, bool]:
+    """Return the vector from the camera of image r to point p, and whether that sees it."""
+    n, X, P, M = at.photo[r], at.ground, stations.position, stations.M
+    v0, v1, v2 = X[p, 0] - P[n, 0], X[p, 1] - P[n, 1], X[p, 2] - P[n, 2]
+    return v0, v1, v2, M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
+
+
+@inlined
 def _off(r: int, p: int, at: Measured, stations: Stations, water: Water) -> tuple[float, float, bool]:
     """Return the residuals of image r of point p, and whether its camera sees it."""
-    n, M, X, P = at.photo[r], stations.M, at.ground, stations.position
-    v0, v1, v2 = X[p, 0] - P[n, 0], X[p, 1] - P[n, 1], X[p, 2] - P[n, 2]
-    seen = M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
+    v0, v1, v2, seen = to_point(r, p, at, stations)
     if water.row[r] >= 0:
         v0, v1, v2, _, _, _, _, _ = bend(water.row[r], water, v0, v1, v2)
-    scale = -stations.focal_length[n] / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
-    x = scale * (M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2)
-    y = scale * (M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2)
-    x, y = x + stations.principal_point[n, 0], y + stations.principal_point[n, 1]
-    return x - at.xy[r, 0], y - at.xy[r, 1], seen
+    x, y, _, _, _, _, _, _ = image_by_vector(r, at, stations, v0, v1, v2)
+    return x, y, seen
 
 
 @compiled
