@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.ground import RIDGE, hold, prior_rows
+from musatpy.adjustment.ground import RIDGE, Priors, hold, prior_rows
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from musatpy.adjustment.kernels.linear import LinearImages
 
 Result = TypeVar("Result")
+
+_LIGHT = 25  # times the rays repay threads where only their images are asked for, which takes 10 ns each
 
 
 def split(network: Network, groups: Iterable[PointGroup]) -> tuple[tuple[PointGroup, ...], tuple[PointGroup, ...]]:
@@ -124,9 +126,9 @@ class CompiledRows:
         """The rows in parts."""
         return self.sequence.chosen(self.groups)[1]
 
-    def of_parts(self, work: Callable[[SequencePart], Result]) -> list[Result]:
-        """Return the results of `work` at all parts, in their order."""
-        return list(side_by_side(work, self.parts, len(self.sequence.rays)))
+    def of_parts(self, work: Callable[[SequencePart], Result], light: int = 1) -> list[Result]:
+        """Return the results of `work` at all parts, in their order; `light`: times less than an elimination."""
+        return list(side_by_side(work, self.parts, len(self.sequence.rays) // light))
 
     def seen(self, state: State) -> tuple[points.Measured, points.Stations, points.Water]:
         """Return images, stations and water in a state; not to be changed: what was asked for last is kept.
@@ -183,13 +185,26 @@ class CompiledRows:
         """The rows of points of which something is known."""
         return self.sequence.chosen(group for group in self.groups if group.known)[0]
 
+    def priors(self, state: State) -> Priors:
+        """Return what is known of the points of `known_rows` in a state; not to be changed, as what is `seen`."""
+        return self.sequence.last_priors.made(
+            lambda: self._priors_at(state, state.ground),
+            self.known_rows,
+            self.network.priors,
+            state.ground,
+            state.levels,
+        )
+
+    def _priors_at(self, state: State, ground: FloatArray) -> Priors:
+        point = self.sequence.point[self.known_rows]
+        return prior_rows(self.network, state, point, ground[point])
+
     def known(self, state: State, ground: FloatArray) -> points.Known:
         """Return what is known of the points, which are at `ground` (p, 3)."""
         rows = self.known_rows
-        point = self.sequence.point[rows]
         row = np.full(len(self.sequence.point), -1)
         row[rows] = np.arange(len(rows))
-        priors = prior_rows(self.network, state, point, ground[point])
+        priors = self.priors(state) if ground is state.ground else self._priors_at(state, ground)
         weight = np.ascontiguousarray(priors.weight[:, :3])
         known: points.Known = self.kernels.Known(
             row=row,
@@ -297,15 +312,14 @@ class CompiledPoints(CompiledRows):
     def set_squares(self, state: State, squares: FloatArray) -> None:
         """Set the weighted squares (p,) of the points where they are."""
         at, stations, water = self.seen(state)
-        self.of_parts(lambda part: self.kernels.squares(part.rows, at, stations, water, squares))
-        known = self.sequence.point[self.known_rows]
-        priors = prior_rows(self.network, state, known, state.ground[known])
+        self.of_parts(lambda part: self.kernels.squares(part.rows, at, stations, water, squares), _LIGHT)
+        known, priors = self.sequence.point[self.known_rows], self.priors(state)
         squares[known] += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
 
     def set_residuals(self, state: State, residual: FloatArray) -> None:
         """Set the residuals (all measurements, 2) mm of the images of the points."""
         (at, stations, water), rays = self.seen(state), self.sequence.rays
-        self.of_parts(lambda part: self.kernels.residuals(part.rows, at, stations, water, rays, residual))
+        self.of_parts(lambda part: self.kernels.residuals(part.rows, at, stations, water, rays, residual), _LIGHT)
 
     def linear_images(self, state: State, groups: Iterable[PointGroup], step: FloatArray) -> list[LinearImages]:
         """Return the images of groups of points of which nothing is known, after a step (u,) of all unknowns."""

@@ -281,6 +281,8 @@ class Factor:
         """Return the solutions (u, r) of the scaled system."""
         split = len(self.solved_border)
         photo = self.sparse.solve(rhs[:split])
+        if len(rhs) == split:
+            return photo
         level = cho_solve(self.corner, rhs[split:] - self.matrix.border.T @ photo)
         return np.concatenate([photo - self.solved_border @ level, level])
 

@@ -13,6 +13,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
 
 if TYPE_CHECKING:
+    from musatpy.adjustment.ground import Priors
     from musatpy.adjustment.kernels import points
     from musatpy.adjustment.network import Network, PointGroup
 
@@ -64,6 +65,7 @@ class PointSequence:
     # of `CompiledRows`
     last_stations: Last[points.Stations] = field(default_factory=Last, repr=False)
     last_seen: Last[tuple[points.Measured, points.Stations, points.Water]] = field(default_factory=Last, repr=False)
+    last_priors: Last[Priors] = field(default_factory=Last, repr=False)
 
     @classmethod
     def of(cls, kernels: ModuleType, network: Network, groups: Iterable[PointGroup]) -> PointSequence:

@@ -22,6 +22,7 @@ from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.propagation import redundancy
+from musatpy.adjustment.sequence import Last
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
@@ -38,6 +39,7 @@ class Simultaneous:
     options: Options  # its limits
     held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # what holds a free block
     curved: bool = False  # the second derivatives of the images by unknown waves count too
+    _total: Last[float] = field(default_factory=Last, init=False, repr=False)
 
     @property
     def _others(self) -> tuple[PointGroup, ...]:
@@ -104,7 +106,10 @@ class Simultaneous:
         return replace(matrix, corner=corner)
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
-        """Return the weighted sum of squares at `state`."""
+        """Return the weighted sum of squares at `state`; the last one is kept, where the next step begins."""
+        return self._total.made(lambda: self._sum_of_squares(state), state)
+
+    def _sum_of_squares(self, state: State) -> float:
         total = direct_squares(self.network, state)
         total += sum(float(state.squares[group.point].sum()) for group in self.network.groups)
         return total if np.isfinite(total) else np.inf
@@ -116,7 +121,7 @@ class Simultaneous:
         squares, the points that got worse go from where they were to their optimum instead. So a step that is
         damped enough lowers the sum always.
         """
-        network = self.network
+        network, before = self.network, self.evaluate(state, context)
         new = state_after(network, state, step)
         ground = new.ground.copy()
         for follow in context:
@@ -133,7 +138,7 @@ class Simultaneous:
             squares = np.full_like(state.squares, np.inf)  # the step was too long
             return replace(after, squares=squares)
         after = self.with_squares(after)
-        if not_raised(self.evaluate(after, context), self.evaluate(state, context)):
+        if not_raised(self.evaluate(after, context), before):
             return after
         return self.with_squares(self._settled(after, state))
 

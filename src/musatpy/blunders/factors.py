@@ -32,7 +32,8 @@ def weighted(network: Network, block: Block, factors: Factors) -> Network:
     """Return the network with its weights times the factors."""
     network = replace(network, weight=network.weight * factors[_K.PLATE])
     for kind in SEARCHED:
-        network = kind.weighted(network, block, factors[kind.observed])
+        if factors[kind.observed].size:
+            network = kind.weighted(network, block, factors[kind.observed])
     return network
 
 
