@@ -58,10 +58,6 @@ class UpdatedFactor(Factor):
         """Return the elements of N'^-1 inside the pattern."""
         return self.updated(super().cofactors())
 
-    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
-        """Return what `Cofactors.with_border` does, without any others."""
-        return super().with_border(photo, index) - self.fall(photo, index)
-
     def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
         """Return what `Cofactors.cofactors_of` does, without any others."""
         return super().cofactors_of(photo, index, partials) - self.fall_of(photo, index, partials)
@@ -71,7 +67,7 @@ class UpdatedFactor(Factor):
         return self._fall(self._of(photo, index))
 
     def fall_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
-        """Return by how much the cofactors of functions are smaller than those by N^-1: `Cofactors.cofactors_of`."""
+        """Return by how much the cofactors of functions with some partials are smaller than those by N^-1."""
         return self._fall(partials @ self._of(photo, index))
 
     def _of(self, photo: IntArray, index: IntArray) -> FloatArray:
