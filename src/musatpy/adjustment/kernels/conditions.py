@@ -24,13 +24,12 @@ from musatpy.adjustment.kernels.points import (
     add_blocks,
     add_right_sides,
     from_axes,
-    image_by_vector,
     images,
     point_normals,
     room_for,
     times,
-    to_point,
 )
+from musatpy.adjustment.kernels.straight_rays import image_by_vector, to_point
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compiling import compiled, inlined
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from musatpy.adjustment.kernels.straight_rays import image_by_vector, to_point
 from musatpy.adjustment.kernels.wet_rays import bend, through_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compiling import compiled, inlined
@@ -422,40 +423,6 @@ def follow(
         if row >= 0:
             x, y, z = from_axes(known.axes[row], x, y, z)
         out[g, 0], out[g, 1], out[g, 2] = at.ground[p, 0] + x, at.ground[p, 1] + y, at.ground[p, 2] + z
-
-
-@inlined
-def image_by_vector(
-    r: int, at: Measured, stations: Stations, v0: float, v1: float, v2: float
-) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return the residuals of image r in mm, and its weighted partials by the vector v from the camera.
-
-    `geometry.collinearity.image_by_vector`. In registers: what is not used of it is not computed.
-    """
-    n, M = at.photo[r], stations.M
-    x = M[n, 0, 0] * v0 + M[n, 0, 1] * v1 + M[n, 0, 2] * v2
-    y = M[n, 1, 0] * v0 + M[n, 1, 1] * v1 + M[n, 1, 2] * v2
-    inverse = 1.0 / (M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2)
-    scale, ratio_x, ratio_y = -stations.focal_length[n] * inverse, x * inverse, y * inverse
-    of_x, of_y = scale * at.root[r, 0], scale * at.root[r, 1]
-    return (
-        scale * x + stations.principal_point[n, 0] - at.xy[r, 0],
-        scale * y + stations.principal_point[n, 1] - at.xy[r, 1],
-        of_x * (M[n, 0, 0] - ratio_x * M[n, 2, 0]),
-        of_x * (M[n, 0, 1] - ratio_x * M[n, 2, 1]),
-        of_x * (M[n, 0, 2] - ratio_x * M[n, 2, 2]),
-        of_y * (M[n, 1, 0] - ratio_y * M[n, 2, 0]),
-        of_y * (M[n, 1, 1] - ratio_y * M[n, 2, 1]),
-        of_y * (M[n, 1, 2] - ratio_y * M[n, 2, 2]),
-    )
-
-
-@inlined
-def to_point(r: int, p: int, at: Measured, stations: Stations) -> tuple[float, float, float, bool]:
-    """Return the vector from the camera of image r to point p, and whether that sees it."""
-    n, X, P, M = at.photo[r], at.ground, stations.position, stations.M
-    v0, v1, v2 = X[p, 0] - P[n, 0], X[p, 1] - P[n, 1], X[p, 2] - P[n, 2]
-    return v0, v1, v2, M[n, 2, 0] * v0 + M[n, 2, 1] * v1 + M[n, 2, 2] * v2 < 0.0
 
 
 @inlined
