@@ -111,7 +111,8 @@ class PointChecks:
             one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
         }
         part = PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
-        vars(part).update({name: vars(self)[name][taken] for name in ("by_stations",) if name in vars(self)})
+        if "by_stations" in vars(self):
+            vars(part)["by_stations"] = self.by_stations[taken]
         return part
 
     def image_drops(self) -> list[Drop]:
@@ -184,7 +185,8 @@ class LoosePoints:
     def explaining(self, squares: float, near: BoolArray) -> BoolArray:
         """Return which points (p,), `near` ones, have images that may explain so many squares or more.
 
-        Some images of a point explain no more than all of them: what more is given up, the less is left.
+        Some images of a point explain no more than all of them: the more is given up, the less is left. Of a few
+        points it is not asked.
         """
         near = near & (self.squares >= IMAGES_CHECKED * squares)
         if self.inverse.worth_alone(int(np.count_nonzero(near))):
