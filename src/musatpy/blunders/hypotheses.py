@@ -152,7 +152,9 @@ def _of_points(model: LinearModel, checks: PointChecks, least: float) -> Iterato
             (CauseKind.CONTROL, np.arange(3)),
             (CauseKind.ELEVATION, np.array([3])),
         ):
-            yield from _largest(model, checks, kind, 2 * m + rows, checks.drop(2 * m + rows), least)
+            rows = 2 * m + rows
+            if (checks.weight[:, rows] > 0.0).any():
+                yield from _largest(model, checks, kind, rows, checks.drop(rows), least)
 
 
 def _largest(
@@ -193,8 +195,6 @@ def _stations(model: LinearModel, least: float) -> Iterator[Hypothesis]:
         if columns.max() >= model.stations.shape[1] or not (model.station_weight[:, columns] > 0.0).any():
             continue
         photos = model.stations_explaining(least, columns)
-        if not len(photos):
-            continue
         drop = model.station_drop(photos, columns)
         squares = np.where(drop.parameters > 0, drop.squares, 0.0)
         if kind is CauseKind.STATION:
@@ -240,7 +240,8 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
 
 
 def _most(squares: FloatArray, least: float = 0.0) -> list[int]:
-    return [int(k) for k in falling(squares)[:_LISTED] if squares[k] > max(least, 0.0)]
+    enough = np.flatnonzero(squares > max(least, 0.0))
+    return enough[falling(squares[enough])[:_LISTED]].tolist() if len(enough) else []
 
 
 def _hypothesis(

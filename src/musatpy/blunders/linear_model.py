@@ -32,7 +32,7 @@ from musatpy.model import ObservationKind
 
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
 _ROUNDING = 1e-6  # of squares
-_FEW = 24  # points, each of which asks for its cofactors alone: more are worth those of all
+_FEW = 8  # photos for each point that asks for its cofactors alone: with less, those of all are cheaper
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
@@ -113,7 +113,8 @@ class PointChecks:
             one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
         }
         part = PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
-        vars(part).update({name: vars(self)[name][taken] for name in ("by_stations",) if name in vars(self)})
+        if "by_stations" in vars(self):
+            vars(part)["by_stations"] = self.by_stations[taken]
         return part
 
     def image_drops(self) -> list[Drop]:
@@ -152,8 +153,14 @@ class Inverse:
 
     def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
         """Return what `Cofactors.cofactors_of` does; of a few points alone without computing all others."""
-        few = len(photo) <= _FEW and not len(self.held) and "cofactors" not in vars(self)
-        return (self.factor if few else self.cofactors).cofactors_of(photo, index, partials)
+        if not len(photo):
+            return np.zeros((0, partials.shape[1], partials.shape[1]))
+        alone = self.worth_alone(len(photo)) and not len(self.held) and "cofactors" not in vars(self)
+        return (self.factor if alone else self.cofactors).cofactors_of(photo, index, partials)
+
+    def worth_alone(self, points: int) -> bool:
+        """Return whether cofactors of so few points cost less than those of all photos that meet."""
+        return _FEW * points <= self.factor.matrix.pattern.count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -180,10 +187,11 @@ class LoosePoints:
     def explaining(self, squares: float, near: BoolArray) -> BoolArray:
         """Return which points (p,), `near` ones, have images that may explain so many squares or more.
 
-        Some images of a point explain no more than all of them: what more is given up, the less is left.
+        Some images of a point explain no more than all of them: the more is given up, the less is left. Of a few
+        points it is not asked.
         """
         near = near & (self.squares >= IMAGES_CHECKED * squares)
-        if np.count_nonzero(near) <= _FEW:
+        if self.inverse.worth_alone(int(np.count_nonzero(near))):
             return near
         together = self.compiled.together(self.state, self.step, self.inverse.cofactors, near)
         return near & (together >= squares * (1.0 - _ROUNDING))
