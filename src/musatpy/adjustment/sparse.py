@@ -87,7 +87,8 @@ class Pattern:
 
     def rows(self, blocks: IntArray) -> IntArray:
         """Return the numbers (k, m size) of the unknowns of blocks (k, m)."""
-        return (blocks[:, :, None] * self.size + np.arange(self.size)).reshape(len(blocks), -1)
+        rows = blocks[:, :, None] * self.size + np.arange(self.size)
+        return rows.reshape(len(blocks), blocks.shape[1] * self.size)
 
     @cached_property
     def keys(self) -> IntArray:
@@ -240,7 +241,7 @@ class SparseFactor:
         lowest = np.searchsorted(start, rows.min(axis=1), side="right") - 1
         order = np.argsort(lowest, kind="stable")  # those whose ways meet stand together
         out = np.empty((*partials.shape[:2], partials.shape[1]))
-        for some in np.split(order, range(_ROWS, len(order), _ROWS)):
+        for some in np.split(order, range(_ROWS, len(order), _ROWS)) if len(order) else ():
             out[some] = self._cofactors_of(rows[some], partials[some], lowest[some].tolist())
         return out
 

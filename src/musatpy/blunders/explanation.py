@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.ground import better
 from musatpy.adjustment.iteration import Kept, Until
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import PRIORS
@@ -21,12 +20,12 @@ from musatpy.adjustment.robust import FITS, chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
-from musatpy.blunders.factors import Factors, taking_part, weighted
+from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
 from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
-from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, scene_of, sizes
+from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, at_their_best, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
@@ -55,6 +54,7 @@ _REFINEMENTS = 2  # of the size of what is revised
 _FEW = 6  # wrong images that hypotheses taken one by one can still explain
 _AGREEING = 2  # images that agree with what is known of their point, so that another one is the wrong one
 _SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
+_DRY = 0.02  # of the rays of submerged points: as many of these stand dry where an image of theirs is wrong
 _SINGLE, _RARE = 1, 0.05  # images of a photo, and share of them, that are wrong each by itself
 _UNIT = 0.05  # by which a factor may be off that of a foot
 _CHEAP = list(CauseKind)
@@ -156,6 +156,15 @@ def single_images(last: Snooped) -> bool:
     images = np.bincount(network.photo[taking_part(network)], minlength=network.photos)
     many = np.bincount(photos, minlength=network.photos) > np.maximum(_SINGLE, _RARE * images)
     return not (known[points].any() or many.any() or len(np.unique(points)) < len(points))
+
+
+def submerged_points_dry(last: Snooped) -> bool:
+    """Return whether so many rays of points flagged as submerged stand dry that the tides may be wrong."""
+    scene = last.scene
+    submerged = scene.block.points.bathymetric[scene.network.point] & taking_part(scene.network)
+    submerged &= ~last.rows_out(ObservationKind.PLATE)
+    dry = np.count_nonzero(submerged & ~scene.line.wet)
+    return bool(dry > _DRY * np.count_nonzero(submerged))
 
 
 def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
@@ -394,17 +403,9 @@ def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None, kept: K
         return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
     case = _taking(case, hypothesis)
     factors = case.factors()
-    return readjusted(replace(case, state=_met_by_the_others(case, factors, hypothesis.point)), kept, factors)
-
-
-def _met_by_the_others(case: Case, factors: Factors, point: tuple[int, ...]) -> State:
-    """Return the state with points of which something is given up at their best: the stations follow little."""
-    state, network = case.state, weighted(case.scene.network, case.scene.block, factors)
-    ground = state.ground.copy()
-    for group in network.groups:
-        for part in () if group.kept else group.some(np.isin(group.point, point)):
-            ground[part.point] = better(network, state, part, ground[part.point])
-    return replace(state, ground=ground)
+    # of points of which something is given up: the stations follow little
+    state = at_their_best(case.scene, factors, case.state, hypothesis.point)
+    return readjusted(replace(case, state=state), kept, factors)
 
 
 def _taking(case: Case, hypothesis: Hypothesis) -> Case:

@@ -95,8 +95,6 @@ class PointChecks:
         """
         least = squares * (1.0 - _ROUNDING)
         likely = self.part(self._most >= least)
-        if not len(likely.point):
-            return likely
         leverage = np.einsum("koo,ko->k", likely.by_stations, likely.weight)
         return likely.part(likely.squares >= (1.0 - leverage) * least)
 
@@ -153,8 +151,6 @@ class Inverse:
 
     def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
         """Return what `Cofactors.cofactors_of` does; of a few points alone without computing all others."""
-        if not len(photo):
-            return np.zeros((0, partials.shape[1], partials.shape[1]))
         alone = self.worth_alone(len(photo)) and not len(self.held) and "cofactors" not in vars(self)
         return (self.factor if alone else self.cofactors).cofactors_of(photo, index, partials)
 

@@ -219,20 +219,17 @@ def settled(scene: Scene, factors: Factors, state: State, start: Near = AROUND) 
     scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     short, near = 0, start
-    until = Until.CLOSE if scene.block.points.bathymetric.any() else Until.TESTED
     for _ in range(_TURNS):
-        outcome = adjusted(scene, factors, state, steps, near, until)
+        outcome = adjusted(scene, factors, state, steps, near, Until.TESTED)
         short = short + 1 if outcome.failure else 0
         state, normals = outcome.state, outcome.last
         if outcome.is_final or short == SHORT:
             break
         sides = _on_their_sides(scene, factors, state)
-        same = sides is None
-        scene, state = sides or (scene, state)
-        if same and until is Until.TESTED:
+        if sides is None:
             break
-        near = Near(kept=outcome.kept, proven=same, length=outcome.length)
-        until = Until.TESTED
+        scene, state = sides
+        near = Near(kept=outcome.kept)
     return scene, state, normals
 
 
@@ -248,11 +245,16 @@ def _on_their_sides(scene: Scene, factors: Factors, state: State) -> tuple[Scene
         if not changed.any():
             break
         scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
-        crossed = np.zeros(scene.network.points, dtype=bool)
-        crossed[scene.network.point[changed]] = True
-        state = ground_points.at_their_best(weighted(scene.network, scene.block, factors), state, crossed)
+        state = at_their_best(scene, factors, state, scene.network.point[changed])
         crossing = scene, state
     return crossing
+
+
+def at_their_best(scene: Scene, factors: Factors, state: State, point: IntArray | tuple[int, ...]) -> State:
+    """Return the state with some points at their best, by the weights times `factors`; the stations stay."""
+    some = np.zeros(scene.network.points, dtype=bool)
+    some[np.asarray(point, dtype=int)] = True
+    return ground_points.at_their_best(weighted(scene.network, scene.block, factors), state, some)
 
 
 def sizes(scene: Scene, state: State) -> Factors:

@@ -28,6 +28,7 @@ from musatpy.blunders.explanation import (
     first_case,
     single_images,
     starts,
+    submerged_points_dry,
     with_revision,
 )
 from musatpy.blunders.factors import Factors, taking_part
@@ -170,7 +171,8 @@ def _first_cases(start: _Explained) -> Iterator[tuple[Case, bool]]:
     for out, only_common in begun:
         yield replace(case, out=out), only_common
     wet = every_ray_wet(last.scene.network, last.scene.block.points.bathymetric)
-    if not np.array_equal(wet.wet, last.scene.line.wet):
+    dried = not np.array_equal(wet.wet, last.scene.line.wet)
+    if dried and (last.tides or submerged_points_dry(last)):
         network = last.scene.network.with_plates(last.scene.network.xy, wet.wet)
         yield replace(case, out=begun[0][0], scene=replace(last.scene, line=wet, network=network)), True
 
