@@ -265,6 +265,20 @@ def next_line(network: Network, line: WaterLine, state: State, bathymetric: Bool
     return replace(line, wet=line.wet & ~dries | floods, way=np.where(way != 0, way, line.way), rests=rests)
 
 
+def standing_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
+    """Return the line with bathymetric points (p,) where they stand in `state`, whatever tides they cross.
+
+    A point that turns back rests, as in `next_line`.
+    """
+    wanted = water_line(network, state, bathymetric).wet
+    if np.array_equal(wanted, line.wet):
+        return line
+    change, _ = _changes(network, line, wanted)
+    rests = line.rests | (change * line.way < 0)
+    way = np.where(rests | (change == 0), line.way, np.sign(change))
+    return replace(line, wet=np.where(rests[network.point], line.wet, wanted), way=way, rests=rests)
+
+
 def heights_and_water(
     network: Network, state: State, points: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray]:

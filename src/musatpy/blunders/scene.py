@@ -21,9 +21,9 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.robust import cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, every_ray_wet, next_line
+from musatpy.adjustment.waterline import WaterLine, every_ray_wet, standing_line
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations, weighted, weights
 from musatpy.model import (
     Block,
@@ -214,40 +214,30 @@ def settled(scene: Scene, factors: Factors, state: State, start: Near = AROUND) 
 
     And the normal equations there, None where the iteration has not converged. Raises `SingularNormalsError`.
     """
-    line = scene.line
-    # with other observations points stand elsewhere: where they turned back before does not count
-    scene = replace(scene, line=replace(line, way=np.zeros_like(line.way), rests=np.zeros_like(line.rests)))
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     short, near = 0, start
     for _ in range(_TURNS):
         outcome = adjusted(scene, factors, state, steps, near, Until.TESTED)
         short = short + 1 if outcome.failure else 0
         state, normals = outcome.state, outcome.last
-        if outcome.is_final or short == SHORT:
+        line = standing_line(scene.network, scene.line, state, scene.block.points.bathymetric)
+        changed = line.wet != scene.line.wet
+        scene = replace(scene, line=line)
+        if outcome.is_final or short == SHORT or not changed.any():
             break
-        sides = _on_their_sides(scene, factors, state)
-        if sides is None:
-            break
-        scene, state = sides
-        near = Near(kept=outcome.kept)
+        scene = replace(scene, network=scene.network.with_plates(scene.network.xy, line.wet))
+        state, near = at_their_best(scene, factors, state, scene.network.point[changed]), Near(kept=outcome.kept)
     return scene, state, normals
 
 
-def _on_their_sides(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State] | None:
-    """Return scene and state with rays on the sides of the water where their points stand, these at their best.
+def free_to_cross(scene: Scene, rays: BoolArray) -> Scene:
+    """Return the scene with the points of some rays (m,) as if they had crossed no tide yet.
 
-    Points cross the tides of their photos one by one; the stations stay. None where none crosses any.
+    With other observations points stand elsewhere: where they turned back before does not count.
     """
-    crossing = None
-    for _ in range(_TURNS):
-        line = next_line(scene.network, scene.line, state, scene.block.points.bathymetric)
-        changed = line.wet != scene.line.wet
-        if not changed.any():
-            break
-        scene = replace(scene, line=line, network=scene.network.with_plates(scene.network.xy, line.wet))
-        state = at_their_best(scene, factors, state, scene.network.point[changed])
-        crossing = scene, state
-    return crossing
+    line, anew = scene.line, np.zeros(scene.network.points, dtype=bool)
+    anew[scene.network.point[rays]] = True
+    return replace(scene, line=replace(line, way=np.where(anew, 0, line.way), rests=line.rests & ~anew))
 
 
 def at_their_best(scene: Scene, factors: Factors, state: State, point: IntArray | tuple[int, ...]) -> State:

@@ -21,7 +21,7 @@ from musatpy.blunders.adjusted import adjusted_cofactors
 from musatpy.blunders.alternatives import wrong_images
 from musatpy.blunders.factors import Factors, weighted
 from musatpy.blunders.linear_model import Inverse
-from musatpy.blunders.scene import AROUND, Scene, plate_scale, settled, sizes
+from musatpy.blunders.scene import AROUND, Scene, free_to_cross, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind
 from musatpy.model.progress import begin
@@ -193,6 +193,7 @@ def snooped(
         out = np.where(image, chosen, out)
     else:
         near, out = Near(), units.per_unit(units.gathered(first)) > 0.0
+    scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
@@ -226,6 +227,7 @@ def snooped(
             back, tides, proven = _tides_of(units, np.concatenate([tide.photo for tide in tides])), (), True
         returns[back] += 1
         out, state = (out & ~back) | leaving, after
+        scene = free_to_cross(scene, np.asarray(_masks(scene, units, back | leaving)[_K.PLATE].any(axis=1)))
     return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
 
 
