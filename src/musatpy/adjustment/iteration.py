@@ -256,7 +256,7 @@ def _closing(until: Until, length: float, last: float, objective: float, kept: b
     if kept:  # or the next one ends it: steps that shrink alike leave a hundredth of the limit then
         near = length <= _KEPT * last or length**3 <= _KEPT * AT_REST * last**2
     if until is Until.TESTED:
-        return near, length**2 <= AT_REST * last < np.inf
+        return near, length <= AT_REST or length**2 <= AT_REST * last < np.inf
     near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
     return near, near and until is not Until.REST
 

@@ -35,7 +35,7 @@ from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalikes, lookalikes
 from musatpy.blunders.scene import GIVEN_UP, Effort, scene_of, search_block, sees_water
-from musatpy.blunders.snooping import Snooped, images_anew, snooped
+from musatpy.blunders.snooping import Snooped, snooped
 from musatpy.blunders.starts import Start, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.progress import Progress, begin
@@ -304,6 +304,5 @@ def _searched_again(
     state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)
     plates = old.plates
     touched = [change.point for change in names + flags] + [int(plates.point[name.row]) for name in names]
-    anew = out[_PLATE].any(axis=1) | np.isin(revised.plates.point, touched)
-    out, state = images_anew(scene, state, out, anew, before.judgement.sigma0)
-    return snooped(scene, state, out)
+    anew = np.isin(revised.plates.point, touched)
+    return snooped(scene, state, out | {_PLATE: np.maximum(out[_PLATE], anew[:, None])})

@@ -33,6 +33,7 @@ _RETURNS = 2  # of one observation, at most
 _ROUNDS = 25
 _START = 6.0  # robust scales beyond which an observation is out from the start
 _SHARE = 0.5  # of the largest test value that others must have to go out with it
+_FAR = 2.0  # times its limit, of a test: what goes out by it has moved the stations
 _LITTLE = 0.1  # of all squares, that those which leave may explain for their sum to be foreseen
 _TIED = 0.98  # of the largest test value of a point: no telling which of them it is
 _CHECKED, _PREDICTED = 0.01, 0.99  # redundancy numbers that make tests of images in, and out, worth anything
@@ -178,21 +179,19 @@ def snooped(
 ) -> Snooped:
     """Return the search at rest.
 
-    `first` is 1 for what is out at the beginning; without it, what robust weights leave far off is. Without
-    `returning` nothing of that comes back but images whose points are explained otherwise. Where what is out comes
-    to be that of the search `before`, it has come to the same rest. Raises `SingularNormalsError`.
+    `first` is 1 for what is out at the beginning; without it, what robust weights leave far off is. Images are
+    chosen anew. Without `returning` nothing of what is out comes back. Where what is out comes to be that of the search
+    `before`, it has come to the same rest. Raises `SingularNormalsError`.
     """
-    units = units_of(scene)
+    units, size = units_of(scene), sizes(scene, state)
     image, limit = units.kind[units.first] == _K.PLATE, units.limits
     returns = np.full(units.count, 0 if returning else _RETURNS)
-    if first is None:
-        size, near = sizes(scene, state), AROUND
-        scale = plate_scale(scene, size)
-        out = units.per_unit(np.abs(units.gathered(size))) > _START * scale
-        chosen, state = _images_anew(scene, state, units, out & image, scale)
-        out = np.where(image, chosen, out)
-    else:
-        near, out = Near(), units.per_unit(units.gathered(first)) > 0.0
+    scale = plate_scale(scene, size)
+    beyond, size = (_START * scale, size) if first is None else (0.0, first)
+    out = units.per_unit(np.abs(units.gathered(size))) > beyond
+    chosen, state = _images_anew(scene, state, units, out & image, scale)
+    out = np.where(image & returning, chosen, out | chosen)
+    near, moved = (AROUND, True) if first is None else (Near(), False)  # and images are to be chosen once more
     scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
@@ -214,11 +213,12 @@ def snooped(
         if common is not None and common.test > max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)):
             tides, leaving = (*tides, common), _tides_of(units, common.photo)
             returns[leaving] = _RETURNS
-        # an image comes back where its point is explained otherwise, unless its own test says no
-        sure = image & (leaving | (out & ~fits & _predicted(judgement)))
-        wrong, after = _images_anew(scene, state, units, image & (out | leaving), judgement.sigma0)
-        stays = sure | wrong | (out & (number > 0))
-        back, leaving = np.where(image, out & ~stays, back), np.where(image, stays & ~out, leaving)
+        anew = image & (leaving | out) if moved else image & leaving
+        wrong, after = _images_anew(scene, state, units, anew, judgement.sigma0)
+        # one that is out comes back where its point is explained otherwise, unless its own test says no
+        back |= anew & out & ~wrong & (fits | ~_predicted(judgement))
+        leaving |= wrong & ~out
+        moved = bool((leaving & (value > _FAR * limit) | (back & ~image & ~fits)).any())
         if not back.any() and not leaving.any():
             if not tides or proven:
                 rest = True
@@ -238,19 +238,12 @@ def _images_anew(
 
     And the state with these points where the others see them.
     """
-    out = _masks(scene, units, anew)
-    out, state = images_anew(scene, state, out, np.asarray(out[_K.PLATE].any(axis=1)), sigma0)
-    return units.per_unit(units.gathered(out)) > 0.0, state
-
-
-def images_anew(scene: Scene, state: State, out: Factors, anew: BoolArray, sigma0: float) -> tuple[Factors, State]:
-    """Return what is out with the images chosen anew of the points that have some in `anew` (m,), no others out.
-
-    And the state with these points where the others see them.
-    """
-    factors = factors_of(out, sizes(scene, state)) | {_K.PLATE: np.ones_like(out[_K.PLATE])}
-    wrong, state = wrong_images(weighted(scene.network, scene.block, factors), state, anew, sigma0)
-    return out | {_K.PLATE: np.repeat(wrong[:, None], 2, axis=1).astype(float)}, state
+    masks = _masks(scene, units, anew)
+    images = np.asarray(masks[_K.PLATE].any(axis=1))
+    factors = factors_of(masks, sizes(scene, state)) | {_K.PLATE: np.ones_like(masks[_K.PLATE])}
+    wrong, state = wrong_images(weighted(scene.network, scene.block, factors), state, images, sigma0)
+    masks[_K.PLATE] = np.repeat(wrong[:, None], 2, axis=1).astype(float)
+    return units.per_unit(units.gathered(masks)) > 0.0, state
 
 
 def _tides_of(units: Units, photo: IntArray) -> BoolArray:
