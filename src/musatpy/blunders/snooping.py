@@ -180,8 +180,8 @@ def snooped(
     """Return the search at rest.
 
     `first` is 1 for what is out at the beginning; without it, what robust weights leave far off is. Images are
-    chosen anew. Without `returning` nothing of what is out comes back. Where what is out comes to be that of the search
-    `before`, it has come to the same rest. Raises `SingularNormalsError`.
+    chosen anew. Without `returning` nothing of what is out comes back. Where that comes to be what is out in the
+    search `before`, it has come to the same rest. Raises `SingularNormalsError`.
     """
     units, size = units_of(scene), sizes(scene, state)
     image, limit = units.kind[units.first] == _K.PLATE, units.limits
@@ -191,7 +191,7 @@ def snooped(
     out = units.per_unit(np.abs(units.gathered(size))) > beyond
     chosen, state = _images_anew(scene, state, units, out & image, scale)
     out = np.where(image & returning, chosen, out | chosen)
-    near, moved = (AROUND, True) if first is None else (Near(), False)  # and images are to be chosen once more
+    near, moved = AROUND if first is None else Near(), returning  # and images are to be chosen once more
     scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
