@@ -252,10 +252,11 @@ def _closing(until: Until, length: float, last: float, objective: float, kept: b
         return seen or length <= _CLOSING * last, seen
     if until is Until.WEIGHED:
         return False, length**2 <= objective
-    near = length <= _CLOSING * max(last, 1.0)
-    if kept:  # or the next one ends it: steps that shrink alike leave a hundredth of the limit then
-        near = length <= _KEPT * last or length**3 <= _KEPT * AT_REST * last**2
+    near = length <= (_KEPT * last if kept else _CLOSING * max(last, 1.0))
     if until is Until.TESTED:
+        near |= (
+            length**3 <= _KEPT * AT_REST * last**2
+        )  # steps that shrink alike leave a hundredth of the limit then
         return near, length <= AT_REST or length**2 <= AT_REST * last < np.inf
     near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
     return near, near and until is not Until.REST
