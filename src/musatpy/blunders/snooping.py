@@ -218,7 +218,7 @@ def snooped(
         # one that is out comes back where its point is explained otherwise, unless its own test says no
         back |= anew & out & ~wrong & (fits | ~_predicted(judgement))
         leaving |= wrong & ~out
-        moved = bool((leaving & (value > _FAR * limit) | (back & ~image & ~fits)).any())
+        moved = bool((leaving & (value > _FAR * limit)).any())
         if not back.any() and not leaving.any():
             if not tides or proven:
                 rest = True
