@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from altered import altered, put
+from altered import added, altered, put
 from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust, kernels
 from musatpy.blunders.factors import deviations, weights
@@ -81,6 +81,28 @@ def test_the_residuals_of_all_kinds_are_those_of_the_solution() -> None:
         unit = observed.sigma[rows]
         np.testing.assert_allclose(mine / unit, observed.residual[rows] / unit, atol=2e-3)  # as above
         np.testing.assert_allclose(weight[kind][observed.row[rows], observed.component[rows]], 1.0 / unit**2)
+
+
+def test_a_wrong_control_card_has_no_say_in_which_image_of_its_point_is_wrong() -> None:
+    """The card is 30 m off, one of its images 2 mm: a card that counted would leave none that fits."""
+    block, truth = simulated(12, seed=3)
+    seen = np.bincount(block.plates.point, minlength=len(block.points.ids))
+    seen[block.control.point] = 0
+    point = int(np.argmax(seen))
+    wrong = int(np.flatnonzero(block.plates.point == point)[0])
+    assert seen[point] >= 4
+    position = truth.ground[int(block.points.ids[point])] + (0.0, 0.0, 30.0)
+    spoilt = altered(
+        block,
+        control={"point": put(0, point), "position": put(0, position)},
+        plates={"xy": added(wrong, (2.0, 0.0))},
+    )
+    scene, state = staged(spoilt, None, None, Effort(left=1000))
+    first = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+    first[K.CONTROL][0] = first[K.PLATE][wrong] = 1.0
+    found = snooped(scene, state, first, False)
+    assert np.flatnonzero(found.rows_out(K.CONTROL)).tolist() == [0]
+    assert np.flatnonzero(found.rows_out(K.PLATE)).tolist() == [wrong]
 
 
 @pytest.mark.parametrize(("kind", "row"), [(K.AIR_BASE, 0), (K.AIR_BASE, 1)])

@@ -183,14 +183,10 @@ def snooped(
     chosen anew. Without `returning` nothing of what is out comes back. Where that comes to be what is out in the
     search `before`, it has come to the same rest. Raises `SingularNormalsError`.
     """
-    units, size = units_of(scene), sizes(scene, state)
+    units = units_of(scene)
     image, limit = units.kind[units.first] == _K.PLATE, units.limits
     returns = np.full(units.count, 0 if returning else _RETURNS)
-    scale = plate_scale(scene, size)
-    beyond, size = (_START * scale, size) if first is None else (0.0, first)
-    out = units.per_unit(np.abs(units.gathered(size))) > beyond
-    chosen, state = _images_anew(scene, state, units, out & image, scale)
-    out = np.where(image & returning, chosen, out | chosen)
+    out, state = _first_out(scene, state, units, first, returning)
     near, moved = AROUND if first is None else Near(), returning  # and images are to be chosen once more
     scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
     tides: tuple[CommonTide, ...] = ()
@@ -214,7 +210,7 @@ def snooped(
             tides, leaving = (*tides, common), _tides_of(units, common.photo)
             returns[leaving] = _RETURNS
         anew = image & (leaving | out) if moved else image & leaving
-        wrong, after = _images_anew(scene, state, units, anew, judgement.sigma0)
+        wrong, after = _images_anew(scene, state, units, out, anew, judgement.sigma0)
         # one that is out comes back where its point is explained otherwise, unless its own test says no
         back |= anew & out & ~wrong & (fits | ~_predicted(judgement))
         leaving |= wrong & ~out
@@ -231,19 +227,33 @@ def snooped(
     return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
 
 
+def _first_out(
+    scene: Scene, state: State, units: Units, first: Factors | None, returning: bool
+) -> tuple[BoolArray, State]:
+    """Return which units (units,) are out as `snooped` begins, and the state with points as others see them."""
+    size = sizes(scene, state)
+    scale = plate_scale(scene, size)
+    beyond, size = (_START * scale, size) if first is None else (0.0, first)
+    out = units.per_unit(np.abs(units.gathered(size))) > beyond
+    image = units.kind[units.first] == _K.PLATE
+    chosen, state = _images_anew(scene, state, units, out, out & image, scale)
+    return np.where(image & returning, chosen, out | chosen), state
+
+
 def _images_anew(
-    scene: Scene, state: State, units: Units, anew: BoolArray, sigma0: float
+    scene: Scene, state: State, units: Units, out: BoolArray, anew: BoolArray, sigma0: float
 ) -> tuple[BoolArray, State]:
     """Return which images (units,) are out when those of points with some in `anew` are chosen anew.
 
-    And the state with these points where the others see them.
+    And the state with these points where the others see them. What else is `out` (units,) has no say.
     """
-    masks = _masks(scene, units, anew)
-    images = np.asarray(masks[_K.PLATE].any(axis=1))
+    masks = _masks(scene, units, out)
     factors = factors_of(masks, sizes(scene, state)) | {_K.PLATE: np.ones_like(masks[_K.PLATE])}
+    images = np.asarray(_masks(scene, units, anew)[_K.PLATE].any(axis=1))
     wrong, state = wrong_images(weighted(scene.network, scene.block, factors), state, images, sigma0)
-    masks[_K.PLATE] = np.repeat(wrong[:, None], 2, axis=1).astype(float)
-    return units.per_unit(units.gathered(masks)) > 0.0, state
+    unit, rows = np.zeros(units.count, dtype=bool), units.of_kinds[_K.PLATE]
+    unit[units.unit[rows][wrong[units.row[rows]]]] = True
+    return unit, state
 
 
 def _tides_of(units: Units, photo: IntArray) -> BoolArray:
