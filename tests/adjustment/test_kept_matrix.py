@@ -148,6 +148,29 @@ def test_sums_of_squares_can_be_compared_a_tenth_of_a_sigma_from_the_minimum(
     assert len(steps) < 5
 
 
+@pytest.mark.parametrize("share", [None, 1.0, 1.1, 1.3])
+@pytest.mark.parametrize("place", [1.01, 3.0, 30.0])
+def test_tests_are_judged_a_hundredth_of_a_sigma_from_the_minimum(place: float, share: float | None) -> None:
+    start = Near() if share is None else Near(kept=kept_of(0.01, share))
+    outcome = iterate(Curve(b=0.01, fresh=[]), place, 20, None, start, Until.TESTED)
+    assert not outcome.failure
+    assert abs(outcome.state - 1.0) < AT_REST
+
+
+class Misfit(Curve):
+    """A curve with something left at its minimum."""
+
+    def evaluate(self, state: float, context: Any) -> float:
+        return super().evaluate(state, context) + 1e-3
+
+
+@pytest.mark.parametrize(("place", "ends"), [(1.04, False), (1.02, True)])
+def test_weights_may_stay_after_a_step_that_gains_less_than_it_leaves(place: float, ends: bool) -> None:
+    """The minimum is 0.001, of which the roots are 0.03; limits of steps are 0.01."""
+    outcome = iterate(Misfit(b=0.01, fresh=[], renewable=False), place, 1, None, None, Until.WEIGHED)
+    assert (not outcome.failure) == ends
+
+
 def solved(monkeypatch: pytest.MonkeyPatch, deck: str, program: Program, refraction: Refraction, large: int) -> Any:
     """Return the solution of a deck, blocks of more than so many photos large, and how often it was factorised."""
     factorise, count = normals.factorise, [0]

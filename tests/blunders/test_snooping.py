@@ -12,7 +12,7 @@ from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust, kernels
 from musatpy.blunders.factors import deviations, weights
 from musatpy.blunders.scene import Effort, Scene, settled, sizes, staged
-from musatpy.blunders.snooping import Judgement, factors_of, judged, snooped, units_of
+from musatpy.blunders.snooping import Judgement, _leaving, factors_of, judged, snooped, units_of
 from musatpy.model import AirBases, Block, ObservationKind, WaterLevel
 from musatpy.statistics import Statistics
 
@@ -81,6 +81,19 @@ def test_the_residuals_of_all_kinds_are_those_of_the_solution() -> None:
         unit = observed.sigma[rows]
         np.testing.assert_allclose(mine / unit, observed.residual[rows] / unit, atol=2e-3)  # as above
         np.testing.assert_allclose(weight[kind][observed.row[rows], observed.component[rows]], 1.0 / unit**2)
+
+
+def test_what_leaves_makes_sigma0_smaller_for_the_others() -> None:
+    _, judgement = judgement_without(land_block())
+    units, f = judgement.units, judgement.freedom
+    first, *_, second = np.flatnonzero(units.kind[units.first] == K.PLATE)
+    value, limit = np.zeros(units.count), units.limits
+    value[first] = 1.2 * limit[first]
+    smaller = np.sqrt((f - value[first] ** 2) / (f - 1.0))
+    assert smaller < 0.99
+    for share, leaves in ((0.999, False), (1.001, True)):
+        value[second] = share * smaller * limit[second]
+        assert np.flatnonzero(_leaving(judgement, value)).tolist() == [first, *([second] if leaves else [])]
 
 
 def test_a_wrong_control_card_has_no_say_in_which_image_of_its_point_is_wrong() -> None:

@@ -124,9 +124,7 @@ class Until(Enum):
     FIT = "fit"  # or as soon as misfits are so small that the next step will close in: it gains less than they are
     TESTED = "tested"  # as soon as the next step would change no residual, and no test of it
     COMPARED = "compared"  # as soon as its sum of squares can be compared with others
-    WEIGHED = (
-        "weighed"  # as soon as a step gained less than the misfits that are left: weights by these hardly change
-    )
+    WEIGHED = "weighed"  # as soon as a step gains less than the misfits that it leaves: their weights hardly change
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,7 +243,8 @@ def iterate(
 def _closing(until: Until, length: float, last: float, objective: float, kept: bool) -> tuple[bool, bool]:
     """Return whether steps close in, so that they may have a `kept` matrix, and whether that is near enough.
 
-    For comparisons it is where the next step will be short enough, shorter than this one by the same share.
+    For comparisons and tests it is where the next step will be short enough, shorter than this one by as much;
+    tests keep the matrix, too, where the one after that would be a hundredth of their limit.
     """
     if until is Until.COMPARED:
         seen = length**2 <= _SEEN * last < np.inf
@@ -254,9 +253,7 @@ def _closing(until: Until, length: float, last: float, objective: float, kept: b
         return False, length**2 <= objective
     near = length <= (_KEPT * last if kept else _CLOSING * max(last, 1.0))
     if until is Until.TESTED:
-        near |= (
-            length**3 <= _KEPT * AT_REST * last**2
-        )  # steps that shrink alike leave a hundredth of the limit then
+        near |= length**3 <= _KEPT * AT_REST * last**2
         return near, length <= AT_REST or length**2 <= AT_REST * last < np.inf
     near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
     return near, near and until is not Until.REST

@@ -86,6 +86,20 @@ def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Ro
 
 
 @inlined
+def _prepare(
+    p: int, m: int, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, pairs: Pairs,
+    Q: FloatArray, room: Room, of: Images,
+) -> None:  # fmt: skip
+    """Set the normals of a point, its partials in their weights, and `of_stations`."""
+    point_normals(p, at, stations, water, known, ridge, True, room)
+    weigh(m, room)
+    if len(water.rise):
+        of_stations(p, m, LEVELS, pairs, Q, room, of)
+    else:
+        of_stations(p, m, SIZE, pairs, Q, room, of)
+
+
+@inlined
 def _add_stations(m: int, room: Room, of: Images) -> None:
     """Set N to the cofactors of a point along working axes, N_pp^-1 + Y' D."""
     for i in range(3):
@@ -138,16 +152,6 @@ def _set_images(p: int, m: int, size: int, at: Measured, room: Room, of: Images,
                 out.covariance[row, c, i] = out.axes[p, i, 0] * x + out.axes[p, i, 1] * y + out.axes[p, i, 2] * z
 
 
-@inlined
-def _set(
-    p: int, m: int, size: int, at: Measured, pairs: Pairs, Q: FloatArray, room: Room, of: Images, out: Spread
-) -> None:
-    """Set the cofactors of a point and of its images, its stations of `size` unknowns each."""
-    of_stations(p, m, size, pairs, Q, room, of)
-    _set_point(p, m, room, of, out)
-    _set_images(p, m, size, at, room, of, out)
-
-
 @compiled
 def spread(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, pairs: Pairs,
@@ -163,12 +167,9 @@ def spread(
     of = room_for_images(len(room.Y))
     for p in rows:
         m = at.start[p + 1] - at.start[p]
-        point_normals(p, at, stations, water, known, ridge, True, room)
-        weigh(m, room)
-        if len(water.rise):
-            _set(p, m, LEVELS, at, pairs, Q, room, of, out)
-        else:
-            _set(p, m, SIZE, at, pairs, Q, room, of, out)
+        _prepare(p, m, at, stations, water, known, ridge, pairs, Q, room, of)
+        _set_point(p, m, room, of, out)
+        _set_images(p, m, LEVELS if len(water.rise) else SIZE, at, room, of, out)
 
 
 @compiled
@@ -184,12 +185,7 @@ def adjusted(
     of = room_for_images(len(room.Y))
     for p in rows:
         m = at.start[p + 1] - at.start[p]
-        point_normals(p, at, stations, water, known, ridge, True, room)
-        weigh(m, room)
-        if len(water.rise):
-            of_stations(p, m, LEVELS, pairs, Q, room, of)
-        else:
-            of_stations(p, m, SIZE, pairs, Q, room, of)
+        _prepare(p, m, at, stations, water, known, ridge, pairs, Q, room, of)
         _add_stations(m, room, of)
         for i in range(3):
             for j in range(3):
