@@ -12,6 +12,7 @@ import pytest
 from adjustment.test_equivalence import SHORE, reference_at_the_tide, simulated
 from adjustment.water_jobs import shore, st_thomas
 from altered import with_options
+from benchmarks.blocks import make_block
 from musatpy import read_deck
 from musatpy.adjustment import adjust, wet_states
 from musatpy.adjustment.collinear import eliminate, local_normals
@@ -21,7 +22,13 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import best_line, heights_and_water, starting_line
+from musatpy.adjustment.waterline import (
+    best_line,
+    every_ray_wet,
+    heights_and_water,
+    standing_line,
+    starting_line,
+)
 from musatpy.model import Block, Program, Refraction, Solution
 from musatpy.model.solution import Iteration
 from mutated_decks import decks
@@ -198,3 +205,20 @@ def test_one_choice_leads_from_any_side_to_where_points_stand(every: bool) -> No
     assert far[bathymetric].any()
     np.testing.assert_array_equal(line.wet[far & bathymetric], (height < water)[far & bathymetric])
     assert not line.wet[~bathymetric].any()
+
+
+def test_points_cross_all_their_tides_at_once_and_rest_where_they_turn_back() -> None:
+    block = make_block(6, submerged=0.5, seed=2)
+    job, state = prepared(block, None)
+    network, bathymetric = job.network, block.points.bathymetric
+    wet = every_ray_wet(network, bathymetric)
+    point = int(np.flatnonzero(bathymetric)[0])
+    rays, up = network.point == point, np.arange(network.points)[:, None] == point
+    height, water = heights_and_water(network, state)
+    above = (water[rays].max() + 5.0 - height[rays][0]) * up * (0.0, 0.0, 1.0)
+    dry = standing_line(network, wet, replace(state, ground=state.ground + above), bathymetric)
+    assert rays.sum() > 1 and not dry.wet[rays].any() and not dry.rests[point]
+    below = replace(state, ground=state.ground + above - 20.0 * up * (0.0, 0.0, 1.0))
+    assert standing_line(network, wet, below, bathymetric).wet[rays].all()
+    again = standing_line(network, dry, below, bathymetric)
+    assert again.rests[point] and not again.wet[rays].any()
