@@ -14,6 +14,7 @@ from itertools import chain
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
+from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import better, point_squares
 from musatpy.adjustment.iteration import Linearisation, not_raised
@@ -154,14 +155,17 @@ class Simultaneous:
 
     def with_squares(self, state: State, before: Network | None = None) -> State:
         """Return the state with the weighted squares of its points where they are: it has those of `before`."""
-        squares, groups = state.squares.copy(), self._others
-        if self.network.compiled is not None:  # all of them, which takes no longer than to look for some
-            self.network.compiled.set_squares(state, squares)
+        network, squares = self.network, state.squares.copy()
+        compiled, others = network.compiled, self._others
         if before is not None:
-            changed = self.network.changed(before)
-            groups = tuple(chain.from_iterable(group.some(changed[group.point]) for group in groups))
-        for group in groups:
-            squares[group.point] = point_squares(self.network, state, group, state.ground[group.point])
+            changed = network.changed(before)
+            others = tuple(chain.from_iterable(group.some(changed[group.point]) for group in network.groups))
+            compiled = CompiledPoints.of(network, others)
+            others = others if compiled is None else compiled.others
+        if compiled is not None:
+            compiled.set_squares(state, squares)
+        for group in others:
+            squares[group.point] = point_squares(network, state, group, state.ground[group.point])
         return replace(state, squares=squares)
 
     def converged(self, step: FloatArray) -> bool:
