@@ -69,8 +69,8 @@ class Curve:
         return True
 
 
-@pytest.mark.parametrize(("b", "fresh", "kept"), [(1e-4, 2, 1), (0.01, 3, 1), (0.8, 7, 1)])
-def test_the_matrix_is_taken_anew_where_steps_gain_less_than_a_hundredth(b: float, fresh: int, kept: int) -> None:
+@pytest.mark.parametrize(("b", "fresh", "kept"), [(1e-4, 2, 1), (0.01, 2, 3), (0.8, 7, 1)])
+def test_the_matrix_is_taken_anew_where_steps_gain_too_little(b: float, fresh: int, kept: int) -> None:
     """A step with a kept matrix that gains too little is followed by one with a matrix of its own."""
     steps: list[Step] = []
     curve = Curve(b=b, fresh=[])
@@ -80,8 +80,8 @@ def test_the_matrix_is_taken_anew_where_steps_gain_less_than_a_hundredth(b: floa
 
 
 def kept_of(b: float, share: float = 1.0) -> Kept:
-    """Return the normals with which the iteration of a curve ends, their matrix a share of the true one."""
-    kept = iterate(Curve(b=b, fresh=[]), 30.0, 20).kept
+    """Return the normals of a curve at its minimum, their matrix a share of the true one."""
+    kept = iterate(Curve(b=b, fresh=[]), 1.001, 20).kept
     assert kept is not None
     factor = normals.factorised(replace(kept.line.matrix, blocks=share * kept.line.matrix.blocks))
     assert factor is not None
@@ -96,6 +96,7 @@ STARTS = [  # where it begins, what it begins with, how many matrices it takes, 
     (1.001, lambda: None, 1, 1),
     (1.001, lambda: Near(kept=kept_of(0.01), proven=True), 0, 1),
     (1.001, lambda: Near(kept=kept_of(0.01)), 0, 2),
+    (1.1, lambda: Near(kept=kept_of(0.01, 1.1)), 0, 4),  # each step leaves a tenth
     (1.1, lambda: Near(kept=kept_of(0.01, 1.3)), 1, 3),
 ]
 

@@ -31,6 +31,7 @@ _SLOW = 0.01  # share of the objective that a last step must gain to go on from 
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 _CLOSING = 0.1  # share of the step before, or sigmas, from which on the matrix may be kept
 _KEPT = 0.01  # and that a step with a kept matrix may be at most
+_SLOWEST = 3.0  # times the share of the step before, which steps may come to: what closes in slowly is left over
 _SEEN = 0.1  # sigmas: what a step that is this long changes of a sum of squares decides no comparison
 
 
@@ -184,10 +185,10 @@ def iterate(
     but not for long; and heavily damped ones that gain next to nothing end it. Raises `SingularNormalsError`.
 
     Near the minimum the matrix hardly changes: a large problem keeps it, factorised, and takes new right sides as
-    long as each step is a hundredth of the one before at most; so it does where nothing moves by a tenth of a
-    sigma. The step that ends it is such a one, or has a matrix of its own: what is left then is a hundredth of the
-    limits. Of an iteration that `start` says to be near its minimum the first step may have a kept matrix as well,
-    which does not end it where that is not proven.
+    long as each step is a hundredth of the one before at most, or the one after the next would be a hundredth of
+    the limits; so it does where nothing moves by a tenth of a sigma. The step that ends it has a matrix of its own,
+    or leaves a hundredth of the limits, as steps have closed in. Of an iteration that `start` says to be near its
+    minimum the first step may have a kept matrix as well, which does not end it where that is not proven.
     What follows may not need the minimum itself: `until` says how near a large problem is to come.
     """
     damping, blind, stalled, before = 0.0, 0, 0, state
@@ -227,7 +228,9 @@ def iterate(
         near, ends = _closing(until, length, last, objective, kept is not None)
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None
-        rest = good and proven and change < AT_REST and problem.converged(step)
+        # what a kept matrix leaves of the step counts, where that is more than a hundredth of it
+        left = max(1.0, _SLOWEST * length / (_KEPT * last)) if kept is not None and last > 0.0 else 1.0
+        rest = good and proven and left * change < AT_REST and problem.converged(left * step)
         rough = not rest and ends and good and (line.renewable or until is Until.WEIGHED)
         if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor)
@@ -243,8 +246,7 @@ def iterate(
 def _closing(until: Until, length: float, last: float, objective: float, kept: bool) -> tuple[bool, bool]:
     """Return whether steps close in, so that they may have a `kept` matrix, and whether that is near enough.
 
-    For comparisons and tests it is where the next step will be short enough, shorter than this one by as much;
-    tests keep the matrix, too, where the one after that would be a hundredth of their limit.
+    For comparisons and tests it is where the next step will be short enough, shorter than this one by as much.
     """
     if until is Until.COMPARED:
         seen = length**2 <= _SEEN * last < np.inf
@@ -252,8 +254,8 @@ def _closing(until: Until, length: float, last: float, objective: float, kept: b
     if until is Until.WEIGHED:
         return False, length**2 <= objective
     near = length <= (_KEPT * last if kept else _CLOSING * max(last, 1.0))
+    near |= length**3 <= _KEPT * AT_REST * last**2
     if until is Until.TESTED:
-        near |= length**3 <= _KEPT * AT_REST * last**2
         return near, length <= AT_REST or length**2 <= AT_REST * last < np.inf
     near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
     return near, near and until is not Until.REST
