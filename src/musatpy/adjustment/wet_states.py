@@ -130,7 +130,7 @@ class States:
         some = np.isfinite(squares).any(axis=1)
         best = np.where(some, np.argmin(squares, axis=1), 2 * np.sum(self.tide <= height[:, :1], axis=1))
         dry = (best + 1) // 2  # so many rays; on a water line its own is, as good as wet
-        line = np.take_along_axis(self.tide, np.minimum(best // 2, m - 1)[:, None], 1)[:, 0]
+        line = self.tide[np.arange(k), np.minimum(best // 2, m - 1)]
         return self.rank >= dry[:, None], np.where(best % 2 == 1, line, np.nan)
 
     def _following(
