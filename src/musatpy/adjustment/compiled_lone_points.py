@@ -51,11 +51,11 @@ class CompiledLonePoints:
     ) -> tuple[FloatArray, FloatArray]:
         from musatpy.adjustment.kernels import conditions  # numba is there
 
-        ground, squares, left = self._held(start, level), np.empty(len(row)), np.empty(len(row))
+        ground, squares, falls = self._held(start, level), np.empty(len(row)), np.empty((len(row), 2))
         at, known, moving = self._measured(row, ground), self._known(ground, level), np.arange(len(row))
         over = self._water(at, wet, ground)
         for _ in range(MAX_STEPS):
-            conditions.settle(moving, at, self._stations, over, known, *LIMITS, ground, squares, left)
+            conditions.settle(moving, at, self._stations, over, known, *LIMITS, ground, squares, falls)
             if not self.network.frame.curved:
                 break
             before, over = over, self._water(at, wet, ground)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.compiled_points import CompiledRows, split
-from musatpy.adjustment.ground import MAX_STEPS, RIDGE, ROUNDING, SHARE, STEP_LIMIT, hold
+from musatpy.adjustment.ground import MAX_STEPS, RIDGE, ROUNDING, STEP_LIMIT, hold, still_to_fall
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sequence import Part
@@ -21,7 +21,7 @@ from musatpy.arrays import BoolArray, FloatArray
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
 
-LIMITS = (RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING, SHARE)  # of the kernel
+LIMITS = (RIDGE, MAX_STEPS, STEP_LIMIT, ROUNDING)  # of the kernel
 TURN = 1e-12  # of a normal, or of the vertical: a hundredth of a millimetre on the ground
 
 
@@ -51,25 +51,11 @@ class CompiledSettling(CompiledRows):
         Returns by how much the squares of all were still to fall by the last step. The water over points, and what
         is known of them, are taken as planes: where these turn, points go on from there.
         """
-        at, stations, left = self.measured(ground), self.stations(state), np.empty(len(self.sequence.point))
+        at, stations, falls = self.measured(ground), self.stations(state), np.empty((len(self.sequence.point), 2))
         first = self if chosen is None else self._part(chosen)
 
         def work(water: points.Water, known: points.Known, part: Part) -> None:
-            self.conditions.settle(
-                part.rows,
-                at,
-                stations,
-                water,
-                known,
-                RIDGE,
-                MAX_STEPS,
-                STEP_LIMIT,
-                ROUNDING,
-                SHARE,
-                ground,
-                squares,
-                left,
-            )
+            self.conditions.settle(part.rows, at, stations, water, known, *LIMITS, ground, squares, falls)
 
         moving, rounds = first, 0
         over, known = self.water(state, ground), first.known(state, ground)
@@ -81,7 +67,7 @@ class CompiledSettling(CompiledRows):
             before, over, rounds = (over, known), self.water(state, ground), rounds + 1
             known = first.known(state, ground)
             moving = moving._part(first._turned(before, (over, known)))
-        return float(left[first.rows].sum())
+        return still_to_fall(falls[first.rows])
 
     def _hold(self, ground: FloatArray, at: points.Measured) -> None:
         """Put held components of points back exactly."""

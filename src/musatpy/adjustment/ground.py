@@ -26,7 +26,7 @@ PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _REACHED = 1e-9  # m from a height
 _STEPS_TO_LEVEL = 3  # at most, along a ray
-SHARE = 0.04  # of the fall of a first step that is still to come: a step leaves a fifth of itself at most
+_SHARE = 0.04  # of the fall of a first step that is still to come: a step leaves a fifth of itself at most
 ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
@@ -150,10 +150,7 @@ def better(network: Network, state: State, group: PointGroup, ground: FloatArray
 def _best(
     network: Network, state: State, group: PointGroup, ground: FloatArray, steps: int = MAX_STEPS
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what `settle_group` does, and by how much the squares (k,) are still to fall.
-
-    That is as much of the last fall as that is of the one before.
-    """
+    """Return what `settle_group` does, and the last falls of the squares (k, 2), as `still_to_fall` takes them."""
     X, best = ground, ground
     best_objective = np.full(len(ground), np.inf)
     step = np.zeros_like(ground)
@@ -176,10 +173,22 @@ def _best(
         if np.abs(step).max(initial=0.0) < STEP_LIMIT:
             break
     # the last step is taken without looking: its gain in squares is known to the second order
+    return X, np.maximum(best_objective - gain, 0.0), np.stack([before, fall], axis=1)
+
+
+def still_to_fall(falls: FloatArray) -> float:
+    """Return by how much the squares of k points are still to fall, of `falls` (k, 2) by the last two steps.
+
+    That is as much of the last fall as that is of the one before. Of points that took one step, whose fall before
+    is 0, it is what it is of the others together, as steps this small leave no more than longer ones.
+    """
+    (before, fall), several = falls.T, falls[:, 0] > 0.0
     with np.errstate(invalid="ignore", over="ignore"):  # of wild points
-        share = np.divide(fall, before, out=np.full_like(fall, SHARE), where=before > 0.0)
+        share = np.divide(fall, before, out=np.zeros_like(fall), where=several)
         left = fall * np.minimum(share, 1.0)
-    return X, np.maximum(best_objective - gain, 0.0), left
+        longer, shorter = before[several].sum(), fall[several].sum()
+        common = min(_SHARE, shorter / longer) if longer > 0.0 else _SHARE
+    return float(left.sum() + common * fall[~several].sum())
 
 
 def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
@@ -208,8 +217,8 @@ def settle(network: Network, state: State, before: Network | None = None) -> Sta
     for group in groups:
         for part in group.some(moving[group.point]):
             point = part.point
-            ground[point], squares[point], left = _best(network, state, part, ground[point])
-            unsettled += float(left.sum())
+            ground[point], squares[point], falls = _best(network, state, part, ground[point])
+            unsettled += still_to_fall(falls)
     return replace(state, ground=ground, squares=squares, unsettled=unsettled)
 
 

@@ -145,14 +145,14 @@ def _plain_step(p: int, at: Measured, stations: Stations, ridge: float) -> tuple
 @compiled
 def settle(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, steps: int,
-    limit: float, rounding: float, share: float, ground: FloatArray, squares: FloatArray, left: FloatArray,
+    limit: float, rounding: float, ground: FloatArray, squares: FloatArray, falls: FloatArray,
 ) -> None:  # fmt: skip
     """Take points to the optimum of their images and of what is known of them: `ground.settle_group`.
 
-    Sets their ground, rows of (g, 3), their weighted squares, rows of (g,), and by how much (k,) these are still to
-    fall: what `share` leaves of the fall of a first step, later ones as much of their fall as that is of the one
-    before. The water over them stays the plane that it is where they start: `water.depth` becomes that of where
-    they come to, as `at.ground` does, and so does `known.pull` along the axes of the start.
+    Sets their ground, rows of (g, 3), their weighted squares, rows of (g,), and the falls (k, 2) of these by the
+    last two steps, 0 where there was one. The water over them stays the plane that it is where they start:
+    `water.depth` becomes that of where they come to, as `at.ground` does, and so does `known.pull` along the axes
+    of the start.
     """
     room = room_for(at.start, rows)
     for p in rows:
@@ -185,4 +185,4 @@ def settle(
             tried = steps if max(abs(x), abs(y), abs(z)) < limit else tried + 1
         ground[g, 0], ground[g, 1], ground[g, 2] = X0, X1, X2
         squares[g] = max(least - gain, 0.0)
-        left[p] = fall * (min(fall / before, 1.0) if before > 0.0 else share)
+        falls[p, 0], falls[p, 1] = before, fall
