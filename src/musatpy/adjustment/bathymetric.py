@@ -12,7 +12,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface, water_heights
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, finite_rows
 from musatpy.geometry.intersection import nearest_point, widest_angle
 from musatpy.model import BathymetricPoints, Block
 
@@ -26,7 +26,7 @@ def bathymetric_points(
     the rays that give their positions; `depth_sigma` (p,) m of all points.
     """
     chosen, submerged = np.flatnonzero(block.points.bathymetric), block.points.bathymetric
-    known = submerged & np.isfinite(state.ground).all(axis=1)
+    known = submerged & finite_rows(state.ground)
     wet = [part for group in groups for part in (group.part(known[group.point]),) if len(part.point)]
     apparent = _straight_intersections(measured, state, wet)
     level = _water_levels(measured, state, submerged, wet)
@@ -99,7 +99,7 @@ def _water_levels(
 
 def _heights(network: Network, working: FloatArray) -> FloatArray:
     height = np.full(len(working), np.nan)
-    known = np.isfinite(working).all(axis=1)
+    known = finite_rows(working)
     height[known] = network.frame.height(working[known])
     return height
 
@@ -107,7 +107,7 @@ def _heights(network: Network, working: FloatArray) -> FloatArray:
 def _at_heights(network: Network, working: FloatArray, height: FloatArray) -> FloatArray:
     """Return points moved along their local verticals to heights (p,), NaN where either is unknown."""
     moved = np.full(working.shape, np.nan)
-    known = np.isfinite(height) & np.isfinite(working).all(axis=1)
+    known = np.isfinite(height) & finite_rows(working)
     # along the local vertical, not along geocentric Z as in Table 6.9
     level = network.frame.level(working[known])
     level[:, 2] = height[known]
@@ -117,6 +117,6 @@ def _at_heights(network: Network, working: FloatArray, height: FloatArray) -> Fl
 
 def _system(network: Network, working: FloatArray) -> FloatArray:
     out = np.full(working.shape, np.nan)
-    known = np.isfinite(working).all(axis=1)
+    known = finite_rows(working)
     out[known] = network.frame.system(working[known])
     return out

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.adjustment import sightings
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.geometry import collinearity, intersection
 from musatpy.model import ObservationKind
 
@@ -302,7 +302,7 @@ def level_start(network: Network, state: State) -> State:
     """
     heights = network.priors.given[:, 2]
     if not np.isfinite(heights).any():
-        known = np.isfinite(state.ground).all(axis=1)
+        known = finite_rows(state.ground)
         heights = network.frame.height(state.ground[known])
     height = float(np.nanmedian(heights))
     from musatpy.adjustment.compiled_start import CompiledStart  # which is made of networks and their points

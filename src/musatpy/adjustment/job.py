@@ -33,7 +33,7 @@ from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.rank import describe_weakness
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.adjustment.wavy_water import Sea, sea_of
-from musatpy.arrays import BoolArray
+from musatpy.arrays import BoolArray, finite_rows
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     Block,
@@ -226,7 +226,7 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     network = build_network(block, frame, part, sea)
     parallel = np.zeros(network.points, dtype=bool)
     state = ground_points.start_ground(network, initial_state(network), parallel)
-    left = _leave_out(block, network, parallel | ~np.isfinite(state.ground).all(axis=1), part)
+    left = _leave_out(block, network, parallel | ~finite_rows(state.ground), part)
     if left.reasons != part.reasons:
         part, network = left, build_network(block, frame, left, sea)
         state = ground_points.start_ground(network, initial_state(network))

@@ -20,7 +20,7 @@ from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.water_surface import is_considered
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, finite_rows
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     Block,
@@ -251,7 +251,7 @@ def _depths(errors: Errors, block: Block, taken: Participation, points: FloatArr
     network, state, submerged = errors.network, errors.state, block.points.bathymetric
     depths = np.full(network.points, np.nan)
     if not network.water.unknown:
-        wet = np.flatnonzero(submerged & np.isfinite(state.ground).all(axis=1))
+        wet = np.flatnonzero(submerged & finite_rows(state.ground))
         by_point = network.frame.axes(state.ground[wet]) @ network.slope(state.tilt) - np.array([0.0, 0.0, 1.0])
         depths[wet] = np.einsum("ki,kij,kj->k", by_point, points[wet], by_point)
         return depths

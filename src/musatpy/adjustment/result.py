@@ -24,7 +24,7 @@ from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
 from musatpy.adjustment.watpt_distance import far_from_rigorous
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray, finite_rows
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
@@ -128,7 +128,7 @@ def _without_unmet(
     unmet = [np.zeros(0, dtype=int)]
     for group in left_out(network, part):
         squares = point_squares(network, state, group, state.ground[group.point])
-        known = np.isfinite(state.ground[group.point]).all(axis=1)
+        known = finite_rows(state.ground[group.point])
         unmet.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
     points = np.concatenate(unmet)
     reasons = {**part.reasons, **dict.fromkeys(points.tolist(), NOT_MET)}
@@ -261,7 +261,7 @@ def _points_of(network: Network, state: State, part: Participation, covariance: 
         rays[group.point] = group.rays.shape[1]
     covariance = covariance.copy()
     status, reasons = part.status.copy(), dict(part.reasons)
-    lost = ~np.isfinite(state.ground).all(axis=1) & (status == PointStatus.INTERSECTED)
+    lost = ~finite_rows(state.ground) & (status == PointStatus.INTERSECTED)
     status[lost] = PointStatus.NOT_DETERMINED
     for point in np.flatnonzero(lost):
         if reasons.get(int(point)) != NOT_MET:
@@ -280,7 +280,7 @@ def _points_of(network: Network, state: State, part: Participation, covariance: 
 
 
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:
-    known = np.asarray(np.isfinite(state.ground).all(axis=1))[network.point]
+    known = finite_rows(state.ground)[network.point]
     residual = sightings.all_residuals(network, state, known)
     correction = network.xy - measured.xy
     bent = np.flatnonzero(known & network.refracted)

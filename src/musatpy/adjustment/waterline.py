@@ -23,7 +23,7 @@ from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
 from musatpy.adjustment.wet_states import States
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle
@@ -212,7 +212,7 @@ def _bathymetric_groups(
         entering[group.point] = True
         if not group.kept:
             yield from ((part, True) for part in group.some(bathymetric[group.point]))
-    others = bathymetric & _known(state) & ~entering
+    others = bathymetric & finite_rows(state.ground) & ~entering
     if others.any():
         every_ray = np.ones(len(network.point), dtype=bool)
         for part in group_points(network.photo, network.point, every_ray, others):
@@ -287,14 +287,9 @@ def heights_and_water(
     Of `points` (p,) only, NaN for others, where they are given.
     """
     height, water = np.full((2, len(network.point)), np.nan)
-    known = _known(state)
+    known = finite_rows(state.ground)
     rays = np.flatnonzero((known if points is None else known & points)[network.point])
     ground = state.ground.take(network.point.take(rays), axis=0)
     height[rays] = network.frame.height(ground)
     water[rays] = water_heights(network.slope(state.tilt), state.tide.take(network.photo.take(rays)), ground)
     return height, water
-
-
-def _known(state: State) -> BoolArray:
-    """Return which points (p,) are anywhere; adding up columns takes a tenth of the time that rows do."""
-    return np.isfinite(state.ground[:, 0] + state.ground[:, 1] + state.ground[:, 2])
