@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from musatpy import compiling, read_deck
@@ -443,6 +443,7 @@ def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyP
     close=st.floats(0.0, 2e-5),
     tilt=st.floats(0.0, 0.55 * np.pi),
 )
+@example(seed=1980, shift=21.920483512342546, close=1.5531183965928236e-05, tilt=0.007357723359105125)
 def test_both_have_the_same_first_positions(deck: str, seed: int, shift: float, close: float, tilt: float) -> None:
     """Stations off by metres; the second photo is the first one again, but for a small turn of its rays.
 
@@ -471,4 +472,6 @@ def test_both_have_the_same_first_positions(deck: str, seed: int, shift: float, 
     near = np.linalg.norm(np.nan_to_num(a), axis=1) < 1e5
     near[alike] = False  # where nearly parallel rays meet is noise
     assert_like(a[near], b[near], 1e-9)
-    assert_like(level_a, level_b)
+    # rays end within so much of the level: the flattest ones up to ten times as far from where they meet it
+    reached = ground._REACHED / ground._FLATTEST
+    np.testing.assert_allclose(level_a, level_b, rtol=1e-12, atol=reached, equal_nan=True)
