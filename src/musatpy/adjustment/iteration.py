@@ -187,7 +187,7 @@ def iterate(
     long as each step is a hundredth of the one before at most; so it does where nothing moves by a tenth of a
     sigma. The step that ends it is such a one, or has a matrix of its own: what is left then is a hundredth of the
     limits. Of an iteration that `start` says to be near its minimum the first step may have a kept matrix as well,
-    which does not end it where that is not proven.
+    which, where that is not proven, does not end it unless the step itself is a hundredth of the limit.
     What follows may not need the minimum itself: `until` says how near a large problem is to come.
     """
     damping, blind, stalled, before = 0.0, 0, 0, state
@@ -226,7 +226,7 @@ def iterate(
         first = start if number == 1 else None
         near, ends = _closing(until, length, last, objective, kept is not None)
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
-        proven = first is None or first.proven or kept is None
+        proven = first is None or first.proven or kept is None or length <= _KEPT * AT_REST
         rest = good and proven and change < AT_REST and problem.converged(step)
         rough = not rest and ends and good and (line.renewable or until is Until.WEIGHED)
         if factor is not None and (rest or rough):

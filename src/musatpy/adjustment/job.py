@@ -122,11 +122,12 @@ class Job:
     def groups(self, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
         return group_points(self.network.photo, self.network.point, used, selected)
 
-    def with_left_out(self, network: Network, state: State) -> State:
-        """Return the state with the points that took no part intersected as well."""
-        if not self.left_out.any():
+    def with_left_out(self, network: Network, state: State, submerged: bool = False) -> State:
+        """Return the state with the points that took no part intersected as well, or only the `submerged` ones."""
+        chosen = self.left_out & self.bathymetric if submerged else self.left_out
+        if not chosen.any():
             return state
-        groups = self.groups(np.ones(len(self.part.used), dtype=bool), self.left_out)
+        groups = self.groups(np.ones(len(self.part.used), dtype=bool), chosen)
         return ground_points.intersect_freely(network, state, groups)
 
     def reason(self, network: Network, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
