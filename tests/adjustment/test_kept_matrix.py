@@ -105,7 +105,7 @@ STARTS = [  # where it begins, what it begins with, how many matrices it takes, 
 def test_an_iteration_near_its_minimum_may_start_with_a_kept_matrix(
     place: float, start: Callable[[], Near | None], fresh: int, count: int
 ) -> None:
-    """The first step with one that is not proven ends it where it is tiny; one that gains too little is given up."""
+    """The first step with one that is not proven ends it if it is tiny; one that gains too little is given up."""
     curve, steps = Curve(b=0.01, fresh=[]), list[Step]()
     outcome = iterate(curve, place, 20, steps.append, start())
     assert not outcome.failure and abs(outcome.state - 1.0) < 0.01 * AT_REST
