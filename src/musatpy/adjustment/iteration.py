@@ -113,6 +113,7 @@ class Near:
     kept: Kept | None = None
     proven: bool = False  # the observations differ in their values alone, so that steps close in as they did there
     length: float = np.inf  # of the last step of the other one: the first one here is to close in on that
+    closing: float = 0.0  # share of the one before that the last step with that matrix was, 0 where none was
     determined: bool = True  # that iteration has determined the unknowns
 
 
@@ -142,6 +143,7 @@ class Outcome:
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
     last: Kept | None = None  # normals of that step, where the iteration converged
     rough: bool = False  # it ended as soon as `Until` said, before the limits
+    closing: float = 0.0  # share of the step before that the last one was, 0 where its matrix was not kept
 
     @property
     def is_final(self) -> bool:
@@ -224,6 +226,8 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
         first = start if number == 1 else None
+        if first is not None and first.closing and kept is not None:
+            last = length / first.closing  # as if the other iteration had gone on
         near, ends = _closing(until, length, last, objective, kept is not None)
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None or length <= _KEPT * AT_REST
@@ -231,7 +235,16 @@ def iterate(
         rough = not rest and ends and good and (line.renewable or until is Until.WEIGHED)
         if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor)
-            return Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)
+            closing = 0.0 if kept is None or first else length / last
+            return Outcome(
+                state=state,
+                last_step=step,
+                failure="",
+                change=change,
+                last=normals,
+                rough=rough,
+                closing=closing,
+            )
         kept = line if good and near and line.renewable else None
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"
