@@ -40,8 +40,9 @@ def wrong_images(network: Network, state: State, out: BoolArray, sigma0: float) 
     And the state with these points where the images that are left see them; the stations stay as they are.
     `network` has the full weights of the images.
     """
-    wrong, ground = np.zeros_like(out), state.ground.copy()
-    left = [part for group in network.groups for part in group.some(np.asarray(out[group.rays].any(axis=1)))]
+    wrong, ground, asked = np.zeros_like(out), state.ground.copy(), np.zeros(network.points, dtype=bool)
+    asked[network.point[out]] = True
+    left = [part for group in network.groups for part in group.some(asked[group.point])]
     for group in left:
         wrong[group.rays] = True  # until a choice fits
     for number in count():
