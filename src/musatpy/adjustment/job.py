@@ -122,13 +122,24 @@ class Job:
     def groups(self, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
         return group_points(self.network.photo, self.network.point, used, selected)
 
-    def with_left_out(self, network: Network, state: State, submerged: bool = False) -> State:
-        """Return the state with the points that took no part intersected as well, or only the `submerged` ones."""
-        chosen = self.left_out & self.bathymetric if submerged else self.left_out
-        if not chosen.any():
+    def with_left_out(self, network: Network, state: State) -> State:
+        """Return the state with the points that took no part intersected as well."""
+        if not self.left_out.any():
             return state
-        groups = self.groups(np.ones(len(self.part.used), dtype=bool), chosen)
+        groups = self.groups(np.ones(len(self.part.used), dtype=bool), self.left_out)
         return ground_points.intersect_freely(network, state, groups)
+
+    def with_submerged_left_out(self, network: Network, state: State) -> State:
+        """Return the state with only those of them that are submerged, as near as sides of the water ask for."""
+        submerged = self.left_out & self.bathymetric
+        if not submerged.any():
+            return state
+        groups = self.groups(np.ones(len(self.part.used), dtype=bool), submerged)
+        _, every, met = ground_points.apart_at_their_best(network, state, groups)
+        ground = state.ground.copy()
+        for group, alone in zip(groups, every, strict=True):
+            ground[group.point] = met.ground[alone.point]
+        return replace(state, ground=ground)
 
     def reason(self, network: Network, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
         """Return why the run has not converged and what is most at odds, empty if it has."""

@@ -172,7 +172,7 @@ class _Run:
                 until = Until.REST if free.count else until
                 outcome = job.iterate(self.problem(network, free), network, state, number, near, until)
                 near = None if free.count or outcome.failure else Near(kept=outcome.kept)
-            state = job.with_left_out(network, outcome.state, submerged=True)  # which the water line is asked about
+            state = job.with_submerged_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
