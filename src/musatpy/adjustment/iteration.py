@@ -31,6 +31,8 @@ _SLOW = 0.01  # share of the objective that a last step must gain to go on from 
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 _CLOSING = 0.1  # share of the step before, or sigmas, from which on the matrix may be kept
 _KEPT = 0.01  # and that a step with a kept matrix may be at most
+# of a curve, a step d with a matrix of its own leaves b d^2 / 2, and one of d' with the same matrix then 2 b d d'
+_FURTHER = 4.0
 _SEEN = 0.1  # sigmas: what a step that is this long changes of a sum of squares decides no comparison
 
 
@@ -113,7 +115,7 @@ class Near:
     kept: Kept | None = None
     proven: bool = False  # the observations differ in their values alone, so that steps close in as they did there
     length: float = np.inf  # of the last step of the other one: the first one here is to close in on that
-    closing: float = 0.0  # share of the one before that the last step with that matrix was, 0 where none was
+    closing: float = 0.0  # share that the next step with that matrix is of one, at most; 0 where not known
     determined: bool = True  # that iteration has determined the unknowns
 
 
@@ -143,7 +145,7 @@ class Outcome:
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
     last: Kept | None = None  # normals of that step, where the iteration converged
     rough: bool = False  # it ended as soon as `Until` said, before the limits
-    closing: float = 0.0  # share of the step before that the last one was, 0 where its matrix was not kept
+    closing: float = 0.0  # of `Near`, for the iteration that goes on with its last matrix
 
     @property
     def is_final(self) -> bool:
@@ -226,16 +228,15 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
         first = start if number == 1 else None
-        if first is not None and first.closing and kept is not None:
-            last = length / first.closing  # as if the other iteration had gone on
-        near, ends = _closing(until, length, last, objective, kept is not None)
+        share = first.closing if first and kept is not None else 0.0
+        near, ends = _closing(until, length, last, objective, kept is not None, share)
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None or length <= _KEPT * AT_REST
         rest = good and proven and change < AT_REST and problem.converged(step)
         rough = not rest and ends and good and (line.renewable or until is Until.WEIGHED)
         if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor)
-            closing = 0.0 if kept is None or first else length / last
+            closing = 0.0 if kept is None or first else _FURTHER * length / last
             return Outcome(
                 state=state,
                 last_step=step,
@@ -253,11 +254,14 @@ def iterate(
     return Outcome(state=state, last_step=step, failure=failure, change=change, hopeless=line.hopeless and slow)
 
 
-def _closing(until: Until, length: float, last: float, objective: float, kept: bool) -> tuple[bool, bool]:
+def _closing(
+    until: Until, length: float, last: float, objective: float, kept: bool, share: float
+) -> tuple[bool, bool]:
     """Return whether steps close in, so that they may have a `kept` matrix, and whether that is near enough.
 
     For comparisons and tests it is where the next step will be short enough, shorter than this one by as much;
-    tests keep the matrix, too, where the one after that would be a hundredth of their limit.
+    tests keep the matrix, too, where the one after that would be a hundredth of their limit. `share`: what is known
+    beforehand of the next step, 0 for nothing.
     """
     if until is Until.COMPARED:
         seen = length**2 <= _SEEN * last < np.inf
@@ -267,7 +271,8 @@ def _closing(until: Until, length: float, last: float, objective: float, kept: b
     near = length <= (_KEPT * last if kept else _CLOSING * max(last, 1.0))
     if until is Until.TESTED:
         near |= length**3 <= _KEPT * AT_REST * last**2
-        return near, length <= AT_REST or length**2 <= AT_REST * last < np.inf
+        foreseen = length**2 <= AT_REST * last < np.inf or 0.0 < share * length <= AT_REST
+        return near, length <= AT_REST or foreseen
     near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
     return near, near and until is not Until.REST
 

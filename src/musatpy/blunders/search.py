@@ -243,7 +243,7 @@ def plate_errors(last: Snooped) -> tuple[FloatArray, FloatArray]:
 def _lookalikes(last: Snooped) -> Lookalikes:
     """Return the images out, or of no point that takes part, that lie on other points."""
     scene, network = last.scene, last.scene.network
-    out = np.asarray(last.out()[_PLATE].any(axis=1))
+    out = last.rows_out(_PLATE)
     alone = scene.block.plates.triangulated & ~taking_part(network)
     judgement = last.judgement
     return lookalikes(scene, last.state, out, np.flatnonzero(out | alone), judgement.covariance, judgement.sigma0)

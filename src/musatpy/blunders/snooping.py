@@ -184,7 +184,7 @@ def snooped(
     units = before.units if before is not None and before.scene.block is scene.block else units_of(scene)
     image, limit = units.kind[units.first] == _K.PLATE, units.limits
     returns = np.full(units.count, 0 if returning else _RETURNS)
-    out, state = _first_out(scene, state, units, first, None if returning else before)
+    out, state = _first_out(scene, state, units, first, returning, before)
     near, moved = AROUND if first is None else Near(), returning  # and images are to be chosen once more
     scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
     tides: tuple[CommonTide, ...] = ()
@@ -226,12 +226,17 @@ def snooped(
 
 
 def _first_out(
-    scene: Scene, state: State, units: Units, first: Factors | None, chosen_in: Snooped | None
+    scene: Scene,
+    state: State,
+    units: Units,
+    first: Factors | None,
+    returning: bool,
+    before: Snooped | None,
 ) -> tuple[BoolArray, State]:
     """Return which units (units,) are out as `snooped` begins, and the state with points as others see them.
 
-    What is out stays out where images were `chosen_in` a search before. Where nothing but images differs from what
-    is out there, which bends no block, only those of the same points are chosen anew.
+    Where nothing returns, and only images differ from what is out in the search `before`, those of the same points
+    are chosen anew: of the others they have been, and single images bend no block.
     """
     size = sizes(scene, state)
     scale = plate_scale(scene, size)
@@ -239,11 +244,11 @@ def _first_out(
     out = units.per_unit(np.abs(units.gathered(size))) > beyond
     image = units.kind[units.first] == _K.PLATE
     anew = out & image
-    if chosen_in is not None and chosen_in.scene.block is scene.block:
-        place, differs = units.place[units.first], out != chosen_in.judgement.out
+    if before is not None and not returning and before.scene.block is scene.block:
+        place, differs = units.place[units.first], out != before.judgement.out
         anew = image & np.isin(place, place[differs]) if not (differs & ~image).any() else anew
     chosen, state = _images_anew(scene, state, units, out, anew, scale)
-    return np.where(image & (chosen_in is None), chosen, out | chosen), state
+    return np.where(image & returning, chosen, out | chosen), state
 
 
 def _images_anew(
