@@ -14,9 +14,13 @@ from adjustment.water_jobs import shore, st_thomas
 from altered import with_options
 from musatpy import read_deck
 from musatpy.adjustment import adjust, kernels, normals, simultaneous, triangulation
-from musatpy.adjustment.iteration import AT_REST, Kept, Linearisation, Near, Step, Until, iterate
+from musatpy.adjustment.ground import at_their_best
+from musatpy.adjustment.iteration import AT_REST, Kept, Linearisation, Near, Outcome, Step, Until, iterate
+from musatpy.adjustment.job import Job
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalMatrix
 from musatpy.adjustment.sparse import Pattern
+from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.model import Block, Program, Refraction, Solution
 
@@ -97,6 +101,7 @@ STARTS = [  # where it begins, what it begins with, how many matrices it takes, 
     (1.001, lambda: Near(kept=kept_of(0.01), proven=True), 0, 1),
     (1.001, lambda: Near(kept=kept_of(0.01)), 0, 2),
     (1.1, lambda: Near(kept=kept_of(0.01, 1.1)), 0, 4),  # each step leaves a tenth
+    (1.00005, lambda: Near(kept=kept_of(0.01)), 0, 1),  # a hundredth of what an iteration leaves to be done
     (1.1, lambda: Near(kept=kept_of(0.01, 1.3)), 1, 3),
 ]
 
@@ -105,7 +110,7 @@ STARTS = [  # where it begins, what it begins with, how many matrices it takes, 
 def test_an_iteration_near_its_minimum_may_start_with_a_kept_matrix(
     place: float, start: Callable[[], Near | None], fresh: int, count: int
 ) -> None:
-    """The first step with one that is not proven does not end it; one that gains too little is given up."""
+    """The first step with one that is not proven ends it if it is tiny; one that gains too little is given up."""
     curve, steps = Curve(b=0.01, fresh=[]), list[Step]()
     outcome = iterate(curve, place, 20, steps.append, start())
     assert not outcome.failure and abs(outcome.state - 1.0) < 0.01 * AT_REST
@@ -158,6 +163,20 @@ def test_tests_are_judged_a_hundredth_of_a_sigma_from_the_minimum(place: float, 
     assert abs(outcome.state - 1.0) < AT_REST
 
 
+@pytest.mark.parametrize(("place", "count"), [(1.1, 1), (1.3, 1), (1.9, 2)])
+def test_an_iteration_that_goes_on_foresees_how_its_kept_matrix_closes_in(place: float, count: int) -> None:
+    """It leaves no more of its first step than that; where this is not told, two are taken."""
+    before = iterate(Curve(b=0.01, fresh=[]), 2.5, 20, None, Near(), Until.TESTED)
+    assert 0.01 < before.closing < 0.1
+    for closing, expected in ((before.closing, count), (0.0, 2)):
+        curve, steps = Curve(b=0.01, fresh=[]), list[Step]()
+        start = Near(kept=before.kept, closing=closing)
+        outcome = iterate(curve, place, 20, steps.append, start, Until.TESTED)
+        assert not outcome.failure and not curve.fresh
+        assert abs(outcome.state - 1.0) < AT_REST
+        assert len(steps) == expected
+
+
 class Misfit(Curve):
     """A curve with something left at its minimum."""
 
@@ -205,6 +224,27 @@ def test_early_looks_at_the_water_line_lead_to_the_same_states(
     a = adjust(block)
     monkeypatch.undo()
     assert_same(a, adjust(block))
+
+
+@pytest.mark.parametrize("seed", [12, 28])
+def test_points_that_change_their_side_early_go_on_from_their_best_positions(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Those of the other side would take steps of the whole block, which closes in before them."""
+    monkeypatch.setattr(simultaneous, "LARGE", 0)
+    networks, moves, iterated = list[Network](), list[float](), Job.iterate
+
+    def recorded(job: Job, problem: Any, network: Network, state: State, *more: Any) -> Outcome:
+        if len(networks) == 1:
+            changed = network.changed(networks[0])
+            moved = at_their_best(network, state, changed).ground - state.ground
+            moves.extend(np.abs(moved[changed]).max(axis=1).tolist())
+        networks.append(network)
+        return iterated(job, problem, network, state, *more)
+
+    monkeypatch.setattr(Job, "iterate", recorded)
+    assert adjust(with_options(shore(seed), program=Program.IIIA, refraction=Refraction.RIGOROUS)).converged
+    assert len(moves) > 3 and max(moves) < 1e-3
 
 
 def assert_same(a: Solution, b: Solution) -> None:

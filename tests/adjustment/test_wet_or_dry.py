@@ -11,10 +11,10 @@ import pytest
 
 from adjustment.test_equivalence import SHORE, reference_at_the_tide, simulated
 from adjustment.water_jobs import shore, st_thomas
-from altered import with_options
+from altered import altered, put, with_options
 from benchmarks.blocks import make_block
 from musatpy import read_deck
-from musatpy.adjustment import adjust, wet_states
+from musatpy.adjustment import adjust, kernels, wet_states
 from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.iteration import iterate
 from musatpy.adjustment.job import prepared
@@ -222,3 +222,24 @@ def test_points_cross_all_their_tides_at_once_and_rest_where_they_turn_back() ->
     assert standing_line(network, wet, below, bathymetric).wet[rays].all()
     again = standing_line(network, dry, below, bathymetric)
     assert again.rests[point] and not again.wet[rays].any()
+
+
+@pytest.mark.parametrize("kind", [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)])
+def test_submerged_points_that_take_no_part_are_where_they_would_be_intersected(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """Those on land, which cross no tide, are left until all is at rest."""
+    monkeypatch.setenv(kernels.VARIABLE, kind)
+    block = make_block(12, submerged=0.4, seed=3)
+    rays = np.bincount(block.plates.point)
+    out = np.flatnonzero(rays >= 3)[::7]
+    plates = {"triangulated": put(np.isin(block.plates.point, out), False)}
+    job, state = prepared(altered(block, plates=plates), None)
+    every, some = (
+        job.with_left_out(job.network, state).ground,
+        job.with_submerged_left_out(job.network, state).ground,
+    )
+    wet = block.points.bathymetric[out]
+    assert 0 < np.count_nonzero(wet) < len(out)
+    np.testing.assert_allclose(some[out[wet]], every[out[wet]], rtol=0.0, atol=1e-4)
+    assert np.isfinite(every[out]).all() and np.isnan(some[out[~wet]]).all()

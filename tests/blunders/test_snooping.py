@@ -10,11 +10,16 @@ import pytest
 from altered import added, altered, put
 from benchmarks.blocks import simulated
 from musatpy.adjustment import adjust, kernels
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, IntArray
+from musatpy.blunders import snooping
 from musatpy.blunders.factors import deviations, weights
 from musatpy.blunders.scene import Effort, Scene, settled, sizes, staged
 from musatpy.blunders.snooping import Judgement, _leaving, factors_of, judged, snooped, units_of
 from musatpy.model import AirBases, Block, ObservationKind, WaterLevel
 from musatpy.statistics import Statistics
+from reference.gross_errors import with_plate_blunders
 
 K = ObservationKind
 
@@ -116,6 +121,29 @@ def test_a_wrong_control_card_has_no_say_in_which_image_of_its_point_is_wrong() 
     found = snooped(scene, state, first, False)
     assert np.flatnonzero(found.rows_out(K.CONTROL)).tolist() == [0]
     assert np.flatnonzero(found.rows_out(K.PLATE)).tolist() == [wrong]
+
+
+def test_an_explanation_by_other_images_leaves_the_choices_of_other_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One image of a control point, where two are out: its images are chosen as before. Control bends the block."""
+    spoilt, _ = with_plate_blunders(simulated(20, seed=2)[0], 0.03, np.random.default_rng(5))
+    last = snooped(*staged(spoilt, None, None, Effort(left=1000)))
+    scene, asked, choose = last.scene, list[IntArray](), snooping.wrong_images
+    wrong = np.flatnonzero(last.rows_out(K.PLATE))
+
+    def recorded(network: Network, state: State, out: BoolArray, sigma0: float) -> tuple[BoolArray, State]:
+        asked.append(np.flatnonzero(out))
+        return choose(network, state, out, sigma0)
+
+    monkeypatch.setattr(snooping, "wrong_images", recorded)
+    first = last.out()
+    first[K.PLATE][wrong[0]] = 0.0
+    found = snooped(scene, last.state, first, False, last)
+    assert found.judgement is last.judgement
+    of_point = np.flatnonzero(spoilt.plates.point == spoilt.plates.point[wrong[0]])
+    assert [rows.tolist() for rows in asked] == [of_point.tolist()]
+    first[K.CONTROL][0] = 1.0
+    snooped(scene, last.state, first, False, last)
+    assert asked[1].tolist() == wrong[1:].tolist()
 
 
 @pytest.mark.parametrize(("kind", "row"), [(K.AIR_BASE, 0), (K.AIR_BASE, 1)])

@@ -7,7 +7,7 @@ matrix of the bundle (docs/theory.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -239,6 +239,21 @@ def at_their_best(network: Network, state: State, points: BoolArray) -> State:
         for part in () if group.kept else group.some(points[group.point]):
             ground[part.point] = better(network, state, part, ground[part.point])
     return replace(state, ground=ground)
+
+
+def apart_at_their_best(
+    network: Network, state: State, groups: Sequence[PointGroup], xy: FloatArray | None = None
+) -> tuple[Network, list[PointGroup], State]:
+    """Return a network of the points of groups alone, these groups in it, and a state with them at their best.
+
+    From where their rays meet; the stations stay. A point may be in them more than once, with other rays, or with
+    other images xy (r, 2), in the order of the rays.
+    """
+    rays = np.concatenate([group.rays.reshape(-1) for group in groups])
+    point = np.concatenate([group.point for group in groups])
+    alone, every = network.apart(groups, network.xy[rays] if xy is None else xy, network.refracted[rays])
+    first = start_ground(alone, replace(state, ground=state.ground[point])).ground
+    return alone, every, settle(alone, replace(state, ground=first, squares=np.zeros(len(first))))
 
 
 def point_squares(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:

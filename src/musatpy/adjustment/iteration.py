@@ -31,7 +31,9 @@ _SLOW = 0.01  # share of the objective that a last step must gain to go on from 
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 _CLOSING = 0.1  # share of the step before, or sigmas, from which on the matrix may be kept
 _KEPT = 0.01  # and that a step with a kept matrix may be at most
-_SLOWEST = 3.0  # times the share of the step before, which steps may come to: what closes in slowly is left over
+# times the share of the step before that further steps may be: of a curve, a step d with a matrix of its own leaves
+# b d^2 / 2, and one of d' with the same matrix then 2 b d d'; and what closes in slowly is left to the end
+_FURTHER = 4.0
 _SEEN = 0.1  # sigmas: what a step that is this long changes of a sum of squares decides no comparison
 
 
@@ -114,6 +116,7 @@ class Near:
     kept: Kept | None = None
     proven: bool = False  # the observations differ in their values alone, so that steps close in as they did there
     length: float = np.inf  # of the last step of the other one: the first one here is to close in on that
+    closing: float = 0.0  # share that the next step with that matrix is of one, at most; 0 where not known
     determined: bool = True  # that iteration has determined the unknowns
 
 
@@ -143,6 +146,7 @@ class Outcome:
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
     last: Kept | None = None  # normals of that step, where the iteration converged
     rough: bool = False  # it ended as soon as `Until` said, before the limits
+    closing: float = 0.0  # of `Near`, for the iteration that goes on with its last matrix
 
     @property
     def is_final(self) -> bool:
@@ -188,7 +192,8 @@ def iterate(
     long as each step is a hundredth of the one before at most, or the one after the next would be a hundredth of
     the limits; so it does where nothing moves by a tenth of a sigma. The step that ends it has a matrix of its own,
     or leaves a hundredth of the limits, as steps have closed in. Of an iteration that `start` says to be near its
-    minimum the first step may have a kept matrix as well, which does not end it where that is not proven.
+    minimum the first step may have a kept matrix as well, which, where that is not proven, does not end it unless
+    the step itself is a hundredth of the limit.
     What follows may not need the minimum itself: `until` says how near a large problem is to come.
     """
     damping, blind, stalled, before = 0.0, 0, 0, state
@@ -225,16 +230,18 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
         first = start if number == 1 else None
-        near, ends = _closing(until, length, last, objective, kept is not None)
+        share = first.closing if first and kept is not None else 0.0
+        near, ends = _closing(until, length, last, objective, kept is not None, share)
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
-        proven = first is None or first.proven or kept is None
-        # what a kept matrix leaves of the step counts, where that is more than a hundredth of it
-        left = max(1.0, _SLOWEST * length / (_KEPT * last)) if kept is not None and last > 0.0 else 1.0
+        proven = first is None or first.proven or kept is None or length <= _KEPT * AT_REST
+        further = _FURTHER * length / last if kept is not None and last > 0.0 else 0.0
+        left = max(1.0, further / _KEPT)  # what a kept matrix leaves counts, where that is more than a hundredth
         rest = good and proven and left * change < AT_REST and problem.converged(left * step)
         rough = not rest and ends and good and (line.renewable or until is Until.WEIGHED)
         if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor)
-            return Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)
+            end = Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)
+            return replace(end, closing=0.0 if first else further)
         kept = line if good and near and line.renewable else None
         damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
     plural = "" if max_iterations == 1 else "s"
@@ -243,10 +250,13 @@ def iterate(
     return Outcome(state=state, last_step=step, failure=failure, change=change, hopeless=line.hopeless and slow)
 
 
-def _closing(until: Until, length: float, last: float, objective: float, kept: bool) -> tuple[bool, bool]:
+def _closing(
+    until: Until, length: float, last: float, objective: float, kept: bool, share: float
+) -> tuple[bool, bool]:
     """Return whether steps close in, so that they may have a `kept` matrix, and whether that is near enough.
 
     For comparisons and tests it is where the next step will be short enough, shorter than this one by as much.
+    `share`: what is known beforehand of the next step, 0 for nothing.
     """
     if until is Until.COMPARED:
         seen = length**2 <= _SEEN * last < np.inf
@@ -256,7 +266,8 @@ def _closing(until: Until, length: float, last: float, objective: float, kept: b
     near = length <= (_KEPT * last if kept else _CLOSING * max(last, 1.0))
     near |= length**3 <= _KEPT * AT_REST * last**2
     if until is Until.TESTED:
-        return near, length <= AT_REST or length**2 <= AT_REST * last < np.inf
+        foreseen = length**2 <= AT_REST * last < np.inf or 0.0 < share * length <= AT_REST
+        return near, length <= AT_REST or foreseen
     near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
     return near, near and until is not Until.REST
 

@@ -129,6 +129,18 @@ class Job:
         groups = self.groups(np.ones(len(self.part.used), dtype=bool), self.left_out)
         return ground_points.intersect_freely(network, state, groups)
 
+    def with_submerged_left_out(self, network: Network, state: State) -> State:
+        """Return the state with only those of them that are submerged, as near as sides of the water ask for."""
+        submerged = self.left_out & self.bathymetric
+        if not submerged.any():
+            return state
+        groups = self.groups(np.ones(len(self.part.used), dtype=bool), submerged)
+        _, every, met = ground_points.apart_at_their_best(network, state, groups)
+        ground = state.ground.copy()
+        for group, alone in zip(groups, every, strict=True):
+            ground[group.point] = met.ground[alone.point]
+        return replace(state, ground=ground)
+
     def reason(self, network: Network, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
         """Return why the run has not converged and what is most at odds, empty if it has."""
         reason = self._failure(network, outcome) if outcome.failure else ""

@@ -172,13 +172,15 @@ class _Run:
                 until = Until.REST if free.count else until
                 outcome = job.iterate(self.problem(network, free), network, state, number, near, until)
                 near = None if free.count or outcome.failure else Near(kept=outcome.kept)
-            state = job.with_left_out(network, outcome.state)
+            state = job.with_submerged_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
             if outcome.lost or short == SHORT or (outcome.hopeless and not given):
                 break
             until = Until.REST
             if outcome.rough:
                 line = early_line(measured, line, state, job.bathymetric)
+                sides = measured.with_plates(measured.xy, line.wet)
+                state = ground_points.at_their_best(sides, state, sides.changed(network))
                 continue
             factor = outcome.last.factor if outcome.last and not free.count else None
             last, line = line, best_line(measured, line, state, job.bathymetric, factor)

@@ -40,8 +40,9 @@ def wrong_images(network: Network, state: State, out: BoolArray, sigma0: float) 
     And the state with these points where the images that are left see them; the stations stay as they are.
     `network` has the full weights of the images.
     """
-    wrong, ground = np.zeros_like(out), state.ground.copy()
-    left = [part for group in network.groups for part in group.some(np.asarray(out[group.rays].any(axis=1)))]
+    wrong, ground, asked = np.zeros_like(out), state.ground.copy(), np.zeros(network.points, dtype=bool)
+    asked[network.point[out]] = True
+    left = [part for group in network.groups for part in group.some(asked[group.point])]
     for group in left:
         wrong[group.rays] = True  # until a choice fits
     for number in count():
@@ -223,12 +224,9 @@ def _intersected(
 
     A point may be in them more than once, with other rays, or other images xy (r, 2). The stations stay.
     """
-    rays, point = np.concatenate([group.rays.reshape(-1) for group in groups]), _points(groups)
-    tried, every = network.apart(groups, network.xy[rays] if xy is None else xy, network.refracted[rays])
-    first = ground_points.start_ground(tried, replace(state, ground=state.ground[point])).ground
-    met = ground_points.settle(tried, replace(state, ground=first, squares=np.zeros(len(first))))
+    tried, every, met = ground_points.apart_at_their_best(network, state, groups, xy)
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
-    squares, others = np.empty(len(first)), every
+    squares, others = np.empty(tried.points), every
     if tried.compiled is not None:
         tried.compiled.set_squares(met, squares)
         others = list(tried.compiled.others)

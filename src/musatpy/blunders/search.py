@@ -97,8 +97,8 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     for number in range(1, _REVISIONS + 1):
         begin(progress, "search for blunders: names and flags", number, _REVISIONS)
         names = tuple(entry for entry in _renamings(last, alike) if entry.row not in {old.row for old in renamings})
-        wrong = tuple(entry for entry in _wrong_flags(last) if entry.point not in {old.point for old in flags})
-        wrong = wrong if sees_water(block) else ()
+        blamed = _wrong_flags(last) if sees_water(block) else []
+        wrong = tuple(entry for entry in blamed if entry.point not in {old.point for old in flags})
         if not names and not wrong:
             break
         renamings, flags = renamings + names, flags + wrong
@@ -243,7 +243,7 @@ def plate_errors(last: Snooped) -> tuple[FloatArray, FloatArray]:
 def _lookalikes(last: Snooped) -> Lookalikes:
     """Return the images out, or of no point that takes part, that lie on other points."""
     scene, network = last.scene, last.scene.network
-    out = np.asarray(last.out()[_PLATE].any(axis=1))
+    out = last.rows_out(_PLATE)
     alone = scene.block.plates.triangulated & ~taking_part(network)
     judgement = last.judgement
     return lookalikes(scene, last.state, out, np.flatnonzero(out | alone), judgement.covariance, judgement.sigma0)

@@ -165,9 +165,7 @@ class Snooped:
 
     def rows_out(self, kind: ObservationKind) -> BoolArray:
         """Return which rows (rows,) of the table of a kind have observations that are out."""
-        rows, taken = np.zeros(len(self.scene.weight[kind]), dtype=bool), self.units.first[self.judgement.out]
-        rows[self.units.row[taken[self.units.kind[taken] == kind]]] = True
-        return rows
+        return _rows(self.scene, self.units, self.judgement.out, kind)
 
 
 def snooped(
@@ -183,10 +181,10 @@ def snooped(
     chosen anew. Without `returning` nothing of what is out comes back. Where that comes to be what is out in the
     search `before`, it has come to the same rest. Raises `SingularNormalsError`.
     """
-    units = units_of(scene)
+    units = before.units if before is not None and before.scene.block is scene.block else units_of(scene)
     image, limit = units.kind[units.first] == _K.PLATE, units.limits
     returns = np.full(units.count, 0 if returning else _RETURNS)
-    out, state = _first_out(scene, state, units, first, returning)
+    out, state = _first_out(scene, state, units, first, returning, before)
     near, moved = AROUND if first is None else Near(), returning  # and images are to be chosen once more
     scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
     tides: tuple[CommonTide, ...] = ()
@@ -223,20 +221,33 @@ def snooped(
             back, tides, proven = _tides_of(units, np.concatenate([tide.photo for tide in tides])), (), True
         returns[back] += 1
         out, state = (out & ~back) | leaving, after
-        scene = free_to_cross(scene, np.asarray(_masks(scene, units, back | leaving)[_K.PLATE].any(axis=1)))
+        scene = free_to_cross(scene, _rows(scene, units, back | leaving, _K.PLATE))
     return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
 
 
 def _first_out(
-    scene: Scene, state: State, units: Units, first: Factors | None, returning: bool
+    scene: Scene,
+    state: State,
+    units: Units,
+    first: Factors | None,
+    returning: bool,
+    before: Snooped | None,
 ) -> tuple[BoolArray, State]:
-    """Return which units (units,) are out as `snooped` begins, and the state with points as others see them."""
+    """Return which units (units,) are out as `snooped` begins, and the state with points as others see them.
+
+    Where nothing returns, and only images differ from what is out in the search `before`, those of the same points
+    are chosen anew: of the others they have been, and single images bend no block.
+    """
     size = sizes(scene, state)
     scale = plate_scale(scene, size)
     beyond, size = (_START * scale, size) if first is None else (0.0, first)
     out = units.per_unit(np.abs(units.gathered(size))) > beyond
     image = units.kind[units.first] == _K.PLATE
-    chosen, state = _images_anew(scene, state, units, out, out & image, scale)
+    anew = out & image
+    if before is not None and not returning and before.scene.block is scene.block:
+        place, differs = units.place[units.first], out != before.judgement.out
+        anew = image & np.isin(place, place[differs]) if not (differs & ~image).any() else anew
+    chosen, state = _images_anew(scene, state, units, out, anew, scale)
     return np.where(image & returning, chosen, out | chosen), state
 
 
@@ -247,11 +258,13 @@ def _images_anew(
 
     And the state with these points where the others see them. What else is `out` (units,) has no say.
     """
+    images, unit = _rows(scene, units, anew, _K.PLATE), np.zeros(units.count, dtype=bool)
+    if not images.any():
+        return unit, state
     masks = _masks(scene, units, out)
     factors = factors_of(masks, sizes(scene, state)) | {_K.PLATE: np.ones_like(masks[_K.PLATE])}
-    images = np.asarray(_masks(scene, units, anew)[_K.PLATE].any(axis=1))
     wrong, state = wrong_images(weighted(scene.network, scene.block, factors), state, images, sigma0)
-    unit, rows = np.zeros(units.count, dtype=bool), units.of_kinds[_K.PLATE]
+    rows = units.of_kinds[_K.PLATE]
     unit[units.unit[rows][wrong[units.row[rows]]]] = True
     return unit, state
 
@@ -294,10 +307,10 @@ def factors_of(out: Factors, size: Factors) -> Factors:
     """
     factors = {}
     for kind, mask in out.items():
-        taken = mask > 0.0
-        beyond = np.maximum(np.nan_to_num(np.abs(size[kind][taken])) / _PULL, 1.0)
+        taken = np.flatnonzero(mask > 0.0)
+        beyond = np.maximum(np.nan_to_num(np.abs(size[kind].take(taken))) / _PULL, 1.0)
         factors[kind] = np.ones(mask.shape)
-        factors[kind][taken] = _TAKEN / np.square(beyond)
+        factors[kind].reshape(-1)[taken] = _TAKEN / np.square(beyond)
     return factors
 
 
@@ -308,6 +321,13 @@ def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
     for kind, rows in units.of_kinds.items():
         masks[kind].reshape(-1)[units.element[rows]] = taken[rows]
     return masks
+
+
+def _rows(scene: Scene, units: Units, chosen: BoolArray, kind: ObservationKind) -> BoolArray:
+    """Return which rows (rows,) of the table of a kind have observations of units that are `chosen` (units,)."""
+    rows, first = np.zeros(len(scene.weight[kind]), dtype=bool), units.first[chosen]
+    rows[units.row[first[units.kind[first] == kind]]] = True
+    return rows
 
 
 def judged(

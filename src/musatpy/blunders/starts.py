@@ -91,7 +91,7 @@ def _fits(start: Start) -> bool:
     """Return whether a start is one to search from: no photo has lost most of its images."""
     network, used = start.scene.network, taking_part(start.scene.network)
     size = np.nan_to_num(sizes(start.scene, start.state)[_K.PLATE], nan=2.0 * _LOST)
-    lost = used & (np.abs(size).max(axis=1) > _LOST)
+    lost = used & (np.maximum(*np.abs(size.T)) > _LOST)
     share = np.bincount(network.photo[lost], minlength=network.photos)
     some = bool((share > _MOST * np.bincount(network.photo[used], minlength=network.photos)).any())
     return start.misfit <= _FITS and not some
