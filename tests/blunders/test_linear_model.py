@@ -14,7 +14,7 @@ from musatpy.adjustment import kernels, simultaneous
 from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import point_squares
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
-from musatpy.blunders.hypotheses import Hypothesis, _columns, _of_columns, hypotheses
+from musatpy.blunders.hypotheses import Hypothesis, hypotheses
 from musatpy.blunders.linear_model import dropped, linear_model, put_in_again
 from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.scene import Effort, staged
@@ -52,7 +52,7 @@ def test_the_squares_that_a_hypothesis_explains_are_lost_by_the_adjustment(kind:
     case = wrong()
     squares = linear_model(case.scene, case.factors(), case.state).squares
     best = next(one for one in options() if one.kind is kind)
-    trial = with_hypothesis(case, best, None)
+    trial = with_hypothesis(case, best, 1.0, None)
     # two percent: a metre is a thousandth of the flying height, and turns the rays by as much
     assert squares - trial.squares == pytest.approx(best.squares, rel=0.02, abs=0.01 * squares)
 
@@ -154,9 +154,9 @@ def test_compiled_kernels_and_numpy_have_the_same_common_errors(
     numpy = linear_model(scene, factors, state)
     monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
     compiled = linear_model(replace(scene, network=replace(scene.network)), factors, state)
-    columns = list(_columns(numpy))
+    columns = numpy.common.columns
     assert sum(column.on_images for column in columns) == (7 if wet else 6)
-    sums, twins = _of_columns(compiled, columns), _of_columns(numpy, columns)
+    sums, twins = ((of.weight, of.pull, of.coupling) for of in (compiled.common, numpy.common))
     assert (twins[0][:6] > 0.0).all()
     size = np.sqrt(np.maximum(twins[0], 1.0))  # of c'P^1/2
     # residuals are of some sigmas, and partials by the angles of a station of many thousands
@@ -256,7 +256,7 @@ def test_errors_are_given_minus_true() -> None:
     case = wrong()
     assert control.point == (int(case.scene.block.control.point[1]),)
     focal = next(one for one in options() if one.kind is _K.FOCAL_LENGTH)
-    trial = with_hypothesis(with_hypothesis(case, control, None), focal, None)
+    trial = with_hypothesis(with_hypothesis(case, control, 1.0, None), focal, 1.0, None)
     size, sigma = trial.taken[-1].error[0], trial.taken[-1].sigma[0]
     assert size == pytest.approx(0.05, abs=4.0 * sigma)
     assert sigma < 0.0125  # the sign is certain

@@ -7,7 +7,7 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -20,12 +20,13 @@ from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import Kept, Linearisation, SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
-from musatpy.adjustment.network import Network, first_rows
+from musatpy.adjustment.network import Network, PointGroup, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import pieces, portions
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.blunders.common_errors import CommonErrors, index_counts
 from musatpy.blunders.factors import Factors
 from musatpy.blunders.scene import Scene
 from musatpy.model import ObservationKind
@@ -105,6 +106,11 @@ class PointChecks:
         images, priors = own[:, :split].sum(axis=1), own[:, split:].sum(axis=1)
         return np.asarray(np.maximum(images / IMAGES_CHECKED, priors / OTHERS_CHECKED))
 
+    def after(self, step: FloatArray, inverse: Inverse) -> PointChecks:
+        """Return the checks after a step (u,) more, by the `inverse` of some normal equations."""
+        residual = self.residual + (self.partials @ step[self.unknowns][..., None])[..., 0]
+        return replace(self, residual=residual, inverse_of_stations=inverse)
+
     def part(self, taken: BoolArray) -> PointChecks:
         """Return some of the points, with what has been computed of them."""
         rows = {
@@ -167,35 +173,40 @@ class LoosePoints:
     state: State
     inverse: Inverse
     step: FloatArray  # (u,)
-    camera: IntArray  # (n,) of the photos
-    with_index: bool  # whether an error of the index of the water is asked for
+    among: BoolArray  # (p,) those that are meant
+    camera: IntArray | None  # (n,) of the photos, where common errors are asked for
+    with_index: bool  # whether that of the index of the water is
+
+    def some(self, points: BoolArray) -> LoosePoints:
+        """Return those among some points (p,), without common errors."""
+        return replace(self, among=self.among & points, camera=None, with_index=False)
 
     @cached_property
     def left_over(self) -> LeftOver:
         """What the step leaves of their images, and what errors of the cameras and of the index do in it."""
-        return self.compiled.left_over(self.state, self.step, self.camera, self.with_index)
+        return self.compiled.left_over(self.state, self.step, self.among, self.camera, self.with_index)
 
     @property
     def squares(self) -> FloatArray:
         """(p,) weighted squares of the residuals, 0 for other points."""
         return self.left_over.squares
 
-    def explaining(self, squares: float, near: BoolArray) -> BoolArray:
-        """Return which points (p,), `near` ones, have images that may explain so many squares or more.
+    def explaining(self, squares: float) -> BoolArray:
+        """Return which points (p,) have images that may explain so many squares or more.
 
         Some images of a point explain no more than all of them: the more is given up, the less is left. Of a few
         points it is not asked.
         """
-        near = near & (self.squares >= IMAGES_CHECKED * squares)
-        if self.inverse.worth_alone(int(np.count_nonzero(near))):
-            return near
-        together = self.compiled.together(self.state, self.step, self.inverse.cofactors, near)
-        return near & (together >= squares * (1.0 - _ROUNDING))
+        likely = self.among & (self.squares >= IMAGES_CHECKED * squares)
+        if self.inverse.worth_alone(int(np.count_nonzero(likely))):
+            return likely
+        together = self.compiled.together(self.state, self.step, self.inverse.cofactors, likely)
+        return likely & (together >= squares * (1.0 - _ROUNDING))
 
-    def checks(self, near: BoolArray) -> Iterator[PointChecks]:
+    def checks(self, points: BoolArray) -> Iterator[PointChecks]:
         """Yield the checks of some of the points (p,)."""
-        network = self.compiled.network
-        every = [part for group in self.compiled.loose for part in group.some(near[group.point])]
+        network, points = self.compiled.network, points & self.among
+        every = [part for group in self.compiled.loose for part in group.some(points[group.point])]
         groups = [part.part(rows) for part in every for rows in portions(network, part)]
         linear = self.compiled.linear_images(self.state, groups, self.step)
         for group, images in zip(groups, linear, strict=True):
@@ -226,11 +237,30 @@ class LinearModel:
     kept: Kept | None  # these normals, where an adjustment nearby may use them
     inverse: Inverse
     step: FloatArray  # (u,) to the minimum
-    points: tuple[PointChecks, ...]  # those that were asked for
-    loose: LoosePoints | None  # and those that were not, for compiled kernels
+    points: tuple[PointChecks, ...]
+    loose: LoosePoints | None  # other points, for compiled kernels
     minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
+    told: Told | None = None  # from another model
+
+    @cached_property
+    def common(self) -> CommonErrors:
+        """What errors do that are common to many observations."""
+        told = self.told
+        return CommonErrors.told(self, told.model, told.before, told.after) if told else CommonErrors.of(self)
+
+    def some(self, points: BoolArray) -> LinearModel:
+        """Return the model with the checks of some of its points (p,)."""
+        parts = tuple(checks.part(points[checks.point]) for checks in self.points)
+        part = replace(self, points=parts, loose=self.loose and self.loose.some(points))
+        vars(part)["common"] = self.common
+        return part
+
+    def checks(self, points: BoolArray) -> Iterator[PointChecks]:
+        """Yield the checks of some of the points (p,)."""
+        yield from (checks.part(points[checks.point]) for checks in self.points if points[checks.point].any())
+        yield from self.loose.checks(points) if self.loose else ()
 
     @property
     def cofactors(self) -> Cofactors:
@@ -239,7 +269,7 @@ class LinearModel:
 
     @property
     def squares(self) -> float:
-        """v'Pv at the minimum, of images of the points asked for, control and stations."""
+        """v'Pv at the minimum, of images, control and stations."""
         squares = sum(float(np.sum(checks.squares)) for checks in self.points)
         squares += float(np.sum(self.loose.squares)) if self.loose else 0.0
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
@@ -289,93 +319,121 @@ def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[Floa
     return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
 
 
-def linear_model(
-    scene: Scene,
-    factors: Factors,
-    state: State,
-    near: BoolArray | None = None,
-    rest: tuple[Kept, Inverse] | None = None,
-) -> LinearModel:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Told:
+    """From which `model` a linear model is told; what it tells otherwise, `before` and `after`, by its own step."""
+
+    model: LinearModel
+    before: tuple[PointChecks, ...]
+    after: tuple[PointChecks, ...]
+
+
+def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
-    With the checks of all points, those of loose ones when they are asked for; or of those that are `near` (p,).
-    `rest`: the normal equations, where the state is at rest with these weights.
     Raises `SingularNormalsError`.
     """
     problem = scene.problem(factors)
     network = problem.network
     state = by_images(network, ground_points.settle(network, state))
-    line = problem.linearise(state) if rest is None else problem.renewed(state, rest[0].line)
-    factor = factorised(line.matrix) if rest is None else rest[0].factor
+    line = problem.linearise(state)
+    factor = factorised(line.matrix)
     if factor is None:
         raise SingularNormalsError(line.matrix)
-    inverse = Inverse(factor=factor, held=scene.held) if rest is None else rest[1]
-    return solved(scene, network, state, line, inverse, near)
+    return solved(scene, network, state, line, Inverse(factor=factor, held=scene.held))
 
 
-def solved(
+def solved(scene: Scene, network: Network, state: State, line: Linearisation, inverse: Inverse) -> LinearModel:
+    """Return the linear adjustment of a scene whose normal equations have a factor: that of `inverse`."""
+    step, compiled, loose = inverse.factor.solve(line.rhs), network.compiled, None
+    if compiled is not None:
+        loose = LoosePoints(
+            compiled=compiled,
+            state=state,
+            inverse=inverse,
+            step=step,
+            among=np.ones(network.points, dtype=bool),
+            camera=scene.block.photos.camera,
+            with_index=index_counts(network),
+        )
+    groups = network.groups if compiled is None else (*compiled.bound, *compiled.others)
+    points = tuple(checks.after(step, inverse) for checks in checks_of(scene, network, state, groups, inverse))
+    return _with_checks(scene, network, state, line, inverse, step, points, loose, None)
+
+
+def told(
     scene: Scene,
     network: Network,
     state: State,
     line: Linearisation,
     inverse: Inverse,
-    near: BoolArray | None = None,
+    model: LinearModel,
+    before: list[PointChecks],
+    after: list[PointChecks],
 ) -> LinearModel:
-    """Return the linear adjustment of a scene whose normal equations have a factor: that of `inverse`."""
-    factor = inverse.factor
-    step = factor.solve(line.rhs)
+    """Return the linear adjustment of a scene told from the `model` of another one.
+
+    It differs in some points, whose checks are those `before` in that one, and those `after`; all at their best.
+    """
+    step, others = inverse.factor.solve(line.rhs), np.ones(network.points, dtype=bool)
+    for checks in before:
+        others[checks.point] = False
+    moved = step - model.step
+    kept = (checks.part(others[checks.point]).after(moved, inverse) for checks in model.points)
+    old, new = (tuple(checks.after(step, inverse) for checks in points) for points in (before, after))
+    loose = model.loose and replace(model.loose.some(others), step=step, inverse=inverse)
+    of_model = Told(model=model, before=old, after=new)
+    return _with_checks(scene, network, state, line, inverse, step, (*kept, *new), loose, of_model)
+
+
+def _with_checks(
+    scene: Scene,
+    network: Network,
+    state: State,
+    line: Linearisation,
+    inverse: Inverse,
+    step: FloatArray,
+    points: tuple[PointChecks, ...],
+    loose: LoosePoints | None,
+    told: Told | None,
+) -> LinearModel:
+    """Return the linear adjustment of a scene with the `step` to its minimum, and the checks after that."""
     station_weight, residual = station_rows(network, state)
-    loose = None
-    if network.compiled is not None:
-        loose = LoosePoints(
-            compiled=network.compiled,
-            state=state,
-            inverse=inverse,
-            step=step,
-            camera=scene.block.photos.camera,
-            with_index=index_counts(network),
-        )
-    points = _checks(scene, network, near, state, inverse, step)
-    points += list(loose.checks(near)) if loose and near is not None else []
-    stations = residual + step[: residual.size].reshape(residual.shape)
     return LinearModel(
         scene=scene,
         state=state,
         network=network,
-        factor=factor,
-        kept=Kept(line=replace(line, context=None), factor=factor) if line.renewable else None,
+        factor=inverse.factor,
+        kept=Kept(line=replace(line, context=None), factor=inverse.factor) if line.renewable else None,
         inverse=inverse,
         step=step,
         minimum=_after(network, state, step),
-        points=tuple(points),
-        loose=loose if near is None else None,
-        stations=stations,
+        points=points,
+        loose=loose,
+        told=told,
+        stations=residual + step[: residual.size].reshape(residual.shape),
         station_weight=station_weight,
     )
 
 
-def index_counts(network: Network) -> bool:
-    """Return whether the index of the water, which is no unknown itself, is worth a hypothesis."""
-    unknown = network.water.unknown or network.border.count(_K.WAVE) > 0
-    return bool(unknown and not network.border.count(_K.WATER_INDEX))
-
-
-def by_images(network: Network, state: State) -> State:
-    """Return the state with control points where their images meet, where these meet well and control is far off.
+def by_images(network: Network, state: State, points: BoolArray | None = None) -> State:
+    """Return the state with control points, or some (p,), where their images meet, where these meet well and
+    control is far off.
 
     Images are linear near their point only; control is linear everywhere.
     """
-    ground = state.ground.copy()
+    ground, far = state.ground.copy(), state.squares > _FAR
+    far = far if points is None else far & points
     for group in network.control_groups:
-        far = state.squares[group.point] > _FAR
-        if group.rays.shape[1] < 2 or not far.any():
+        if group.rays.shape[1] < 2:
             continue
-        part = replace(group.part(far), known=False)
-        start = nearest_ground(network.with_unknown_points(), state, part, 0.0)
-        met, _ = settle_group(network, state, part, start)
-        squares = point_squares(network, state, part, met)
-        good = squares < _MEETS * part.rays.shape[1]
-        ground[part.point[good]] = met[good]
+        for part in group.some(far[group.point]):
+            part = replace(part, known=False)
+            start = nearest_ground(network.with_unknown_points(), state, part, 0.0)
+            met, _ = settle_group(network, state, part, start)
+            squares = point_squares(network, state, part, met)
+            good = squares < _MEETS * part.rays.shape[1]
+            ground[part.point[good]] = met[good]
     return replace(state, ground=ground)
 
 
@@ -389,27 +447,21 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
     return replace(after, ground=ground)
 
 
-def _checks(
-    scene: Scene,
-    network: Network,
-    near: BoolArray | None,
-    state: State,
-    inverse: Inverse,
-    step: FloatArray,
-) -> list[PointChecks]:
-    block, checks, compiled = scene.block, [], network.compiled
+def checks_of(
+    scene: Scene, network: Network, state: State, groups: Iterable[PointGroup], inverse: Inverse
+) -> Iterator[PointChecks]:
+    """Yield the checks of groups of points, each at its best for the stations as they are."""
+    block = scene.block
     control = first_rows(block.control.point, network.points)
     member = first_rows(block.equal_elevations.point, network.points)
-    for group in network.groups if compiled is None else (*compiled.bound, *compiled.others):
-        for part in [group] if near is None else group.some(near[group.point]):
-            for _, piece in pieces(network, state, part, inverse):
-                point = piece.group.point
-                checks.append(_checks_of(network, piece, inverse, step, control[point], member[point]))
-    return checks
+    for group in groups:
+        for _, piece in pieces(network, state, group, inverse):
+            point = piece.group.point
+            yield _checks_of(network, piece, inverse, control[point], member[point])
 
 
 def _checks_of(
-    network: Network, piece: Piece, inverse: Inverse, step: FloatArray, control: IntArray, member: IntArray
+    network: Network, piece: Piece, inverse: Inverse, control: IntArray, member: IntArray
 ) -> PointChecks:
     E, rays = piece.E, piece.group.rays
     k = len(rays)
@@ -421,19 +473,17 @@ def _checks_of(
         a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
         v = np.concatenate([v, -known.deviation], axis=1)
         weight = np.concatenate([weight, known.weight], axis=1)
-    unknowns = network.unknowns(piece.group, E.extras.index)
-    v = v + (a @ step[unknowns][..., None] + b @ E.shift[..., None])[..., 0]
     return PointChecks(
         point=piece.group.point,
         rays=rays,
         control=control,
         member=member,
-        residual=v,
+        residual=v + (b @ E.shift[..., None])[..., 0],
         weight=weight,
         partials=a,
         ground=b,
         inverse=E.inverse,
-        unknowns=unknowns,
+        unknowns=network.unknowns(piece.group, E.extras.index),
         photo=piece.photo,
         extras=E.extras.index,
         inverse_of_stations=inverse,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.ground import settle_group
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.network import Network
@@ -16,11 +15,12 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.updated_factor import UpdatedFactor
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import Factors, weighted
-from musatpy.blunders.linear_model import Inverse, LinearModel, by_images, solved
+from musatpy.blunders.linear_model import Inverse, LinearModel, PointChecks, by_images, checks_of, told
 from musatpy.blunders.scene import Scene
 from musatpy.model import ObservationKind
 
 _FEW = 8  # points: with more of them a new factor is cheaper
+_REMEMBERED = 4  # models: the one of the best of some trials is asked for again
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,6 +52,7 @@ class Origin:
     model: LinearModel
     state: State
     factors: Factors
+    _told: list[tuple[Factors, LinearModel]] = field(default_factory=list, repr=False)
 
     def neighbour(self, scene: Scene, factors: Factors, state: State) -> LinearModel | None:
         """Return the linear model with the weights times other `factors`.
@@ -63,18 +64,27 @@ class Origin:
         same = scene is model.scene and state is self.state
         if not same or kept is None or points is None or np.count_nonzero(points) > _FEW:
             return None
+        for known, neighbour in self._told:
+            if all(np.array_equal(known[kind], factor) for kind, factor in factors.items()):
+                return neighbour
         network = weighted(scene.network, scene.block, factors)
-        settled = _settled(network, model.state, points)
-        unknowns, matrix, rhs = _reduced(network, settled, points)
-        _, matrix_before, rhs_before = _reduced(model.network, model.state, points)
+        settled, groups = _settled(network, model.state, points), network.groups
+        parts = [part for group in groups for part in group.some(points[group.point])]
+        before = list(checks_of(scene, model.network, model.state, parts, model.inverse))
+        after = list(checks_of(scene, network, settled, parts, model.inverse))
+        none = np.zeros(0, dtype=np.int64)
+        unknowns = np.unique(np.concatenate([none, *(checks.unknowns.reshape(-1) for checks in before)]))
         free = ~np.isin(unknowns, model.inverse.held)
+        (matrix_before, rhs_before), (matrix, rhs) = (_reduced(unknowns, checks) for checks in (before, after))
         factor = UpdatedFactor.of(kept.factor, unknowns, (matrix - matrix_before) * free[:, None] * free)
         if factor is None:
             return None
         line = replace(kept.line, rhs=kept.line.rhs.copy())
         line.rhs[unknowns] += (rhs - rhs_before) * free
         inverse = UpdatedInverse(factor=factor, held=model.inverse.held, before=model.inverse)
-        return solved(scene, network, settled, line, inverse)
+        neighbour = told(scene, network, settled, line, inverse, model, before, after)
+        self._told[:] = [(factors, neighbour), *self._told[: _REMEMBERED - 1]]
+        return neighbour
 
 
 def _told_otherwise(scene: Scene, before: Factors, factors: Factors) -> BoolArray | None:
@@ -98,20 +108,18 @@ def _settled(network: Network, state: State, points: BoolArray) -> State:
         for part in group.some(points[group.point]):
             at = part.point
             ground[at], squares[at] = settle_group(network, state, part, ground[at])
-    met = by_images(network, replace(state, ground=ground, squares=squares)).ground
-    return replace(state, ground=np.where(points[:, None], met, ground), squares=squares)
+    return by_images(network, replace(state, ground=ground, squares=squares), points)
 
 
-def _reduced(network: Network, state: State, points: BoolArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the unknowns (s,) of some of the points, and their reduced normals (s, s) and right sides (s,)."""
-    every = []
-    for part in [part for group in network.groups for part in group.some(points[group.point])]:
-        E = eliminate(network, state, part)
-        every.append((network.unknowns(part, E.extras.index), *local_normals(network, part, E)))
-    unknowns = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(of.reshape(-1) for of, _, _ in every)]))
+def _reduced(unknowns: IntArray, points: list[PointChecks]) -> tuple[FloatArray, FloatArray]:
+    """Return the reduced normals (s, s) and right sides (s,) that points have by unknowns, all of theirs.
+
+    With partials A of observations that the point follows, A'PA and -A'Pv.
+    """
     matrix, rhs = np.zeros((len(unknowns), len(unknowns))), np.zeros(len(unknowns))
-    for of, matrices, sides in every:
-        rows = np.searchsorted(unknowns, of)
-        np.add.at(matrix, (rows[:, :, None], rows[:, None, :]), matrices)
-        np.add.at(rhs, rows, sides)
-    return unknowns, matrix, rhs
+    for checks in points:
+        rows = np.searchsorted(unknowns, checks.unknowns)
+        weighted = np.swapaxes(checks.partials * checks.weight[..., None], 1, 2)
+        np.add.at(matrix, (rows[:, :, None], rows[:, None, :]), weighted @ checks.partials)
+        np.add.at(rhs, rows, -(weighted @ checks.residual[..., None])[..., 0])
+    return matrix, rhs
