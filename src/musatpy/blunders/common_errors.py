@@ -6,7 +6,7 @@ where c'P Qvv P c = c'Pc - (A'Pc)' N^-1 (A'Pc) (Baarda 1968); points are elimina
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,8 @@ from musatpy.blunders.tides import tide_groups
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
 
 if TYPE_CHECKING:
-    from musatpy.blunders.linear_model import LinearModel, PointChecks
+    from musatpy.blunders.checks import CheckedPoints
+    from musatpy.blunders.linear_model import LinearModel
 
 _K = ObservationKind
 
@@ -50,19 +51,15 @@ class CommonErrors:
     @classmethod
     def of(cls, model: LinearModel) -> CommonErrors:
         """Return those of all observations of a linear model."""
-        network, block = model.network, model.scene.block
-        columns = tuple(_columns(network, block))
+        block = model.scene.block
+        columns = tuple(_columns(model.network, block))
         sums = cls(
             columns=columns,
             weight=np.zeros(len(columns)),
             pull=np.zeros(len(columns)),
             coupling=np.zeros((len(columns), len(model.step))),
         )
-        if model.loose is not None:
-            loose, on_images = model.loose.left_over, [column.on_images for column in columns]
-            sums.weight[on_images], sums.pull[on_images] = loose.weight, loose.pull
-            sums.coupling[on_images, : loose.coupling.shape[1]] = loose.coupling
-        sums._add_points(network, model.state, block, model.points)
+        sums._add(block, model)
         for number, column in enumerate(columns):
             if column.stations is not None:
                 weighted = model.station_weight * column.stations
@@ -71,35 +68,29 @@ class CommonErrors:
                 sums.pull[number] += float(np.sum(weighted * model.stations))
         return sums
 
-    @classmethod
-    def told(
-        cls, model: LinearModel, before: LinearModel, old: Iterable[PointChecks], new: Iterable[PointChecks]
-    ) -> CommonErrors:
-        """Return those of a model told from another one `before`: `new` checks of points in place of `old`.
-
-        Both are of the residuals after the step of the model.
-        """
-        sums, block = before.common, model.scene.block
-        sums = replace(
-            sums,
-            weight=sums.weight.copy(),
-            pull=sums.pull + sums.coupling @ (model.step - before.step),
-            coupling=sums.coupling.copy(),
-        )
-        sums._add_points(before.network, before.state, block, old, -1.0)
-        sums._add_points(model.network, model.state, block, new)
+    def told(self, step: FloatArray, block: Block, before: CheckedPoints, after: CheckedPoints) -> CommonErrors:
+        """Return those after a step (u,) more, with points `after` in place of those `before`, both after it."""
+        weight, pull, coupling = self.weight.copy(), self.pull + self.coupling @ step, self.coupling.copy()
+        sums = replace(self, weight=weight, pull=pull, coupling=coupling)
+        sums._add(block, before, -1.0)
+        sums._add(block, after)
         return sums
 
-    def _add_points(
-        self, network: Network, state: State, block: Block, points: Iterable[PointChecks], sign: float = 1.0
-    ) -> None:
+    def _add(self, block: Block, points: CheckedPoints, sign: float = 1.0) -> None:
         """Add what the observations of points have in these sums."""
         on_images = [number for number, column in enumerate(self.columns) if column.on_images]
         on_control = [number for number, column in enumerate(self.columns) if column.control is not None]
         control = _stacked([self.columns[number].control for number in on_control])
-        for checks in points:
+        if points.loose is not None:
+            loose = points.loose.left_over
+            self.weight[on_images] += sign * loose.weight
+            self.pull[on_images] += sign * loose.pull
+            self.coupling[on_images, : loose.coupling.shape[1]] += sign * loose.coupling
+        for checks in points.points:
             m = checks.rays.shape[1]
-            parts = [(on_images, slice(0, 2 * m), _errors_of_images(network, state, block, checks.rays))]
+            parts = [
+                (on_images, slice(0, 2 * m), _errors_of_images(points.network, points.state, block, checks.rays))
+            ]
             if on_control and checks.has_priors:
                 of_control = np.where(checks.control[:, None, None] >= 0, control[checks.control], 0.0)
                 parts.append((on_control, slice(2 * m, 2 * m + 3), of_control))

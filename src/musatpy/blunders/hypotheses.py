@@ -15,14 +15,15 @@ from musatpy.adjustment import reliability
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.linear_model import (
+from musatpy.blunders.checks import (
     IMAGES_CHECKED,
+    CheckedPoints,
     Drop,
-    LinearModel,
     PointChecks,
     dropped,
     put_in_again,
 )
+from musatpy.blunders.linear_model import LinearModel
 from musatpy.blunders.revisions import Revision
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.ranking import falling
@@ -87,41 +88,41 @@ def hypotheses(
     is less than the `least` squares, or than this `share` of what the `wanted` hypothesis does that explains most.
     """
     options = [*common_errors(model), *_direct(model)]
-    model = model if near is None else model.some(near)
-    known = [checks for checks in model.points if checks.has_priors]
-    seen = [checks for checks in model.points if not checks.has_priors]
+    checked = model if near is None else model.some(near)
+    known = [checks for checks in checked.points if checks.has_priors]
+    seen = [checks for checks in checked.points if not checks.has_priors]
 
     def share_of_best(options: list[Hypothesis]) -> float:
         return share * max((option.squares for option in options if wanted and wanted(option)), default=0.0)
 
     if wanted is not None:
         worst = [checks.part(checks.squares == checks.squares.max(initial=0.0)) for checks in seen]
-        likely = [option for checks in worst for option in _of_points(model, checks, least)]
-        least = max(least, share_of_best([*options, *likely, *of_worst_point(model, least)]))
+        likely = [option for checks in worst for option in _of_points(checked, checks, least)]
+        least = max(least, share_of_best([*options, *likely, *of_worst_point(checked, least)]))
     options += _stations(model, least)
     for checks in (*known, *seen):
-        options += _of_points(model, checks.explaining(least), least)
+        options += _of_points(checked, checks.explaining(least), least)
         least = max(least, share_of_best(options))
-    loose = model.loose
+    loose = checked.loose
     for checks in loose.checks(loose.explaining(least)) if loose is not None else ():
-        options += _of_points(model, checks, least)
+        options += _of_points(checked, checks, least)
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
-def of_worst_point(model: LinearModel, least: float = 0.0) -> list[Hypothesis]:
+def of_worst_point(points: CheckedPoints, least: float = 0.0) -> list[Hypothesis]:
     """Return what the images explain of the loose point that fits least of all."""
-    loose = model.loose
+    loose = points.loose
     if loose is None:
         return []
     worst = loose.checks(loose.squares == loose.squares.max(initial=0.0))
-    return [option for checks in worst for option in _of_points(model, checks, least)]
+    return [option for checks in worst for option in _of_points(points, checks, least)]
 
 
 def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
     """Return a hypothesis, of images of a point that the model checks and has taken out, with what it explains."""
     rays, point = images.given_up[0].row[::2], np.zeros(model.network.points, dtype=bool)
     point[list(images.point)] = True
-    (checks,) = model.checks(point)
+    checks = next(checks for checks in model.some(point).checks() if len(checks.point))
     order = np.flatnonzero(np.isin(checks.rays[0], rays))
     rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
     weight = model.scene.weight[_K.PLATE][checks.rays[:, order]].reshape(1, -1)
@@ -130,17 +131,17 @@ def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
     return _hypothesis(images.kind, drop, 0, photo=images.photo, point=images.point, given_up=images.given_up)
 
 
-def _of_points(model: LinearModel, checks: PointChecks, least: float) -> Iterator[Hypothesis]:
+def _of_points(points: CheckedPoints, checks: PointChecks, least: float) -> Iterator[Hypothesis]:
     """Yield single images, all images, and what is known of points, where they explain the `least` squares."""
     m = checks.rays.shape[1]
     if not len(checks.point):
         return
     for image, drop in enumerate(checks.image_drops()):
         rows = np.array([2 * image, 2 * image + 1])
-        yield from _largest(model, checks, CauseKind.IMAGE, rows, drop, least, image)
+        yield from _largest(points, checks, CauseKind.IMAGE, rows, drop, least, image)
     if m > 1:
         rows = np.arange(2 * m)
-        yield from _largest(model, checks, CauseKind.IMAGES, rows, checks.drop(rows), least)
+        yield from _largest(points, checks, CauseKind.IMAGES, rows, checks.drop(rows), least)
     if checks.has_priors:
         for kind, rows in (
             (CauseKind.HORIZONTAL, np.arange(2)),
@@ -150,11 +151,11 @@ def _of_points(model: LinearModel, checks: PointChecks, least: float) -> Iterato
         ):
             rows = 2 * m + rows
             if (checks.weight[:, rows] > 0.0).any():
-                yield from _largest(model, checks, kind, rows, checks.drop(rows), least)
+                yield from _largest(points, checks, kind, rows, checks.drop(rows), least)
 
 
 def _largest(
-    model: LinearModel,
+    points: CheckedPoints,
     checks: PointChecks,
     kind: CauseKind,
     rows: IntArray,
@@ -176,7 +177,7 @@ def _largest(
         else:
             components = (rows - 2 * m)[checks.weight[k, rows] > 0.0]
             given_up = GivenUp.of_row(_K.CONTROL, int(checks.control[k]), components)
-        photo = tuple(np.unique(model.network.photo[given_up.row]).tolist()) if given_up.kind is _K.PLATE else ()
+        photo = tuple(np.unique(points.network.photo[given_up.row]).tolist()) if given_up.kind is _K.PLATE else ()
         yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
 
 

@@ -1,266 +1,59 @@
-"""The adjustment of a scene made linear: residuals, and how far each group of observations is checked by the rest.
-
-For a group S of observations that may all be wrong (Baarda 1968, alternatives of several dimensions), with
-r = P v and R = P Qvv P, the sum of squares falls by r_S' R_SS^-1 r_S when they are given up, and their errors
-are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
-"""
+"""The adjustment of a scene made linear: residuals at the minimum, and how far the rest checks each of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment import reliability
-from musatpy.adjustment.compiled_points import CompiledPoints, LeftOver
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import Kept, Linearisation, SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
-from musatpy.adjustment.network import Network, PointGroup, first_rows
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
-from musatpy.adjustment.propagation import pieces, portions
-from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.common_errors import CommonErrors, index_counts
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.blunders.checks import (
+    OTHERS_CHECKED,
+    ROUNDING,
+    CheckedPoints,
+    Drop,
+    Inverse,
+    checked_points,
+    dropped,
+)
+from musatpy.blunders.common_errors import CommonErrors
 from musatpy.blunders.factors import Factors
 from musatpy.blunders.scene import Scene
-from musatpy.model import ObservationKind
 
-IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
-_ROUNDING = 1e-6  # of squares
-_FEW = 8  # photos for each point that asks for its cofactors alone: with less, those of all are cheaper
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
-_K = ObservationKind
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drop:
-    """What giving up k groups of s observations explains."""
-
-    squares: FloatArray  # (k,) by which v'Pv falls
-    parameters: IntArray  # (k,) errors that are really tested
-    error: FloatArray  # (k, s) given minus true, zero where nothing checks it
-    sigma: FloatArray  # (k, s) for sigma0 of 1, NaN where nothing checks it
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PointChecks:
-    """The images (m of each), then the four priors of k points if any has some: o = 2 m + 4 rows, or 2 m."""
-
-    point: IntArray  # (k,)
-    rays: IntArray  # (k, m)
-    control: IntArray  # (k,) row of the control, -1 for none
-    member: IntArray  # (k,) row of the equal elevations, -1 for none
-    residual: FloatArray  # (k, o) adjusted minus observed
-    weight: FloatArray  # (k, o)
-    partials: FloatArray  # (k, o, T) by the unknowns, the point following
-    ground: FloatArray  # (k, o, 3) by the point
-    inverse: FloatArray  # (k, 3, 3) of the normal equations of the point
-    unknowns: IntArray  # (k, T) of the normal equations
-    photo: IntArray  # (k, m)
-    extras: IntArray  # (k, X) further unknowns
-    inverse_of_stations: Inverse
-
-    @property
-    def has_priors(self) -> bool:
-        """Whether anything is known of any of the points."""
-        return bool((self.weight[:, 2 * self.rays.shape[1] :] > 0.0).any())
-
-    @cached_property
-    def squares(self) -> FloatArray:
-        """(k,) weighted squares of the residuals."""
-        return np.asarray(np.sum(self.weight * np.square(self.residual), axis=1))
-
-    @cached_property
-    def cofactor(self) -> FloatArray:
-        """(k, o, o) cofactors of the adjusted observations."""
-        return self.by_stations + self.ground @ self.inverse @ np.swapaxes(self.ground, 1, 2)
-
-    @cached_property
-    def by_stations(self) -> FloatArray:
-        """(k, o, o) those that they have of the stations: a Q a'."""
-        return self.inverse_of_stations.cofactors_of(self.photo, self.extras, self.partials)
-
-    def explaining(self, squares: float) -> PointChecks:
-        """Return the points that have observations that may explain so many squares or more.
-
-        The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
-        1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most.
-        """
-        least = squares * (1.0 - _ROUNDING)
-        likely = self.part(self._most >= least)
-        leverage = np.einsum("koo,ko->k", likely.by_stations, likely.weight)
-        return likely.part(likely.squares >= (1.0 - leverage) * least)
-
-    @property
-    def _most(self) -> FloatArray:
-        """(k,) squares that images, or what is known, may explain: smaller eigenvalues do not count as checked."""
-        own, split = self.weight * np.square(self.residual), 2 * self.rays.shape[1]
-        images, priors = own[:, :split].sum(axis=1), own[:, split:].sum(axis=1)
-        return np.asarray(np.maximum(images / IMAGES_CHECKED, priors / OTHERS_CHECKED))
-
-    def after(self, step: FloatArray, inverse: Inverse) -> PointChecks:
-        """Return the checks after a step (u,) more, by the `inverse` of some normal equations."""
-        residual = self.residual + (self.partials @ step[self.unknowns][..., None])[..., 0]
-        return replace(self, residual=residual, inverse_of_stations=inverse)
-
-    def part(self, taken: BoolArray) -> PointChecks:
-        """Return some of the points, with what has been computed of them."""
-        rows = {
-            one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
-        }
-        part = PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
-        if "by_stations" in vars(self):
-            vars(part)["by_stations"] = self.by_stations[taken]
-        return part
-
-    def image_drops(self) -> list[Drop]:
-        """Return what each image (m) of every point explains, both coordinates."""
-        m = self.rays.shape[1]
-        rows = 2 * np.arange(m)[:, None] + np.arange(2)
-        v, weight = (values[:, rows].reshape(-1, 2) for values in (self.residual, self.weight))
-        Q = self.cofactor[:, rows[:, :, None], rows[:, None, :]].reshape(-1, 2, 2)
-        every = dropped(v, weight, Q, IMAGES_CHECKED)
-        parts = {one.name: getattr(every, one.name) for one in fields(every)}
-        return [Drop(**{name: part[image::m] for name, part in parts.items()}) for image in range(m)]
-
-    def drop(self, rows: IntArray) -> Drop:
-        """Return what the observations `rows` (s,) of every point explain."""
-        checked = IMAGES_CHECKED if rows.max(initial=0) < 2 * self.rays.shape[1] else OTHERS_CHECKED
-        return dropped(
-            self.residual[:, rows], self.weight[:, rows], self.cofactor[:, rows[:, None], rows[None]], checked
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Inverse:
-    """The inverse of normal equations, as much of it as is asked for."""
-
-    factor: Factor
-    held: IntArray  # unknowns of photos
-
-    @cached_property
-    def cofactors(self) -> Cofactors:
-        """The cofactors of all photos that meet."""
-        return self.factor.cofactors().holding(self.held)
-
-    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
-        """Return what `Cofactors.with_border` does."""
-        return self.cofactors.with_border(photo, index)
-
-    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
-        """Return what `Cofactors.cofactors_of` does; of a few points alone without computing all others."""
-        alone = self.worth_alone(len(photo)) and not len(self.held) and "cofactors" not in vars(self)
-        return (self.factor if alone else self.cofactors).cofactors_of(photo, index, partials)
-
-    def worth_alone(self, points: int) -> bool:
-        """Return whether cofactors of so few points cost less than those of all photos that meet."""
-        return _FEW * points <= self.factor.matrix.pattern.count
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoosePoints:
-    """The points of which nothing is known, for compiled kernels: checked by the others only where asked for."""
-
-    compiled: CompiledPoints
-    state: State
-    inverse: Inverse
-    step: FloatArray  # (u,)
-    among: BoolArray  # (p,) those that are meant
-    camera: IntArray | None  # (n,) of the photos, where common errors are asked for
-    with_index: bool  # whether that of the index of the water is
-
-    def some(self, points: BoolArray) -> LoosePoints:
-        """Return those among some points (p,), without common errors."""
-        return replace(self, among=self.among & points, camera=None, with_index=False)
-
-    @cached_property
-    def left_over(self) -> LeftOver:
-        """What the step leaves of their images, and what errors of the cameras and of the index do in it."""
-        return self.compiled.left_over(self.state, self.step, self.among, self.camera, self.with_index)
-
-    @property
-    def squares(self) -> FloatArray:
-        """(p,) weighted squares of the residuals, 0 for other points."""
-        return self.left_over.squares
-
-    def explaining(self, squares: float) -> BoolArray:
-        """Return which points (p,) have images that may explain so many squares or more.
-
-        Some images of a point explain no more than all of them: the more is given up, the less is left. Of a few
-        points it is not asked.
-        """
-        likely = self.among & (self.squares >= IMAGES_CHECKED * squares)
-        if self.inverse.worth_alone(int(np.count_nonzero(likely))):
-            return likely
-        together = self.compiled.together(self.state, self.step, self.inverse.cofactors, likely)
-        return likely & (together >= squares * (1.0 - _ROUNDING))
-
-    def checks(self, points: BoolArray) -> Iterator[PointChecks]:
-        """Yield the checks of some of the points (p,)."""
-        network, points = self.compiled.network, points & self.among
-        every = [part for group in self.compiled.loose for part in group.some(points[group.point])]
-        groups = [part.part(rows) for part in every for rows in portions(network, part)]
-        linear = self.compiled.linear_images(self.state, groups, self.step)
-        for group, images in zip(groups, linear, strict=True):
-            k = len(group.point)
-            extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
-            yield PointChecks(
-                point=group.point,
-                rays=group.rays,
-                control=nothing,
-                member=nothing,
-                weight=network.weight[group.rays].reshape(k, -1),
-                unknowns=network.unknowns(group, extras),
-                photo=network.photo[group.rays],
-                extras=extras,
-                inverse_of_stations=self.inverse,
-                **images._asdict(),
-            )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinearModel:
-    """The linear adjustment of a scene at a state, some observations out."""
+class LinearModel(CheckedPoints):
+    """The linear adjustment of a scene at a state, some observations out; its points after the step."""
 
     scene: Scene
-    state: State
-    network: Network  # with the weights of what is in
     factor: Factor
     kept: Kept | None  # these normals, where an adjustment nearby may use them
     inverse: Inverse
     step: FloatArray  # (u,) to the minimum
-    points: tuple[PointChecks, ...]
-    loose: LoosePoints | None  # other points, for compiled kernels
-    minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
-    told: Told | None = None  # from another model
+
+    @cached_property
+    def minimum(self) -> State:
+        """Stations and kept points after the step, for the observations of these alone."""
+        return _after(self.network, self.state, self.step)
 
     @cached_property
     def common(self) -> CommonErrors:
         """What errors do that are common to many observations."""
-        told = self.told
-        return CommonErrors.told(self, told.model, told.before, told.after) if told else CommonErrors.of(self)
-
-    def some(self, points: BoolArray) -> LinearModel:
-        """Return the model with the checks of some of its points (p,)."""
-        parts = tuple(checks.part(points[checks.point]) for checks in self.points)
-        part = replace(self, points=parts, loose=self.loose and self.loose.some(points))
-        vars(part)["common"] = self.common
-        return part
-
-    def checks(self, points: BoolArray) -> Iterator[PointChecks]:
-        """Yield the checks of some of the points (p,)."""
-        yield from (checks.part(points[checks.point]) for checks in self.points if points[checks.point].any())
-        yield from self.loose.checks(points) if self.loose else ()
+        return CommonErrors.of(self)
 
     @property
     def cofactors(self) -> Cofactors:
@@ -277,7 +70,7 @@ class LinearModel:
     def stations_explaining(self, squares: float, columns: IntArray) -> IntArray:
         """Return the photos (k,) some of whose observations may explain so many squares or more."""
         own = np.sum(self.station_weight[:, columns] * np.square(self.stations[:, columns]), axis=1)
-        return np.flatnonzero((own > 0.0) & (own >= OTHERS_CHECKED * (1.0 - _ROUNDING) * squares))
+        return np.flatnonzero((own > 0.0) & (own >= OTHERS_CHECKED * (1.0 - ROUNDING) * squares))
 
     def station_drop(self, photo: IntArray, columns: IntArray) -> Drop:
         """Return what some of the observations of photos (k,) explain."""
@@ -285,47 +78,6 @@ class LinearModel:
         unit = np.broadcast_to(np.eye(self.stations.shape[1])[columns], (*v.shape, self.stations.shape[1]))
         Q = self.inverse.cofactors_of(photo[:, None], np.zeros((len(photo), 0), dtype=np.int64), unit)
         return dropped(v, weight, Q, OTHERS_CHECKED)
-
-
-def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
-    """Return what groups of observations explain: residuals and weights (k, s), cofactors (k, s, s) adjusted."""
-    root = np.sqrt(weight)
-    used = root > 0.0
-    share = np.eye(v.shape[1]) * used[:, None, :] - root[:, :, None] * Q * root[:, None, :]
-    values, vectors = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
-    tested = values > checked
-    inverse = np.where(tested, 1.0 / np.where(tested, values, 1.0), 0.0)
-    u = np.einsum("kij,ki->kj", vectors, root * v)
-    sigma = np.where(used, 1.0 / np.where(used, root, 1.0), 0.0)
-    solved = vectors * inverse[:, None, :]
-    blind = np.einsum("kij,kj->ki", np.square(vectors), ~tested * 1.0) > 0.5
-    variance = np.einsum("kij,kij->ki", solved, vectors) * np.square(sigma)
-    return Drop(
-        squares=np.einsum("kj,kj->k", np.square(u), inverse),
-        parameters=np.count_nonzero(tested, axis=1),
-        error=-sigma * np.einsum("kij,kj->ki", solved, u),
-        sigma=np.where(blind | ~used, np.nan, np.sqrt(variance)),
-    )
-
-
-def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return residuals and cofactors of groups of observations that take part, from those by all others alone.
-
-    Residuals (k, s) and cofactors (k, s, s) of what the others predict; they come in with weights (k, s): with
-    G = P^1/2 Q P^1/2, P^1/2 v becomes (1 + G)^-1 P^1/2 v, and G becomes 1 - (1 + G)^-1.
-    """
-    root, unit = np.sqrt(weight), np.eye(v.shape[1])
-    left = np.linalg.inv(unit + root[:, :, None] * Q * root[:, None, :])
-    return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Told:
-    """From which `model` a linear model is told; what it tells otherwise, `before` and `after`, by its own step."""
-
-    model: LinearModel
-    before: tuple[PointChecks, ...]
-    after: tuple[PointChecks, ...]
 
 
 def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
@@ -345,85 +97,30 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
 
 def solved(scene: Scene, network: Network, state: State, line: Linearisation, inverse: Inverse) -> LinearModel:
     """Return the linear adjustment of a scene whose normal equations have a factor: that of `inverse`."""
-    step, compiled, loose = inverse.factor.solve(line.rhs), network.compiled, None
-    if compiled is not None:
-        loose = LoosePoints(
-            compiled=compiled,
-            state=state,
-            inverse=inverse,
-            step=step,
-            among=np.ones(network.points, dtype=bool),
-            camera=scene.block.photos.camera,
-            with_index=index_counts(network),
-        )
-    groups = network.groups if compiled is None else (*compiled.bound, *compiled.others)
-    points = tuple(checks.after(step, inverse) for checks in checks_of(scene, network, state, groups, inverse))
-    return _with_checks(scene, network, state, line, inverse, step, points, loose, None)
-
-
-def told(
-    scene: Scene,
-    network: Network,
-    state: State,
-    line: Linearisation,
-    inverse: Inverse,
-    model: LinearModel,
-    before: list[PointChecks],
-    after: list[PointChecks],
-) -> LinearModel:
-    """Return the linear adjustment of a scene told from the `model` of another one.
-
-    It differs in some points, whose checks are those `before` in that one, and those `after`; all at their best.
-    """
-    step, others = inverse.factor.solve(line.rhs), np.ones(network.points, dtype=bool)
-    for checks in before:
-        others[checks.point] = False
-    moved = step - model.step
-    kept = (checks.part(others[checks.point]).after(moved, inverse) for checks in model.points)
-    old, new = (tuple(checks.after(step, inverse) for checks in points) for points in (before, after))
-    loose = model.loose and replace(model.loose.some(others), step=step, inverse=inverse)
-    of_model = Told(model=model, before=old, after=new)
-    return _with_checks(scene, network, state, line, inverse, step, (*kept, *new), loose, of_model)
-
-
-def _with_checks(
-    scene: Scene,
-    network: Network,
-    state: State,
-    line: Linearisation,
-    inverse: Inverse,
-    step: FloatArray,
-    points: tuple[PointChecks, ...],
-    loose: LoosePoints | None,
-    told: Told | None,
-) -> LinearModel:
-    """Return the linear adjustment of a scene with the `step` to its minimum, and the checks after that."""
+    step = inverse.factor.solve(line.rhs)
+    points = checked_points(scene.block, network, state, inverse, step, np.arange(network.points))
     station_weight, residual = station_rows(network, state)
     return LinearModel(
-        scene=scene,
-        state=state,
         network=network,
+        state=state,
+        points=points.points,
+        loose=points.loose,
+        scene=scene,
         factor=inverse.factor,
         kept=Kept(line=replace(line, context=None), factor=inverse.factor) if line.renewable else None,
         inverse=inverse,
         step=step,
-        minimum=_after(network, state, step),
-        points=points,
-        loose=loose,
-        told=told,
         stations=residual + step[: residual.size].reshape(residual.shape),
         station_weight=station_weight,
     )
 
 
-def by_images(network: Network, state: State, points: BoolArray | None = None) -> State:
-    """Return the state with control points, or some (p,), where their images meet, where these meet well and
-    control is far off.
+def by_images(network: Network, state: State) -> State:
+    """Return the state with control points where their images meet, where these meet well and control is far off.
 
     Images are linear near their point only; control is linear everywhere.
     """
     ground, far = state.ground.copy(), state.squares > _FAR
-    far = far if points is None else far & points
     for group in network.control_groups:
         if group.rays.shape[1] < 2:
             continue
@@ -445,46 +142,3 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
     ground, local = state.ground.copy(), step[network.pattern.order + network.border.kept_columns(kept)]
     ground[kept] += np.einsum("kji,kj->ki", kept_axes(network, ground[kept]), local)
     return replace(after, ground=ground)
-
-
-def checks_of(
-    scene: Scene, network: Network, state: State, groups: Iterable[PointGroup], inverse: Inverse
-) -> Iterator[PointChecks]:
-    """Yield the checks of groups of points, each at its best for the stations as they are."""
-    block = scene.block
-    control = first_rows(block.control.point, network.points)
-    member = first_rows(block.equal_elevations.point, network.points)
-    for group in groups:
-        for _, piece in pieces(network, state, group, inverse):
-            point = piece.group.point
-            yield _checks_of(network, piece, inverse, control[point], member[point])
-
-
-def _checks_of(
-    network: Network, piece: Piece, inverse: Inverse, control: IntArray, member: IntArray
-) -> PointChecks:
-    E, rays = piece.E, piece.group.rays
-    k = len(rays)
-    a, b = reliability.image_partials(network, piece)
-    v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
-    known = E.normals.priors
-    if known is not None:
-        a_known, b_known = reliability.prior_partials(piece)
-        a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
-        v = np.concatenate([v, -known.deviation], axis=1)
-        weight = np.concatenate([weight, known.weight], axis=1)
-    return PointChecks(
-        point=piece.group.point,
-        rays=rays,
-        control=control,
-        member=member,
-        residual=v + (b @ E.shift[..., None])[..., 0],
-        weight=weight,
-        partials=a,
-        ground=b,
-        inverse=E.inverse,
-        unknowns=network.unknowns(piece.group, E.extras.index),
-        photo=piece.photo,
-        extras=E.extras.index,
-        inverse_of_stations=inverse,
-    )
