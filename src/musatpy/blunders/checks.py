@@ -112,15 +112,14 @@ class PointChecks:
             vars(part)["by_stations"] = self.by_stations[taken]
         return part
 
-    def image_drops(self) -> list[Drop]:
-        """Return what each image (m) of every point explains, both coordinates."""
+    def images_drop(self) -> Drop:
+        """Return what the k m images of the points explain, each alone, both coordinates."""
         m = self.rays.shape[1]
         rows = 2 * np.arange(m)[:, None] + np.arange(2)
         v, weight = (values[:, rows].reshape(-1, 2) for values in (self.residual, self.weight))
-        Q = self.cofactor[:, rows[:, :, None], rows[:, None, :]].reshape(-1, 2, 2)
-        every = dropped(v, weight, Q, IMAGES_CHECKED)
-        parts = {one.name: getattr(every, one.name) for one in fields(every)}
-        return [Drop(**{name: part[image::m] for name, part in parts.items()}) for image in range(m)]
+        return dropped(
+            v, weight, self.cofactor[:, rows[:, :, None], rows[:, None, :]].reshape(-1, 2, 2), IMAGES_CHECKED
+        )
 
     def drop(self, rows: IntArray) -> Drop:
         """Return what the observations `rows` (s,) of every point explain."""

@@ -98,7 +98,8 @@ def hypotheses(
     if wanted is not None:
         worst = [checks.part(checks.squares == checks.squares.max(initial=0.0)) for checks in seen]
         likely = [option for checks in worst for option in _of_points(checked, checks, least)]
-        least = max(least, share_of_best([*options, *likely, *of_worst_point(checked, least)]))
+        least = max(least, share_of_best([*options, *likely]))
+        least = max(least, share_of_best(of_worst_point(checked, least)))
     options += _stations(model, least)
     for checks in (*known, *seen):
         options += _of_points(checked, checks.explaining(least), least)
@@ -110,9 +111,9 @@ def hypotheses(
 
 
 def of_worst_point(points: CheckedPoints, least: float = 0.0) -> list[Hypothesis]:
-    """Return what the images explain of the loose point that fits least of all."""
+    """Return what the images explain of the loose point that fits least of all, if its squares are the `least`."""
     loose = points.loose
-    if loose is None:
+    if loose is None or loose.squares.max(initial=0.0) < least:
         return []
     worst = loose.checks(loose.squares == loose.squares.max(initial=0.0))
     return [option for checks in worst for option in _of_points(points, checks, least)]
@@ -136,49 +137,43 @@ def _of_points(points: CheckedPoints, checks: PointChecks, least: float) -> Iter
     m = checks.rays.shape[1]
     if not len(checks.point):
         return
-    for image, drop in enumerate(checks.image_drops()):
-        rows = np.array([2 * image, 2 * image + 1])
-        yield from _largest(points, checks, CauseKind.IMAGE, rows, drop, least, image)
+    yield from _of_images(points, checks, CauseKind.IMAGE, checks.rays.reshape(-1, 1), checks.images_drop(), least)
     if m > 1:
-        rows = np.arange(2 * m)
-        yield from _largest(points, checks, CauseKind.IMAGES, rows, checks.drop(rows), least)
+        yield from _of_images(points, checks, CauseKind.IMAGES, checks.rays, checks.drop(np.arange(2 * m)), least)
     if checks.has_priors:
-        for kind, rows in (
+        for kind, components in (
             (CauseKind.HORIZONTAL, np.arange(2)),
             (CauseKind.VERTICAL, np.array([2])),
             (CauseKind.CONTROL, np.arange(3)),
             (CauseKind.ELEVATION, np.array([3])),
         ):
-            rows = 2 * m + rows
-            if (checks.weight[:, rows] > 0.0).any():
-                yield from _largest(points, checks, kind, rows, checks.drop(rows), least)
+            if (checks.weight[:, 2 * m + components] > 0.0).any():
+                yield from _of_priors(checks, kind, components, least)
 
 
-def _largest(
-    points: CheckedPoints,
-    checks: PointChecks,
-    kind: CauseKind,
-    rows: IntArray,
-    drop: Drop,
-    least: float,
-    image: int | None = None,
+def _of_images(
+    points: CheckedPoints, checks: PointChecks, kind: CauseKind, rays: IntArray, drop: Drop, least: float
 ) -> Iterator[Hypothesis]:
-    m = checks.rays.shape[1]
+    """Yield groups of images `rays` (g, r) of points, as many groups of each."""
+    for g in _most(np.where(drop.parameters > 0, drop.squares, 0.0), least):
+        photo = tuple(np.unique(points.network.photo[rays[g]]).tolist())
+        point = int(checks.point[g * len(checks.point) // len(rays)])
+        yield _hypothesis(kind, drop, g, photo=photo, point=(point,), given_up=(GivenUp.of_images(rays[g]),))
+
+
+def _of_priors(checks: PointChecks, kind: CauseKind, components: IntArray, least: float) -> Iterator[Hypothesis]:
+    """Yield what is known of points, some `components` of it."""
+    rows = 2 * checks.rays.shape[1] + components
+    drop, known = checks.drop(rows), checks.weight[:, rows] > 0.0
     squares = np.where(drop.parameters > 0, drop.squares, 0.0)
     if kind is CauseKind.CONTROL:  # with one of its parts known only, it is that part
-        known = checks.weight[:, rows] > 0.0
         squares[~(known[:, :2].any(axis=1) & known[:, 2])] = 0.0
     for k in _most(squares, least):
-        if image is not None or kind is CauseKind.IMAGES:
-            rays = checks.rays[k] if image is None else checks.rays[k, image : image + 1]
-            given_up = GivenUp.of_images(rays)
-        elif kind is CauseKind.ELEVATION:
+        if kind is CauseKind.ELEVATION:
             given_up = GivenUp.of_row(_K.EQUAL_ELEVATION, int(checks.member[k]), np.array([0]))
         else:
-            components = (rows - 2 * m)[checks.weight[k, rows] > 0.0]
-            given_up = GivenUp.of_row(_K.CONTROL, int(checks.control[k]), components)
-        photo = tuple(np.unique(points.network.photo[given_up.row]).tolist()) if given_up.kind is _K.PLATE else ()
-        yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
+            given_up = GivenUp.of_row(_K.CONTROL, int(checks.control[k]), components[known[k]])
+        yield _hypothesis(kind, drop, k, point=(int(checks.point[k]),), given_up=(given_up,))
 
 
 def _stations(model: LinearModel, least: float) -> Iterator[Hypothesis]:
