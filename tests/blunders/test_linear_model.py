@@ -13,6 +13,7 @@ from blunders.study import strip
 from musatpy.adjustment import kernels, simultaneous
 from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import point_squares
+from musatpy.blunders import explanation
 from musatpy.blunders.checks import dropped, put_in_again
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
@@ -197,25 +198,66 @@ def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:
                 assert few[option.key].squares == pytest.approx(option.squares, rel=1e-12)
 
 
-def test_a_model_told_from_another_is_one_from_scratch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An image and a control point are given up; the model takes either in again, too."""
+@pytest.mark.parametrize("kernel", [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("wet", [False, True])
+def test_a_model_told_from_another_is_one_from_scratch(
+    wet: bool, kernel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An image of a point, dry or under water, is given up, and a control point; either is taken in again."""
+    if kernel == kernels.NUMBA:
+        pytest.importorskip("numba")
+    monkeypatch.setenv(kernels.VARIABLE, kernel)
     monkeypatch.setattr(simultaneous, "LARGE", 0)  # of a small block a new factor is cheaper
     case = wrong()
+    image = _image_of_a_loose_point(case, wet)
     every = case.factors()
-    less = {kind: values.copy() for kind, values in every.items()}
-    less[ObservationKind.PLATE][7] = 1e-6
+    alone, less = ({kind: values.copy() for kind, values in every.items()} for _ in range(2))
+    alone[ObservationKind.PLATE][image] = less[ObservationKind.PLATE][image] = 1e-6
     less[ObservationKind.CONTROL][1] = 1e-6
-    for before, after in ((every, less), (less, every)):
+    for before, after in ((every, less), (less, every), (every, alone)):
         first, scratch = (linear_model(case.scene, factors, case.state) for factors in (before, after))
+        assert (scratch.loose is None) == (kernel == kernels.NUMPY)
         told = Origin(model=first, state=case.state, factors=before).neighbour(case.scene, after, case.state)
-        assert told is not None
+        assert told is not None and told is not first
         size = np.sqrt(scratch.cofactors.diagonal())
         np.testing.assert_allclose(told.step / size, scratch.step / size, rtol=0.0, atol=1e-6)
         np.testing.assert_allclose(told.cofactors.diagonal(), size**2, rtol=1e-8)
         np.testing.assert_allclose(told.state.ground, scratch.state.ground, rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(told.stations, scratch.stations, rtol=1e-6, atol=1e-9)
         assert told.squares == pytest.approx(scratch.squares, rel=1e-9)
+        sums, twins = told.common, scratch.common
+        scale = np.sqrt(twins.weight)
+        np.testing.assert_allclose(sums.weight, twins.weight, rtol=1e-9)
+        np.testing.assert_allclose(sums.pull / scale, twins.pull / scale, rtol=0.0, atol=1e-5)
+        np.testing.assert_allclose(sums.coupling * size, twins.coupling * size, rtol=0.0, atol=1e-6 * scale.max())
         for option, twin in zip(hypotheses(told)[:20], hypotheses(scratch)[:20], strict=True):
             assert (option.key, option.squares) == (twin.key, pytest.approx(twin.squares, rel=1e-7))
+
+
+def _image_of_a_loose_point(case: Case, wet: bool) -> int:
+    """Return an image of a point with two others at least, all of them wet or dry, of which nothing is known."""
+    network = case.scene.network
+    group = next(group for group in network.pass_groups if group.rays.shape[1] > 2)
+    rays = group.rays[(network.refracted[group.rays] == wet).all(axis=1)]
+    return int(rays[0, 0])
+
+
+def test_trials_take_the_step_of_their_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it falls as foreseen, they are where iterations end; where not, they iterate."""
+    monkeypatch.setattr(simultaneous, "LARGE", 0)
+    case = wrong()
+    factors, best = case.factors(), next(option for option in options() if option.kind is _K.CONTROL)
+    origin = Origin(model=linear_model(case.scene, factors, case.state), state=case.state, factors=factors)
+    iterated = with_hypothesis(case, best, 1.0, None)
+    taken = []
+    monkeypatch.setattr(explanation, "readjusted", lambda case, kept: taken.append(kept) or case)
+    stepped = with_hypothesis(case, best, 1.0, None, origin)
+    assert not taken
+    assert stepped.squares == pytest.approx(iterated.squares, abs=0.1)
+    monkeypatch.setattr(explanation, "_SAME", 0.0)
+    monkeypatch.setattr(explanation, "_MISJUDGED", 0.0)
+    with_hypothesis(case, best, 1.0, None, origin)
+    assert len(taken) == 1
 
 
 def test_a_model_of_other_stations_or_of_many_points_is_not_told_from_another(

@@ -175,7 +175,7 @@ class CompiledRows:
             normal=plain(over.normal),
             depth=plain(over.depth),
             tangent=np.full(len(wet), np.nan),
-            rise=1.0 / over.secant if network.water.per_photo else np.zeros(0),
+            rise=np.append(1.0 / over.secant, 0.0) if network.water.per_photo else np.zeros(0),
             refraction=float(state.index),
         )
         return water

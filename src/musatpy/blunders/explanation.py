@@ -199,9 +199,9 @@ def _at_minimum(case: Case, model: LinearModel, variance: float) -> Case:
     scene, network, kept = case.scene, model.network, model.kept
     if kept and network.sea is None and sensible_water(network, model.minimum) and scene.effort.left:
         scene.effort.spend(1)
-        state, length = ground_points.settle(network, model.minimum), kept.line.length(model.step)
-        before, after = (sum_of_squares(network, at) for at in (model.state, state))
-        if abs(before - after - length**2) <= max(variance * _SAME, np.sqrt(variance) * _MISJUDGED * length):
+        state, foreseen = ground_points.settle(network, model.minimum), float(kept.line.rhs @ model.step)
+        fall = sum_of_squares(network, model.state) - sum_of_squares(network, state)
+        if abs(fall - foreseen) <= max(variance * _SAME, _MISJUDGED * np.sqrt(variance * max(foreseen, 0.0))):
             return replace(case, state=state, squares=squares_in(scene, case.out, state))
     return readjusted(replace(case, state=model.state), kept)
 
