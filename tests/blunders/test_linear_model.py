@@ -13,9 +13,11 @@ from blunders.study import strip
 from musatpy.adjustment import kernels, simultaneous
 from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import point_squares
+from musatpy.blunders import explanation
+from musatpy.blunders.checks import dropped, put_in_again
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
-from musatpy.blunders.hypotheses import Hypothesis, _columns, _of_columns, hypotheses
-from musatpy.blunders.linear_model import dropped, linear_model, put_in_again
+from musatpy.blunders.hypotheses import Hypothesis, hypotheses
+from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.scene import Effort, staged
 from musatpy.model import CauseKind, ObservationKind
@@ -52,7 +54,7 @@ def test_the_squares_that_a_hypothesis_explains_are_lost_by_the_adjustment(kind:
     case = wrong()
     squares = linear_model(case.scene, case.factors(), case.state).squares
     best = next(one for one in options() if one.kind is kind)
-    trial = with_hypothesis(case, best, None)
+    trial = with_hypothesis(case, best, 1.0, None)
     # two percent: a metre is a thousandth of the flying height, and turns the rays by as much
     assert squares - trial.squares == pytest.approx(best.squares, rel=0.02, abs=0.01 * squares)
 
@@ -60,10 +62,11 @@ def test_the_squares_that_a_hypothesis_explains_are_lost_by_the_adjustment(kind:
 def test_images_of_points_together_explain_what_each_does() -> None:
     case = wrong()
     for checks in linear_model(case.scene, case.factors(), case.state).points:
-        for image, together in enumerate(checks.image_drops()):
+        together, m = checks.images_drop(), checks.rays.shape[1]
+        for image in range(m):
             alone = checks.drop(np.array([2 * image, 2 * image + 1]))
             for name in ("squares", "parameters", "error", "sigma"):
-                np.testing.assert_allclose(getattr(together, name), getattr(alone, name), rtol=1e-12)
+                np.testing.assert_allclose(getattr(together, name)[image::m], getattr(alone, name), rtol=1e-12)
 
 
 @pytest.mark.slow  # kernels are compiled first
@@ -154,9 +157,9 @@ def test_compiled_kernels_and_numpy_have_the_same_common_errors(
     numpy = linear_model(scene, factors, state)
     monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
     compiled = linear_model(replace(scene, network=replace(scene.network)), factors, state)
-    columns = list(_columns(numpy))
+    columns = numpy.common.columns
     assert sum(column.on_images for column in columns) == (7 if wet else 6)
-    sums, twins = _of_columns(compiled, columns), _of_columns(numpy, columns)
+    sums, twins = ((of.weight, of.pull, of.coupling) for of in (compiled.common, numpy.common))
     assert (twins[0][:6] > 0.0).all()
     size = np.sqrt(np.maximum(twins[0], 1.0))  # of c'P^1/2
     # residuals are of some sigmas, and partials by the angles of a station of many thousands
@@ -169,7 +172,8 @@ def test_no_observations_of_a_point_explain_more_than_its_bound() -> None:
     case, taken = wrong(), []
     for checks in linear_model(case.scene, case.factors(), case.state).points:
         m = checks.rays.shape[1]
-        every = [*checks.image_drops(), checks.drop(np.arange(2 * m))]
+        every = [checks.drop(np.array([2 * image, 2 * image + 1])) for image in range(m)]
+        every.append(checks.drop(np.arange(2 * m)))
         if checks.has_priors:
             every += [checks.drop(2 * m + np.array(rows)) for rows in ([0, 1], [2], [0, 1, 2, 3])]
         most = np.max([drop.squares for drop in every], axis=0)
@@ -194,25 +198,66 @@ def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:
                 assert few[option.key].squares == pytest.approx(option.squares, rel=1e-12)
 
 
-def test_a_model_told_from_another_is_one_from_scratch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An image and a control point are given up; the model takes either in again, too."""
+@pytest.mark.parametrize("kernel", [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("wet", [False, True])
+def test_a_model_told_from_another_is_one_from_scratch(
+    wet: bool, kernel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An image of a point, dry or under water, is given up, and a control point; either is taken in again."""
+    if kernel == kernels.NUMBA:
+        pytest.importorskip("numba")
+    monkeypatch.setenv(kernels.VARIABLE, kernel)
     monkeypatch.setattr(simultaneous, "LARGE", 0)  # of a small block a new factor is cheaper
     case = wrong()
+    image = _image_of_a_loose_point(case, wet)
     every = case.factors()
-    less = {kind: values.copy() for kind, values in every.items()}
-    less[ObservationKind.PLATE][7] = 1e-6
+    alone, less = ({kind: values.copy() for kind, values in every.items()} for _ in range(2))
+    alone[ObservationKind.PLATE][image] = less[ObservationKind.PLATE][image] = 1e-6
     less[ObservationKind.CONTROL][1] = 1e-6
-    for before, after in ((every, less), (less, every)):
+    for before, after in ((every, less), (less, every), (every, alone)):
         first, scratch = (linear_model(case.scene, factors, case.state) for factors in (before, after))
+        assert (scratch.loose is None) == (kernel == kernels.NUMPY)
         told = Origin(model=first, state=case.state, factors=before).neighbour(case.scene, after, case.state)
-        assert told is not None
+        assert told is not None and told is not first
         size = np.sqrt(scratch.cofactors.diagonal())
         np.testing.assert_allclose(told.step / size, scratch.step / size, rtol=0.0, atol=1e-6)
         np.testing.assert_allclose(told.cofactors.diagonal(), size**2, rtol=1e-8)
         np.testing.assert_allclose(told.state.ground, scratch.state.ground, rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(told.stations, scratch.stations, rtol=1e-6, atol=1e-9)
         assert told.squares == pytest.approx(scratch.squares, rel=1e-9)
+        sums, twins = told.common, scratch.common
+        scale = np.sqrt(twins.weight)
+        np.testing.assert_allclose(sums.weight, twins.weight, rtol=1e-9)
+        np.testing.assert_allclose(sums.pull / scale, twins.pull / scale, rtol=0.0, atol=1e-5)
+        np.testing.assert_allclose(sums.coupling * size, twins.coupling * size, rtol=0.0, atol=1e-6 * scale.max())
         for option, twin in zip(hypotheses(told)[:20], hypotheses(scratch)[:20], strict=True):
             assert (option.key, option.squares) == (twin.key, pytest.approx(twin.squares, rel=1e-7))
+
+
+def _image_of_a_loose_point(case: Case, wet: bool) -> int:
+    """Return an image of a point with two others at least, all of them wet or dry, of which nothing is known."""
+    network = case.scene.network
+    group = next(group for group in network.pass_groups if group.rays.shape[1] > 2)
+    rays = group.rays[(network.refracted[group.rays] == wet).all(axis=1)]
+    return int(rays[0, 0])
+
+
+def test_trials_take_the_step_of_their_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it falls as foreseen, they are where iterations end; where not, they iterate."""
+    monkeypatch.setattr(simultaneous, "LARGE", 0)
+    case = wrong()
+    factors, best = case.factors(), next(option for option in options() if option.kind is _K.CONTROL)
+    origin = Origin(model=linear_model(case.scene, factors, case.state), state=case.state, factors=factors)
+    iterated = with_hypothesis(case, best, 1.0, None)
+    taken = []
+    monkeypatch.setattr(explanation, "readjusted", lambda case, kept: taken.append(kept) or case)
+    stepped = with_hypothesis(case, best, 1.0, None, origin)
+    assert not taken
+    assert stepped.squares == pytest.approx(iterated.squares, abs=0.1)
+    monkeypatch.setattr(explanation, "_SAME", 0.0)
+    monkeypatch.setattr(explanation, "_MISJUDGED", 0.0)
+    with_hypothesis(case, best, 1.0, None, origin)
+    assert len(taken) == 1
 
 
 def test_a_model_of_other_stations_or_of_many_points_is_not_told_from_another(
@@ -256,7 +301,7 @@ def test_errors_are_given_minus_true() -> None:
     case = wrong()
     assert control.point == (int(case.scene.block.control.point[1]),)
     focal = next(one for one in options() if one.kind is _K.FOCAL_LENGTH)
-    trial = with_hypothesis(with_hypothesis(case, control, None), focal, None)
+    trial = with_hypothesis(with_hypothesis(case, control, 1.0, None), focal, 1.0, None)
     size, sigma = trial.taken[-1].error[0], trial.taken[-1].sigma[0]
     assert size == pytest.approx(0.05, abs=4.0 * sigma)
     assert sigma < 0.0125  # the sign is certain

@@ -175,7 +175,7 @@ class CompiledRows:
             normal=plain(over.normal),
             depth=plain(over.depth),
             tangent=np.full(len(wet), np.nan),
-            rise=1.0 / over.secant if network.water.per_photo else np.zeros(0),
+            rise=np.append(1.0 / over.secant, 0.0) if network.water.per_photo else np.zeros(0),
             refraction=float(state.index),
         )
         return water
@@ -341,8 +341,10 @@ class CompiledPoints(CompiledRows):
             images.append(out)
         return images
 
-    def left_over(self, state: State, step: FloatArray, camera: IntArray, with_index: bool) -> LeftOver:
-        """Return what a step (u,) of all unknowns leaves of the points of which nothing is known.
+    def left_over(
+        self, state: State, step: FloatArray, points: BoolArray, camera: IntArray | None, with_index: bool
+    ) -> LeftOver:
+        """Return what a step (u,) of all unknowns leaves of `points` (p,) of which nothing is known.
 
         And what errors of the cameras, `camera` (n,) of the photos, and of the index have to do with it.
         """
@@ -350,12 +352,14 @@ class CompiledPoints(CompiledRows):
 
         (at, stations, water), network = self.seen(state), self.network
         known, squares = self.known(state, state.ground), np.zeros(network.points)
+        camera = np.full(network.photos, -1) if camera is None else camera
         step, count = self._of_stations(step), 3 * (int(camera.max()) + 1) + with_index
 
         def work(part: SequencePart) -> checking.Columns:
+            rows = part.rows[points[self.sequence.point[part.rows]]]
             weight, pull, coupling = np.zeros(count), np.zeros(count), np.zeros((count, *step.shape))
             sums = checking.Columns(camera, with_index, weight, pull, coupling)
-            checking.left_over(part.rows, at, stations, water, known, RIDGE, step, sums, squares)
+            checking.left_over(rows, at, stations, water, known, RIDGE, step, sums, squares)
             return sums
 
         sums = self._loose_rows.of_parts(work)

@@ -32,6 +32,19 @@ from musatpy.model import INDEX_RANGE, ObservationKind, Options
 _PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
 
 
+def sum_of_squares(network: Network, state: State) -> float:
+    """Return the weighted sum of squares at a state that has those of its points; infinite if it is senseless."""
+    total = direct_squares(network, state)
+    total += sum(float(state.squares[group.point].sum()) for group in network.groups)
+    return total if np.isfinite(total) else np.inf
+
+
+def sensible_water(network: Network, state: State) -> bool:
+    """Return whether waves and index, where they are unknown, are such as water has: no step was too long."""
+    index = INDEX_RANGE[0] <= state.index <= INDEX_RANGE[1] or not network.border.count(ObservationKind.WATER_INDEX)
+    return index and (network.sea is None or network.sea.at(state.waves).sensible)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simultaneous:
     """The simultaneous adjustment of a network."""
@@ -108,12 +121,7 @@ class Simultaneous:
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
         """Return the weighted sum of squares at `state`; the last one is kept, where the next step begins."""
-        return self._total.made(lambda: self._sum_of_squares(state), state)
-
-    def _sum_of_squares(self, state: State) -> float:
-        total = direct_squares(self.network, state)
-        total += sum(float(state.squares[group.point].sum()) for group in self.network.groups)
-        return total if np.isfinite(total) else np.inf
+        return self._total.made(lambda: sum_of_squares(self.network, state), state)
 
     def apply(self, state: State, step: FloatArray, context: list[Follow]) -> State:
         """Return the state after a step, which the ground points follow by back substitution.
@@ -128,14 +136,7 @@ class Simultaneous:
         for follow in context:
             follow.move(network, state, step, ground)
         after = replace(new, ground=ground)
-        sensible = network.sea is None or network.sea.at(new.waves).sensible
-        if not (
-            sensible
-            and (
-                INDEX_RANGE[0] <= new.index <= INDEX_RANGE[1]
-                or not network.border.count(ObservationKind.WATER_INDEX)
-            )
-        ):
+        if not sensible_water(network, new):
             squares = np.full_like(state.squares, np.inf)  # the step was too long
             return replace(after, squares=squares)
         after = self.with_squares(after)

@@ -85,15 +85,10 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
 
 
 def _rest(last: Snooped, found: list[Hypothesis]) -> Origin | None:
-    """Return the linear model of the search at rest, with the checks of what was found of points.
-
-    None where there is nothing of these, or the model is singular.
-    """
-    points, near = [point for member in found for point in member.point], np.zeros(last.scene.network.points, bool)
-    near[points] = True
-    if points:
+    """Return the linear model of the search at rest, None where nothing was found of points, or it is singular."""
+    if any(member.point for member in found):
         with suppress(*GIVEN_UP):
-            return at_rest(last, near)
+            return at_rest(last)
     return None
 
 
@@ -219,7 +214,7 @@ def _ranked(
     """Return a hypothesis and its competitors, the cheapest explanation first; `rest` is the search at rest."""
     try:
         near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
-        model, _ = model_of(case, rest)
+        model, origin = model_of(case, rest)
         options = hypotheses(model, near, lambda option: option.key == member.key, _NEARLY)
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
@@ -241,7 +236,7 @@ def _ranked(
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
-        trial = with_hypothesis(case, option, sea, model.kept)
+        trial = with_hypothesis(case, option, variance, sea, origin)
         if worst - trial.squares >= _WORTH * (worst - final):
             tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]

@@ -13,16 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.iteration import Kept, Until
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.robust import FITS, chi_square_limit
+from musatpy.adjustment.simultaneous import sensible_water, sum_of_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
-from musatpy.blunders.linear_model import LinearModel, linear_model
+from musatpy.blunders.linear_model import LinearModel, linear_model, solved
 from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
 from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, at_their_best, scene_of, sizes
@@ -47,6 +49,7 @@ _GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much
 _ALIKE = 0.99  # of the squares that the best explains of gross errors
 _SURE = 0.75  # of the difference of two costs in the linear model: so much is left of it when they are adjusted
 _DOUBT = 2.0  # times what that model has misjudged of the best: by so much more it may of the others
+_MISJUDGED = 0.2  # sigmas, of a step, over its length: the next one gains less than what says nothing
 _WEAK = 400.0  # squares over sigma0 squared: what explained more when it was taken was no neighbour's error
 _NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried
 _ITERATIONS = 6  # of a re-adjustment
@@ -188,13 +191,19 @@ def readjusted(
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
 
 
-def _at_minimum(case: Case, model: LinearModel, foreseen: float, variance: float) -> Case:
-    """Return the case re-adjusted: by the step of its linear model, where the squares are as this has foreseen."""
-    if model.kept is not None:
-        case = readjusted(replace(case, state=model.state), model.kept, steps=1)
-        if abs(case.squares - foreseen) <= variance * _SAME:
-            return case
-    return readjusted(case, model.kept)
+def _at_minimum(case: Case, model: LinearModel, variance: float) -> Case:
+    """Return the case re-adjusted: by the step of its linear model, where the squares fall as this has foreseen.
+
+    A step of length L that has misjudged them by d leaves a next one of some d / L (Gauss and Newton).
+    """
+    scene, network, kept = case.scene, model.network, model.kept
+    if kept and network.sea is None and sensible_water(network, model.minimum) and scene.effort.left:
+        scene.effort.spend(1)
+        state, foreseen = ground_points.settle(network, model.minimum), float(kept.line.rhs @ model.step)
+        fall = sum_of_squares(network, model.state) - sum_of_squares(network, state)
+        if abs(fall - foreseen) <= max(variance * _SAME, _MISJUDGED * np.sqrt(variance * max(foreseen, 0.0))):
+            return replace(case, state=state, squares=squares_in(scene, case.out, state))
+    return readjusted(replace(case, state=model.state), kept)
 
 
 def explained(
@@ -219,7 +228,7 @@ def explained(
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
             foreseen = _foreseen(case, model)
-            seen_from_first, case = False, trial or _at_minimum(case, model, foreseen, variance)
+            seen_from_first, case = False, trial or _at_minimum(case, model, variance)
             # where the adjustment is as foreseen, its linear model says what that of the first state has said
             if np.isfinite(case.squares) and abs(case.squares - foreseen) > variance * _SAME:
                 model, origin = model_of(case)
@@ -230,7 +239,7 @@ def explained(
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = trial = cheapest(_trials(case, model, options, variance, sea), variance)
+            best = trial = cheapest(_trials(case, model, origin, options, variance, sea), variance)
             if not np.isfinite(best.squares):
                 break
         first = seen_from_first and best.scene is case.scene
@@ -254,15 +263,17 @@ def model_of(case: Case, origin: Origin | None = None) -> tuple[LinearModel, Ori
     return model, Origin(model=model, state=case.state, factors=factors)
 
 
-def at_rest(last: Snooped, near: BoolArray | None = None) -> Origin:
-    """Return the linear model of a search at rest, with the checks of the points that are `near` (p,).
+def at_rest(last: Snooped) -> Origin:
+    """Return the linear model of a search at rest, by the normal equations there.
 
     Raises `SingularNormalsError`.
     """
     scene, state, judgement = last.scene, last.state, last.judgement
-    near = np.zeros(scene.network.points, dtype=bool) if near is None else near
     factors = factors_of(last.out(), sizes(scene, state))
-    model = linear_model(scene, factors, state, near, (judgement.normals, judgement.inverse))
+    if state is not judgement.state:  # it was stopped
+        return Origin(model=linear_model(scene, factors, state), state=state, factors=factors)
+    network = scene.problem(factors).network
+    model = solved(scene, network, state, judgement.normals.line, judgement.inverse)
     return Origin(model=model, state=state, factors=factors)
 
 
@@ -305,7 +316,12 @@ def covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
 
 
 def _trials(
-    case: Case, model: LinearModel, options: list[Hypothesis], variance: float, sea: Sea | None
+    case: Case,
+    model: LinearModel,
+    origin: Origin,
+    options: list[Hypothesis],
+    variance: float,
+    sea: Sea | None,
 ) -> list[Case]:
     """Return the cases with those of the hypotheses that may cost least, adjusted, the most promising first.
 
@@ -317,7 +333,7 @@ def _trials(
         more = options[0].gain(variance) - option.gain(variance)
         if _SURE * more > _SAME + _DOUBT * misjudged:
             break
-        trials.append(with_hypothesis(case, option, sea, model.kept))
+        trials.append(with_hypothesis(case, option, variance, sea, origin))
         misjudged = max(misjudged, abs(trials[-1].squares + option.squares - foreseen) / variance)
     return trials
 
@@ -397,12 +413,18 @@ def cheapest(cases: list[Case], variance: float) -> Case:
     return min(alike, key=lambda case: _CHEAP.index(case.taken[-1].kind)) if alike else cases[0]
 
 
-def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None, kept: Kept | None = None) -> Case:
-    """Return the case with a hypothesis more, re-adjusted; `kept` are the normals of the case."""
+def with_hypothesis(
+    case: Case, hypothesis: Hypothesis, variance: float, sea: Sea | None, origin: Origin | None = None
+) -> Case:
+    """Return the case with a hypothesis more, re-adjusted, where its linear model may be told from an `origin`."""
     if not hypothesis.given_up:
         return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
     case = _taking(case, hypothesis)
     factors = case.factors()
+    model = origin.neighbour(case.scene, factors, case.state) if origin else None
+    if model:
+        return _at_minimum(case, model, variance)
+    kept = origin.model.kept if origin else None
     # of points of which something is given up: the stations follow little
     state = at_their_best(case.scene, factors, case.state, hypothesis.point)
     return readjusted(replace(case, state=state), kept, factors)

@@ -13,21 +13,19 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.linear_model import (
+from musatpy.blunders.checks import (
     IMAGES_CHECKED,
+    CheckedPoints,
     Drop,
-    LinearModel,
     PointChecks,
     dropped,
-    index_counts,
     put_in_again,
 )
+from musatpy.blunders.linear_model import LinearModel
 from musatpy.blunders.revisions import Revision
-from musatpy.blunders.tides import tide_groups
-from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
+from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.ranking import falling
 
 PENALTY = 16.0  # squares over sigma0 squared that a parameter must explain: the square of the limit of the tests
@@ -90,42 +88,42 @@ def hypotheses(
     is less than the `least` squares, or than this `share` of what the `wanted` hypothesis does that explains most.
     """
     options = [*common_errors(model), *_direct(model)]
-    points = [checks if near is None else checks.part(near[checks.point]) for checks in model.points]
-    known = [checks for checks in points if checks.has_priors]
-    seen = [checks for checks in points if not checks.has_priors and len(checks.point)]
-    loose = model.loose
-    near = np.ones(model.network.points, dtype=bool) if near is None else near
+    checked = model if near is None else model.some(near)
+    known = [checks for checks in checked.points if checks.has_priors]
+    seen = [checks for checks in checked.points if not checks.has_priors]
 
     def share_of_best(options: list[Hypothesis]) -> float:
         return share * max((option.squares for option in options if wanted and wanted(option)), default=0.0)
 
     if wanted is not None:
-        worst = [checks.part(checks.squares == checks.squares.max()) for checks in seen]
-        likely = [option for checks in worst for option in _of_points(model, checks, least)]
-        least = max(least, share_of_best([*options, *likely, *of_worst_point(model, near, least)]))
+        worst = [checks.part(checks.squares == checks.squares.max(initial=0.0)) for checks in seen]
+        likely = [option for checks in worst for option in _of_points(checked, checks, least)]
+        least = max(least, share_of_best([*options, *likely]))
+        least = max(least, share_of_best(of_worst_point(checked, least)))
     options += _stations(model, least)
     for checks in (*known, *seen):
-        options += _of_points(model, checks.explaining(least), least)
+        options += _of_points(checked, checks.explaining(least), least)
         least = max(least, share_of_best(options))
-    for checks in loose.checks(loose.explaining(least, near)) if loose is not None else ():
-        options += _of_points(model, checks, least)
+    loose = checked.loose
+    for checks in loose.checks(loose.explaining(least)) if loose is not None else ():
+        options += _of_points(checked, checks, least)
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
-def of_worst_point(model: LinearModel, near: BoolArray | None = None, least: float = 0.0) -> list[Hypothesis]:
-    """Return what the images explain of the loose point, of those `near` (p,), that fits least of all."""
-    loose = model.loose
-    if loose is None:
+def of_worst_point(points: CheckedPoints, least: float = 0.0) -> list[Hypothesis]:
+    """Return what the images explain of the loose point that fits least of all, if its squares are the `least`."""
+    loose = points.loose
+    if loose is None or loose.squares.max(initial=0.0) < least:
         return []
-    near = np.ones(model.network.points, dtype=bool) if near is None else near
-    worst = loose.checks(near & (loose.squares == loose.squares[near].max(initial=0.0)))
-    return [option for checks in worst for option in _of_points(model, checks, least)]
+    worst = loose.checks(loose.squares == loose.squares.max(initial=0.0))
+    return [option for checks in worst for option in _of_points(points, checks, least)]
 
 
 def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
     """Return a hypothesis, of images of a point that the model checks and has taken out, with what it explains."""
-    rays, (point,) = images.given_up[0].row[::2], images.point
-    checks = next(checks.part(checks.point == point) for checks in model.points if point in checks.point)
+    rays, point = images.given_up[0].row[::2], np.zeros(model.network.points, dtype=bool)
+    point[list(images.point)] = True
+    checks = next(checks for checks in model.some(point).checks() if len(checks.point))
     order = np.flatnonzero(np.isin(checks.rays[0], rays))
     rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
     weight = model.scene.weight[_K.PLATE][checks.rays[:, order]].reshape(1, -1)
@@ -134,54 +132,48 @@ def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
     return _hypothesis(images.kind, drop, 0, photo=images.photo, point=images.point, given_up=images.given_up)
 
 
-def _of_points(model: LinearModel, checks: PointChecks, least: float) -> Iterator[Hypothesis]:
+def _of_points(points: CheckedPoints, checks: PointChecks, least: float) -> Iterator[Hypothesis]:
     """Yield single images, all images, and what is known of points, where they explain the `least` squares."""
     m = checks.rays.shape[1]
     if not len(checks.point):
         return
-    for image, drop in enumerate(checks.image_drops()):
-        rows = np.array([2 * image, 2 * image + 1])
-        yield from _largest(model, checks, CauseKind.IMAGE, rows, drop, least, image)
+    yield from _of_images(points, checks, CauseKind.IMAGE, checks.rays.reshape(-1, 1), checks.images_drop(), least)
     if m > 1:
-        rows = np.arange(2 * m)
-        yield from _largest(model, checks, CauseKind.IMAGES, rows, checks.drop(rows), least)
+        yield from _of_images(points, checks, CauseKind.IMAGES, checks.rays, checks.drop(np.arange(2 * m)), least)
     if checks.has_priors:
-        for kind, rows in (
+        for kind, components in (
             (CauseKind.HORIZONTAL, np.arange(2)),
             (CauseKind.VERTICAL, np.array([2])),
             (CauseKind.CONTROL, np.arange(3)),
             (CauseKind.ELEVATION, np.array([3])),
         ):
-            rows = 2 * m + rows
-            if (checks.weight[:, rows] > 0.0).any():
-                yield from _largest(model, checks, kind, rows, checks.drop(rows), least)
+            if (checks.weight[:, 2 * m + components] > 0.0).any():
+                yield from _of_priors(checks, kind, components, least)
 
 
-def _largest(
-    model: LinearModel,
-    checks: PointChecks,
-    kind: CauseKind,
-    rows: IntArray,
-    drop: Drop,
-    least: float,
-    image: int | None = None,
+def _of_images(
+    points: CheckedPoints, checks: PointChecks, kind: CauseKind, rays: IntArray, drop: Drop, least: float
 ) -> Iterator[Hypothesis]:
-    m = checks.rays.shape[1]
+    """Yield groups of images `rays` (g, r) of points, as many groups of each."""
+    for g in _most(np.where(drop.parameters > 0, drop.squares, 0.0), least):
+        photo = tuple(np.unique(points.network.photo[rays[g]]).tolist())
+        point = int(checks.point[g * len(checks.point) // len(rays)])
+        yield _hypothesis(kind, drop, g, photo=photo, point=(point,), given_up=(GivenUp.of_images(rays[g]),))
+
+
+def _of_priors(checks: PointChecks, kind: CauseKind, components: IntArray, least: float) -> Iterator[Hypothesis]:
+    """Yield what is known of points, some `components` of it."""
+    rows = 2 * checks.rays.shape[1] + components
+    drop, known = checks.drop(rows), checks.weight[:, rows] > 0.0
     squares = np.where(drop.parameters > 0, drop.squares, 0.0)
     if kind is CauseKind.CONTROL:  # with one of its parts known only, it is that part
-        known = checks.weight[:, rows] > 0.0
         squares[~(known[:, :2].any(axis=1) & known[:, 2])] = 0.0
     for k in _most(squares, least):
-        if image is not None or kind is CauseKind.IMAGES:
-            rays = checks.rays[k] if image is None else checks.rays[k, image : image + 1]
-            given_up = GivenUp.of_images(rays)
-        elif kind is CauseKind.ELEVATION:
+        if kind is CauseKind.ELEVATION:
             given_up = GivenUp.of_row(_K.EQUAL_ELEVATION, int(checks.member[k]), np.array([0]))
         else:
-            components = (rows - 2 * m)[checks.weight[k, rows] > 0.0]
-            given_up = GivenUp.of_row(_K.CONTROL, int(checks.control[k]), components)
-        photo = tuple(np.unique(model.network.photo[given_up.row]).tolist()) if given_up.kind is _K.PLATE else ()
-        yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
+            given_up = GivenUp.of_row(_K.CONTROL, int(checks.control[k]), components[known[k]])
+        yield _hypothesis(kind, drop, k, point=(int(checks.point[k]),), given_up=(given_up,))
 
 
 def _stations(model: LinearModel, least: float) -> Iterator[Hypothesis]:
@@ -264,132 +256,22 @@ def _hypothesis(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Column:
-    """What an error of one unit adds to the observations, if it is common to many."""
-
-    kind: CauseKind
-    member: int = 0
-    photo: tuple[int, ...] = ()
-    name: str = ""
-    on_images: bool = False  # `_errors_of_images`
-    control: FloatArray | None = None  # (k, 3)
-    stations: FloatArray | None = None  # (n, q)
-
-
-def _columns(model: LinearModel) -> Iterator[_Column]:
-    """Yield camera constants, the index, units of length, and common errors of tides."""
-    network, block = model.network, model.scene.block
-    n, q = model.stations.shape
-    for camera in range(_cameras(block)):
-        yield _Column(kind=CauseKind.FOCAL_LENGTH, member=camera, on_images=True)
-        for axis in range(2):
-            yield _Column(kind=CauseKind.PRINCIPAL_POINT, member=2 * camera + axis, on_images=True)
-    if index_counts(network):
-        yield _Column(kind=CauseKind.INDEX, on_images=True)
-    yield from _units(block, n, q)
-    if network.water.per_photo:
-        for name, photos in tide_groups(block, network.water.level_weight > 0.0):
-            column = np.zeros((n, q))
-            column[photos, LEVEL] = 1.0
-            yield _Column(kind=CauseKind.TIDES, photo=tuple(photos.tolist()), name=name, stations=column)
-
-
-def _cameras(block: Block) -> int:
-    """Return how many cameras photos have, the last of them included."""
-    return int(block.photos.camera.max()) + 1
-
-
-def _errors_of_images(model: LinearModel, rays: IntArray) -> FloatArray:
-    """Return what errors of one unit add to images (k, m): (k, 2m, C), columns of `_columns` in their order."""
-    network, state, cameras = model.network, model.state, _cameras(model.scene.block)
-    photo, index = network.photo[rays], index_counts(network)
-    camera = 3 * model.scene.block.photos.camera[photo]
-    image = network.xy[rays] + residuals(network, state, rays.reshape(-1)).reshape(*rays.shape, 2)
-    ray = (image - network.principal_point[photo]) / network.focal_length[photo][..., None]
-    out = np.zeros((*rays.shape, 2, 3 * cameras + index))
-    np.put_along_axis(out, camera[..., None, None], -ray[..., None], axis=-1)
-    for axis in range(2):
-        np.put_along_axis(out[:, :, axis], camera[..., None] + 1 + axis, -1.0, axis=-1)
-    if index:
-        wet = network.refracted[rays]
-        out[wet, :, -1] = -index_partials(network, state, rays[wet])
-    return out.reshape(len(rays), 2 * rays.shape[1], -1)
-
-
-def _units(block: Block, photos: int, unknowns: int) -> Iterator[_Column]:
-    """Yield what a wrong unit of length does: to heights, in local jobs to all coordinates."""
-    system = block.options.system
-    if system is CoordinateSystem.GEOCENTRIC:
-        return
-    axes = slice(0, 3) if system is CoordinateSystem.LOCAL else slice(2, 3)
-    control, stations = np.zeros((len(block.control.point), 3)), np.zeros((photos, unknowns))
-    control[:, axes] = np.nan_to_num(block.control.position[:, axes])
-    stations[:, axes] = np.nan_to_num(block.photos.position[:, axes])
-    yield _Column(kind=CauseKind.UNIT, member=0, control=control)
-    yield _Column(kind=CauseKind.UNIT, member=1, stations=stations)
-
-
 def common_errors(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
-    columns = list(_columns(model))
-    weight, pull, coupling = _of_columns(model, columns)
-    some = np.flatnonzero(weight > 0.0)
-    scaled = coupling[some] * model.factor.scale
+    sums = model.common
+    some = np.flatnonzero(sums.weight > 0.0)
+    scaled = sums.coupling[some] * model.factor.scale
     solved = np.einsum("cu,uc->c", scaled, model.factor.solve_scaled(scaled.T))
     for number, by_others in zip(some.tolist(), solved.tolist(), strict=True):
-        column, checked = columns[number], weight[number] - by_others
-        if checked > _COMMON_CHECKED * weight[number]:
+        column, weight, pull = sums.columns[number], sums.weight[number], sums.pull[number]
+        checked = weight - by_others
+        if checked > _COMMON_CHECKED * weight:
             yield Hypothesis(
                 kind=column.kind,
                 photo=column.photo,
                 member=column.member,
                 name=column.name,
-                squares=float(pull[number] ** 2 / checked),
-                error=np.array([-pull[number] / checked]),
+                squares=float(pull**2 / checked),
+                error=np.array([-pull / checked]),
                 sigma=np.array([1.0 / np.sqrt(checked)]),
             )
-
-
-def _of_columns(model: LinearModel, columns: list[_Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return c'Pc (C,) and c'Pv (C,) of columns c of observations, and c'PA (C, u) by stations and globals.
-
-    The points follow.
-    """
-    weight, pull = np.zeros((2, len(columns)))
-    coupling = np.zeros((len(columns), len(model.step)))
-    on_images = [number for number, column in enumerate(columns) if column.on_images]
-    on_control = [number for number, column in enumerate(columns) if column.control is not None]
-    control = _stacked([columns[number].control for number in on_control])
-    if model.loose is not None:
-        loose = model.loose.left_over
-        weight[on_images], pull[on_images] = loose.weight, loose.pull
-        coupling[on_images, : loose.coupling.shape[1]] = loose.coupling
-    for checks in model.points:
-        m = checks.rays.shape[1]
-        parts = [(on_images, slice(0, 2 * m), _errors_of_images(model, checks.rays))]
-        if on_control and checks.has_priors:
-            of_control = np.where(checks.control[:, None, None] >= 0, control[checks.control], 0.0)
-            parts.append((on_control, slice(2 * m, 2 * m + 3), of_control))
-        for numbers, rows, c in parts:
-            weighted = np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
-            by_point = weighted @ checks.ground[:, rows]
-            weight[numbers] += np.einsum("kco,koc->c", weighted, c)
-            weight[numbers] -= np.einsum("kci,kci->c", by_point @ checks.inverse, by_point)
-            pull[numbers] += np.einsum("kco,ko->c", weighted, checks.residual[:, rows])
-            coupled = (weighted @ checks.partials[:, rows]).transpose(1, 0, 2).reshape(len(numbers), -1)
-            for number, values in zip(numbers, coupled, strict=True):
-                coupling[number] += np.bincount(checks.unknowns.reshape(-1), values, coupling.shape[1])
-    for number, column in enumerate(columns):
-        if column.stations is not None:
-            weighted = model.station_weight * column.stations
-            coupling[number, : weighted.size] += weighted.reshape(-1)
-            weight[number] += float(np.sum(weighted * column.stations))
-            pull[number] += float(np.sum(weighted * model.stations))
-    return weight, pull, coupling
-
-
-def _stacked(columns: list[FloatArray | None]) -> FloatArray:
-    """Return columns of one shape as the last axis of an array, empty without columns."""
-    values = [column for column in columns if column is not None]
-    return np.stack(values, axis=-1) if values else np.zeros(0)

@@ -1,236 +1,59 @@
-"""The adjustment of a scene made linear: residuals, and how far each group of observations is checked by the rest.
-
-For a group S of observations that may all be wrong (Baarda 1968, alternatives of several dimensions), with
-r = P v and R = P Qvv P, the sum of squares falls by r_S' R_SS^-1 r_S when they are given up, and their errors
-are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
-"""
+"""The adjustment of a scene made linear: residuals at the minimum, and how far the rest checks each of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment import reliability
-from musatpy.adjustment.compiled_points import CompiledPoints, LeftOver
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import Kept, Linearisation, SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
-from musatpy.adjustment.network import Network, first_rows
+from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
-from musatpy.adjustment.propagation import pieces, portions
-from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.blunders.checks import (
+    OTHERS_CHECKED,
+    ROUNDING,
+    CheckedPoints,
+    Drop,
+    Inverse,
+    checked_points,
+    dropped,
+)
+from musatpy.blunders.common_errors import CommonErrors
 from musatpy.blunders.factors import Factors
 from musatpy.blunders.scene import Scene
-from musatpy.model import ObservationKind
 
-IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
-_ROUNDING = 1e-6  # of squares
-_FEW = 8  # photos for each point that asks for its cofactors alone: with less, those of all are cheaper
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
-_K = ObservationKind
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drop:
-    """What giving up k groups of s observations explains."""
-
-    squares: FloatArray  # (k,) by which v'Pv falls
-    parameters: IntArray  # (k,) errors that are really tested
-    error: FloatArray  # (k, s) given minus true, zero where nothing checks it
-    sigma: FloatArray  # (k, s) for sigma0 of 1, NaN where nothing checks it
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PointChecks:
-    """The images (m of each), then the four priors of k points if any has some: o = 2 m + 4 rows, or 2 m."""
-
-    point: IntArray  # (k,)
-    rays: IntArray  # (k, m)
-    control: IntArray  # (k,) row of the control, -1 for none
-    member: IntArray  # (k,) row of the equal elevations, -1 for none
-    residual: FloatArray  # (k, o) adjusted minus observed
-    weight: FloatArray  # (k, o)
-    partials: FloatArray  # (k, o, T) by the unknowns, the point following
-    ground: FloatArray  # (k, o, 3) by the point
-    inverse: FloatArray  # (k, 3, 3) of the normal equations of the point
-    unknowns: IntArray  # (k, T) of the normal equations
-    photo: IntArray  # (k, m)
-    extras: IntArray  # (k, X) further unknowns
-    inverse_of_stations: Inverse
-
-    @property
-    def has_priors(self) -> bool:
-        """Whether anything is known of any of the points."""
-        return bool((self.weight[:, 2 * self.rays.shape[1] :] > 0.0).any())
-
-    @cached_property
-    def squares(self) -> FloatArray:
-        """(k,) weighted squares of the residuals."""
-        return np.asarray(np.sum(self.weight * np.square(self.residual), axis=1))
-
-    @cached_property
-    def cofactor(self) -> FloatArray:
-        """(k, o, o) cofactors of the adjusted observations."""
-        return self.by_stations + self.ground @ self.inverse @ np.swapaxes(self.ground, 1, 2)
-
-    @cached_property
-    def by_stations(self) -> FloatArray:
-        """(k, o, o) those that they have of the stations: a Q a'."""
-        return self.inverse_of_stations.cofactors_of(self.photo, self.extras, self.partials)
-
-    def explaining(self, squares: float) -> PointChecks:
-        """Return the points that have observations that may explain so many squares or more.
-
-        The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
-        1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most.
-        """
-        least = squares * (1.0 - _ROUNDING)
-        likely = self.part(self._most >= least)
-        leverage = np.einsum("koo,ko->k", likely.by_stations, likely.weight)
-        return likely.part(likely.squares >= (1.0 - leverage) * least)
-
-    @property
-    def _most(self) -> FloatArray:
-        """(k,) squares that images, or what is known, may explain: smaller eigenvalues do not count as checked."""
-        own, split = self.weight * np.square(self.residual), 2 * self.rays.shape[1]
-        images, priors = own[:, :split].sum(axis=1), own[:, split:].sum(axis=1)
-        return np.asarray(np.maximum(images / IMAGES_CHECKED, priors / OTHERS_CHECKED))
-
-    def part(self, taken: BoolArray) -> PointChecks:
-        """Return some of the points, with what has been computed of them."""
-        rows = {
-            one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
-        }
-        part = PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
-        if "by_stations" in vars(self):
-            vars(part)["by_stations"] = self.by_stations[taken]
-        return part
-
-    def image_drops(self) -> list[Drop]:
-        """Return what each image (m) of every point explains, both coordinates."""
-        m = self.rays.shape[1]
-        rows = 2 * np.arange(m)[:, None] + np.arange(2)
-        v, weight = (values[:, rows].reshape(-1, 2) for values in (self.residual, self.weight))
-        Q = self.cofactor[:, rows[:, :, None], rows[:, None, :]].reshape(-1, 2, 2)
-        every = dropped(v, weight, Q, IMAGES_CHECKED)
-        parts = {one.name: getattr(every, one.name) for one in fields(every)}
-        return [Drop(**{name: part[image::m] for name, part in parts.items()}) for image in range(m)]
-
-    def drop(self, rows: IntArray) -> Drop:
-        """Return what the observations `rows` (s,) of every point explain."""
-        checked = IMAGES_CHECKED if rows.max(initial=0) < 2 * self.rays.shape[1] else OTHERS_CHECKED
-        return dropped(
-            self.residual[:, rows], self.weight[:, rows], self.cofactor[:, rows[:, None], rows[None]], checked
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Inverse:
-    """The inverse of normal equations, as much of it as is asked for."""
-
-    factor: Factor
-    held: IntArray  # unknowns of photos
-
-    @cached_property
-    def cofactors(self) -> Cofactors:
-        """The cofactors of all photos that meet."""
-        return self.factor.cofactors().holding(self.held)
-
-    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
-        """Return what `Cofactors.with_border` does."""
-        return self.cofactors.with_border(photo, index)
-
-    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
-        """Return what `Cofactors.cofactors_of` does; of a few points alone without computing all others."""
-        alone = self.worth_alone(len(photo)) and not len(self.held) and "cofactors" not in vars(self)
-        return (self.factor if alone else self.cofactors).cofactors_of(photo, index, partials)
-
-    def worth_alone(self, points: int) -> bool:
-        """Return whether cofactors of so few points cost less than those of all photos that meet."""
-        return _FEW * points <= self.factor.matrix.pattern.count
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoosePoints:
-    """The points of which nothing is known, for compiled kernels: checked by the others only where asked for."""
-
-    compiled: CompiledPoints
-    state: State
-    inverse: Inverse
-    step: FloatArray  # (u,)
-    camera: IntArray  # (n,) of the photos
-    with_index: bool  # whether an error of the index of the water is asked for
-
-    @cached_property
-    def left_over(self) -> LeftOver:
-        """What the step leaves of their images, and what errors of the cameras and of the index do in it."""
-        return self.compiled.left_over(self.state, self.step, self.camera, self.with_index)
-
-    @property
-    def squares(self) -> FloatArray:
-        """(p,) weighted squares of the residuals, 0 for other points."""
-        return self.left_over.squares
-
-    def explaining(self, squares: float, near: BoolArray) -> BoolArray:
-        """Return which points (p,), `near` ones, have images that may explain so many squares or more.
-
-        Some images of a point explain no more than all of them: the more is given up, the less is left. Of a few
-        points it is not asked.
-        """
-        near = near & (self.squares >= IMAGES_CHECKED * squares)
-        if self.inverse.worth_alone(int(np.count_nonzero(near))):
-            return near
-        together = self.compiled.together(self.state, self.step, self.inverse.cofactors, near)
-        return near & (together >= squares * (1.0 - _ROUNDING))
-
-    def checks(self, near: BoolArray) -> Iterator[PointChecks]:
-        """Yield the checks of some of the points (p,)."""
-        network = self.compiled.network
-        every = [part for group in self.compiled.loose for part in group.some(near[group.point])]
-        groups = [part.part(rows) for part in every for rows in portions(network, part)]
-        linear = self.compiled.linear_images(self.state, groups, self.step)
-        for group, images in zip(groups, linear, strict=True):
-            k = len(group.point)
-            extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
-            yield PointChecks(
-                point=group.point,
-                rays=group.rays,
-                control=nothing,
-                member=nothing,
-                weight=network.weight[group.rays].reshape(k, -1),
-                unknowns=network.unknowns(group, extras),
-                photo=network.photo[group.rays],
-                extras=extras,
-                inverse_of_stations=self.inverse,
-                **images._asdict(),
-            )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinearModel:
-    """The linear adjustment of a scene at a state, some observations out."""
+class LinearModel(CheckedPoints):
+    """The linear adjustment of a scene at a state, some observations out; its points after the step."""
 
     scene: Scene
-    state: State
-    network: Network  # with the weights of what is in
     factor: Factor
     kept: Kept | None  # these normals, where an adjustment nearby may use them
     inverse: Inverse
     step: FloatArray  # (u,) to the minimum
-    points: tuple[PointChecks, ...]  # those that were asked for
-    loose: LoosePoints | None  # and those that were not, for compiled kernels
-    minimum: State  # stations and kept points after the step, for the observations of these alone
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
     station_weight: FloatArray  # (n, q)
+
+    @cached_property
+    def minimum(self) -> State:
+        """Stations and kept points after the step, for the observations of these alone."""
+        return _after(self.network, self.state, self.step)
+
+    @cached_property
+    def common(self) -> CommonErrors:
+        """What errors do that are common to many observations."""
+        return CommonErrors.of(self)
 
     @property
     def cofactors(self) -> Cofactors:
@@ -239,7 +62,7 @@ class LinearModel:
 
     @property
     def squares(self) -> float:
-        """v'Pv at the minimum, of images of the points asked for, control and stations."""
+        """v'Pv at the minimum, of images, control and stations."""
         squares = sum(float(np.sum(checks.squares)) for checks in self.points)
         squares += float(np.sum(self.loose.squares)) if self.loose else 0.0
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
@@ -247,7 +70,7 @@ class LinearModel:
     def stations_explaining(self, squares: float, columns: IntArray) -> IntArray:
         """Return the photos (k,) some of whose observations may explain so many squares or more."""
         own = np.sum(self.station_weight[:, columns] * np.square(self.stations[:, columns]), axis=1)
-        return np.flatnonzero((own > 0.0) & (own >= OTHERS_CHECKED * (1.0 - _ROUNDING) * squares))
+        return np.flatnonzero((own > 0.0) & (own >= OTHERS_CHECKED * (1.0 - ROUNDING) * squares))
 
     def station_drop(self, photo: IntArray, columns: IntArray) -> Drop:
         """Return what some of the observations of photos (k,) explain."""
@@ -257,107 +80,39 @@ class LinearModel:
         return dropped(v, weight, Q, OTHERS_CHECKED)
 
 
-def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
-    """Return what groups of observations explain: residuals and weights (k, s), cofactors (k, s, s) adjusted."""
-    root = np.sqrt(weight)
-    used = root > 0.0
-    share = np.eye(v.shape[1]) * used[:, None, :] - root[:, :, None] * Q * root[:, None, :]
-    values, vectors = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
-    tested = values > checked
-    inverse = np.where(tested, 1.0 / np.where(tested, values, 1.0), 0.0)
-    u = np.einsum("kij,ki->kj", vectors, root * v)
-    sigma = np.where(used, 1.0 / np.where(used, root, 1.0), 0.0)
-    solved = vectors * inverse[:, None, :]
-    blind = np.einsum("kij,kj->ki", np.square(vectors), ~tested * 1.0) > 0.5
-    variance = np.einsum("kij,kij->ki", solved, vectors) * np.square(sigma)
-    return Drop(
-        squares=np.einsum("kj,kj->k", np.square(u), inverse),
-        parameters=np.count_nonzero(tested, axis=1),
-        error=-sigma * np.einsum("kij,kj->ki", solved, u),
-        sigma=np.where(blind | ~used, np.nan, np.sqrt(variance)),
-    )
-
-
-def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return residuals and cofactors of groups of observations that take part, from those by all others alone.
-
-    Residuals (k, s) and cofactors (k, s, s) of what the others predict; they come in with weights (k, s): with
-    G = P^1/2 Q P^1/2, P^1/2 v becomes (1 + G)^-1 P^1/2 v, and G becomes 1 - (1 + G)^-1.
-    """
-    root, unit = np.sqrt(weight), np.eye(v.shape[1])
-    left = np.linalg.inv(unit + root[:, :, None] * Q * root[:, None, :])
-    return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
-
-
-def linear_model(
-    scene: Scene,
-    factors: Factors,
-    state: State,
-    near: BoolArray | None = None,
-    rest: tuple[Kept, Inverse] | None = None,
-) -> LinearModel:
+def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     """Return the linear adjustment of a scene, its weights times `factors`, points at their best for the stations.
 
-    With the checks of all points, those of loose ones when they are asked for; or of those that are `near` (p,).
-    `rest`: the normal equations, where the state is at rest with these weights.
     Raises `SingularNormalsError`.
     """
     problem = scene.problem(factors)
     network = problem.network
     state = by_images(network, ground_points.settle(network, state))
-    line = problem.linearise(state) if rest is None else problem.renewed(state, rest[0].line)
-    factor = factorised(line.matrix) if rest is None else rest[0].factor
+    line = problem.linearise(state)
+    factor = factorised(line.matrix)
     if factor is None:
         raise SingularNormalsError(line.matrix)
-    inverse = Inverse(factor=factor, held=scene.held) if rest is None else rest[1]
-    return solved(scene, network, state, line, inverse, near)
+    return solved(scene, network, state, line, Inverse(factor=factor, held=scene.held))
 
 
-def solved(
-    scene: Scene,
-    network: Network,
-    state: State,
-    line: Linearisation,
-    inverse: Inverse,
-    near: BoolArray | None = None,
-) -> LinearModel:
+def solved(scene: Scene, network: Network, state: State, line: Linearisation, inverse: Inverse) -> LinearModel:
     """Return the linear adjustment of a scene whose normal equations have a factor: that of `inverse`."""
-    factor = inverse.factor
-    step = factor.solve(line.rhs)
+    step = inverse.factor.solve(line.rhs)
+    points = checked_points(scene.block, network, state, inverse, step, np.arange(network.points))
     station_weight, residual = station_rows(network, state)
-    loose = None
-    if network.compiled is not None:
-        loose = LoosePoints(
-            compiled=network.compiled,
-            state=state,
-            inverse=inverse,
-            step=step,
-            camera=scene.block.photos.camera,
-            with_index=index_counts(network),
-        )
-    points = _checks(scene, network, near, state, inverse, step)
-    points += list(loose.checks(near)) if loose and near is not None else []
-    stations = residual + step[: residual.size].reshape(residual.shape)
     return LinearModel(
-        scene=scene,
-        state=state,
         network=network,
-        factor=factor,
-        kept=Kept(line=replace(line, context=None), factor=factor) if line.renewable else None,
+        state=state,
+        points=points.points,
+        loose=points.loose,
+        scene=scene,
+        factor=inverse.factor,
+        kept=Kept(line=replace(line, context=None), factor=inverse.factor) if line.renewable else None,
         inverse=inverse,
         step=step,
-        minimum=_after(network, state, step),
-        points=tuple(points),
-        loose=loose if near is None else None,
-        stations=stations,
+        stations=residual + step[: residual.size].reshape(residual.shape),
         station_weight=station_weight,
     )
-
-
-def index_counts(network: Network) -> bool:
-    """Return whether the index of the water, which is no unknown itself, is worth a hypothesis."""
-    unknown = network.water.unknown or network.border.count(_K.WAVE) > 0
-    return bool(unknown and not network.border.count(_K.WATER_INDEX))
 
 
 def by_images(network: Network, state: State) -> State:
@@ -365,17 +120,17 @@ def by_images(network: Network, state: State) -> State:
 
     Images are linear near their point only; control is linear everywhere.
     """
-    ground = state.ground.copy()
+    ground, far = state.ground.copy(), state.squares > _FAR
     for group in network.control_groups:
-        far = state.squares[group.point] > _FAR
-        if group.rays.shape[1] < 2 or not far.any():
+        if group.rays.shape[1] < 2:
             continue
-        part = replace(group.part(far), known=False)
-        start = nearest_ground(network.with_unknown_points(), state, part, 0.0)
-        met, _ = settle_group(network, state, part, start)
-        squares = point_squares(network, state, part, met)
-        good = squares < _MEETS * part.rays.shape[1]
-        ground[part.point[good]] = met[good]
+        for part in group.some(far[group.point]):
+            part = replace(part, known=False)
+            start = nearest_ground(network.with_unknown_points(), state, part, 0.0)
+            met, _ = settle_group(network, state, part, start)
+            squares = point_squares(network, state, part, met)
+            good = squares < _MEETS * part.rays.shape[1]
+            ground[part.point[good]] = met[good]
     return replace(state, ground=ground)
 
 
@@ -387,54 +142,3 @@ def _after(network: Network, state: State, step: FloatArray) -> State:
     ground, local = state.ground.copy(), step[network.pattern.order + network.border.kept_columns(kept)]
     ground[kept] += np.einsum("kji,kj->ki", kept_axes(network, ground[kept]), local)
     return replace(after, ground=ground)
-
-
-def _checks(
-    scene: Scene,
-    network: Network,
-    near: BoolArray | None,
-    state: State,
-    inverse: Inverse,
-    step: FloatArray,
-) -> list[PointChecks]:
-    block, checks, compiled = scene.block, [], network.compiled
-    control = first_rows(block.control.point, network.points)
-    member = first_rows(block.equal_elevations.point, network.points)
-    for group in network.groups if compiled is None else (*compiled.bound, *compiled.others):
-        for part in [group] if near is None else group.some(near[group.point]):
-            for _, piece in pieces(network, state, part, inverse):
-                point = piece.group.point
-                checks.append(_checks_of(network, piece, inverse, step, control[point], member[point]))
-    return checks
-
-
-def _checks_of(
-    network: Network, piece: Piece, inverse: Inverse, step: FloatArray, control: IntArray, member: IntArray
-) -> PointChecks:
-    E, rays = piece.E, piece.group.rays
-    k = len(rays)
-    a, b = reliability.image_partials(network, piece)
-    v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
-    known = E.normals.priors
-    if known is not None:
-        a_known, b_known = reliability.prior_partials(piece)
-        a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
-        v = np.concatenate([v, -known.deviation], axis=1)
-        weight = np.concatenate([weight, known.weight], axis=1)
-    unknowns = network.unknowns(piece.group, E.extras.index)
-    v = v + (a @ step[unknowns][..., None] + b @ E.shift[..., None])[..., 0]
-    return PointChecks(
-        point=piece.group.point,
-        rays=rays,
-        control=control,
-        member=member,
-        residual=v,
-        weight=weight,
-        partials=a,
-        ground=b,
-        inverse=E.inverse,
-        unknowns=unknowns,
-        photo=piece.photo,
-        extras=E.extras.index,
-        inverse_of_stations=inverse,
-    )

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment.collinear import eliminate, local_normals
-from musatpy.adjustment.ground import settle_group
+from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.iteration import Kept
 from musatpy.adjustment.kinds import PRIORS
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.updated_factor import UpdatedFactor
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.blunders.checks import CheckedPoints, Inverse, PointChecks, checked_points
+from musatpy.blunders.common_errors import CommonErrors
 from musatpy.blunders.factors import Factors, weighted
-from musatpy.blunders.linear_model import Inverse, LinearModel, by_images, solved
+from musatpy.blunders.linear_model import LinearModel, by_images
 from musatpy.blunders.scene import Scene
 from musatpy.model import ObservationKind
 
 _FEW = 8  # points: with more of them a new factor is cheaper
+_REMEMBERED = 4  # models: the one of the best of some trials is asked for again
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,72 +49,139 @@ class UpdatedInverse(Inverse):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ToldModel(LinearModel):
+    """A linear model told from another one, `model`: some points are `before` there what they are `after` here.
+
+    Both by the step of this one.
+    """
+
+    model: LinearModel
+    before: CheckedPoints
+    after: CheckedPoints
+
+    @cached_property
+    def common(self) -> CommonErrors:
+        """What errors do that are common to many observations."""
+        return self.model.common.told(self.step - self.model.step, self.scene.block, self.before, self.after)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Origin:
     """The linear model of a scene at a state with its weights times `factors`, from which others are told."""
 
     model: LinearModel
     state: State
     factors: Factors
+    _told: list[tuple[Factors, LinearModel]] = field(default_factory=list, repr=False)
 
     def neighbour(self, scene: Scene, factors: Factors, state: State) -> LinearModel | None:
         """Return the linear model with the weights times other `factors`.
 
         None where scene or state are others, where a new factor is cheaper, or where too little is left of one.
         """
-        model, kept = self.model, self.model.kept
-        points = _told_otherwise(scene, self.factors, factors)
-        same = scene is model.scene and state is self.state
-        if not same or kept is None or points is None or np.count_nonzero(points) > _FEW:
+        if scene is not self.model.scene or state is not self.state or self.model.kept is None:
             return None
-        network = weighted(scene.network, scene.block, factors)
-        settled = _settled(network, model.state, points)
-        unknowns, matrix, rhs = _reduced(network, settled, points)
-        _, matrix_before, rhs_before = _reduced(model.network, model.state, points)
-        free = ~np.isin(unknowns, model.inverse.held)
-        factor = UpdatedFactor.of(kept.factor, unknowns, (matrix - matrix_before) * free[:, None] * free)
-        if factor is None:
-            return None
-        line = replace(kept.line, rhs=kept.line.rhs.copy())
-        line.rhs[unknowns] += (rhs - rhs_before) * free
-        inverse = UpdatedInverse(factor=factor, held=model.inverse.held, before=model.inverse)
-        return solved(scene, network, settled, line, inverse)
+        for known, neighbour in [(self.factors, self.model), *self._told]:
+            if all(np.array_equal(known[kind], factor) for kind, factor in factors.items()):
+                return neighbour
+        parts = _told_otherwise(scene, self.factors, factors)
+        told = parts and _told(self.model, self.model.kept, weighted(scene.network, scene.block, factors), parts)
+        if told:
+            self._told[:] = [(factors, told), *self._told[: _REMEMBERED - 1]]
+        return told or None
 
 
-def _told_otherwise(scene: Scene, before: Factors, factors: Factors) -> BoolArray | None:
-    """Return the points (p,) whose images or control have other weights, None where anything else has."""
+def _told_otherwise(scene: Scene, before: Factors, factors: Factors) -> list[PointGroup] | None:
+    """Return the points whose images or control have other weights.
+
+    None where anything else has, or where a new factor is cheaper: they are many, or none are eliminated.
+    """
     links = {prior.observed: prior.points(scene.block) for prior in PRIORS}
     links[ObservationKind.PLATE] = scene.network.point
-    points = np.zeros(scene.network.points, dtype=bool)
+    told = np.zeros(scene.network.points, dtype=bool)
     for kind, factor in factors.items():
-        rows = np.flatnonzero((factor != before[kind]).any(axis=1))
+        rows = np.flatnonzero(factor != before[kind]) // max(factor.shape[1], 1)
         if kind in links:
-            points[links[kind][rows]] = True
+            told[links[kind][rows]] = True
         elif len(rows):
             return None
-    return points
+    parts = [part for group in scene.network.groups for part in group.some(told[group.point])]
+    many = np.count_nonzero(told) > _FEW
+    return None if many or any(part.kept for part in parts) else parts
 
 
-def _settled(network: Network, state: State, points: BoolArray) -> State:
-    """Return the state with some of the points where a linear model takes them."""
-    ground, squares = state.ground.copy(), state.squares.copy()
-    for group in (*network.pass_groups, *network.control_groups):
-        for part in group.some(points[group.point]):
-            at = part.point
-            ground[at], squares[at] = settle_group(network, state, part, ground[at])
-    met = by_images(network, replace(state, ground=ground, squares=squares)).ground
-    return replace(state, ground=np.where(points[:, None], met, ground), squares=squares)
+def _told(model: LinearModel, kept: Kept, network: Network, parts: list[PointGroup]) -> LinearModel | None:
+    """Return the linear model of a network that has other weights of some points, None where too little is left.
+
+    It is told from a model, whose normals are `kept`.
+    """
+    block, nothing = model.scene.block, np.zeros_like(model.step)
+    point, rays = (np.concatenate(of) for of in zip(*((p.point, p.rays.reshape(-1)) for p in parts), strict=True))
+    was, (alone, state) = _apart(model.network, model.state, parts), _apart(network, model.state, parts)
+    state = by_images(alone, ground_points.settle(alone, state))
+    before, after = (checked_points(block, *of, model.inverse, nothing, point) for of in (was, (alone, state)))
+    old, new = list(before.checks()), list(after.checks())
+    unknowns = np.unique(np.concatenate([checks.unknowns.reshape(-1) for checks in old]))
+    (matrix_before, rhs_before), (matrix, rhs) = (_reduced(unknowns, checks) for checks in (old, new))
+    free = ~np.isin(unknowns, model.inverse.held)
+    factor = UpdatedFactor.of(kept.factor, unknowns, (matrix - matrix_before) * free[:, None] * free)
+    if factor is None:
+        return None
+    line = replace(kept.line, rhs=kept.line.rhs.copy())
+    line.rhs[unknowns] += (rhs - rhs_before) * free
+    step, inverse = (
+        factor.solve(line.rhs),
+        UpdatedInverse(factor=factor, held=model.inverse.held, before=model.inverse),
+    )
+    others, moved = np.ones(network.points, dtype=bool), step - model.step
+    others[point] = False
+    stay = (checks.part(others[checks.point]).after(moved, inverse) for checks in model.points)
+    told = (
+        replace(checks, point=point[checks.point], rays=rays[checks.rays]).after(step, inverse) for checks in new
+    )
+    ground, squares = model.state.ground.copy(), model.state.squares.copy()
+    ground[point], squares[point] = state.ground, state.squares
+    state = replace(model.state, ground=ground, squares=squares)
+    return ToldModel(
+        network=network,
+        state=state,
+        points=(*stay, *told),
+        loose=model.loose and replace(model.loose.some(others), step=step, inverse=inverse),
+        scene=model.scene,
+        factor=factor,
+        kept=Kept(line=line, factor=factor),
+        inverse=inverse,
+        step=step,
+        stations=model.stations + moved[: model.stations.size].reshape(model.stations.shape),
+        station_weight=model.station_weight,
+        model=model,
+        before=_after(before, step, inverse),
+        after=_after(after, step, inverse),
+    )
 
 
-def _reduced(network: Network, state: State, points: BoolArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the unknowns (s,) of some of the points, and their reduced normals (s, s) and right sides (s,)."""
-    every = []
-    for part in [part for group in network.groups for part in group.some(points[group.point])]:
-        E = eliminate(network, state, part)
-        every.append((network.unknowns(part, E.extras.index), *local_normals(network, part, E)))
-    unknowns = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(of.reshape(-1) for of, _, _ in every)]))
+def _apart(network: Network, state: State, parts: list[PointGroup]) -> tuple[Network, State]:
+    """Return a network of some points alone, and its state."""
+    point, rays = (np.concatenate(of) for of in zip(*((p.point, p.rays.reshape(-1)) for p in parts), strict=True))
+    alone, _ = network.apart(parts, network.xy[rays], network.refracted[rays])
+    return alone, replace(state, ground=state.ground[point], squares=state.squares[point])
+
+
+def _after(points: CheckedPoints, step: FloatArray, inverse: Inverse) -> CheckedPoints:
+    """Return points whose checks are those before any step, after a step (u,), by other normals."""
+    checks = tuple(of_group.after(step, inverse) for of_group in points.points)
+    return replace(points, points=checks, loose=points.loose and replace(points.loose, step=step, inverse=inverse))
+
+
+def _reduced(unknowns: IntArray, points: list[PointChecks]) -> tuple[FloatArray, FloatArray]:
+    """Return the reduced normals (s, s) and right sides (s,) that points have by unknowns, all of theirs.
+
+    With partials A of observations that the point follows, A'PA and -A'Pv.
+    """
     matrix, rhs = np.zeros((len(unknowns), len(unknowns))), np.zeros(len(unknowns))
-    for of, matrices, sides in every:
-        rows = np.searchsorted(unknowns, of)
-        np.add.at(matrix, (rows[:, :, None], rows[:, None, :]), matrices)
-        np.add.at(rhs, rows, sides)
-    return unknowns, matrix, rhs
+    for checks in points:
+        rows = np.searchsorted(unknowns, checks.unknowns)
+        weighted = np.swapaxes(checks.partials * checks.weight[..., None], 1, 2)
+        np.add.at(matrix, (rows[:, :, None], rows[:, None, :]), weighted @ checks.partials)
+        np.add.at(rhs, rows, -(weighted @ checks.residual[..., None])[..., 0])
+    return matrix, rhs

@@ -212,7 +212,8 @@ def adjusted(
 def settled(scene: Scene, factors: Factors, state: State, start: Near = AROUND) -> tuple[Scene, State, Kept | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
-    And the normal equations there, None where the iteration has not converged. Raises `SingularNormalsError`.
+    And the normal equations there, whose right sides are zero; None where the iteration has not converged. Raises
+    `SingularNormalsError`.
     """
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     short, near = 0, start
@@ -228,6 +229,8 @@ def settled(scene: Scene, factors: Factors, state: State, start: Near = AROUND) 
         scene = replace(scene, network=scene.network.with_plates(scene.network.xy, line.wet))
         state = at_their_best(scene, factors, state, scene.network.point[changed])
         near = Near(kept=outcome.kept, closing=outcome.closing)
+    if normals is not None:
+        normals = replace(normals, line=replace(normals.line, rhs=np.zeros_like(normals.line.rhs)))
     return scene, state, normals
 
 

@@ -19,8 +19,8 @@ from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.adjusted import adjusted_cofactors
 from musatpy.blunders.alternatives import wrong_images
+from musatpy.blunders.checks import Inverse
 from musatpy.blunders.factors import Factors, weighted
-from musatpy.blunders.linear_model import Inverse
 from musatpy.blunders.scene import AROUND, Scene, free_to_cross, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind

@@ -52,7 +52,8 @@ class Water(NamedTuple):
     normal: FloatArray  # (w, 3)
     depth: FloatArray  # (w,) m, of the points
     tangent: FloatArray  # (w,) of the angle in air, NaN until it is asked for: it stays as camera and point do
-    rise: FloatArray  # (w,) m of depth by one of the level of the photo; (0,) where levels are known
+    # (w + 1,) m of depth by one of the level of the photo, and 0: there are levels without wet rays, too; or (0,)
+    rise: FloatArray
     refraction: float  # index of the water
 
 

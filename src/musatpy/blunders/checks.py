@@ -1,0 +1,326 @@
+"""How far the observations of points are checked by the rest, in a linear adjustment.
+
+For a group S of observations that may all be wrong (Baarda 1968, alternatives of several dimensions), with
+r = P v and R = P Qvv P, the sum of squares falls by r_S' R_SS^-1 r_S when they are given up, and their errors
+are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from musatpy.adjustment import reliability
+from musatpy.adjustment.compiled_points import CompiledPoints, LeftOver
+from musatpy.adjustment.network import Network, first_rows
+from musatpy.adjustment.normals import Cofactors, Factor
+from musatpy.adjustment.propagation import pieces, portions
+from musatpy.adjustment.reliability import Piece
+from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.blunders.common_errors import index_counts
+from musatpy.model import Block
+
+IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
+ROUNDING = 1e-6  # of squares
+_FEW = 8  # photos for each point that asks for its cofactors alone: with less, those of all are cheaper
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drop:
+    """What giving up k groups of s observations explains."""
+
+    squares: FloatArray  # (k,) by which v'Pv falls
+    parameters: IntArray  # (k,) errors that are really tested
+    error: FloatArray  # (k, s) given minus true, zero where nothing checks it
+    sigma: FloatArray  # (k, s) for sigma0 of 1, NaN where nothing checks it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointChecks:
+    """The images (m of each), then the four priors of k points if any has some: o = 2 m + 4 rows, or 2 m."""
+
+    point: IntArray  # (k,)
+    rays: IntArray  # (k, m)
+    control: IntArray  # (k,) row of the control, -1 for none
+    member: IntArray  # (k,) row of the equal elevations, -1 for none
+    residual: FloatArray  # (k, o) adjusted minus observed
+    weight: FloatArray  # (k, o)
+    partials: FloatArray  # (k, o, T) by the unknowns, the point following
+    ground: FloatArray  # (k, o, 3) by the point
+    inverse: FloatArray  # (k, 3, 3) of the normal equations of the point
+    unknowns: IntArray  # (k, T) of the normal equations
+    photo: IntArray  # (k, m)
+    extras: IntArray  # (k, X) further unknowns
+    inverse_of_stations: Inverse
+
+    @property
+    def has_priors(self) -> bool:
+        """Whether anything is known of any of the points."""
+        return bool((self.weight[:, 2 * self.rays.shape[1] :] > 0.0).any())
+
+    @cached_property
+    def squares(self) -> FloatArray:
+        """(k,) weighted squares of the residuals."""
+        return np.asarray(np.sum(self.weight * np.square(self.residual), axis=1))
+
+    @cached_property
+    def cofactor(self) -> FloatArray:
+        """(k, o, o) cofactors of the adjusted observations."""
+        return self.by_stations + self.ground @ self.inverse @ np.swapaxes(self.ground, 1, 2)
+
+    @cached_property
+    def by_stations(self) -> FloatArray:
+        """(k, o, o) those that they have of the stations: a Q a'."""
+        return self.inverse_of_stations.cofactors_of(self.photo, self.extras, self.partials)
+
+    def explaining(self, squares: float) -> PointChecks:
+        """Return the points that have observations that may explain so many squares or more.
+
+        The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
+        1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most.
+        """
+        least = squares * (1.0 - ROUNDING)
+        likely = self.part(self._most >= least)
+        leverage = np.einsum("koo,ko->k", likely.by_stations, likely.weight)
+        return likely.part(likely.squares >= (1.0 - leverage) * least)
+
+    @property
+    def _most(self) -> FloatArray:
+        """(k,) squares that images, or what is known, may explain: smaller eigenvalues do not count as checked."""
+        own, split = self.weight * np.square(self.residual), 2 * self.rays.shape[1]
+        images, priors = own[:, :split].sum(axis=1), own[:, split:].sum(axis=1)
+        return np.asarray(np.maximum(images / IMAGES_CHECKED, priors / OTHERS_CHECKED))
+
+    def after(self, step: FloatArray, inverse: Inverse) -> PointChecks:
+        """Return the checks after a step (u,) more, by the `inverse` of some normal equations."""
+        residual = self.residual + (self.partials @ step[self.unknowns][..., None])[..., 0]
+        return replace(self, residual=residual, inverse_of_stations=inverse)
+
+    def part(self, taken: BoolArray) -> PointChecks:
+        """Return some of the points, with what has been computed of them."""
+        if taken.all():
+            return self
+        rows = {
+            one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
+        }
+        part = PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
+        if "by_stations" in vars(self):
+            vars(part)["by_stations"] = self.by_stations[taken]
+        return part
+
+    def images_drop(self) -> Drop:
+        """Return what the k m images of the points explain, each alone, both coordinates."""
+        m = self.rays.shape[1]
+        rows = 2 * np.arange(m)[:, None] + np.arange(2)
+        v, weight = (values[:, rows].reshape(-1, 2) for values in (self.residual, self.weight))
+        return dropped(
+            v, weight, self.cofactor[:, rows[:, :, None], rows[:, None, :]].reshape(-1, 2, 2), IMAGES_CHECKED
+        )
+
+    def drop(self, rows: IntArray) -> Drop:
+        """Return what the observations `rows` (s,) of every point explain."""
+        checked = IMAGES_CHECKED if rows.max(initial=0) < 2 * self.rays.shape[1] else OTHERS_CHECKED
+        return dropped(
+            self.residual[:, rows], self.weight[:, rows], self.cofactor[:, rows[:, None], rows[None]], checked
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inverse:
+    """The inverse of normal equations, as much of it as is asked for."""
+
+    factor: Factor
+    held: IntArray  # unknowns of photos
+
+    @cached_property
+    def cofactors(self) -> Cofactors:
+        """The cofactors of all photos that meet."""
+        return self.factor.cofactors().holding(self.held)
+
+    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
+        """Return what `Cofactors.with_border` does."""
+        return self.cofactors.with_border(photo, index)
+
+    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
+        """Return what `Cofactors.cofactors_of` does; of a few points alone without computing all others."""
+        alone = self.worth_alone(len(photo)) and not len(self.held) and "cofactors" not in vars(self)
+        return (self.factor if alone else self.cofactors).cofactors_of(photo, index, partials)
+
+    def worth_alone(self, points: int) -> bool:
+        """Return whether cofactors of so few points cost less than those of all photos that meet."""
+        return _FEW * points <= self.factor.matrix.pattern.count
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoosePoints:
+    """The points of which nothing is known, for compiled kernels: checked by the others only where asked for."""
+
+    compiled: CompiledPoints
+    state: State
+    inverse: Inverse
+    step: FloatArray  # (u,)
+    among: BoolArray  # (p,) those that are meant
+    camera: IntArray | None  # (n,) of the photos, where common errors are asked for
+    with_index: bool  # whether that of the index of the water is
+
+    def some(self, points: BoolArray) -> LoosePoints:
+        """Return those among some points (p,), without common errors."""
+        return replace(self, among=self.among & points, camera=None, with_index=False)
+
+    @cached_property
+    def left_over(self) -> LeftOver:
+        """What the step leaves of their images, and what errors of the cameras and of the index do in it."""
+        return self.compiled.left_over(self.state, self.step, self.among, self.camera, self.with_index)
+
+    @property
+    def squares(self) -> FloatArray:
+        """(p,) weighted squares of the residuals, 0 for other points."""
+        return self.left_over.squares
+
+    def explaining(self, squares: float) -> BoolArray:
+        """Return which points (p,) have images that may explain so many squares or more.
+
+        Some images of a point explain no more than all of them: the more is given up, the less is left. Of a few
+        points it is not asked.
+        """
+        likely = self.among & (self.squares >= IMAGES_CHECKED * squares)
+        if self.inverse.worth_alone(int(np.count_nonzero(likely))):
+            return likely
+        together = self.compiled.together(self.state, self.step, self.inverse.cofactors, likely)
+        return likely & (together >= squares * (1.0 - ROUNDING))
+
+    def checks(self, points: BoolArray) -> Iterator[PointChecks]:
+        """Yield the checks of some of the points (p,)."""
+        network, points = self.compiled.network, points & self.among
+        every = [part for group in self.compiled.loose for part in group.some(points[group.point])]
+        groups = [part.part(rows) for part in every for rows in portions(network, part)]
+        linear = self.compiled.linear_images(self.state, groups, self.step)
+        for group, images in zip(groups, linear, strict=True):
+            k = len(group.point)
+            extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
+            yield PointChecks(
+                point=group.point,
+                rays=group.rays,
+                control=nothing,
+                member=nothing,
+                weight=network.weight[group.rays].reshape(k, -1),
+                unknowns=network.unknowns(group, extras),
+                photo=network.photo[group.rays],
+                extras=extras,
+                inverse_of_stations=self.inverse,
+                **images._asdict(),
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CheckedPoints:
+    """The points of a network with their checks, each at its best for the stations."""
+
+    network: Network  # with the weights of what is in
+    state: State  # at which it is linear
+    points: tuple[PointChecks, ...]
+    loose: LoosePoints | None  # the others, for compiled kernels
+
+    def some(self, points: BoolArray) -> CheckedPoints:
+        """Return some of them (p,), without common errors."""
+        parts = tuple(checks.part(points[checks.point]) for checks in self.points)
+        loose = self.loose and self.loose.some(points)
+        return CheckedPoints(network=self.network, state=self.state, points=parts, loose=loose)
+
+    def checks(self) -> Iterator[PointChecks]:
+        """Yield the checks of all of them."""
+        yield from self.points
+        yield from self.loose.checks(self.loose.among) if self.loose else ()
+
+
+def checked_points(
+    block: Block, network: Network, state: State, inverse: Inverse, step: FloatArray, point: IntArray
+) -> CheckedPoints:
+    """Return the points of a network, `point` (p,) of those of the block, after a step (u,).
+
+    By the `inverse` of some normals. They are numbered as in the network.
+    """
+    compiled, loose = network.compiled, None
+    if compiled is not None:
+        loose = LoosePoints(
+            compiled=compiled,
+            state=state,
+            inverse=inverse,
+            step=step,
+            among=np.ones(network.points, dtype=bool),
+            camera=block.photos.camera,
+            with_index=index_counts(network),
+        )
+    groups = network.groups if compiled is None else (*compiled.bound, *compiled.others)
+    control, member = (
+        first_rows(table.point, len(block.points.ids))[point] for table in (block.control, block.equal_elevations)
+    )
+    every = (piece for group in groups for _, piece in pieces(network, state, group, inverse))
+    points = (_checks_of(network, piece, inverse, control, member).after(step, inverse) for piece in every)
+    return CheckedPoints(network=network, state=state, points=tuple(points), loose=loose)
+
+
+def _checks_of(
+    network: Network, piece: Piece, inverse: Inverse, control: IntArray, member: IntArray
+) -> PointChecks:
+    E, rays = piece.E, piece.group.rays
+    k = len(rays)
+    a, b = reliability.image_partials(network, piece)
+    v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
+    known = E.normals.priors
+    if known is not None:
+        a_known, b_known = reliability.prior_partials(piece)
+        a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
+        v = np.concatenate([v, -known.deviation], axis=1)
+        weight = np.concatenate([weight, known.weight], axis=1)
+    return PointChecks(
+        point=piece.group.point,
+        rays=rays,
+        control=control[piece.group.point],
+        member=member[piece.group.point],
+        residual=v + (b @ E.shift[..., None])[..., 0],
+        weight=weight,
+        partials=a,
+        ground=b,
+        inverse=E.inverse,
+        unknowns=network.unknowns(piece.group, E.extras.index),
+        photo=piece.photo,
+        extras=E.extras.index,
+        inverse_of_stations=inverse,
+    )
+
+
+def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
+    """Return what groups of observations explain: residuals and weights (k, s), cofactors (k, s, s) adjusted."""
+    root = np.sqrt(weight)
+    used = root > 0.0
+    share = np.eye(v.shape[1]) * used[:, None, :] - root[:, :, None] * Q * root[:, None, :]
+    values, vectors = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
+    tested = values > checked
+    inverse = np.where(tested, 1.0 / np.where(tested, values, 1.0), 0.0)
+    u = np.einsum("kij,ki->kj", vectors, root * v)
+    sigma = np.where(used, 1.0 / np.where(used, root, 1.0), 0.0)
+    solved = vectors * inverse[:, None, :]
+    blind = np.einsum("kij,kj->ki", np.square(vectors), ~tested * 1.0) > 0.5
+    variance = np.einsum("kij,kij->ki", solved, vectors) * np.square(sigma)
+    return Drop(
+        squares=np.einsum("kj,kj->k", np.square(u), inverse),
+        parameters=np.count_nonzero(tested, axis=1),
+        error=-sigma * np.einsum("kij,kj->ki", solved, u),
+        sigma=np.where(blind | ~used, np.nan, np.sqrt(variance)),
+    )
+
+
+def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return residuals and cofactors of groups of observations that take part, from those by all others alone.
+
+    Residuals (k, s) and cofactors (k, s, s) of what the others predict; they come in with weights (k, s): with
+    G = P^1/2 Q P^1/2, P^1/2 v becomes (1 + G)^-1 P^1/2 v, and G becomes 1 - (1 + G)^-1.
+    """
+    root, unit = np.sqrt(weight), np.eye(v.shape[1])
+    left = np.linalg.inv(unit + root[:, :, None] * Q * root[:, None, :])
+    return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])
