@@ -160,7 +160,7 @@ class _Run:
                 break
             until = Until.REST
             if outcome.rough:
-                line = early_line(measured, line, state, self.job.bathymetric)
+                line, state = early_line(measured, line, state, self.job.bathymetric)
                 continue
             factor = outcome.last.factor if outcome.last else None
             last, line = line, best_line(measured, line, state, self.job.bathymetric, factor)

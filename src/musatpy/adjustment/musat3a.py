@@ -178,9 +178,7 @@ class _Run:
                 break
             until = Until.REST
             if outcome.rough:
-                line = early_line(measured, line, state, job.bathymetric)
-                sides = measured.with_plates(measured.xy, line.wet)
-                state = ground_points.at_their_best(sides, state, sides.changed(network))
+                line, state = early_line(measured, line, state, job.bathymetric)
                 continue
             factor = outcome.last.factor if outcome.last and not free.count else None
             last, line = line, best_line(measured, line, state, job.bathymetric, factor)

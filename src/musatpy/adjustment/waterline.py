@@ -122,18 +122,21 @@ def best_line(
     return _changed(network, line, water, wet, level, fixed)
 
 
-def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
-    """Return the line with the points that disagree with their states in their best ones.
+def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> tuple[WaterLine, State]:
+    """Return the line with the points that disagree with their states in their best ones, and these points there.
 
     For stations that still move, and points with them: what these do here is no last change to turn back from, and
     none is held.
     """
     height, water = heights_and_water(network, state, bathymetric)
     at_odds = _per_point(network, line.wet != (height < water)) > 0
-    wet = line.wet.copy()
+    wet, ground = line.wet.copy(), state.ground.copy()
     for group, _ in _bathymetric_groups(network, state, bathymetric & at_odds):
-        wet[group.rays], _ = States.of(network, state, group).best()
-    return starting_line(wet, network.points)
+        states = States.of(network, state, group)
+        wet[group.rays], _ = states.best()
+        changed = (wet[group.rays] != line.wet[group.rays]).any(axis=1)
+        ground[group.point[changed]] = states.at_rest(wet[group.rays])[changed]
+    return starting_line(wet, network.points), replace(state, ground=ground)
 
 
 def _set_between(

@@ -102,6 +102,10 @@ class States:
         Q = cofactors.with_border(self.network.photo[group.rays], normals.columns)
         return Present(normals=normals, cofactors=Q)
 
+    def at_rest(self, wet: BoolArray) -> FloatArray:
+        """Return where the points are (k, 3) with those rays wet (k, m) that are in one of their states."""
+        return self.X[np.arange(len(wet)), np.count_nonzero(~wet, axis=1)]
+
     def best(self, present: Present | None = None) -> tuple[BoolArray, FloatArray]:
         """Return which rays (k, m) of the points are wet, and the water line (k,) that they are on, or NaN.
 
