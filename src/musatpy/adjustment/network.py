@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from musatpy.adjustment.sequence import PointSequence
 
 
+RAYS = 2**14  # at a time: the arrays of one elimination stay within some megabytes
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointGroup:
     """k points with m rays each: `point` (k,) links to points, `rays` (k, m) links to measurements.

@@ -106,7 +106,10 @@ class Sums:
 
 
 def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray | None, rhs: FloatArray) -> Sums:
-    """Return the sums of what `NormalEquations.add` takes; of right sides alone where there are no blocks."""
+    """Return the sums of the normal equations of k points on m photos, of right sides alone without `blocks`.
+
+    photo (k, m) ascending, blocks (k, m (m + 1)/2, q, q) as `np.triu_indices(m)` has them, rhs (k, m, q).
+    """
     pairs, photos = pattern.runs(photo)
     none = np.zeros((0, pattern.size, pattern.size))
     return Sums(
@@ -134,13 +137,6 @@ class NormalEquations:
         self._corner = np.zeros((border, border))
         self._rhs = np.zeros((n, q))
         self._border_rhs = np.zeros(border)
-
-    def add(self, photo: IntArray, blocks: FloatArray, rhs: FloatArray) -> None:
-        """Add those of k points on m photos: photo (k, m) ascending, blocks (k, m (m + 1)/2, q, q), rhs (k, m, q).
-
-        The blocks are those of `np.triu_indices(m)`.
-        """
-        self.add_sums(summed(self.pattern, photo, blocks, rhs))
 
     def add_sums(self, sums: Sums) -> None:
         """Add what several points have in sum."""

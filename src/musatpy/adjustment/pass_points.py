@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import NormalEquations, upper
+from musatpy.adjustment.normals import Sums, summed, upper
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.geometry.coplanarity import coplanarity, scale_restraint
@@ -56,38 +56,37 @@ def _windows(rows: FloatArray, length: int) -> FloatArray:
     return np.stack([rows[:, i : m - length + 1 + i] for i in range(length)], axis=2)
 
 
-def add_full(
-    network: Network, state: State, group: PointGroup, adjusted: FloatArray, normals: NormalEquations
-) -> None:
-    """Add the conditions of a group with full weights, linearised at the adjusted plate coordinates (k, m, 2)."""
+def full(network: Network, state: State, group: PointGroup, matrix: bool = True) -> Sums:
+    """Return the normal equations of the conditions of a group with full weights, at its adjusted images.
+
+    Without `matrix` the right sides only.
+    """
+    ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
+    adjusted = sightings.image_coordinates(network, state, group.rays, ground)
     C = conditions(network, state, group, adjusted, state.ground[group.point])
     # misclosure at the measured coordinates: g(l0) + G (l - l0)
     w = C.value + np.einsum("kcma,kma->kc", C.G, network.xy[group.rays] - adjusted)
     scale = 1.0 / np.sqrt(np.einsum("kcc->kc", C.covariance))
     k, c, m, _ = C.A.shape
-    A = (C.A * scale[:, :, None, None]).reshape(k, c, 6 * m)
+    A, right = (C.A * scale[:, :, None, None]).reshape(k, c, 6 * m), (w * scale)[..., None]
     S = C.covariance * scale[:, :, None] * scale[:, None, :]
-    weighted = np.linalg.solve(S, np.concatenate([A, (w * scale)[..., None]], axis=-1))
+    weighted = np.linalg.solve(S, np.concatenate([A, right], axis=-1) if matrix else right)
     At = np.swapaxes(A, 1, 2)
-    _add(network, group, At @ weighted[..., :-1], -(At @ weighted[..., -1:])[..., 0], normals)
+    return _sums(network, group, At @ weighted[..., :-1] if matrix else None, -(At @ weighted[..., -1:])[..., 0])
 
 
-def add_weighted(
-    network: Network, group: PointGroup, C: Conditions, variance: FloatArray, normals: NormalEquations
-) -> None:
-    """Add the conditions of a group with a diagonal weight matrix, 1/variance (k, c)."""
+def weighted(network: Network, group: PointGroup, C: Conditions, variance: FloatArray) -> Sums:
+    """Return the normal equations of the conditions of a group by a diagonal weight matrix, 1/variance (k, c)."""
     k, c, m, _ = C.A.shape
     A = C.A.reshape(k, c, 6 * m)
-    weighted = A / variance[..., None]
-    matrix = np.swapaxes(A, 1, 2) @ weighted
-    _add(network, group, matrix, -np.einsum("kci,kc->ki", weighted, C.value), normals)
+    PA = A / variance[..., None]
+    return _sums(network, group, np.swapaxes(A, 1, 2) @ PA, -np.einsum("kci,kc->ki", PA, C.value))
 
 
-def _add(
-    network: Network, group: PointGroup, matrix: FloatArray, rhs: FloatArray, normals: NormalEquations
-) -> None:
+def _sums(network: Network, group: PointGroup, matrix: FloatArray | None, rhs: FloatArray) -> Sums:
     k, m = group.rays.shape
-    normals.add(network.photo[group.rays], upper(matrix.reshape(k, m, 6, m, 6)), rhs.reshape(k, m, 6))
+    blocks = None if matrix is None else upper(matrix.reshape(k, m, 6, m, 6))
+    return summed(network.pattern, network.photo[group.rays], blocks, rhs.reshape(k, m, 6))
 
 
 def simple_variances(network: Network, state: State, weights: Weights) -> tuple[FloatArray, ...]:

@@ -20,7 +20,7 @@ from musatpy.adjustment.ground import better, point_squares
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.kinds import UNKNOWNS
-from musatpy.adjustment.network import Network, PointGroup, parts_of
+from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sequence import Last
@@ -28,8 +28,6 @@ from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import INDEX_RANGE, ObservationKind, Options
-
-_PART = 2**14  # rays at a time: the arrays of one elimination stay within some megabytes
 
 
 def sum_of_squares(network: Network, state: State) -> float:
@@ -85,7 +83,7 @@ class Simultaneous:
         if network.compiled is not None:
             follow, of_points = network.compiled.add_eliminated(state, normals, kept is None)
             follows.append(follow)
-        parts = parts_of(self._others, _PART)
+        parts = parts_of(self._others, RAYS)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
             follows.append(E.follow(part))

@@ -13,11 +13,11 @@ from musatpy.adjustment.direct import add_direct, direct_squares, largest_moveme
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.kernels import LARGE
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.network import RAYS, Network, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix
-from musatpy.adjustment.pass_points import add_full, add_weighted, measured_conditions, simple_variances
+from musatpy.adjustment.pass_points import full, measured_conditions, simple_variances, weighted
 from musatpy.adjustment.propagation import redundancy
-from musatpy.adjustment.sightings import image_coordinates
+from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.model import Options, Weights
@@ -63,13 +63,15 @@ class Triangulation:
             if compiled is not None:
                 compiled.add_conditions(state, normals, kept is None)
                 groups = compiled.others
-            for group in groups:
-                ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
-                add_full(network, state, group, image_coordinates(network, state, group.rays, ground), normals)
+            parts = parts_of(groups, RAYS)
+            for sums in side_by_side(
+                lambda part: full(network, state, part, kept is None), parts, len(network.photo)
+            ):
+                normals.add_sums(sums)
         else:
             scale = self.fixed_scale or simple_variances(network, state, self.options.weights)
             for group, variance in zip(network.pass_groups, scale, strict=True):
-                add_weighted(network, group, measured_conditions(network, state, group), variance, normals)
+                normals.add_sums(weighted(network, group, measured_conditions(network, state, group), variance))
         control_groups = network.control_groups
         if self._control is not None:
             self._control.add_eliminated(state, normals, kept is None)
