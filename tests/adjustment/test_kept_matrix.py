@@ -167,10 +167,10 @@ def test_tests_are_judged_a_hundredth_of_a_sigma_from_the_minimum(place: float, 
 def test_an_iteration_that_goes_on_foresees_how_its_kept_matrix_closes_in(place: float, count: int) -> None:
     """It leaves no more of its first step than that; where this is not told, two are taken."""
     before = iterate(Curve(b=0.01, fresh=[]), 2.5, 20, None, Near(), Until.TESTED)
-    assert 0.01 < before.closing < 0.1
-    for closing, expected in ((before.closing, count), (0.0, 2)):
+    assert before.kept is not None and 0.01 < before.kept.closing < 0.1
+    for closing, expected in ((before.kept.closing, count), (0.0, 2)):
         curve, steps = Curve(b=0.01, fresh=[]), list[Step]()
-        start = Near(kept=before.kept, closing=closing)
+        start = Near(kept=replace(before.kept, closing=closing))
         outcome = iterate(curve, place, 20, steps.append, start, Until.TESTED)
         assert not outcome.failure and not curve.fresh
         assert abs(outcome.state - 1.0) < AT_REST

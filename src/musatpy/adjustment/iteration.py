@@ -104,6 +104,7 @@ class Kept:
 
     line: Linearisation  # without context
     factor: Factor
+    closing: float = 0.0  # share that the next step with them is of one, at most; 0 where that is not known
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +117,6 @@ class Near:
     kept: Kept | None = None
     proven: bool = False  # the observations differ in their values alone, so that steps close in as they did there
     length: float = np.inf  # of the last step of the other one: the first one here is to close in on that
-    closing: float = 0.0  # share that the next step with that matrix is of one, at most; 0 where not known
     determined: bool = True  # that iteration has determined the unknowns
 
 
@@ -146,7 +146,6 @@ class Outcome:
     change: float = 0.0  # sigmas, by `Linearisation.change`, of the last step where that was a full one
     last: Kept | None = None  # normals of that step, where the iteration converged
     rough: bool = False  # it ended as soon as `Until` said, before the limits
-    closing: float = 0.0  # of `Near`, for the iteration that goes on with its last matrix
 
     @property
     def is_final(self) -> bool:
@@ -198,8 +197,9 @@ def iterate(
     """
     damping, blind, stalled, before = 0.0, 0, 0, state
     step, change, length = np.zeros(0), 0.0, start.length if start else 0.0
+    begin = start.kept if start else None
     # of the matrix of `kept` is `factor`
-    kept, factor = (start.kept.line, start.kept.factor) if start and start.kept else (None, None)
+    kept, factor, share = (begin.line, begin.factor, begin.closing) if begin else (None, None, 0.0)
     for number in range(1, max_iterations + 1):
         accepted, last = None, length
         if kept is not None:
@@ -230,7 +230,6 @@ def iterate(
             return Outcome(state=state, last_step=step, failure=_STUCK, hopeless=line.hopeless)
         length, change = (0.0, 0.0) if damping else (line.length(step), line.change(step))
         first = start if number == 1 else None
-        share = first.closing if first and kept is not None else 0.0
         near, ends = _closing(until, length, last, objective, kept is not None, share)
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None or length <= _KEPT * AT_REST
@@ -239,11 +238,10 @@ def iterate(
         rest = good and proven and left * change < AT_REST and problem.converged(left * step)
         rough = not rest and ends and good and (line.renewable or until is Until.WEIGHED)
         if factor is not None and (rest or rough):
-            normals = Kept(line=replace(line, context=None), factor=factor)
-            end = Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)
-            return replace(end, closing=0.0 if first else further)
+            normals = Kept(line=replace(line, context=None), factor=factor, closing=0.0 if first else further)
+            return Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)
         kept = line if good and near and line.renewable else None
-        damping = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping
+        damping, share = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping, 0.0
     plural = "" if max_iterations == 1 else "s"
     failure = f"limits not reached in {max_iterations} iteration{plural}"
     slow = objective > (1.0 - _SLOW) * line.objective
@@ -256,7 +254,7 @@ def _closing(
     """Return whether steps close in, so that they may have a `kept` matrix, and whether that is near enough.
 
     For comparisons and tests it is where the next step will be short enough, shorter than this one by as much.
-    `share`: what is known beforehand of the next step, 0 for nothing.
+    `share`: that of a kept matrix that the next step is at most, 0 where that is not known.
     """
     if until is Until.COMPARED:
         seen = length**2 <= _SEEN * last < np.inf
@@ -266,7 +264,7 @@ def _closing(
     near = length <= (_KEPT * last if kept else _CLOSING * max(last, 1.0))
     near |= length**3 <= _KEPT * AT_REST * last**2
     if until is Until.TESTED:
-        foreseen = length**2 <= AT_REST * last < np.inf or 0.0 < share * length <= AT_REST
+        foreseen = length**2 <= AT_REST * last < np.inf or (kept and 0.0 < share * length <= AT_REST)
         return near, length <= AT_REST or foreseen
     near |= until is Until.FIT and bool(np.sqrt(objective) <= _CLOSING * length)
     return near, near and until is not Until.REST

@@ -32,7 +32,7 @@ def weighted(network: Network, block: Block, factors: Factors) -> Network:
     """Return the network with its weights times the factors."""
     network = replace(network, weight=network.weight * factors[_K.PLATE])
     for kind in SEARCHED:
-        if factors[kind.observed].size:
+        if (factors[kind.observed] != 1.0).any():  # else what is kept of it serves on
             network = kind.weighted(network, block, factors[kind.observed])
     return network
 

@@ -227,8 +227,7 @@ def settled(scene: Scene, factors: Factors, state: State, start: Near = AROUND) 
         if outcome.is_final or short == SHORT or not changed.any():
             break
         scene = replace(scene, network=scene.network.with_plates(scene.network.xy, line.wet))
-        state = at_their_best(scene, factors, state, scene.network.point[changed])
-        near = Near(kept=outcome.kept, closing=outcome.closing)
+        state, near = at_their_best(scene, factors, state, scene.network.point[changed]), Near(kept=outcome.kept)
     if normals is not None:
         normals = replace(normals, line=replace(normals.line, rhs=np.zeros_like(normals.line.rhs)))
     return scene, state, normals

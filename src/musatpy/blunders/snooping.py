@@ -133,6 +133,13 @@ class Judgement:
         """(units,) the largest test value, without its sign, of each unit; 0 where nothing checks it."""
         return self.units.per_unit(np.abs(self.test))
 
+    @cached_property
+    def predicted(self) -> BoolArray:
+        """(units,) whether the others predict all observations of a unit."""
+        unknown = np.zeros(self.units.count, dtype=bool)
+        unknown[self.units.unit[np.isnan(self.test)]] = True
+        return ~unknown
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Snooped:
@@ -198,10 +205,10 @@ def snooped(
         near = Near()
         judgement = judged(scene, state, units, out, factors, normals)
         value = judgement.unit_test
-        fits = _predicted(judgement) & (value < _BACK * limit)
+        fits = judgement.predicted & (value < _BACK * limit)
         back = out & fits & (returns < _RETURNS) & ~image
         if number == 0:  # what nothing predicts can be tested only when it is in
-            back |= out & ~_predicted(judgement) & ~image
+            back |= out & ~judgement.predicted & ~image
         leaving = _leaving(judgement, value)
         common = worst_common_tide(scene, state, judgement)
         if common is not None and common.test > max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)):
@@ -210,7 +217,7 @@ def snooped(
         anew = image & (leaving | out) if moved else image & leaving
         wrong, after = _images_anew(scene, state, units, out, anew, judgement.sigma0)
         # one that is out comes back where its point is explained otherwise, unless its own test says no
-        back |= anew & out & ~wrong & (fits | ~_predicted(judgement))
+        back |= anew & out & ~wrong & (fits | ~judgement.predicted)
         leaving |= wrong & ~out
         moved = bool((leaving & (value > _FAR * limit)).any())
         if not back.any() and not leaving.any():
@@ -407,13 +414,6 @@ def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Commo
     taken[units.row[units.first][inside & ~judgement.out]] = False
     errors = common_tides(block, scene.network, state, judgement.normals.factor, taken, judgement.sigma0)
     return max(errors, key=lambda error: error.test, default=None)
-
-
-def _predicted(judgement: Judgement) -> BoolArray:
-    """Return (units,) whether the others predict all observations of a unit."""
-    unknown = np.zeros(judgement.units.count, dtype=bool)
-    unknown[judgement.units.unit[np.isnan(judgement.test)]] = True
-    return ~unknown
 
 
 def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:
