@@ -31,9 +31,10 @@ _SLOW = 0.01  # share of the objective that a last step must gain to go on from 
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
 _CLOSING = 0.1  # share of the step before, or sigmas, from which on the matrix may be kept
 _KEPT = 0.01  # and that a step with a kept matrix may be at most
-# times the share of the step before that further steps may be: of a curve, a step d with a matrix of its own leaves
-# b d^2 / 2, and one of d' with the same matrix then 2 b d d'; and what closes in slowly is left to the end
+# times the share of the step before that further ones may be: of a curve, a step d with a matrix of its own leaves
+# b d^2 / 2, and one of d' with the same matrix then 2 b d d'
 _FURTHER = 4.0
+_SLOWEST = 2.0  # times the share of one with the same matrix: what closes in slowly is left to the end
 _SEEN = 0.1  # sigmas: what a step that is this long changes of a sum of squares decides no comparison
 
 
@@ -195,7 +196,7 @@ def iterate(
     the step itself is a hundredth of the limit.
     What follows may not need the minimum itself: `until` says how near a large problem is to come.
     """
-    damping, blind, stalled, before = 0.0, 0, 0, state
+    damping, blind, stalled, before, again = 0.0, 0, 0, state, False
     step, change, length = np.zeros(0), 0.0, start.length if start else 0.0
     begin = start.kept if start else None
     # of the matrix of `kept` is `factor`
@@ -233,14 +234,14 @@ def iterate(
         near, ends = _closing(until, length, last, objective, kept is not None, share)
         good = damping == 0.0 and bool(np.isfinite(objective)) and (near or kept is None)
         proven = first is None or first.proven or kept is None or length <= _KEPT * AT_REST
-        further = _FURTHER * length / last if kept is not None and last > 0.0 else 0.0
+        further = (_SLOWEST if again else _FURTHER) * length / last if kept is not None and last > 0.0 else 0.0
         left = max(1.0, further / _KEPT)  # what a kept matrix leaves counts, where that is more than a hundredth
         rest = good and proven and left * change < AT_REST and problem.converged(left * step)
         rough = not rest and ends and good and (line.renewable or until is Until.WEIGHED)
         if factor is not None and (rest or rough):
             normals = Kept(line=replace(line, context=None), factor=factor, closing=0.0 if first else further)
             return Outcome(state=state, last_step=step, failure="", change=change, last=normals, rough=rough)
-        kept = line if good and near and line.renewable else None
+        again, kept = kept is not None, line if good and near and line.renewable else None
         damping, share = 0.0 if damping <= _NEGLIGIBLE_DAMPING else 0.1 * damping, 0.0
     plural = "" if max_iterations == 1 else "s"
     failure = f"limits not reached in {max_iterations} iteration{plural}"
