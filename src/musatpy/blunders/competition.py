@@ -27,7 +27,7 @@ from musatpy.blunders.explanation import (
     with_hypothesis,
     with_revision,
 )
-from musatpy.blunders.factors import Factors
+from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses, of_taken_images
 from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
@@ -107,16 +107,16 @@ def members(search: Search, most: int) -> Iterator[Hypothesis]:
     """
     last, block = search.last, search.last.scene.block
     network, out = last.scene.network, last.out()
-    wrong = np.flatnonzero(out[_K.PLATE].any(axis=1))
+    wrong = np.flatnonzero(last.rows_out(_K.PLATE))
     wrong = wrong[np.argsort(network.point[wrong], kind="stable")]
-    point, used = network.point[wrong], (last.scene.weight[_K.PLATE] > 0.0).all(axis=1)
-    seen = np.bincount(network.point[used], minlength=network.points)
+    point, seen = network.point[wrong], np.bincount(network.point[taking_part(network)], minlength=network.points)
     gone = np.bincount(point, minlength=network.points)
     every = ((gone > 1) & (gone == seen))[point]
-    of_points = np.split(wrong, np.flatnonzero((np.diff(point, prepend=-1) != 0) | ~every)[1:])
-    squares = np.square(sizes(last.scene, last.state)[_K.PLATE]).sum(axis=1)
-    largest = np.sort(falling([squares[rows].sum() for rows in of_points])[:most])
-    for rows in [of_points[number] for number in largest.tolist()] if len(wrong) else ():
+    start = np.flatnonzero((np.diff(point, prepend=-1) != 0) | ~every)
+    squares = np.square(sizes(last.scene, last.state)[_K.PLATE][wrong]).sum(axis=1)
+    largest = np.sort(falling(np.add.reduceat(squares, start) if len(wrong) else squares)[:most])
+    end = np.append(start[1:], len(wrong))
+    for rows in [wrong[start[number] : end[number]] for number in largest.tolist()]:
         of_images = CauseKind.IMAGES if len(rows) > 1 else CauseKind.IMAGE
         photo = tuple(np.unique(network.photo[rows]).tolist())
         yield _member(of_images, (GivenUp.of_images(rows),), photo, (int(network.point[rows[0]]),))

@@ -98,7 +98,8 @@ def cost(scene: Scene, out: Factors, state: State, revisions: int, variance: flo
     for kind, mask in out.items():
         if kind is not ObservationKind.PLATE:
             prices += int(np.count_nonzero(mask))
-    network, wrong = scene.network, out[ObservationKind.PLATE].any(axis=1)
+    network, (x, y) = scene.network, (out[ObservationKind.PLATE] > 0.0).T
+    wrong = x | y
     lost = np.bincount(network.point[wrong], minlength=network.points)
     seen = np.bincount(network.point[taking_part(network)], minlength=network.points)
     known = network.priors.known.sum(axis=1) + (network.priors.group >= 0)
@@ -116,7 +117,7 @@ def starts(last: Snooped) -> list[tuple[Factors, bool]]:
     """
     out, network = last.out(), last.scene.network
     nothing = {kind: np.zeros_like(mask) for kind, mask in out.items()}
-    wrong = out[ObservationKind.PLATE].any(axis=1)
+    wrong = last.rows_out(ObservationKind.PLATE)
     used = taking_part(network)
     lost = np.bincount(network.photo[wrong], minlength=network.photos)
     share = lost > _SHARE * np.bincount(network.photo[used], minlength=network.photos)
@@ -133,14 +134,14 @@ def _doubtful_points(last: Snooped) -> BoolArray:
 
     Two more images that agree with what is known of the point leave no doubt.
     """
-    out, network, block = last.out(), last.scene.network, last.scene.block
+    network, block = last.scene.network, last.scene.block
     known = np.asarray(network.priors.known.any(axis=1) | (network.priors.group >= 0))
-    wrong = out[ObservationKind.PLATE].any(axis=1)
+    wrong = last.rows_out(ObservationKind.PLATE)
     lost = np.bincount(network.point[wrong], minlength=network.points)
     good = np.bincount(network.point[taking_part(network) & ~wrong], minlength=network.points)
     denied = np.zeros(network.points, dtype=bool)
     for prior in PRIORS:
-        denied[prior.points(block)[out[prior.observed].any(axis=1)]] = True
+        denied[prior.points(block)[last.rows_out(prior.observed)]] = True
     return known & ~((lost == 1) & (good >= _AGREEING) & ~denied)
 
 
@@ -153,7 +154,7 @@ def single_images(last: Snooped) -> bool:
     out, network = last.out(), last.scene.network
     if any(mask.any() for kind, mask in out.items() if kind is not ObservationKind.PLATE):
         return False
-    wrong = np.asarray(out[ObservationKind.PLATE].any(axis=1))
+    wrong = last.rows_out(ObservationKind.PLATE)
     points, photos = network.point[wrong], network.photo[wrong]
     known = network.priors.known.any(axis=1) | (network.priors.group >= 0)
     images = np.bincount(network.photo[taking_part(network)], minlength=network.photos)

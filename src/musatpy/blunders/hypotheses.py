@@ -154,11 +154,14 @@ def _of_points(points: CheckedPoints, checks: PointChecks, least: float) -> Iter
 def _of_images(
     points: CheckedPoints, checks: PointChecks, kind: CauseKind, rays: IntArray, drop: Drop, least: float
 ) -> Iterator[Hypothesis]:
-    """Yield groups of images `rays` (g, r) of points, as many groups of each."""
-    for g in _most(np.where(drop.parameters > 0, drop.squares, 0.0), least):
-        photo = tuple(np.unique(points.network.photo[rays[g]]).tolist())
-        point = int(checks.point[g * len(checks.point) // len(rays)])
-        yield _hypothesis(kind, drop, g, photo=photo, point=(point,), given_up=(GivenUp.of_images(rays[g]),))
+    """Yield groups of images `rays` (k n, r) of points, n groups of each: all first ones, all second ones, ..."""
+    n, squares = len(rays) // len(checks.point), np.where(drop.parameters > 0, drop.squares, 0.0)
+    for number in range(n):
+        for k in _most(squares[number::n], least):
+            row = number + n * k
+            photo = tuple(np.unique(points.network.photo[rays[row]]).tolist())
+            given_up = GivenUp.of_images(rays[row])
+            yield _hypothesis(kind, drop, row, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
 
 
 def _of_priors(checks: PointChecks, kind: CauseKind, components: IntArray, least: float) -> Iterator[Hypothesis]:

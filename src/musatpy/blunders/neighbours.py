@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.iteration import Kept
+from musatpy.adjustment.iteration import Kept, Linearisation
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors
@@ -115,41 +115,31 @@ def _told(model: LinearModel, kept: Kept, network: Network, parts: list[PointGro
 
     It is told from a model, whose normals are `kept`.
     """
-    block, nothing = model.scene.block, np.zeros_like(model.step)
-    point, rays = (np.concatenate(of) for of in zip(*((p.point, p.rays.reshape(-1)) for p in parts), strict=True))
     was, (alone, state) = _apart(model.network, model.state, parts), _apart(network, model.state, parts)
     state = by_images(alone, ground_points.settle(alone, state))
-    before, after = (checked_points(block, *of, model.inverse, nothing, point) for of in (was, (alone, state)))
+    (point, rays), nothing = _numbers(parts), np.zeros_like(model.step)
+    before, after = (
+        checked_points(model.scene.block, *of, model.inverse, nothing, point) for of in (was, (alone, state))
+    )
     old, new = list(before.checks()), list(after.checks())
-    unknowns = np.unique(np.concatenate([checks.unknowns.reshape(-1) for checks in old]))
-    (matrix_before, rhs_before), (matrix, rhs) = (_reduced(unknowns, checks) for checks in (old, new))
-    free = ~np.isin(unknowns, model.inverse.held)
-    factor = UpdatedFactor.of(kept.factor, unknowns, (matrix - matrix_before) * free[:, None] * free)
-    if factor is None:
+    updated = _updated(kept, model.inverse, old, new)
+    if updated is None:
         return None
-    line = replace(kept.line, rhs=kept.line.rhs.copy())
-    line.rhs[unknowns] += (rhs - rhs_before) * free
-    step, inverse = (
-        factor.solve(line.rhs),
-        UpdatedInverse(factor=factor, held=model.inverse.held, before=model.inverse),
-    )
-    others, moved = np.ones(network.points, dtype=bool), step - model.step
-    others[point] = False
+    line, inverse = updated
+    step, others = inverse.factor.solve(line.rhs), np.ones(network.points, dtype=bool)
+    others[point], moved = False, step - model.step
     stay = (checks.part(others[checks.point]).after(moved, inverse) for checks in model.points)
-    told = (
-        replace(checks, point=point[checks.point], rays=rays[checks.rays]).after(step, inverse) for checks in new
-    )
+    told = (replace(at, point=point[at.point], rays=rays[at.rays]).after(step, inverse) for at in new)
     ground, squares = model.state.ground.copy(), model.state.squares.copy()
     ground[point], squares[point] = state.ground, state.squares
-    state = replace(model.state, ground=ground, squares=squares)
     return ToldModel(
         network=network,
-        state=state,
+        state=replace(model.state, ground=ground, squares=squares),
         points=(*stay, *told),
         loose=model.loose and replace(model.loose.some(others), step=step, inverse=inverse),
         scene=model.scene,
-        factor=factor,
-        kept=Kept(line=line, factor=factor),
+        factor=inverse.factor,
+        kept=Kept(line=line, factor=inverse.factor),
         inverse=inverse,
         step=step,
         stations=model.stations + moved[: model.stations.size].reshape(model.stations.shape),
@@ -160,9 +150,33 @@ def _told(model: LinearModel, kept: Kept, network: Network, parts: list[PointGro
     )
 
 
+def _updated(
+    kept: Kept, before: Inverse, old: list[PointChecks], new: list[PointChecks]
+) -> tuple[Linearisation, UpdatedInverse] | None:
+    """Return the normal equations, and their inverse, with `new` checks of some points in place of the `old` ones.
+
+    None where too little is left.
+    """
+    unknowns = np.unique(np.concatenate([checks.unknowns.reshape(-1) for checks in old]))
+    free = ~np.isin(unknowns, before.held)
+    (matrix_before, rhs_before), (matrix, rhs) = (_reduced(unknowns, checks) for checks in (old, new))
+    factor = UpdatedFactor.of(kept.factor, unknowns, (matrix - matrix_before) * free[:, None] * free)
+    if factor is None:
+        return None
+    line = replace(kept.line, rhs=kept.line.rhs.copy())
+    line.rhs[unknowns] += (rhs - rhs_before) * free
+    return line, UpdatedInverse(factor=factor, held=before.held, before=before)
+
+
+def _numbers(parts: list[PointGroup]) -> tuple[IntArray, IntArray]:
+    """Return points and rays, one after the other."""
+    point, rays = zip(*((part.point, part.rays.reshape(-1)) for part in parts), strict=True)
+    return np.concatenate(point), np.concatenate(rays)
+
+
 def _apart(network: Network, state: State, parts: list[PointGroup]) -> tuple[Network, State]:
     """Return a network of some points alone, and its state."""
-    point, rays = (np.concatenate(of) for of in zip(*((p.point, p.rays.reshape(-1)) for p in parts), strict=True))
+    point, rays = _numbers(parts)
     alone, _ = network.apart(parts, network.xy[rays], network.refracted[rays])
     return alone, replace(state, ground=state.ground[point], squares=state.squares[point])
 

@@ -95,8 +95,9 @@ class Scene:
 
     def residuals_and_sizes(self, state: State) -> tuple[Factors, Factors]:
         """Return the residuals in their units, and in a priori sigmas; those that were asked for last are kept."""
-        for network, known, residuals, sizes in self._sizes:
+        for number, (network, known, residuals, sizes) in enumerate(self._sizes):
             if network is self.network and known is state:
+                self._sizes.insert(0, self._sizes.pop(number))
                 return residuals, sizes
         residuals = deviations(self.network, self.block, state)
         sizes = {kind: residuals[kind] * np.sqrt(weight) for kind, weight in self.weight.items()}
