@@ -90,7 +90,7 @@ def _by_index(k: int, r: int, p: int, at: Measured, stations: Stations, water: W
 def _set_errors(
     p: int, m: int, at: Measured, stations: Stations, water: Water, with_index: bool, room: Room, of: FloatArray
 ) -> None:
-    """Set of (m, 4, 2) to what errors of one unit add to the images of a point: `common_errors._errors_of_images`."""
+    """Set of (m, 4, 2) to what errors of one unit add to images of a point: `common_errors._errors_of_images`."""
     for k in range(m):
         r = at.start[p] + k
         n = at.photo[r]
