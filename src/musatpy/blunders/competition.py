@@ -17,7 +17,6 @@ from musatpy.blunders.explanation import (
     EQUAL,
     SENSIBLE,
     Case,
-    at_rest,
     covers,
     first_case,
     given_up,
@@ -30,7 +29,7 @@ from musatpy.blunders.explanation import (
 )
 from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses, of_taken_images
-from musatpy.blunders.neighbours import Origin
+from musatpy.blunders.neighbours import Origin, at_rest
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
 from musatpy.blunders.snooping import Snooped

@@ -24,8 +24,8 @@ from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
-from musatpy.blunders.linear_model import LinearModel, linear_model, solved
-from musatpy.blunders.neighbours import Origin
+from musatpy.blunders.linear_model import LinearModel, linear_model
+from musatpy.blunders.neighbours import Origin, at_rest
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
 from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, at_their_best, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
@@ -266,20 +266,6 @@ def model_of(case: Case, origin: Origin | None = None) -> tuple[LinearModel, Ori
         return model, origin
     model = linear_model(case.scene, factors, case.state)
     return model, Origin(model=model, state=case.state, factors=factors)
-
-
-def at_rest(last: Snooped) -> Origin:
-    """Return the linear model of a search at rest, by the normal equations there.
-
-    Raises `SingularNormalsError`.
-    """
-    scene, state, judgement = last.scene, last.state, last.judgement
-    factors = factors_of(last.out(), sizes(scene, state))
-    if state is not judgement.state:  # it was stopped
-        return Origin(model=linear_model(scene, factors, state), state=state, factors=factors)
-    network = scene.problem(factors).network
-    model = solved(scene, network, state, judgement.normals.line, judgement.inverse)
-    return Origin(model=model, state=state, factors=factors)
 
 
 def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesis]:
