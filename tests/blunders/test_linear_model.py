@@ -250,7 +250,7 @@ def test_trials_take_the_step_of_their_linear_model(monkeypatch: pytest.MonkeyPa
     origin = Origin(model=linear_model(case.scene, factors, case.state), state=case.state, factors=factors)
     iterated = with_hypothesis(case, best, 1.0, None)
     taken = []
-    monkeypatch.setattr(explanation, "readjusted", lambda case, kept: taken.append(kept) or case)
+    monkeypatch.setattr(explanation, "readjusted", lambda case, *_: taken.append(case) or case)
     stepped = with_hypothesis(case, best, 1.0, None, origin)
     assert not taken
     assert stepped.squares == pytest.approx(iterated.squares, abs=0.1)

@@ -12,11 +12,11 @@ from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.alternatives import exchanged_images
+from musatpy.blunders.checks import PointChecks
 from musatpy.blunders.explanation import (
     EQUAL,
     SENSIBLE,
     Case,
-    at_rest,
     covers,
     first_case,
     given_up,
@@ -29,7 +29,7 @@ from musatpy.blunders.explanation import (
 )
 from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses, of_taken_images
-from musatpy.blunders.neighbours import Origin
+from musatpy.blunders.neighbours import Origin, at_rest
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
 from musatpy.blunders.snooping import Snooped
@@ -66,13 +66,14 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     found, size = [*search.common, *members(search, most)], sizes(last.scene, last.state)
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
     rest = _rest(last, found[:most])
+    checks = _checks(rest, found[:most]) if rest else []
     out: list[Rival] = []
     for number, member in enumerate(found, 1):
         if len(out) >= most:
             break
         begin(last.scene.progress, "search for causes: what competes", number, len(found))
         if number > GROUPS and member.kind in _IMAGES:
-            out.append(_of_images(rest, _residual(whole), member, number))
+            out.append(_of_images(rest, checks, _residual(whole), member, number))
             continue
         case = _without(whole, member, sea)
         if case is None:
@@ -92,11 +93,20 @@ def _rest(last: Snooped, found: list[Hypothesis]) -> Origin | None:
     return None
 
 
-def _of_images(rest: Origin | None, residual: Factors, images: Hypothesis, group: int) -> Rival:
+def _checks(rest: Origin, found: list[Hypothesis]) -> list[PointChecks]:
+    """Return the checks of the points of what was found, by the search at rest."""
+    points = np.zeros(rest.model.network.points, dtype=bool)
+    points[[point for member in found for point in member.point]] = True
+    return list(rest.model.some(points).checks())
+
+
+def _of_images(
+    rest: Origin | None, checks: list[PointChecks], residual: Factors, images: Hypothesis, group: int
+) -> Rival:
     """Return images of one point that are out, with what they explain, whose competitors nobody asks for."""
     if rest is None:
         return Rival(hypothesis=images, drop=np.nan, group=group, rank=1)
-    found = _sized(of_taken_images(rest.model, images), residual)
+    found = _sized(of_taken_images(rest.model, checks, images), residual)
     return Rival(hypothesis=found, drop=found.squares, group=group, rank=1)
 
 

@@ -24,8 +24,8 @@ from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
-from musatpy.blunders.linear_model import LinearModel, linear_model, solved
-from musatpy.blunders.neighbours import Origin
+from musatpy.blunders.linear_model import LinearModel, linear_model
+from musatpy.blunders.neighbours import Origin, at_rest
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
 from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, at_their_best, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
@@ -177,16 +177,17 @@ def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
 
 
 def readjusted(
-    case: Case, kept: Kept | None = None, factors: Factors | None = None, steps: int = _ITERATIONS
+    case: Case, kept: Kept | None = None, factors: Factors | None = None, length: float = np.inf
 ) -> Case:
     """Return the case after a re-adjustment, of infinite squares where that fails.
 
-    `kept` are the normals nearby, with a little less given up; `factors` on the weights those of a state before.
+    `kept` are the normals nearby, with a little less given up; `factors` on the weights those of a state before;
+    `length` that of the step that has led here.
     """
-    near = AROUND if kept is None else replace(AROUND, kept=kept)
+    near = AROUND if kept is None else replace(AROUND, kept=kept, length=length)
     factors = case.factors() if factors is None else factors
     try:
-        state = adjusted(case.scene, factors, case.state, steps, near, Until.COMPARED).state
+        state = adjusted(case.scene, factors, case.state, _ITERATIONS, near, Until.COMPARED).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
@@ -198,13 +199,16 @@ def _at_minimum(case: Case, model: LinearModel, variance: float) -> Case:
     A step of length L that has misjudged them by d leaves a next one of some d / L (Gauss and Newton).
     """
     scene, network, kept = case.scene, model.network, model.kept
+    start, length = model.state, np.inf
     if kept and network.sea is None and sensible_water(network, model.minimum) and scene.effort.left:
         scene.effort.spend(1)
-        state, foreseen = ground_points.settle(network, model.minimum), float(kept.line.rhs @ model.step)
+        state = ground_points.settle(network, model.minimum)
+        step = float(np.sqrt(max(float(kept.line.rhs @ model.step), 0.0)))
         fall = sum_of_squares(network, model.state) - sum_of_squares(network, state)
-        if abs(fall - foreseen) <= max(variance * _SAME, _MISJUDGED * np.sqrt(variance * max(foreseen, 0.0))):
+        if abs(fall - step**2) <= max(variance * _SAME, np.sqrt(variance) * _MISJUDGED * step):
             return replace(case, state=state, squares=squares_in(scene, case.out, state))
-    return readjusted(replace(case, state=model.state), kept)
+        start, length = (state, step) if fall > 0.0 else (start, length)
+    return readjusted(replace(case, state=start), kept, case.factors(), length)
 
 
 def explained(
@@ -262,20 +266,6 @@ def model_of(case: Case, origin: Origin | None = None) -> tuple[LinearModel, Ori
         return model, origin
     model = linear_model(case.scene, factors, case.state)
     return model, Origin(model=model, state=case.state, factors=factors)
-
-
-def at_rest(last: Snooped) -> Origin:
-    """Return the linear model of a search at rest, by the normal equations there.
-
-    Raises `SingularNormalsError`.
-    """
-    scene, state, judgement = last.scene, last.state, last.judgement
-    factors = factors_of(last.out(), sizes(scene, state))
-    if state is not judgement.state:  # it was stopped
-        return Origin(model=linear_model(scene, factors, state), state=state, factors=factors)
-    network = scene.problem(factors).network
-    model = solved(scene, network, state, judgement.normals.line, judgement.inverse)
-    return Origin(model=model, state=state, factors=factors)
 
 
 def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesis]:

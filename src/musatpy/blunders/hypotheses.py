@@ -90,17 +90,19 @@ def hypotheses(
     options = [*common_errors(model), *_direct(model)]
     checked = model if near is None else model.some(near)
     known = [checks for checks in checked.points if checks.has_priors]
-    seen = [checks for checks in checked.points if not checks.has_priors]
+    seen = [checks for checks in checked.points if not checks.has_priors and len(checks.point) > 1]
+    single = [checks for checks in checked.points if not checks.has_priors and len(checks.point) == 1]
+    of_single = [option for checks in single for option in _of_points(checked, checks, least)]
 
     def share_of_best(options: list[Hypothesis]) -> float:
         return share * max((option.squares for option in options if wanted and wanted(option)), default=0.0)
 
     if wanted is not None:
-        worst = [checks.part(checks.squares == checks.squares.max(initial=0.0)) for checks in seen]
+        worst = [checks.part(checks.squares == checks.squares.max()) for checks in seen]
         likely = [option for checks in worst for option in _of_points(checked, checks, least)]
-        least = max(least, share_of_best([*options, *likely]))
+        least = max(least, share_of_best([*options, *of_single, *likely]))
         least = max(least, share_of_best(of_worst_point(checked, least)))
-    options += _stations(model, least)
+    options += [*of_single, *_stations(model, least)]
     for checks in (*known, *seen):
         options += _of_points(checked, checks.explaining(least), least)
         least = max(least, share_of_best(options))
@@ -119,11 +121,10 @@ def of_worst_point(points: CheckedPoints, least: float = 0.0) -> list[Hypothesis
     return [option for checks in worst for option in _of_points(points, checks, least)]
 
 
-def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
-    """Return a hypothesis, of images of a point that the model checks and has taken out, with what it explains."""
-    rays, point = images.given_up[0].row[::2], np.zeros(model.network.points, dtype=bool)
-    point[list(images.point)] = True
-    checks = next(checks for checks in model.some(point).checks() if len(checks.point))
+def of_taken_images(model: LinearModel, points: list[PointChecks], images: Hypothesis) -> Hypothesis:
+    """Return a hypothesis, of images of one of some points that the model has taken out, with what it explains."""
+    rays, (point,) = images.given_up[0].row[::2], images.point
+    checks = next(checks.part(checks.point == point) for checks in points if point in checks.point)
     order = np.flatnonzero(np.isin(checks.rays[0], rays))
     rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
     weight = model.scene.weight[_K.PLATE][checks.rays[:, order]].reshape(1, -1)

@@ -18,8 +18,9 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.checks import CheckedPoints, Inverse, PointChecks, checked_points
 from musatpy.blunders.common_errors import CommonErrors
 from musatpy.blunders.factors import Factors, weighted
-from musatpy.blunders.linear_model import LinearModel, by_images
-from musatpy.blunders.scene import Scene
+from musatpy.blunders.linear_model import LinearModel, by_images, linear_model, solved
+from musatpy.blunders.scene import Scene, sizes
+from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.model import ObservationKind
 
 _FEW = 8  # points: with more of them a new factor is cheaper
@@ -89,6 +90,20 @@ class Origin:
         if told:
             self._told[:] = [(factors, told), *self._told[: _REMEMBERED - 1]]
         return told or None
+
+
+def at_rest(last: Snooped) -> Origin:
+    """Return the linear model of a search at rest, by the normal equations there.
+
+    Raises `SingularNormalsError`.
+    """
+    scene, state, judgement = last.scene, last.state, last.judgement
+    factors = factors_of(last.out(), sizes(scene, state))
+    if state is not judgement.state:  # it was stopped
+        return Origin(model=linear_model(scene, factors, state), state=state, factors=factors)
+    network = scene.problem(factors).network
+    model = solved(scene, network, state, judgement.normals.line, judgement.inverse)
+    return Origin(model=model, state=state, factors=factors)
 
 
 def _told_otherwise(scene: Scene, before: Factors, factors: Factors) -> list[PointGroup] | None:

@@ -90,7 +90,7 @@ def _by_index(k: int, r: int, p: int, at: Measured, stations: Stations, water: W
 def _set_errors(
     p: int, m: int, at: Measured, stations: Stations, water: Water, with_index: bool, room: Room, of: FloatArray
 ) -> None:
-    """Set of (m, 4, 2) to what errors of one unit add to the images of a point: `hypotheses._errors_of_images`."""
+    """Set of (m, 4, 2) to what errors of one unit add to images of a point: `common_errors._errors_of_images`."""
     for k in range(m):
         r = at.start[p] + k
         n = at.photo[r]
@@ -141,7 +141,7 @@ def left_over(
     """Set the weighted squares of the images of points, rows of (g,), after a step (n, q) of the stations.
 
     And add to the sums of columns: c'Pc - c'PB N_pp^-1 B'Pc, c'Pv, and c'P (A - B N_pp^-1 B'PA).
-    `linear_model.PointChecks`, `hypotheses._of_columns`.
+    `checks.PointChecks`, `common_errors.CommonErrors`.
     """
     room = room_for(at.start, rows)
     of = np.empty((len(room.Y), 4, 2))
@@ -213,7 +213,7 @@ def together(
 ) -> None:  # fmt: skip
     """Set the squares, rows of out (g,), that all images of points explain together, after a step (n, q).
 
-    r' R^-1 r of `linear_model.dropped`, all weighted: R = W - W C W with the projection W = 1 - B N_pp^-1 B' and
+    r' R^-1 r of `checks.dropped`, all weighted: R = W - W C W with the projection W = 1 - B N_pp^-1 B' and
     C = A Q A'. W leaves r as it is, so that it is r' M^-1 r with M = 1 - W C W, which is regular. Infinite where M
     hardly is: there nothing checks the images. Q (e, q, q) is of the stations.
     """

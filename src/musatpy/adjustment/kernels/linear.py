@@ -65,7 +65,7 @@ def linear_images(
 ) -> None:  # fmt: skip
     """Set the images of points of as many rays, of which nothing is known, after a step (n, q) of the stations.
 
-    `reliability.image_partials`, and the residuals of `blunders.linear_model`.
+    `reliability.image_partials`, and the residuals of `blunders.checks`.
     """
     room = room_for(at.start, rows)
     for k in range(len(rows)):
