@@ -25,7 +25,7 @@ from musatpy.adjustment.threads import side_by_side, worth_sharing
 from musatpy.arrays import FloatArray, IntArray, order_of
 
 _FRONTS = 3  # times more blocks repay the loading of their kernels than of those of points
-_ROWS = 6  # of blocks whose cofactors are asked for together: more take no less time, and more memory
+_ROWS = 8  # of blocks whose cofactors are asked for together: more take no less time, and more memory
 _LIGHT = 4  # times more unknowns take a solution, and plain fronts, for threads to pay
 
 
@@ -240,14 +240,9 @@ class SparseFactor:
         rows = self.pattern.rank[self.pattern.rows(blocks)]
         lowest = np.searchsorted(start, rows.min(axis=1), side="right") - 1
         order = np.argsort(lowest, kind="stable")  # those whose ways meet stand together
-        parts = np.array_split(order, -(-len(order) // _ROWS)) if len(order) else []
         out = np.empty((*partials.shape[:2], partials.shape[1]))
-
-        def work(some: IntArray) -> FloatArray:
-            return self._cofactors_of(rows[some], partials[some], lowest[some].tolist())
-
-        for some, cofactors in zip(parts, side_by_side(work, parts, self.pattern.work), strict=True):
-            out[some] = cofactors
+        for some in np.split(order, range(_ROWS, len(order), _ROWS)) if len(order) else ():
+            out[some] = self._cofactors_of(rows[some], partials[some], lowest[some].tolist())
         return out
 
     def _cofactors_of(self, rows: IntArray, partials: FloatArray, lowest: list[int]) -> FloatArray:
