@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -307,7 +308,11 @@ class CompiledPoints(CompiledRows):
         (at, stations, water), known = self.seen(state), self.known(state, state.ground)
         up, point = np.empty_like(state.ground), self.sequence.point[self.rows]
         up[point] = self.network.frame.vertical(state.ground[point])[0]
-        self.of_parts(lambda part: self.kernels.reaches(part.rows, at, stations, water, known, RIDGE, up, out))
+
+        def work(rows: IntArray) -> None:
+            self.kernels.reaches(rows, at, stations, water, known, RIDGE, up, out)
+
+        deque(side_by_side(work, np.array_split(self.rows, 2), len(self.sequence.rays)), maxlen=0)
 
     def set_squares(self, state: State, squares: FloatArray) -> None:
         """Set the weighted squares (p,) of the points where they are."""

@@ -179,6 +179,7 @@ class _Run:
             until = Until.REST
             if outcome.rough:
                 line, state = early_line(measured, line, state, job.bathymetric)
+                before = measured.with_plates(measured.xy, line.wet)  # of which the state has the squares
                 continue
             factor = outcome.last.factor if outcome.last and not free.count else None
             last, line = line, best_line(measured, line, state, job.bathymetric, factor)

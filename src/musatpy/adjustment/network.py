@@ -213,7 +213,8 @@ class Network:
     def changed(self, before: Network) -> BoolArray:
         """Return the points (p,) whose images, rays or held components are others than in a network of the same."""
         out = np.zeros(self.points, dtype=bool)
-        out[self.point[self.refracted != before.refracted]] = True
+        if self.refracted is not before.refracted:
+            out[self.point[self.refracted != before.refracted]] = True
         if self.xy is not before.xy:
             x, y = (self.xy != before.xy).T
             out[self.point[x | y]] = True

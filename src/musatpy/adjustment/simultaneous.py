@@ -158,6 +158,8 @@ class Simultaneous:
         compiled, others = network.compiled, self._others
         if before is not None:
             changed = network.changed(before)
+            if not changed.any():
+                return state
             others = tuple(chain.from_iterable(group.some(changed[group.point]) for group in network.groups))
             compiled = CompiledPoints.of(network, others)
             others = others if compiled is None else compiled.others

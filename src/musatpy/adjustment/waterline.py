@@ -125,18 +125,21 @@ def best_line(
 def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> tuple[WaterLine, State]:
     """Return the line with the points that disagree with their states in their best ones, and these points there.
 
+    They have the squares of where they are then.
+
     For stations that still move, and points with them: what these do here is no last change to turn back from, and
     none is held.
     """
     height, water = heights_and_water(network, state, bathymetric)
     at_odds = _per_point(network, line.wet != (height < water)) > 0
-    wet, ground = line.wet.copy(), state.ground.copy()
+    wet, ground, squares = line.wet.copy(), state.ground.copy(), state.squares.copy()
     for group, _ in _bathymetric_groups(network, state, bathymetric & at_odds):
         states = States.of(network, state, group)
         wet[group.rays], _ = states.best()
         changed = (wet[group.rays] != line.wet[group.rays]).any(axis=1)
-        ground[group.point[changed]] = states.at_rest(wet[group.rays])[changed]
-    return starting_line(wet, network.points), replace(state, ground=ground)
+        X, of_points = states.at_rest(wet[group.rays])
+        ground[group.point[changed]], squares[group.point[changed]] = X[changed], of_points[changed]
+    return starting_line(wet, network.points), replace(state, ground=ground, squares=squares)
 
 
 def _set_between(

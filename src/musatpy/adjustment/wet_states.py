@@ -1,9 +1,9 @@
 """The states that points near the water can have, and the best of them: which of their rays are wet.
 
-Of m rays those of lower tides dry first: state j of a point has those of its j lowest tides dry, and agrees with
-where the point then stands if that is not below tide j, but below tide j + 1. Where state j - 1 takes the point
-over tide j and state j takes it back under, the sum of squares has a minimum on that water line, at the kink of
-its images.
+Rays of lower tides dry first: state j of a point has those of its j lowest tides dry, and agrees with where the
+point then stands if that is not below tide j, but below tide j + 1. Where each point has one tide, its rays dry
+together. Where state j - 1 takes the point over tide j and state j takes it back under, the sum of squares has a
+minimum on that water line, at the kink of its images.
 """
 
 from __future__ import annotations
@@ -55,35 +55,38 @@ class Present:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class States:
-    """The states of k points with m rays, with the points at rest in each, at stations as they are."""
+    """The states of k points with m rays and T tides, with the points at rest in each, at stations as they are."""
 
     lone: LonePoints
     network: Network
     row: IntArray  # (k,) of the group of `lone`
     rank: IntArray  # (k, m) of the tides of rays
-    tide: FloatArray  # (k, m) ascending
+    tide: FloatArray  # (k, T) ascending
     start: FloatArray  # (k, 3) where the points are
-    X: FloatArray  # (k, m + 1, 3)
-    squares: FloatArray  # (k, m + 1)
+    X: FloatArray  # (k, T + 1, 3)
+    squares: FloatArray  # (k, T + 1)
 
     @classmethod
     def of(cls, network: Network, state: State, group: PointGroup) -> States:
         """Return those of the points of a group; `network` is the measured one."""
         start, points = state.ground[group.point], lone_points(network, state, group)
         tides = water_over(network, state, group, start)
-        rank = np.argsort(np.argsort(tides, axis=1, kind="stable"), axis=1, kind="stable")
-        k, m = tides.shape
-        row, number = np.repeat(np.arange(k), m + 1), np.tile(np.arange(m + 1), k)
+        rank, tide = np.zeros(tides.shape, dtype=int), tides[:, :1]
+        if (tides != tide).any():
+            rank = np.argsort(np.argsort(tides, axis=1, kind="stable"), axis=1, kind="stable")
+            tide = np.sort(tides, axis=1)
+        k, T = tide.shape
+        row, number = np.repeat(np.arange(k), T + 1), np.tile(np.arange(T + 1), k)
         X, squares = points.settled(row, rank[row] >= number[:, None], start[row])
         return cls(
             lone=points,
             network=network,
             row=np.arange(k),
             rank=rank,
-            tide=np.sort(tides, axis=1),
+            tide=tide,
             start=start,
-            X=X.reshape(k, m + 1, 3),
-            squares=squares.reshape(k, m + 1),
+            X=X.reshape(k, T + 1, 3),
+            squares=squares.reshape(k, T + 1),
         )
 
     def part(self, chosen: BoolArray) -> States:
@@ -102,9 +105,10 @@ class States:
         Q = cofactors.with_border(self.network.photo[group.rays], normals.columns)
         return Present(normals=normals, cofactors=Q)
 
-    def at_rest(self, wet: BoolArray) -> FloatArray:
-        """Return where the points are (k, 3) with those rays wet (k, m) that are in one of their states."""
-        return self.X[np.arange(len(wet)), np.count_nonzero(~wet, axis=1)]
+    def at_rest(self, wet: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return where the points are (k, 3), and their squares (k,), with the rays wet (k, m) of one state."""
+        place = np.arange(len(wet)), np.where(wet, 0, self.rank + 1).max(axis=1)
+        return self.X[place], self.squares[place]
 
     def best(self, present: Present | None = None) -> tuple[BoolArray, FloatArray]:
         """Return which rays (k, m) of the points are wet, and the water line (k,) that they are on, or NaN.
@@ -112,11 +116,11 @@ class States:
         The least squares count, of the states that agree with where the points then stand, and of the water lines
         between states that do not. Stations stay as they are; with `present` they follow each point.
         """
-        (k, m), frame = self.tide.shape, self.network.frame
-        squares, height = np.full((k, 2 * m + 1), np.inf), frame.height(self.X)
+        (k, T), frame = self.tide.shape, self.network.frame
+        squares, height = np.full((k, 2 * T + 1), np.inf), frame.height(self.X)
         squares[:, ::2] = self.squares
         if present is not None:
-            row, number = np.repeat(np.arange(k), m + 1), np.tile(np.arange(m + 1), k)
+            row, number = np.repeat(np.arange(k), T + 1), np.tile(np.arange(T + 1), k)
             fall, rise = self._following(present, row, self.rank[row] >= number[:, None], self.X.reshape(-1, 3))
             squares[:, ::2] -= fall.reshape(k, -1)
             height = height + rise.reshape(k, -1)
@@ -133,8 +137,8 @@ class States:
         squares[~np.isfinite(squares)] = np.inf
         some = np.isfinite(squares).any(axis=1)
         best = np.where(some, np.argmin(squares, axis=1), 2 * np.sum(self.tide <= height[:, :1], axis=1))
-        dry = (best + 1) // 2  # so many rays; on a water line its own is, as good as wet
-        line = self.tide[np.arange(k), np.minimum(best // 2, m - 1)]
+        dry = (best + 1) // 2  # so many tides; on a water line its own is, as good as wet
+        line = self.tide[np.arange(k), np.minimum(best // 2, T - 1)]
         return self.rank >= dry[:, None], np.where(best % 2 == 1, line, np.nan)
 
     def _following(
