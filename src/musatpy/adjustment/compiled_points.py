@@ -312,6 +312,7 @@ class CompiledPoints(CompiledRows):
         def work(rows: IntArray) -> None:
             self.kernels.reaches(rows, at, stations, water, known, RIDGE, up, out)
 
+        # each point for itself: halves serve, where parts are too large for the few that are submerged
         deque(side_by_side(work, np.array_split(self.rows, 2), len(self.sequence.rays)), maxlen=0)
 
     def set_squares(self, state: State, squares: FloatArray) -> None:

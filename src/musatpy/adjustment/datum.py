@@ -19,7 +19,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.rank import datum_motions, point_motions
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.geometry.similarity import Similarity
 
@@ -201,7 +201,7 @@ def inner_constraints(network: Network, state: State, factor: Factor, free: Free
 def moved_to(network: Network, state: State, free: Freedom, first: FloatArray) -> tuple[State, float]:
     """Return the state moved freely so that its points lie about `first` (p, 3), and how far it was moved, m."""
     points = np.concatenate([group.point for group in network.groups])
-    known = points[np.isfinite(first[points]).all(axis=1)]
+    known = points[finite_rows(first[points])]
     start = state.position
     for _ in range(_CYCLES):
         G = point_motions(network, free.centre, state.ground[known]) @ free.motions

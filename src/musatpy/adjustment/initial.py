@@ -24,7 +24,7 @@ from musatpy.adjustment.placing import (
 )
 from musatpy.adjustment.refinement import refined_stations
 from musatpy.adjustment.unknowns import given_minus
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, finite_rows
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, Initial, Photos
@@ -148,7 +148,7 @@ def _values(block: Block, place: Place, computed: BoolArray) -> InitialValues:
     difference = given_minus(photos, frame, place.C, place.M, computed & given)
     new = computed if block.options.initial is not Initial.CHECK else np.zeros(n, dtype=bool)
     position = np.array(photos.position)
-    moved = new & ~(np.isfinite(photos.position_sigma).any(axis=1) & np.isfinite(photos.position).all(axis=1))
+    moved = new & ~(np.isfinite(photos.position_sigma).any(axis=1) & finite_rows(photos.position))
     position[moved] = frame.system(place.C[moved])
     observed = np.isfinite(photos.attitude_sigma) & np.isfinite(photos.attitude)
     found = np.where(new, place.found, np.where(given, GIVEN, NOT_FOUND))

@@ -10,7 +10,7 @@ from musatpy.adjustment import sightings
 from musatpy.adjustment.kinds import SEARCHED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, finite_rows
 from musatpy.geometry import collinearity
 from musatpy.model import Block
 from musatpy.units import DEGREE
@@ -42,7 +42,7 @@ def _misfits(block: Block, network: Network, state: State) -> Iterator[tuple[flo
 def _worst_image(block: Block, network: Network, state: State) -> Iterator[tuple[float, str]]:
     """Yield the image whose ray is farthest off, by its angle: behind the camera no image can be compared."""
     rays = np.concatenate([group.rays.reshape(-1) for group in network.groups])
-    rays = rays[np.isfinite(state.ground[network.point[rays]]).all(axis=1)]
+    rays = rays[finite_rows(state.ground[network.point[rays]])]
     if not len(rays):
         return
     photo, ground = network.photo[rays], state.ground[network.point[rays]]

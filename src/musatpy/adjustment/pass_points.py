@@ -56,7 +56,7 @@ def _windows(rows: FloatArray, length: int) -> FloatArray:
     return np.stack([rows[:, i : m - length + 1 + i] for i in range(length)], axis=2)
 
 
-def full(network: Network, state: State, group: PointGroup, matrix: bool = True) -> Sums:
+def fully_weighted(network: Network, state: State, group: PointGroup, matrix: bool = True) -> Sums:
     """Return the normal equations of the conditions of a group with full weights, at its adjusted images.
 
     Without `matrix` the right sides only.
@@ -75,7 +75,7 @@ def full(network: Network, state: State, group: PointGroup, matrix: bool = True)
     return _sums(network, group, At @ weighted[..., :-1] if matrix else None, -(At @ weighted[..., -1:])[..., 0])
 
 
-def weighted(network: Network, group: PointGroup, C: Conditions, variance: FloatArray) -> Sums:
+def diagonally_weighted(network: Network, group: PointGroup, C: Conditions, variance: FloatArray) -> Sums:
     """Return the normal equations of the conditions of a group by a diagonal weight matrix, 1/variance (k, c)."""
     k, c, m, _ = C.A.shape
     A = C.A.reshape(k, c, 6 * m)

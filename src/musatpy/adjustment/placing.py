@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.network import job_frame
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, finite_rows
 from musatpy.geometry import intersection
 from musatpy.geometry.frames import Frame
 from musatpy.geometry.similarity import Similarity
@@ -130,14 +130,14 @@ def _known(block: Block, frame: Frame, approximate: bool) -> _Known:
     control, photos = block.control, block.photos
     level = np.array(control.position)
     if block.options.system is CoordinateSystem.GEOCENTRIC:
-        complete = np.isfinite(level).all(axis=1)
+        complete = finite_rows(level)
         level[~complete] = np.nan
         level[complete] = frame.level(frame.working(level[complete]))
     known = control.known & np.isfinite(level)
     submerged = block.points.bathymetric[control.point]
-    given = np.isfinite(photos.position).all(axis=1)
+    given = finite_rows(photos.position)
     if not approximate:
-        given &= np.isfinite(photos.position_sigma).all(axis=1)
+        given &= finite_rows(photos.position_sigma)
     stations = np.flatnonzero(given)
     return _Known(
         point=np.concatenate([control.point, np.full(len(stations), -1)]),
@@ -280,7 +280,7 @@ def resected(block: Block, sights: Sights, place: Place) -> Place:
     """
     while True:
         ground = _ground(block, sights, place)
-        usable = np.isfinite(ground[sights.point]).all(axis=1)
+        usable = finite_rows(ground[sights.point])
         count = np.bincount(sights.photo[usable], minlength=len(place.found))
         tried = np.flatnonzero((place.found == "") & (count >= _FEWEST_KNOWN)).tolist()
         stations = {photo: _resected(block, sights, place, photo, ground) for photo in tried}
@@ -297,7 +297,7 @@ def resected(block: Block, sights: Sights, place: Place) -> Place:
 
 
 def _resected(block: Block, sights: Sights, place: Place, photo: int, ground: FloatArray) -> Resection | None:
-    rows = np.flatnonzero((sights.photo == photo) & np.isfinite(ground[sights.point]).all(axis=1))
+    rows = np.flatnonzero((sights.photo == photo) & finite_rows(ground[sights.point]))
     X = ground[sights.point[rows]]
     sigma = tangent_sigma(block)
     station = resection(sights.x[rows], X, place.frame.axes(X.mean(axis=0))[2], sigma)

@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.adjustment.network import first_rows
 from musatpy.adjustment.placing import MOST_MISSED, THROUGH_WATER, UNHELD, Place, full_control
 from musatpy.adjustment.water_surface import WaterKnowledge, water_knowledge
-from musatpy.arrays import IntArray
+from musatpy.arrays import IntArray, finite_rows
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import Block, PlaneTreatment, Refraction
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, orient
@@ -51,7 +51,7 @@ def _sights(block: Block, place: Place, photo: int) -> Sights:
     """Return the images of full control on a photo, in the level axes at the working origin."""
     plates, control, ground = block.plates, block.control, full_control(block, place)
     usable = plates.triangulated & np.isfinite(plates.xy).all(axis=1)
-    rows = np.flatnonzero(usable & (plates.photo == photo) & np.isfinite(ground[plates.point]).all(axis=1))
+    rows = np.flatnonzero(usable & (plates.photo == photo) & finite_rows(ground[plates.point]))
     points, point = np.unique(plates.point[rows], return_inverse=True)
     card = first_rows(control.point, len(ground))[points]
     camera = block.photos.camera[photo]

@@ -15,7 +15,12 @@ from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.network import RAYS, Network, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix
-from musatpy.adjustment.pass_points import full, measured_conditions, simple_variances, weighted
+from musatpy.adjustment.pass_points import (
+    diagonally_weighted,
+    fully_weighted,
+    measured_conditions,
+    simple_variances,
+)
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
@@ -65,13 +70,14 @@ class Triangulation:
                 groups = compiled.others
             parts = parts_of(groups, RAYS)
             for sums in side_by_side(
-                lambda part: full(network, state, part, kept is None), parts, len(network.photo)
+                lambda part: fully_weighted(network, state, part, kept is None), parts, len(network.photo)
             ):
                 normals.add_sums(sums)
         else:
             scale = self.fixed_scale or simple_variances(network, state, self.options.weights)
             for group, variance in zip(network.pass_groups, scale, strict=True):
-                normals.add_sums(weighted(network, group, measured_conditions(network, state, group), variance))
+                conditions = measured_conditions(network, state, group)
+                normals.add_sums(diagonally_weighted(network, group, conditions, variance))
         control_groups = network.control_groups
         if self._control is not None:
             self._control.add_eliminated(state, normals, kept is None)

@@ -125,10 +125,8 @@ def best_line(
 def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> tuple[WaterLine, State]:
     """Return the line with the points that disagree with their states in their best ones, and these points there.
 
-    They have the squares of where they are then.
-
-    For stations that still move, and points with them: what these do here is no last change to turn back from, and
-    none is held.
+    The state has their squares there. For stations that still move, and points with them: what these do here is no
+    last change to turn back from, and none is held.
     """
     height, water = heights_and_water(network, state, bathymetric)
     at_odds = _per_point(network, line.wet != (height < water)) > 0

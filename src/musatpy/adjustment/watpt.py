@@ -14,7 +14,7 @@ from musatpy.adjustment.ground import settle_group
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.geometry import collinearity, intersection
 from musatpy.refraction import flat
 
@@ -47,7 +47,7 @@ def held_by_control(network: Network, state: State, ground: FloatArray, wet: Boo
     refracted = network.with_plates(network.xy, wet)
     ground = ground.copy()
     for group in network.control_groups:
-        part = group.part(np.asarray(np.isfinite(ground[group.point]).all(axis=1)))
+        part = group.part(finite_rows(ground[group.point]))
         if len(part.point):
             ground[part.point], _ = settle_group(refracted, state, part, ground[part.point])
     return ground

@@ -15,7 +15,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, spectrum
 from musatpy.adjustment.wavy_water import AZIMUTH, CREST, HEIGHT, LENGTH, WorkingSea
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, finite_rows
 
 SIGMAS = 3.0  # that are looked through to either side
 _MESH = 0.12  # of a length, RMS over the rays: half a mesh off, 0.86 of what a wave explains is left of it
@@ -60,7 +60,7 @@ def reach_of(network: Network, state: State, sea: WorkingSea) -> float:
     """Return the RMS distance (m) of the points that are seen through the waves from their origin."""
     wet = np.zeros(network.points, dtype=bool)
     wet[network.point[network.refracted]] = True
-    wet &= np.isfinite(state.ground).all(axis=1)
+    wet &= finite_rows(state.ground)
     if not wet.any():
         return 0.0
     plan = (state.ground[wet] - sea.origin) @ sea.axes[:2].T

@@ -18,7 +18,7 @@ from musatpy.adjustment.normals import NormalMatrix, factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import CREST, HEIGHT, LENGTH, WorkingSea, wave_names
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray, finite_rows
 from musatpy.model import ObservationKind
 from musatpy.refraction.trains import Trains
 
@@ -45,7 +45,7 @@ class UnknownSea:
         sea = network.sea
         if sea is None or sea.trains is None:
             raise ValueError("the network has no unknown waves")
-        rays = np.flatnonzero(network.refracted & np.isfinite(state.ground[network.point]).all(axis=1))
+        rays = np.flatnonzero(network.refracted & finite_rows(state.ground[network.point]))
         return cls(
             trains=sea.trains,
             sigma=np.nan_to_num(np.asarray(sea.sea.sigma, dtype=float)),

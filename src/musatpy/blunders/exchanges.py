@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, finite_rows
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import CARDS, PLATES
@@ -34,7 +34,7 @@ def flying_height(scene: Scene, state: State) -> float:
 def exchanged_photos(block: Block, scene: Scene, state: State) -> list[tuple[int, int]]:
     """Return the pairs of photos that stand where the cards of the other one say."""
     given = np.full_like(state.position, np.nan)
-    stated_on_card = np.isfinite(block.photos.position).all(axis=1)
+    stated_on_card = finite_rows(block.photos.position)
     given[stated_on_card] = scene.network.frame.working(block.photos.position[stated_on_card])
     return _pairs(state.position, given, FAR * flying_height(scene, state))
 
@@ -43,8 +43,8 @@ def exchanged_control(last: Snooped) -> list[tuple[int, int]]:
     """Return the pairs of points with control that lie where the cards of the other one say."""
     network, out = last.scene.network, last.out()[ObservationKind.CONTROL]
     points = np.unique(last.scene.block.control.point[out[:, :2].any(axis=1)])
-    points = points[np.isfinite(last.state.ground[points]).all(axis=1)]
-    points = points[np.isfinite(network.priors.given[points]).all(axis=1)]
+    points = points[finite_rows(last.state.ground[points])]
+    points = points[finite_rows(network.priors.given[points])]
     if len(points) < 2:
         return []
     given = np.asarray(network.frame.from_level(network.priors.given[points]))

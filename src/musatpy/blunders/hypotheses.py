@@ -91,6 +91,7 @@ def hypotheses(
     checked = model if near is None else model.some(near)
     known = [checks for checks in checked.points if checks.has_priors]
     seen = [checks for checks in checked.points if not checks.has_priors and len(checks.point) > 1]
+    # the only point of a group is its worst one as well, and is asked once
     single = [checks for checks in checked.points if not checks.has_priors and len(checks.point) == 1]
     of_single = [option for checks in single for option in _of_points(checked, checks, least)]
 

@@ -1,6 +1,6 @@
 """Points of IIA, one after the other: their conditions through full weights, and where they come to rest.
 
-The numpy twins are `pass_points.full` and `ground.settle_group`.
+The numpy twins are `pass_points.fully_weighted` and `ground.settle_group`.
 
 With images in their sigmas and B their partials by the point, the conditions have G B = 0, as they hold wherever a
 point is, and are as many as 2m images leave of three coordinates. So G'(G G')^-1 G = I - B(B'B)^-1 B': both take
@@ -59,8 +59,8 @@ def add_conditions(
 ) -> None:  # fmt: skip
     """Add the conditions of points of which nothing is known, at their adjusted images, with full weights.
 
-    g - G A dx + G v = 0 has the normal equations A'G'(G Q G')^-1 G A: `pass_points.full`; without `matrix` the
-    right sides only.
+    g - G A dx + G v = 0 has the normal equations A'G'(G Q G')^-1 G A: `pass_points.fully_weighted`; without `matrix`
+    the right sides only.
     """
     room = room_for(at.start, rows)
     for p in rows:

@@ -10,7 +10,7 @@ from musatpy.adjustment.ground import prior_rows
 from musatpy.adjustment.kinds.kind import Kind
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray, finite_rows
 from musatpy.model import Block
 
 
@@ -30,7 +30,7 @@ class Prior(Kind):
         """Return adjusted minus known (k, components) in m, 0 for points that take no part."""
         point = self.points(block)
         deviation = np.zeros((len(point), 4))
-        known = np.isfinite(state.ground[point]).all(axis=1)
+        known = finite_rows(state.ground[point])
         deviation[known] = prior_rows(network, state, point[known], state.ground[point[known]]).deviation
         return -deviation[:, self.part]
 
