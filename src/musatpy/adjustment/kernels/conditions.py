@@ -59,8 +59,8 @@ def add_conditions(
 ) -> None:  # fmt: skip
     """Add the conditions of points of which nothing is known, at their adjusted images, with full weights.
 
-    g - G A dx + G v = 0 has the normal equations A'G'(G Q G')^-1 G A: `pass_points.fully_weighted`; without `matrix`
-    the right sides only.
+    g - G A dx + G v = 0 has the normal equations A'G'(G Q G')^-1 G A: `pass_points.fully_weighted`.
+    Without `matrix` the right sides only.
     """
     room = room_for(at.start, rows)
     for p in rows:
