@@ -142,12 +142,12 @@ def test_a_point_far_from_all_cameras(heights: float, rejected: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "adjusted", "rejected"),
-    [(1.34, 1.36, False), (1.34, 1.41, True), (1.34, 1.29, True), (1.47, 1.52, False), (1.47, 2.02, True)],
+    ("liquid", "adjusted", "rejected"),
+    [("", 1.36, False), ("", 1.41, True), ("", 1.29, True), ("BENZENE", 1.52, False), ("BENZENE", 2.02, True)],
 )
-def test_an_adjusted_index(given: float, adjusted: float, rejected: bool) -> None:
+def test_an_adjusted_index(liquid: str, adjusted: float, rejected: bool) -> None:
     good = with_options(solution(), water_index=Treatment.ADJUST)
-    found = altered(good, block={"water": Water(index=given)}, water={"index": adjusted})
+    found = altered(good, block={"water": Water(liquid=liquid)}, water={"index": adjusted})
     assert (concerns(found).get(Concern.INDEX) is Grade.REJECTED) == rejected
     known = with_options(found, water_index=Treatment.KNOWN)
     assert Concern.INDEX not in concerns(known)

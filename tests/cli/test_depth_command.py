@@ -79,6 +79,11 @@ def test_the_index_comes_from_conditions() -> None:
     assert result.output.startswith(f"Height 900, base 540, n = {n:.5f}, by formula")
 
 
+def test_a_liquid_that_is_not_water_has_a_name() -> None:
+    result = depth("table", *PAIR[:4], "--index", 1.45, "--liquid", "GLYCEROL")
+    assert result.output.startswith("Height 2500, base 1126, n = 1.45000, by formula")
+
+
 def test_points_are_corrected(tmp_path: Path) -> None:
     out = tmp_path / "true.csv"
     result = depth("correct", LAGOON / "points.csv", "-o", out, *CAMERAS, *FORMAT, "--jobs", 1)
@@ -146,6 +151,11 @@ POINTS = ("correct", LAGOON / "points.csv", "-o", "out.csv")
     [
         (("table", "--height", 900, "--base", 500), "the water is not known: --index is needed"),
         (("table", *PAIR, "--temperature", 20), "one or the other, not both"),
+        (
+            ("table", *PAIR[:4], "--index", 1.45),
+            "not within 1.3 to 1.4, as that of water is; another liquid is to be",
+        ),
+        (("table", *PAIR[:4], "--index", 2.01, "--liquid", "OIL"), "2.01 is not in the range 1.0<=x<=2.0"),
         (
             ("table", "--height", 900, "--base", 5, "--temperature", 31, "--salinity", 35, "--wavelength", 500),
             "0 to 30",

@@ -156,7 +156,7 @@ def test_cards_are_listed_explained_and_made():
 def test_a_wrong_card_is_printed_and_its_problems_stand_on_stderr():
     ran = musat("card", "WTR", "index=3")
     assert ran.exit_code == 1 and ran.stdout == "WTR 3.000000\n"
-    assert ran.stderr.startswith("WTR:1 cols 5-12 WTR.index: a refractive index of 3 is not within 1 to 2\n")
+    assert ran.stderr.startswith("WTR:1 cols 5-12 WTR.index: a refractive index of 3 is not within 1.3 to 1.4")
     assert ran.stderr.splitlines()[-1].strip() == "^" * 8
 
 

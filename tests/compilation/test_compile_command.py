@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sqlite3
 from collections.abc import Callable
@@ -317,6 +318,18 @@ def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path)
     result = compiled(other, deck, tmp_path)
     assert result.exit_code == 1
     assert "is not the record of a run" in result.output and "STG.class" in result.output
+
+
+def test_a_run_over_no_water_is_refused_unless_it_names_its_liquid(run: Path, tmp_path: Path) -> None:
+    record = json.loads(run.read_text())
+    record["water"]["index"] = record["adjusted_water"]["index"] = 1.45
+    odd = tmp_path / "odd.json"
+    odd.write_text(json.dumps(record))
+    refused = compiled(odd, stage_readings.DECK, tmp_path)
+    assert refused.exit_code == 1 and "1.45 is not within 1.3 to 1.4, as that of water is" in refused.stderr
+    record["water"]["liquid"] = "GLYCEROL"
+    odd.write_text(json.dumps(record))
+    assert compiled(odd, stage_readings.DECK, tmp_path).exit_code == 0
 
 
 def test_plates_that_have_moved_are_not_recovered(run: Path, tmp_path: Path) -> None:

@@ -95,6 +95,7 @@ def test_a_camera_without_format_gets_that_of_the_options(tmp_path: Path) -> Non
         ("solution", {"converged": False}, "the run has not converged"),
         ("options", {"system": "GEOG"}, "a GEOG job needs an ellipsoid"),
         ("options", {"initial": "COMPUTE"}, "the water of the run is tilted, about a place that is known where"),
+        ("adjusted_water", {"index": 1.45}, "1.45 is not within 1.3 to 1.4, as that of water is"),
         ("adjusted_water", {"tide": [None, 0.3, None, *[0.2] * 5]}, "no tide of photo 101, 103$"),
         ("adjusted_water", {"tide": [2000.0] * 8}, "station 1 is not above the water"),
     ],

@@ -249,7 +249,31 @@ CASES: list[Case] = [
     ),
     (
         deck(replace(4, "1.340000", "2.340000")),
-        [Expected(4, "WTR.index", "2.340000", "a refractive index of 2.34 is not within 1 to 2")],
+        [
+            Expected(
+                4, "WTR.index", "2.340000", "a refractive index of 2.34 is not within 1.3 to 1.4, as that of water"
+            )
+        ],
+    ),
+    (
+        deck(replace(4, "1.340000", "1.299999")),
+        [Expected(4, "WTR.index", "1.299999", "1.3 is not within 1.3 to 1.4")],
+    ),
+    (
+        deck(replace(4, "1.340000", "1.319000")),
+        [warning(4, "WTR.index", "1.319000", "1.319 is out of the ordinary: that of water is 1.32 to 1.36")],
+    ),
+    (
+        deck(replace(4, "1.340000", "2.010000"), replace(4, f"{'':20}00000004", f"DIAMOND{'':13}00000004")),
+        [Expected(4, "WTR.index", "2.010000", "a refractive index of 2.01 is not within 1 to 2")],
+    ),
+    (
+        deck(
+            replace(4, "1.340000", f"{'':8}"),
+            replace(4, f"{'':20}00000004", f"BENZENE{'':13}00000004"),
+            add(conditions("20.00", "35.00")),
+        ),
+        [Expected(4, "WTR.liquid", "BENZENE", "the index is computed for water on WTC: no liquid has a name here")],
     ),
     (
         deck(replace(3, "clrk66", "clark6")),
@@ -436,13 +460,13 @@ CASES: list[Case] = [
         [Expected(4, "WTR.index", "", "blank, and no WTC card says what the index comes from")],
     ),
     (
-        deck(drop(4), add(conditions("30.50", "35.10", wavelength="399.00", air=("-41.00", "99.00")))),
+        deck(drop(4), add(conditions("30.50", "42.10", wavelength="399.00", air=("-41.00", "99.00")))),
         [
             Expected(
                 48, "WTC.temperature", "30.50", "30.5 degrees Celsius: the formula quan-fry holds for 0 to 30"
             ),
             Expected(
-                48, "WTC.salinity", "35.10", "35.1 parts per thousand: the formula quan-fry holds for 0 to 35"
+                48, "WTC.salinity", "42.10", "42.1 parts per thousand: the formula quan-fry holds for 0 to 42"
             ),
             Expected(48, "WTC.wavelength", "399.00", "399 nm: the formula quan-fry holds for 400 to 700"),
             Expected(48, "WTC.air_temperature", "-41.00", "the formula of air holds for -40 to 100"),
@@ -450,10 +474,10 @@ CASES: list[Case] = [
         ],
     ),
     (
-        deck(drop(4), add(conditions("20.00", "", chlorinity="21.381"))),
+        deck(drop(4), add(conditions("20.00", "", chlorinity="23.381"))),
         [
             Expected(
-                48, "WTC.chlorinity", "21.381", "is a salinity of 38.63: the formula quan-fry holds for 0 to 35"
+                48, "WTC.chlorinity", "23.381", "is a salinity of 42.24: the formula quan-fry holds for 0 to 42"
             )
         ],
     ),

@@ -58,7 +58,8 @@ def test_a_set_value_is_checked_as_one_of_the_deck():
     block, problems = musat.check_deck(DECK, settings=settings("OP2.water_level=ONE", "WTR.index=3"))
     assert block is None
     assert [problem.headline() for problem in problems] == [
-        "deck:4 cols 5-12 WTR.index: a refractive index of 3 is not within 1 to 2",
+        "deck:4 cols 5-12 WTR.index: a refractive index of 3 is not within 1.3 to 1.4,"
+        " as that of water is; another liquid is to be named in WTR.liquid",
         "deck:70 cols 20-24 OP2.water_level: 'ONE' needs program IIIA",
     ]
     assert problems[1].text == "OP2                ONE"
@@ -131,7 +132,8 @@ def test_a_card_is_made_of_names_and_values():
     [
         ("OPT", ["plate_sigma=-3"], "OPT.plate_sigma: a standard deviation must be greater than zero"),
         ("OPT", ["translation_limit=2"], "a limit of 2 m would call any run converged: 1 m at most"),
-        ("WTR", ["index=3"], "WTR.index: a refractive index of 3 is not within 1 to 2"),
+        ("WTR", ["index=3"], "WTR.index: a refractive index of 3 is not within 1.3 to 1.4"),
+        ("WTR", ["index=3", "liquid=DIAMOND"], "WTR.index: a refractive index of 3 is not within 1 to 2"),
         ("ATT", ["photo=1", "x_tilt=95 0 0", "y_tilt=0 0 0", "heading=0 0 0"], "a tilt of 95.0000 degrees"),
         ("TID", ["height=1"], "TID.photo: blank, expected A8"),
         ("BAS", ["photo_1=1", "photo_2=1", "length=5", "sigma=1"], "an air base needs two different photos"),

@@ -121,3 +121,29 @@ def test_listing_and_record_say_index_and_origin(tmp_path: Path) -> None:
     water = json.loads((tmp_path / "job.json").read_text())["water"]
     assert water["index"] == block.water.index
     assert WaterConditions(**water["conditions"]) == SEA
+
+
+def test_salt_beyond_the_fit_is_extrapolated_and_says_so(tmp_path: Path) -> None:
+    """The sea of half the jobs: a salinity of 39, which the cards of its chlorinity and salinity tell alike."""
+    for given in ({"salinity": 39.0}, {"chlorinity": 39.0 / 1.80655}):
+        conditions = WaterConditions(temperature=22.0, wavelength=480.0, **given)
+        assert "QUANFRY extrapolated beyond a salinity of 35" in conditions.of_water
+    deck = tmp_path / "job.crd"
+    musat.write_deck(with_conditions(cayman(), replace(conditions, chlorinity=None, salinity=39.0)), deck)
+    run_deck(deck, tmp_path)
+    assert "salinity 39, 480 nm, formula QUANFRY extrapolated beyond" in (tmp_path / "job.lst").read_text()
+    assert "extrapolated" not in replace(conditions, chlorinity=19.3).of_water
+
+
+def test_another_liquid_is_listed_recorded_and_written_again(tmp_path: Path) -> None:
+    block = cayman()
+    oil = replace(block, water=Water(index=1.46, liquid="LAB OIL 3"))
+    assert reread(oil).water == oil.water
+    deck = tmp_path / "job.crd"
+    musat.write_deck(oil, deck)
+    run_deck(deck, tmp_path)
+    assert "Liquid, which is not water ....................... LAB OIL 3\n" in (tmp_path / "job.lst").read_text()
+    assert json.loads((tmp_path / "job.json").read_text())["water"]["liquid"] == "LAB OIL 3"
+    musat.write_deck(replace(oil, water=Water(index=1.46)), deck)
+    block, problems = musat.check_deck(deck)
+    assert block is None and "WTR.index: a refractive index of 1.46" in problems[0].headline()

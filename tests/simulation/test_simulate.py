@@ -116,7 +116,7 @@ class TestTruth:
                 {"id": f"P{i}", "local": [5000.0 + 90.0 * i, 7100.0, -7.0], "bathymetric": True} for i in range(9)
             ]
         }
-        wet = local_strip(water={"index": 1.0}, **tables)
+        wet = local_strip(water={"index": 1.0, "liquid": "AIR"}, **tables)
         dry = local_strip(
             water={"index": 1.34, "level": -8.0}, terrain={"level": 50.0}, flight={"height": 3008.0}, **tables
         )

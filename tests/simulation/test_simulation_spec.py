@@ -73,7 +73,15 @@ def test_every_problem_is_reported_at_once():
         ({"title": ["T" * 69]}, "has not 1 to 68 characters"),
         ({"control": [{"kind": "full", "ids": ["TOO-LONG-1"], "sigma": 1.0}]}, "has not 1 to 8 characters"),
         ({"seed": True}, "a whole number is expected"),
-        ({"water": {"index": 1.2, "index_error": -0.3}}, "water: index_error takes the index on the card out of"),
+        (
+            {"water": {"index": 1.2, "liquid": "ICE", "index_error": -0.3}},
+            "water: on the card: a refractive index of 0.9",
+        ),
+        (
+            {"water": {"index": 1.42}},
+            "not within 1.3 to 1.4, as that of water is; another liquid is to be named by the key",
+        ),
+        ({"water": {"index": 1.38, "index_error": 0.05}}, "water: on the card: a refractive index of 1.43"),
         (conditions(temperature=12.0), "water.conditions: one of salinity, chlorinity is needed"),
         (conditions(temperature=12.0, salinity=35.0, chlorinity=19.0), "one of salinity, chlorinity is needed"),
         (conditions(salinity=35.0), "water.conditions.temperature: missing"),

@@ -60,6 +60,7 @@ class Numbers(click.ParamType):  # type: ignore[type-arg]
 
 index_options = options_of(
     click.option("--index", type=Finite(1.0, 2.0), help="Refractive index of water relative to air."),
+    click.option("--liquid", default="", metavar="NAME", help="Where it is not water: --index from 1 to 2."),
     click.option("--temperature", type=NUMBER, metavar="DEGC", help="Of the water, in place of the index."),
     click.option("--salinity", type=NUMBER, metavar="PPT", help="Of the water, with its temperature."),
     click.option("--chlorinity", type=NUMBER, metavar="PPT", help="In place of the salinity."),
@@ -120,6 +121,7 @@ def index_by(given: dict[str, Any], cameras: Cameras | None = None) -> float:
     """Return the index that the options say or that follows from them, else that of the run of the cameras."""
     from musatpy.formats.refractive_index import faults, index_of
     from musatpy.model import WaterConditions
+    from musatpy.model.water import index_fault
 
     index, temperature, salinity, chlorinity, wavelength, formula = (
         given[name] for name in ("index", "temperature", "salinity", "chlorinity", "wavelength", "formula")
@@ -128,6 +130,8 @@ def index_by(given: dict[str, Any], cameras: Cameras | None = None) -> float:
     if index is not None:
         if any(value is not None for value in conditions):
             raise click.UsageError("--index and conditions of the water: one or the other, not both")
+        if fault := index_fault(index, given["liquid"]):
+            raise click.UsageError(f"--index: {fault}" + ("" if given["liquid"] else " by --liquid"))
         return float(index)
     if cameras is not None and cameras.index is not None and all(value is None for value in conditions):
         return cameras.index

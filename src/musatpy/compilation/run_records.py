@@ -44,6 +44,7 @@ from musatpy.model import (
 )
 from musatpy.model.adjusted_waves import PARAMETERS
 from musatpy.model.tables import empty
+from musatpy.model.water import index_fault
 from musatpy.model.waves import SIGMAS
 from musatpy.units import AngleUnit
 
@@ -94,6 +95,8 @@ def of_record(path: Path, anyway: bool = False) -> Triangulation:
     if faults := fault_of_run("" if anyway else unconverged):
         raise CompilationError([Problem(file=str(path), message=fault) for fault in faults])
     stations, points = record["stations"], record["points"]
+    if water is not None and (fault := index_fault(water["index"], (record["water"] or {}).get("liquid", ""))):
+        raise CompilationError([Problem(file=str(path), message=f"{fault} on the card of its deck")])
     block = _block(record, None if water is None else (water["index"], np.array(water["tilt"])))
     try:
         sea = waves_of_run(replace(block, **_waves(record)), _adjusted_waves(water))
@@ -167,7 +170,10 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
     given, ellipsoid = record["water"], record["ellipsoid"]
     tides = [None] * len(stations["photo"]) if water is None else record["adjusted_water"]["tide"]
     nothing = np.full((len(stations["photo"]), 3), np.nan)
-    deck = None if given is None else Water(**{key: given[key] for key in ("index", "sigma", "tilt_sigma")})
+    deck = None
+    if given is not None:
+        known = {key: given[key] for key in ("index", "sigma", "tilt_sigma")}
+        deck = Water(**known, liquid=given.get("liquid", ""))  # which older records lack
     return Block(
         titles=(),
         options=Options(

@@ -23,6 +23,7 @@ from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.json_files import Needs
 from musatpy.model import CoordinateSystem, EllipsoidSpec, Initial, SystemSpec
+from musatpy.model.water import index_fault
 from musatpy.refraction.apparent import Stations
 from musatpy.systems import statement_on
 from musatpy.systems.statement import ellipsoid_by
@@ -71,7 +72,7 @@ def read_record(path: Path, needs: Needs) -> dict[str, Any]:
     With what tells its system. Raises `DepthError` where it is none, and `OSError`.
     """
     try:
-        return json_files.read_record(path, needs, {"stated": ("answer",), "ellipsoid": ()})
+        return json_files.read_record(path, needs, {"stated": ("answer",), "ellipsoid": (), "water": ()})
     except RecordError as error:
         raise DepthError(error.problems) from error
 
@@ -118,6 +119,8 @@ def _water_faults(record: Any) -> list[str]:
     faults, water = [], record["adjusted_water"]
     if water is None:
         return ["the run knows no water"]
+    if fault := index_fault(water["index"], (record.get("water") or {}).get("liquid", "")):
+        faults.append(f"{fault} on the card of its deck")
     if any(water["tilt"]) and record["options"]["initial"] != Initial.GIVEN:
         faults.append("the water of the run is tilted, about a place that is known where stations are given")
     if record["waves"]["wave"]:

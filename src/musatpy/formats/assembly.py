@@ -182,7 +182,9 @@ def _without_computed_index(water: mapping.Values, conditions: mapping.Values) -
     """Return what the water card says where another one says what its index comes from: nothing, if that is all."""
     if not conditions or not len(next(iter(conditions.values()))):
         return water
-    others = [np.isfinite(column).any() for path, column in water.items() if path != "water.index"]
+    others = [
+        (column == column).any() for path, column in water.items() if path not in ("water.index", "water.liquid")
+    ]
     return {**water, "water.index": np.full(1, np.nan)} if any(others) else {}
 
 

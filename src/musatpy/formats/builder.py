@@ -175,16 +175,27 @@ class BlockBuilder:
         sigma: float | None = None,
         tilt: ArrayLike | None = None,
         tilt_sigma: float | None = None,
+        liquid: str | None = None,
         conditions: WaterConditions | None = None,
     ) -> None:
-        """Say what the water is: refractive index, or what it comes from; tilt towards east and north, rad."""
+        """Say what the water is: refractive index, or what it comes from; tilt towards east and north, rad.
+
+        An index outside 1.30 to 1.40 needs the name of the liquid.
+        """
         if tilt is not None and np.shape(tilt) != (2,):
             self._slip("water", f"tilt: has the shape {np.shape(tilt)}; expected (2,)")
             tilt = None
         east, north = (None, None) if tilt is None else np.asarray(tilt, dtype=float).tolist()
         if conditions is not None:
             self._take("water_conditions", assembly.single_values(conditions, "water_conditions"))
-        given = {"index": index, "sigma": sigma, "tilt_east": east, "tilt_north": north, "tilt_sigma": tilt_sigma}
+        given = {
+            "index": index,
+            "sigma": sigma,
+            "tilt_east": east,
+            "tilt_north": north,
+            "tilt_sigma": tilt_sigma,
+            "liquid": liquid,
+        }
         if any(value is not None for value in given.values()) or conditions is None:
             self.add("water", **given)
 

@@ -8,6 +8,8 @@ from musatpy.units import HECTOPASCAL
 
 INDEX_RANGE = (1.0, 2.0)  # of refractive indices, on cards as in adjustments: the air itself, and beyond any liquid
 WATER_INDICES = (1.30, 1.40)  # of water: 1.325 to 1.365 from the near infrared to violet, fresh to salt, 0 to 30 C
+USUAL_INDICES = (1.32, 1.36)  # of water in visible light
+FITTED_SALINITY, FITTED_CHLORINITY = 35.0, 35.0 / 1.80655  # parts per thousand; beyond, the formula is extrapolated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,9 +31,11 @@ class WaterConditions:
     def of_water(self) -> str:
         """Water, light and formula in words."""
         salt, content = ("chlorinity", self.chlorinity) if self.salinity is None else ("salinity", self.salinity)
+        formula = self.formula or "QUANFRY"
+        if (self.salinity or 0.0) > FITTED_SALINITY or (self.chlorinity or 0.0) > FITTED_CHLORINITY:
+            formula += f" extrapolated beyond a salinity of {FITTED_SALINITY:g}"
         return (
-            f"{self.temperature:g} degrees Celsius, {salt} {content:g}, {self.wavelength:g} nm, "
-            f"formula {self.formula or 'QUANFRY'}"
+            f"{self.temperature:g} degrees Celsius, {salt} {content:g}, {self.wavelength:g} nm, formula {formula}"
         )
 
     @property
@@ -58,10 +62,19 @@ class Water:
     tilt_east: float | None = None
     tilt_north: float | None = None
     tilt_sigma: float | None = None
+    liquid: str = ""  # name of another liquid; empty is water
     conditions: WaterConditions | None = None  # what the index comes from; None where it is given itself
 
 
-def index_range(given: float) -> tuple[float, float]:
-    """Return between which limits an adjusted refractive index makes sense, by what was given of it."""
-    low, high = WATER_INDICES
-    return WATER_INDICES if low < given < high else INDEX_RANGE
+def index_range(liquid: str) -> tuple[float, float]:
+    """Return the limits of a refractive index, given or adjusted: of water, or of the liquid that is named."""
+    return INDEX_RANGE if liquid else WATER_INDICES
+
+
+def index_fault(index: float, liquid: str) -> str:
+    """Return why a given refractive index cannot be that of water or of the liquid, empty where it can."""
+    low, high = index_range(liquid)
+    if low <= index <= high:
+        return ""
+    why = f"a refractive index of {index:g} is not within {low:g} to {high:g}"
+    return why if liquid else f"{why}, as that of water is; another liquid is to be named"

@@ -52,7 +52,11 @@ class Formula(StrEnum):
 
 # Formula -> what it holds for: temperature, salinity, wavelength
 RANGES = {
-    Formula.QUAN_FRY: ((0.0, 30.0), (0.0, 35.0), (400.0, 700.0)),
+    Formula.QUAN_FRY: (
+        (0.0, 30.0),
+        (0.0, 42.0),
+        (400.0, 700.0),
+    ),  # extrapolated above a salinity of 35: it is linear
     Formula.IAPWS: ((0.0, 40.0), (0.0, 0.0), (200.0, 1100.0)),
 }
 AIR_RANGES = ((-40.0, 100.0), (10e3, 140e3), (300.0, 1700.0))  # degrees Celsius, Pa, nm

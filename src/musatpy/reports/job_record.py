@@ -102,6 +102,7 @@ WATER = Group[Statistics, Water](
     (
         Field("index", "number", "refractive index relative to air"),
         Field("sigma", "number?", "of the index"),
+        Field("liquid", "string", "its name; empty is water"),
         Field("tilt_east", "number?", "slope of the surface towards east; null is level", unit="rad"),
         Field("tilt_north", "number?", "slope towards north", unit="rad"),
         Field("tilt_sigma", "number?", "of both slopes", unit="rad"),

@@ -122,6 +122,7 @@ def _options(block: Block) -> dict[str, str]:
         "Ellipsoid": _ellipsoid(block),
         "Refractive index of water": _index(block),
         **_conditions(block),
+        **({"Liquid, which is not water": block.water.liquid} if block.water and block.water.liquid else {}),
         **_tilt(block),
     }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from musatpy.model.water import index_fault
 from musatpy.sea.surfaces import Shape
 from musatpy.sea.theory import GRAVITY
 from musatpy.specs import Pair, Triple, key, spec_of, spec_table
@@ -30,7 +31,12 @@ class WaterKeys:
 
     depth: float = key(doc="of a level bottom below the mean water level", unit="m", low=0.01)
     index: float = key(1.34, "refractive index of water relative to air", low=1.0, high=2.0)
+    liquid: str = key("", "name of the liquid where it is not water")
     gravity: float = key(GRAVITY, "for the theory of waves", unit="m/s2", low=1.0, high=20.0)
+
+    def __post_init__(self) -> None:
+        if fault := index_fault(self.index, self.liquid):
+            raise ValueError(fault)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -83,6 +83,7 @@ def _card(keys: WaterKeys) -> Water:
     return Water(
         index=index if conditions is None else index_of(conditions),
         sigma=keys.index_sigma,
+        liquid=keys.liquid,
         tilt_east=east,
         tilt_north=north,
         tilt_sigma=None if keys.tilt_sigma is None else keys.tilt_sigma * ARC_SECOND,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from musatpy.model import WaterConditions
+from musatpy.model.water import index_fault
 from musatpy.specs import Pair, key
 from musatpy.units import HECTOPASCAL
 
@@ -67,6 +68,7 @@ class WaterKeys:
     index: float = key(1.34, "true refractive index", low=1.0, high=2.0)
     index_error: float = key(0.0, "actual error of the index on the water card", low=-1.0, high=1.0, quiet=True)
     index_sigma: float | None = key(None, "its sigma on the water card", low=0.0)
+    liquid: str = key("", "name of the liquid where it is not water: at most 12 characters", quiet=True)
     level: float = key(0.0, "mean height of the surface", unit="m")
     tides: tuple[float, ...] = key((), "height of the surface at each photo, in place of the next two", unit="m")
     tide_trend: float = key(0.0, "growth of the tide from photo to photo, about level in the middle", unit="m")
@@ -100,8 +102,9 @@ class WaterKeys:
     )
 
     def __post_init__(self) -> None:
-        if not 1.0 <= self.index + self.index_error <= 2.0:
-            raise ValueError("index_error takes the index on the card out of 1 to 2")
+        for index, where in ((self.index, ""), (self.index + self.index_error, "on the card: ")):
+            if fault := index_fault(index, self.liquid):
+                raise ValueError(f"{where}{fault}" + ("" if self.liquid else " by the key liquid"))
         if self.conditions is not None:
             index = round(index_of(self.conditions.true), INDEX_DECIMALS)
             if self.index not in (type(self).index, index) or self.index_error:

@@ -114,7 +114,7 @@ def index(statistics: Statistics) -> Iterator[Reason]:
     water, given = statistics.solution.water, statistics.block.water
     if water is None or given is None or statistics.block.options.water_index is not Treatment.ADJUST:
         return
-    low, high = index_range(given.index)
+    low, high = index_range(given.liquid)
     if not low < water.index < high:
         text = f"the adjusted refractive index {water.index:.4f} is not between {low:g} and {high:g}"
         yield _rejected(Concern.INDEX, text, "Water: Surface And Index")

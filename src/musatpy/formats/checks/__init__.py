@@ -54,6 +54,7 @@ CHECKS: tuple[Check, ...] = (
     values.distortion,
     water_cards.one_index,
     water_cards.conditions,
+    water_cards.index,
     values.bounds,
     values.two_ends,
     values.ellipsoid,
@@ -123,7 +124,7 @@ OF_A_CARD = frozenset(
     {
         *(values.options, values.sigmas, values.magnitudes, values.sexagesimal, values.attitudes, values.cameras),
         *(values.geographic_positions, values.distortion, values.bounds, values.two_ends, values.ellipsoid),
-        *(water_cards.conditions, raw.lenses, wave_cards.parameters),
+        *(water_cards.conditions, water_cards.index, raw.lenses, wave_cards.parameters),
     }
 )
 

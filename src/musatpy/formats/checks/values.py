@@ -13,12 +13,11 @@ from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardTable
 from musatpy.formats.cards.spec import FieldSpec
 from musatpy.formats.draft import ROLES, Draft
-from musatpy.model import INDEX_RANGE, ControlKind, CoordinateSystem
+from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, DEGREE
 
 _FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
 _LIMIT, _SCALE, _LENGTH = (f"a {what} must be greater than zero" for what in ("limit", "scale", "length"))
-_INDEX = f"a refractive index of {{:g}} is not within {INDEX_RANGE[0]:g} to {INDEX_RANGE[1]:g}"
 _BEYOND = {">": np.less_equal, ">=": np.less, "<=": np.greater}
 _COUNT, _CROSS = "at least 1 is needed, not {:g}", "rows and columns of a reseau count from 1"
 Bound = tuple[str, str, str, float, str]
@@ -34,8 +33,6 @@ _BOUNDS: tuple[Bound, ...] = (
     ("more_options", "options.station_limit", ">", 0.0, "a limit must be greater than 0, not {:g}"),
     ("cameras", "cameras.focal_length", ">", 0.0, "a focal length must be greater than zero"),
     ("cameras", "cameras.format_size", ">", 0.0, "a format must be greater than zero"),
-    ("water", "water.index", ">=", INDEX_RANGE[0], _INDEX),
-    ("water", "water.index", "<=", INDEX_RANGE[1], _INDEX),
     ("air_bases", "air_bases.length", ">", 0.0, _LENGTH),
     ("distances", "distances.length", ">", 0.0, _LENGTH),
     ("orientation", "orientation.limit", ">", 0.0, _LIMIT),

@@ -13,6 +13,7 @@ from musatpy.formats import mapping
 from musatpy.formats.checks.system_use import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Program, Refraction, WaterConditions
+from musatpy.model.water import USUAL_INDICES, index_fault
 
 
 def flags(draft: Draft) -> Iterator[Problem]:
@@ -53,6 +54,24 @@ def one_index(draft: Draft) -> Iterator[Problem]:
     elif lacking and not conditions:
         message = f"blank, and no {card} card says what the index comes from" if card else "blank"
         yield draft.problem("water", 0, message, path=path)
+
+
+def index(draft: Draft) -> Iterator[Problem]:
+    """Yield an index that no water has, unless another liquid is named, and one that is out of the ordinary."""
+    if not len(draft.rows["water"]):
+        return
+    path, name = "water.index", "water.liquid"
+    given, liquid = draft.rows["water"][path][0].item(), str(draft.rows["water"][name][0])
+    if liquid and len(draft.rows["water_conditions"]):
+        message = f"the index is computed for water on {draft.cards('water_conditions')}: no liquid has a name here"
+        yield draft.problem("water", 0, message, path=name)
+    elif fault := "" if np.isnan(given) else index_fault(given, liquid):
+        advice = "" if liquid else f" in {draft.cards('water')}.liquid"
+        yield draft.problem("water", 0, fault + advice, path=path)
+    elif not liquid and not np.isnan(given) and not USUAL_INDICES[0] <= given <= USUAL_INDICES[1]:
+        low, high = USUAL_INDICES
+        message = f"a refractive index of {given:g} is out of the ordinary: that of water is {low:g} to {high:g}"
+        yield draft.problem("water", 0, message, path=path, severity="warning")
 
 
 def conditions(draft: Draft) -> Iterator[Problem]:
