@@ -292,6 +292,38 @@ def test_numbers_that_never_fit_are_refused(edit, value):
         fit_number(value, parse_edit(edit))
 
 
+@pytest.mark.parametrize(
+    ("edit", "value", "field"),
+    [
+        ("F6.2", 0.31924, ".31924"),
+        ("F6.2", 0.5, "  0.50"),
+        ("F6.2", 0.500001, "  0.50"),  # what does not fit rounds to what the descriptor writes
+        ("F6.2", 12.3456789, "12.346"),
+        ("F6.2", 9.9999996, " 10.00"),
+        ("F8.3", 10.0 + 2e-15, "  10.000"),  # what a change of unit leaves is no digit
+        ("F8.3", 1.2345e-5, ".0000123"),
+        ("F7.2", 0.0, "   0.00"),
+        ("F6.2", 1.23e-7, ".1E-06"),
+    ],
+)
+def test_numbers_with_all_digits_that_fit(edit, value, field):
+    assert fit_number(value, parse_edit(edit), all_digits=True) == field
+
+
+@given(width=st.integers(4, 12), decimals=st.integers(0, 3), value=st.floats(1e-9, 1e3))
+def test_all_digits_are_never_farther_off(width, decimals, value):
+    """What is read back is the value to its last digit that fits, and at least as near as by the descriptor."""
+    edit = Edit(letter="F", width=width, decimals=decimals)
+    try:
+        few = read_number(fit_number(value, edit), edit)
+    except FieldError:
+        return
+    read = read_number(fit_number(value, edit, all_digits=True), edit)
+    places = width - 1 - (len(str(int(value))) if value >= 1.0 else 0)
+    last = 10.0 ** -max(places, 0)
+    assert abs(read - value) <= min(max(0.5 * last, 1e-11 * value) * (1.0 + 1e-9), abs(few - value)) or value < last
+
+
 # --- every representable value ---
 
 

@@ -184,12 +184,15 @@ def decimals_of(value: float, least: int) -> int:
     return max(least, len(digits.partition(".")[2].rstrip("0")) - int(exponent))
 
 
-def fit_number(value: float, edit: Edit) -> str:
+def fit_number(value: float, edit: Edit, *, all_digits: bool = False) -> str:
     """Return `value` as `write_number` does, but never as asterisks, nor as zero when it is not.
 
-    F drops decimals as far as needed; a number too small for its decimals gets more of them, or an exponent. Raises
-    `FieldError` where the value does not fit even so (its point is always written).
+    F drops decimals as far as needed; a number too small for its decimals gets more of them, or an exponent. With
+    `all_digits` F has as many decimals as the value needs and the width holds: an explicit point beats the implied
+    one. Raises `FieldError` where the value does not fit even so (its point is always written).
     """
+    if all_digits and edit.letter == "F" and math.isfinite(value) and value:
+        return _full_number(value, edit)
     text = write_number(value, edit)
     if edit.letter == "F" and value and not text.strip(" -.0"):
         return _small_number(value, edit)
@@ -200,6 +203,18 @@ def fit_number(value: float, edit: Edit) -> str:
     if "*" in text:
         raise FieldError(repr(value), f"a number that fits {edit}")
     return text
+
+
+def _full_number(value: float, edit: Edit) -> str:
+    """Return a number with all digits that the width of `edit` can hold, and no zeros beyond its decimals."""
+    decimals = min(decimals_of(value, edit.decimals), edit.width - 1)
+    while decimals > edit.decimals:
+        text = write_number(value, Edit(letter="F", width=edit.width, decimals=decimals))
+        needed = len(text.rstrip("0").partition(".")[2])
+        if needed == decimals and "*" not in text:
+            break
+        decimals = max(edit.decimals, decimals - 1 if "*" in text else needed)
+    return fit_number(value, Edit(letter="F", width=edit.width, decimals=decimals))
 
 
 def _small_number(value: float, edit: Edit) -> str:

@@ -152,3 +152,25 @@ def test_a_wrong_own_family_is_an_error_of_its_file(tmp_path):
     (own / "a.toml").write_text("record = []\n")
     result = convert(DECK, tmp_path / "job.im", "--formats", own)
     assert result.exit_code == 1 and "a.toml: title: key is missing" in result.stderr
+
+
+def test_sigmas_keep_all_digits_that_their_fields_hold(tmp_path):
+    """A plate sigma of .31924 um was written as .32, and with it sigma0 went by 0.24 %, in silence."""
+    deck = tmp_path / "job.crd"
+    lines = DECK.read_text().splitlines()
+    for number, line in enumerate(lines):
+        if line.startswith("OPT"):
+            lines[number] = line[:64] + " .31924" + line[71:]
+        if line.startswith("CTG") and line[57:62].strip():
+            lines[number] = line[:57] + ".3333" + line[62:]
+    deck.write_text("\n".join(lines) + "\n")
+    convert(deck, tmp_path / "again.crd", "--to", "musat")
+    ours, theirs = read_deck(deck), read_deck(tmp_path / "again.crd")
+    assert ours.options.plate_sigma == theirs.options.plate_sigma == pytest.approx(0.31924e-3, rel=1e-12)
+    assert (ours.control.sigma[:, 0] == 0.3333).any()
+    np.testing.assert_array_equal(theirs.control.sigma, ours.control.sigma)
+    convert(deck, tmp_path / "other.img", "--to", "giant")
+    convert(tmp_path / "other.img", tmp_path / "back.crd", "--deck", DECK)
+    back = read_deck(tmp_path / "back.crd").control
+    # GIANT has seconds of arc in F10.6: ten columns hold eight digits of a hundredth of a second
+    np.testing.assert_allclose(back.sigma[:4], ours.control.sigma[:4], rtol=1e-6)

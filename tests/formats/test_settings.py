@@ -81,7 +81,7 @@ def test_a_deck_without_end_stays_as_it_is():
         ("OPT.max_iterations=1e4", "OPT.max_iterations: '1e4' is not a number that fits I3"),
         ("OPT.max_iterations=many", "OPT.max_iterations: 'many' is not a number"),
         ("OPT.plate_sigma=inf", "OPT.plate_sigma: 'inf' is not a number that fits F7.2"),
-        ("OPT.plate_sigma=5.1234567", "'5.1234567' does not fit F7.2: 5.12 would be read"),
+        ("OPT.plate_sigma=5.1234567", "'5.1234567' does not fit F7.2: 5.12346 would be read"),
         ("ELL.name=\u00e9", "ELL.name: '\u00e9' is not A16"),
         ("WTC.temperature=", "WTC.temperature: '' is not F"),
         ("PLT.x=3", "PLT: a deck may have many such cards; set are OPT, OP2, RED"),

@@ -259,8 +259,10 @@ def test_a_result_has_the_adjusted_values_and_their_sigmas() -> None:
     turn = again.photos.attitude - solution.stations.attitude
     assert np.abs(turn).max() <= 0.5001e-4 * ARC_SECOND
     sigma = np.sqrt(np.diagonal(solution.stations.covariance, axis1=1, axis2=2))
-    np.testing.assert_allclose(again.photos.position_sigma, sigma[:, :3], atol=0.5001e-3)  # F5.3
-    np.testing.assert_allclose(again.photos.attitude_sigma, sigma[:, 3:], atol=0.0501 * ARC_SECOND)  # F5.1
+    digits = {"atol": 0.5001e-4, "rtol": 0.5e-3}  # of five columns with a point: four below 1, then four in all
+    np.testing.assert_allclose(again.photos.position_sigma, sigma[:, :3], **digits)
+    np.testing.assert_allclose(again.photos.attitude_sigma / ARC_SECOND, sigma[:, 3:] / ARC_SECOND, **digits)
+    np.testing.assert_allclose(again.control.sigma, block.control.sigma, **digits)
     rows = [solution.block.points.ids.tolist().index(name) for name in again.points.ids]
     shift = frame.working(again.control.position) - frame.working(solution.points.position[rows])
     assert np.abs(shift[again.control.point]).max() < 2.2e-4

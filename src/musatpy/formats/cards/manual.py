@@ -38,7 +38,7 @@ to a negative angle. Texts lose outer blanks, and keep inner ones.
 
 Numbers are written right-justified, with the decimals of the descriptor; one that does not fit loses decimals as
 far as needed, one too small for its decimals gets more of them or an exponent, and one that fits in no way is an
-error. Texts are written left-justified.
+error. Standard deviations have all decimals that they need and the columns hold. Texts are written left-justified.
 """
 
 _RECORDS = """\

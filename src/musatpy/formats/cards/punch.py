@@ -55,6 +55,8 @@ def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix) -> Itera
         written = _write_texts(field, values.astype(np.str_, copy=False), target)
     elif field.edit.letter in "IF" and len(values) > FEW:
         written = _write_numbers(field, values.astype(np.float64, copy=False), target)
+        if field.is_sigma:
+            written &= ~_shortened(field, values)
     else:
         written = np.zeros(len(values), dtype=bool)
     for row in np.flatnonzero(~written).tolist():
@@ -116,6 +118,13 @@ def _write_numbers(field: FieldSpec, values: FloatArray, target: ByteMatrix) -> 
         target[missing] = _BLANK
         written |= missing
     return written
+
+
+def _shortened(field: FieldSpec, values: FloatArray) -> Mask:
+    """Return the numbers (k,) of which the decimals of a field do not tell twelve digits."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        told = np.round(values, field.edit.decimals)
+        return np.asarray(np.abs(told - values) > 1e-12 * np.abs(values))
 
 
 def _write_whole(numbers: IntArray, negative: Mask, target: ByteMatrix) -> Mask:

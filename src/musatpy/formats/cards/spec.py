@@ -30,6 +30,7 @@ CARD_WIDTH = 80
 DATA_COLUMNS = (4, 72)  # where fields may stand: after the mnemonic, before the sequence number
 UNITS = ("", "m", "mm", "um", "deg", "min", "s", "arcsec", "degC", "ppt", "nm", "hPa", "sec", "m/s")
 STATED_UNIT = "angle"  # of angles in the unit that the deck says on its SYS card
+_SIGMA = re.compile(r"(sigma|\.pointing)(\[\d+\])?$", re.ASCII)  # targets of standard deviations
 END_MNEMONIC = "END"  # the card of a family that ends its decks
 
 
@@ -178,7 +179,12 @@ class FieldSpec:
             return self._encode_text(value)
         if math.isnan(value) and self.blank != "missing":
             raise FieldError("nan", f"a value of {self.edit}")
-        return fit_number(value, self.edit)
+        return fit_number(value, self.edit, all_digits=self.is_sigma)
+
+    @property
+    def is_sigma(self) -> bool:
+        """Whether it is a standard deviation: one is written with all digits that the columns hold."""
+        return self.edit.letter == "F" and bool(_SIGMA.search(self.target))
 
     def problem(self, error: FieldError, message: str = "", **place: Any) -> Problem:
         """Return the problem of a text that does not decode, or of a value that does not fit, at some place."""

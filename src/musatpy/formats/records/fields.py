@@ -130,9 +130,7 @@ class RecordField(FieldSpec):
 
     def _is_zero(self, value: float) -> bool:
         """Return whether a number is written as zero: one below its last decimal, but no standard deviation."""
-        return (
-            "sigma" not in self.target and self.edit.letter == "F" and abs(value) * 10.0**self.edit.decimals < 0.5
-        )
+        return not self.is_sigma and self.edit.letter == "F" and abs(value) * 10.0**self.edit.decimals < 0.5
 
     def _encode_code(self, value: str) -> str:
         for text, letter in self.codes:
@@ -147,6 +145,8 @@ class RecordField(FieldSpec):
 
     def _packed(self, value: float) -> str:
         """Return DDDMMSS.sss with the decimals that the field has room for."""
+        if self.is_sigma and abs(value) < units.ARC_MINUTE:
+            return fit_number(value / units.ARC_SECOND, self.edit, all_digits=True)
         for decimals in range(self.edit.decimals, -1, -1):
             degrees, minutes, seconds = (float(part) for part in units.dms_from_radians(value, decimals))
             number = math.copysign(abs(degrees) * 1e4 + minutes * 100.0 + seconds, degrees)
