@@ -174,3 +174,66 @@ def test_sigmas_keep_all_digits_that_their_fields_hold(tmp_path):
     back = read_deck(tmp_path / "back.crd").control
     # GIANT has seconds of arc in F10.6: ten columns hold eight digits of a hundredth of a second
     np.testing.assert_allclose(back.sigma[:4], ours.control.sigma[:4], rtol=1e-6)
+
+
+OWN = ROOT / "fixtures" / "trust" / "own_family"  # positions in m, coordinates those of the job
+
+
+def test_units_that_are_not_those_of_the_jobs_system_are_refused(tmp_path):
+    """Radians with four decimals were written of a geographic job, with status 0."""
+    result = convert("--formats", OWN, DECK, tmp_path / "job.eo")
+    assert (result.exit_code, list(tmp_path.iterdir())) == (1, [])
+    for name in "xy":
+        expected = (
+            f"eo.toml: photo: {name}: unit: 'm', expected `job` or an angle, or coordinates = \"rectangular\""
+        )
+        assert expected in result.stderr
+    assert "in a GEOG job" in result.stderr and ": z:" not in result.stderr
+
+
+@pytest.mark.parametrize(("name", "count"), [("job", 1), ("rectangular", 0)])
+def test_metres_are_right_in_a_local_job_and_where_the_file_is_rectangular(tmp_path, name, count):
+    own = tmp_path / "own"
+    shutil.copytree(OWN, own)
+    text = (own / "eo.toml").read_text().replace('coordinates = "job"', f'coordinates = "{name}"')
+    (own / "eo.toml").write_text(text)
+    assert convert("--formats", own, DECK, tmp_path / "job.eo").exit_code == count
+    local = ROOT / "fixtures" / "trust" / "local_run.crd"
+    result = convert("--formats", own, local, tmp_path / "local.eo")
+    assert result.exit_code == 0
+    result = convert("--formats", own, "--deck", local, tmp_path / "local.eo", tmp_path / "back.crd")
+    assert result.exit_code == 0
+    np.testing.assert_allclose(
+        read_deck(tmp_path / "back.crd").photos.position, read_deck(local).photos.position, rtol=0, atol=5e-5
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'unit = "m"\ntarget = "photos.position[2]"',
+            'unit = "deg"\ntarget = "photos.position[2]"',
+            "z: unit: 'deg'",
+        ),
+        (
+            'unit = "m"\ntarget = "photos.position[0]"',
+            'unit = "deg"\ntarget = "photos.position[0]"',
+            "y: unit: 'm', expected `job` or an angle",
+        ),
+        (
+            'unit = "deg"\ntarget = "photos.attitude[1]"',
+            'unit = "m"\ntarget = "photos.attitude[1]"',
+            "phi: unit: 'm'",
+        ),
+    ],
+)
+def test_units_that_no_job_can_have_are_refused_at_loading(tmp_path, old, new, message):
+    own = tmp_path / "own"
+    shutil.copytree(OWN, own)
+    text = (own / "eo.toml").read_text()
+    assert text.count(old) == 1
+    (own / "eo.toml").write_text(text.replace(old, new))
+    result = convert("--formats", own, ROOT / "fixtures" / "trust" / "local_run.crd", tmp_path / "job.eo")
+    assert result.exit_code == 1 and "eo.toml: photo" in result.stderr
+    assert message in result.stderr and "expected" in result.stderr

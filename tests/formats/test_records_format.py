@@ -116,7 +116,8 @@ def test_an_empty_folder_is_no_family(tmp_path):
 
 
 def test_a_row_says_one_kind_of_thing(own):
-    (own / "images.toml").write_text(OWN.replace('target = "plates.xy[1]"', 'target = "control.sigma[0]"'))
+    other = OWN.replace('unit = "mm"\ntarget = "plates.xy[1]"', 'unit = "m"\ntarget = "control.sigma[0]"')
+    (own / "images.toml").write_text(other)
     with pytest.raises(CardFormatError, match="one row cannot say both"):
         RecordSet(own).files  # noqa: B018
 

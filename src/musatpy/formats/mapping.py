@@ -45,6 +45,11 @@ _UNITS = {
     "gon": units.GON,
     "dms": 1.0,  # packed degrees, minutes and seconds: a record field turns them into radians itself
 }
+ANGULAR = ("deg", "min", "s", "arcsec", "rad", "gon", "dms", STATED_UNIT)
+_OF_SIGMAS = ("dms", "job")  # besides metres: along geographic coordinates
+_DIMENSIONS = {  # units in which a value of the model may stand in a file; without any it stands as it is
+    "m": ("m", *_OF_SIGMAS), "mm": ("mm", "um"), "rad": ANGULAR, "s": ("sec",), "m/s": ("m/s",),
+}  # fmt: skip
 _PARTS = ("deg", "min", "sec")
 _LAST = 8  # component that an attribute may have: a matrix, row by row
 _TARGET = re.compile(r"(?P<path>\w+(?:\.\w+)?)(?:\[(?P<component>\d+)\])?(?::(?P<part>deg|min|sec))?", re.ASCII)
@@ -135,6 +140,12 @@ def _expected(target: str) -> str:
 
 
 def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, FieldSpec]) -> Slot:
+    table, _, name = path.partition(".")
+    unit = columns(TABLES[table])[name].unit if name else ""
+    for field in parts.values():
+        if field.unit and unit in _DIMENSIONS and field.unit not in _DIMENSIONS[unit]:
+            wrong = f"{spec.mnemonic}.{field.name}: unit: '{field.unit}', expected {' or '.join(_DIMENSIONS[unit])}"
+            raise CardFormatError(f"{wrong}: {path} is in {unit}")
     if set(parts) == {""}:
         return Slot(path=path, component=component, fields=(parts[""],))
     if set(parts) != set(_PARTS):

@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.block import Block
-from musatpy.model.tables import Table, empty, per_row
+from musatpy.model.tables import Table, empty, per_job, per_row
 
 IN_PROFILE = "P"  # class of readings of a profile
 SHORE = "S"  # class of readings of the shoreline
@@ -38,8 +38,8 @@ class StereomodelSpecs(Table):
     vertical: TextArray = per_row()  # (m,) POINT, MODEL
     tide: TextArray = per_row()  # (m,) PHOTO, MEAN
     rays: TextArray = per_row()  # (m,) OWN, SHARED
-    pointing: FloatArray = per_row()  # (m,) mm
-    limit: FloatArray = per_row()  # (m,) mm
+    pointing: FloatArray = per_row(unit="mm")  # (m,)
+    limit: FloatArray = per_row(unit="mm")  # (m,)
     adjust: BoolArray = per_row()  # (m,) the right stage is corrected by points read again
     true_marks: BoolArray = (
         per_row()
@@ -72,13 +72,13 @@ class StageReadings(Table):
     ids: TextArray = per_row()  # (k,)
     kind: TextArray = per_row()  # (k,) G, P, S, R
     submerged: BoolArray = per_row()  # (k,)
-    xy: FloatArray = per_row(2, 2)  # (k, 2, 2) mm, left and right, x and y; NaN of model points
-    sigma: FloatArray = per_row()  # (k,) mm, NaN: the pointing of the model
-    place: FloatArray = per_row(3)  # (k, 3) m in the model, of the mark; NaN of readings on the stages
-    parallax: FloatArray = (
-        per_row()
-    )  # (k,) mm, of the right image less the left, along Y of the model; NaN: not read
-    time: FloatArray = per_row()  # (k,) s, of readings of profiles; NaN: not known
+    xy: FloatArray = per_row(2, 2, unit="mm")  # (k, 2, 2) left and right, x and y; NaN of model points
+    sigma: FloatArray = per_row(unit="mm")  # (k,) NaN: the pointing of the model
+    place: FloatArray = per_row(3, unit="m")  # (k, 3) in the model, of the mark; NaN of readings on the stages
+    parallax: FloatArray = per_row(
+        unit="mm"
+    )  # (k,) of the right image less the left, along Y of the model; NaN: not read
+    time: FloatArray = per_row(unit="s")  # (k,) of readings of profiles; NaN: not known
 
     @classmethod
     def on_stages(cls, **columns: Any) -> StageReadings:
@@ -116,12 +116,12 @@ class ProfileSpecs(Table):
     end: TextArray = per_row()
     places: FloatArray = per_row(2, 2)  # (q, 2, 2) start and end, NaN where points are
     system: TextArray = per_row()  # (q,) of these: M model, J job (degrees, or m); empty where points are
-    step: FloatArray = per_row()  # (q,)
-    spike: FloatArray = per_row()  # (q,) NaN: nothing is a spike
-    tolerance: FloatArray = per_row()  # (q,) 0: all readings are needed
+    step: FloatArray = per_row(unit="m")  # (q,)
+    spike: FloatArray = per_row(unit="m")  # (q,) NaN: nothing is a spike
+    tolerance: FloatArray = per_row(unit="m")  # (q,) 0: all readings are needed
     scan: TextArray = per_row()  # (q,) L one line, X, Y lines along this axis of the model
     zigzag: BoolArray = per_row()  # (q,) every other line of a scan was read from its end
-    spacing: FloatArray = per_row()  # (q,) of the lines of a scan
+    spacing: FloatArray = per_row(unit="m")  # (q,) of the lines of a scan
 
     @classmethod
     def between_points(cls, **columns: Any) -> ProfileSpecs:
@@ -143,7 +143,7 @@ class GridSpecs(Table):
 
     ids: TextArray = per_row()  # (g,)
     collocated: BoolArray = per_row()  # (g,) predicted by collocation, not read off the triangles
-    spacing: FloatArray = per_row()  # (g,) m
+    spacing: FloatArray = per_row(unit="m")  # (g,)
     first: FloatArray = per_row(2)  # (g, 2) corner, degrees or m as the job's coordinates; NaN: all of the bottom
     second: FloatArray = per_row(2)  # (g, 2) opposite corner
 
@@ -156,8 +156,8 @@ class SoundingDatum:
     """
 
     name: str = ""
-    height: float = 0.0
-    sigma: float = 0.0
+    height: float = per_job(0.0, unit="m")
+    sigma: float = per_job(0.0, unit="m")
     geoid: str = ""
 
 
@@ -168,13 +168,15 @@ class ContourSpec:
     They are those of triangles with limited edges, or of the posts of a `grid`.
     """
 
-    interval: float = math.nan  # NaN: those that are listed only
+    interval: float = per_job(math.nan, unit="m")  # NaN: those that are listed only
     index: int = 5
-    longest_edge: float = math.inf
-    shortest: float = 0.0  # pieces shorter than this are left out
-    drying: float = math.nan  # m above the datum, up to which dry points belong to the bottom; NaN: none do
+    longest_edge: float = per_job(math.inf, unit="m")
+    shortest: float = per_job(0.0, unit="m")  # pieces shorter than this are left out
+    drying: float = per_job(
+        math.nan, unit="m"
+    )  # above the datum, up to which dry points belong to the bottom; NaN: none do
     grid: str = ""
-    listed: tuple[float, ...] = ()
+    listed: tuple[float, ...] = per_job((), unit="m")
     listed_index: tuple[float, ...] = ()  # those that are drawn thick
 
 

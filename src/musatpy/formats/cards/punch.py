@@ -54,9 +54,10 @@ def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix) -> Itera
     if field.edit.letter == "A" and len(values) > FEW:
         written = _write_texts(field, values.astype(np.str_, copy=False), target)
     elif field.edit.letter in "IF" and len(values) > FEW:
-        written = _write_numbers(field, values.astype(np.float64, copy=False), target)
+        numbers = values.astype(np.float64, copy=False)
+        written = _write_numbers(field, numbers, target)
         if field.is_sigma:
-            written &= ~_shortened(field, values)
+            written &= ~_shortened(field, numbers)
     else:
         written = np.zeros(len(values), dtype=bool)
     for row in np.flatnonzero(~written).tolist():

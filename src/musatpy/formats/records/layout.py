@@ -131,6 +131,7 @@ class FileSpec:
     )
     longitude_first: bool = key(False, "whether geographic coordinates are longitude, latitude, height")
     fiducials: int = key(0, "how many measurements, the first of each photo, are its fiducial marks")
+    stated_in: str = ""  # the file where all this stands
     records: tuple[RecordSpec, ...] = key(doc="the records, one `[[record]]` table each", name="record")
 
     def is_comment(self, word: str) -> bool:

@@ -25,7 +25,7 @@ def load_files(folder: Path | str) -> tuple[FileSpec, ...]:
 
 
 def _load_file(path: Path, family: str) -> FileSpec:
-    spec: FileSpec = replace(format_of(FileSpec, path), family=family)
+    spec: FileSpec = replace(format_of(FileSpec, path), family=family, stated_in=str(path))
     try:
         records = []
         for number, record in enumerate(spec.records, 1):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,20 +36,48 @@ class Row:
 def resolved(file: FileSpec, frame: JobFrame) -> FileSpec:
     """Return a file with the units that the job's system gives it.
 
-    Raises `DeckError` where the file has such units and the system is not known.
+    Raises `DeckError` where the file has such units and the system is not known, and where its other units cannot
+    be those of the system.
     """
     jobs = any(field.unit == JOB_UNIT for record in file.records for field in record.fields)
-    if not jobs:
-        return file
-    if frame.system is None:
+    if jobs and frame.system is None:
         message = f"the units of {file.title} are those of the job; give a deck with its options (OPT card)"
         raise DeckError([Problem(message=message)])
-    unit = PACKED if frame.geographic and frame.statement is None else "m"
+    geographic = frame.geographic and frame.statement is None
+    file = _with_units(file, geographic) if jobs else file
+    wrong = () if frame.system is None else _wrong_units(file, geographic)
+    if faults := [f"{fault} in a {frame.system} job" for fault in wrong]:
+        raise DeckError(Problem(file=file.stated_in, message=fault) for fault in faults)
+    return file
+
+
+def _with_units(file: FileSpec, geographic: bool) -> FileSpec:
+    """Return a file with the units of a geographic job or another in place of those of the job."""
+    unit = PACKED if geographic and not file.rectangular else "m"
     records = tuple(
         replace(one, fields=tuple(replace(f, unit=unit) if f.unit == JOB_UNIT else f for f in one.fields))
         for one in file.records
     )
     return replace(file, records=records)
+
+
+def _wrong_units(file: FileSpec, geographic: bool) -> Iterator[str]:
+    """Yield the fields of positions and their sigmas in units that their coordinates cannot have, field by field.
+
+    Coordinates of a file are angles in a geographic job, unless it says that they are rectangular.
+    """
+    angles = geographic and not file.rectangular
+    for leaf in file.leaves():
+        for slot in mapping.slots(row_of(file, leaf)):
+            if slot.path not in (*_SIGMAS, *_SIGMAS.values()):
+                continue
+            plane, unit = angles and slot.component in (0, 1), slot.fields[0].unit
+            fits = unit in mapping.ANGULAR if plane else unit not in mapping.ANGULAR
+            if plane and slot.path in _SIGMAS:
+                fits = unit in ("", "m", PACKED)
+            if not fits:
+                expected = f'`{JOB_UNIT}` or an angle, or coordinates = "rectangular" in the file' if plane else "m"
+                yield f"{leaf.name}: {slot.name}: unit: '{unit}', expected {expected}"
 
 
 def row_of(file: FileSpec, leaf: RecordSpec) -> Row:
@@ -59,7 +87,7 @@ def row_of(file: FileSpec, leaf: RecordSpec) -> Row:
 
 
 def check_targets(file: FileSpec) -> None:
-    """Raise `CardFormatError` for targets that are not in the model."""
+    """Raise `CardFormatError` for targets that are not in the model, and for units that no job can have."""
     for leaf in file.leaves():
         row = row_of(file, leaf)
         try:
@@ -72,7 +100,10 @@ def check_targets(file: FileSpec) -> None:
             if len(roles) > 1 and {path.partition(".")[0] for path in paths} != {"photos"}:
                 raise CardFormatError(f"{leaf.name}: one row cannot say both {' and '.join(roles)}")
         except (CardFormatError, KeyError) as error:
-            raise CardFormatError(f"{file.family}: {file.title}: {error}") from error
+            raise CardFormatError(f"{file.stated_in}: {error}") from error
+    faults = min((list(_wrong_units(_with_units(file, kind), kind)) for kind in (True, False)), key=len)
+    if faults:
+        raise CardFormatError(f"{file.stated_in}: {faults[0]}: no job has coordinates in such units")
 
 
 def roles_of_row(paths: Iterable[str]) -> list[str]:
