@@ -448,6 +448,15 @@ CASES: list[Case] = [
         ],
     ),
     (
+        deck(replace(33, " B ", " D "), replace(44, "F  ", "F D")),
+        [
+            Expected(
+                33, "PLT.bathymetric", "D", "point 1047 is flagged dry here, and bathymetric on its first card"
+            ),
+            Expected(44, "CTG.bathymetric", "D", "point 1105 is flagged dry here, and is not on its first card"),
+        ],
+    ),
+    (
         deck(drop(4)),
         [Expected(20, "PLT.bathymetric", "B", "2 bathymetric points, but no WTR card with the refractive index")],
     ),

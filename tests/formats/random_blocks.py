@@ -82,6 +82,10 @@ class _Random:
         """Return what makes so many of these texts."""
         return lambda count: self.rng.choice(texts, count)
 
+    def points(self, count: int) -> model.Points:
+        ids, wet = self.ids(count, 8), self.rng.random(count) < 0.4
+        return model.Points(ids=ids, bathymetric=wet, dry=~wet & (np.arange(count) % 4 == 1))
+
     def block(self) -> model.Block:
         rng, table, value, sigma = self.rng, self.table, self.between(1, 9000), self.between(0.01, 1)
         cameras, photos, points = rng.integers(1, 4), rng.integers(1, 6), rng.integers(1, 30)
@@ -96,7 +100,7 @@ class _Random:
             fiducials=table(model.Fiducials, 5),
             photos=self.photos(photos, cameras),
             fiducial_measurements=table(model.FiducialMeasurements, 5),
-            points=model.Points(ids=self.ids(points, 8), bathymetric=rng.random(points) < 0.4),
+            points=self.points(points),
             plates=table(model.PlateMeasurements, 40, 1),
             control=table(model.Control, 6, position=self.control_positions),
             equal_elevations=self.equal_elevations(points),
@@ -262,5 +266,5 @@ class _Random:
 def _in_order_of_appearance(block: model.Block) -> model.Block:
     """Return the block with its points in the order in which a deck names them; a flag needs a plate or control."""
     flagged = np.isin(np.arange(len(block.points.ids)), np.concatenate([block.plates.point, block.control.point]))
-    points = replace(block.points, bathymetric=block.points.bathymetric & flagged)
+    points = replace(block.points, bathymetric=block.points.bathymetric & flagged, dry=block.points.dry & flagged)
     return in_order(replace(block, points=points))

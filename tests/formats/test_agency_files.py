@@ -80,6 +80,7 @@ def test_what_a_family_holds_comes_back(tmp_path, name, system):
     assert np.abs(turned).max() < 4.0 * radians
     np.testing.assert_array_equal(again.photos.ids, block.photos.ids)
     np.testing.assert_array_equal(again.points.bathymetric, block.points.bathymetric)
+    np.testing.assert_array_equal(again.points.dry, block.points.dry)
     assert again.photos.tide.tolist() == pytest.approx(block.photos.tide.tolist())
     ours, theirs = _images(block), _images(again)
     assert list(ours) == list(theirs)

@@ -143,7 +143,7 @@ def test_every_bad_card_is_reported_in_one_pass(family):
         "deck.crd:8 cols 34-45 PLT.y: '-87.2O4513' is not F12.7",
         "deck.crd:9 cols 5-12 PLT.photo: blank, expected A8",
         "deck.crd:9 cols 34-45 PLT.y: blank, expected F12.7",
-        "deck.crd:9 col 62 PLT.bathymetric: 'Q' is not A1 (one of B)",
+        "deck.crd:9 col 62 PLT.bathymetric: 'Q' is not A1 (one of B, D)",
         "deck.crd:10 col 13 PLT: '*' stands in columns of no field",
         "deck.crd:10 cols 64-66 PLT: 'X Y' stands in columns of no field",
         "deck.crd:11 col 8: tab character",

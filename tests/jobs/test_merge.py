@@ -192,6 +192,14 @@ def test_a_point_is_submerged_in_all_decks_or_in_none() -> None:
     assert complaints(west, dry) == [f"point {name} is submerged in a.crd, and dry in b.crd" for name in names]
 
 
+def test_a_point_that_one_deck_flags_as_dry_is_dry_in_the_merged_one() -> None:
+    west, east = strips()
+    dry = east.points.ids == "208"
+    flagged = replace(east, points=replace(east.points, dry=dry))
+    points = merge(west, flagged).block.points
+    assert points.ids[points.dry].tolist() == ["208"]
+
+
 def test_all_contradictions_are_listed_at_once() -> None:
     west, east = strips()
     other = with_options(replace(east, water=model.Water(index=1.333)), max_passes=7)

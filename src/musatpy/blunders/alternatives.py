@@ -91,8 +91,8 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, Fl
     """Return the points whose images want the other flag, submerged or dry, and the test values of that.
 
     All images of a point are taken as they are, once refracted and once straight: the test value is the root of the
-    difference of the squares. Only points below the water at all their photos can have either. Where one wrong
-    image would explain the misfit better, the flag is not blamed.
+    difference of the squares. Only points below the water at all their photos can have either, but for those that
+    are dry for certain. Where one wrong image would explain the misfit better, the flag is not blamed.
     """
     network, nothing = scene.network, (np.zeros(0, dtype=int), np.zeros(0))
     asked = _below_water(scene, state, _misfits(scene, state, _AS_GOOD * sigma0**2))
@@ -134,8 +134,8 @@ def _misfits(scene: Scene, state: State, least: float) -> BoolArray:
 
 
 def _below_water(scene: Scene, state: State, points: BoolArray) -> BoolArray:
-    """Return which of some `points` (p,) are below the water at all their photos."""
-    network = scene.network
+    """Return which of some `points` (p,) are below the water at all their photos, and not dry for certain."""
+    network, points = scene.network, points & ~scene.block.points.dry
     height, water = heights_and_water(network, state, points)
     above = np.bincount(network.point[~(height < water)], minlength=network.points) > 0
     return points & ~above

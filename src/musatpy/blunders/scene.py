@@ -29,7 +29,6 @@ from musatpy.model import (
     Block,
     Datum,
     ObservationKind,
-    Points,
     Program,
     Refraction,
     Treatment,
@@ -124,7 +123,7 @@ def search_block(block: Block, sea: Sea | None) -> Block:
     """
     given, options, points, photos, water = block, block.options, block.points, block.photos, block.water
     if not sees_water(block):
-        points = Points(ids=points.ids, bathymetric=np.zeros(len(points.ids), dtype=bool))
+        points = replace(points, bathymetric=np.zeros(len(points.ids), dtype=bool))
     wet = water if points.bathymetric.any() else None
     waves = sea is not None or bool(len(block.waves.ids))
     own_levels = options.water_level is WaterLevel.KNOWN and wet is not None

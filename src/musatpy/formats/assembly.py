@@ -47,7 +47,7 @@ def _part(draft: Draft, name: str, kind: type[Any]) -> Any:
         case "photos":
             return _photos(draft)
         case "points":
-            return model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric)
+            return model.Points(ids=draft.point_ids, bathymetric=draft.bathymetric, dry=draft.flagged("points.dry"))
         case "equal_elevations":
             return _equal_elevations(draft)
         case "waves":
@@ -244,7 +244,7 @@ def _table_values(block: model.Block, table: str, rows: IntArray) -> dict[str, A
         value = getattr(part, name)[rows]
         values[f"{table}.{name}"] = getattr(block, about.link).ids[value] if about.link else value
         if about.link == "points":
-            values["points.bathymetric"] = block.points.bathymetric[value]
+            values |= {"points.bathymetric": block.points.bathymetric[value], "points.dry": block.points.dry[value]}
     return values
 
 

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from musatpy.arrays import TextArray
 from musatpy.errors import DeckError, Problem, nearest_or_all
 from musatpy.formats import assembly, mapping, system_rows
 from musatpy.formats.cards.deck import CardTable, read_cards
 from musatpy.formats.cards.images import card_images
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import cross_check
-from musatpy.formats.draft import ROLES, Draft, Rows, attributes, draft_of, draft_of_rows
+from musatpy.formats.draft import POINT_FLAGS, ROLES, Draft, Rows, attributes, draft_of, draft_of_rows
 from musatpy.formats.musat import card_family, has_errors
 from musatpy.formats.parts import blank
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Options, WaterConditions
@@ -45,7 +46,6 @@ _CALLS = {
     "distances": "add_distance",
     "height_differences": "add_height_difference",
 }
-_FLAG = "points.bathymetric"
 _OPTIONS = 1  # number of the row of the options, before all that calls add
 _NEEDED = {"cameras": "a camera", "plates": "images"}
 
@@ -142,13 +142,14 @@ class BlockBuilder:
         sigma: ArrayLike | None = None,
         triangulated: ArrayLike = True,
         submerged: ArrayLike = False,
+        dry: ArrayLike = False,
     ) -> None:
         """Add images of points (k,) on a photo, or on photos (k,): plate coordinates (k, 2) mm.
 
         `sigma` is of all, of x and y, or (k, 2), mm; those not `triangulated` are kept out of the solution. A point
-        that is `submerged` in one call is submerged.
+        that is `submerged`, or `dry` for certain, in one call is so.
         """
-        flags = {"triangulated": triangulated, "bathymetric": submerged}
+        flags = {"triangulated": triangulated, "bathymetric": submerged, "dry": dry}
         self.add("plates", photo=photo, point=points, xy=xy, sigma=sigma, **flags)
 
     def add_control(
@@ -160,13 +161,14 @@ class BlockBuilder:
         sigma: Triple = None,
         fixed: bool = False,
         submerged: bool = False,
+        dry: bool = False,
     ) -> None:
         """Add a control point: `F` full, `H` horizontal, `V` vertical, `C` check; sigmas east, north, up, m.
 
         NaN, or None, stands for a component that is not given; a `fixed` point needs no sigmas.
         """
         values = {"kind": kind, "fixed": fixed, "position": position, "sigma": sigma}
-        self.add("control", point=point, bathymetric=submerged, **values)
+        self.add("control", point=point, bathymetric=submerged, dry=dry, **values)
 
     def water(
         self,
@@ -302,18 +304,19 @@ class BlockBuilder:
         rows: dict[str, Rows] = {}
         tables: dict[str, CardTable] = {}
         chunks = [*self._chunks, *self._of_options(base)]
-        flagged = [
-            chunk.values[f"{chunk.role}.point"][chunk.values[_FLAG]] for chunk in chunks if _FLAG in chunk.values
-        ]
-        submerged = np.concatenate(flagged) if flagged else np.zeros(0, dtype=np.str_)
+        marked = [chunk for chunk in chunks if POINT_FLAGS[0] in chunk.values]
+        flagged: dict[str, TextArray] = {}
+        for flag in POINT_FLAGS if marked else ():
+            names = [chunk.values[f"{chunk.role}.point"][chunk.values[flag]] for chunk in marked]
+            flagged[flag] = np.concatenate(names)
         for role, empty in base.rows.items():
             if role in system_rows.TABLES:
                 rows[role] = empty
                 continue
             spec = self._spec(role, empty.specs)
             rows[role] = _rows(role, spec, [chunk for chunk in chunks if chunk.role == role], empty)
-            if _FLAG in empty.values and len(rows[role]):
-                rows[role].values[_FLAG] = np.isin(rows[role][f"{role}.point"], submerged)
+            for flag in flagged if POINT_FLAGS[0] in empty.values and len(rows[role]) else ():
+                rows[role].values[flag] = np.isin(rows[role][f"{role}.point"], flagged[flag])
             if len(rows[role]) and role != "equal_elevations":  # groups have as many points as they have
                 columns = mapping.scatter(spec, rows[role].values)
                 tables[f"{role} {spec.mnemonic}"] = CardTable(spec=spec, columns=columns, lines=rows[role].lines)

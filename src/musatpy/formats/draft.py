@@ -50,6 +50,9 @@ ROLES = dict(_roles())
 # What a family need not have cards for.
 OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin", "orientation")
 
+# Of points, on the cards of their images and of control.
+POINT_FLAGS = ("points.bathymetric", "points.dry")
+
 # The order in which cards name cameras, photos and points, where it is not that of the roles.
 _FIRST = ("cameras", "stations", "attitudes", "matrices", "tides", "fiducial_measurements", "cross_measurements")
 
@@ -67,7 +70,7 @@ def attributes(role: str) -> Mapping[str, Column]:
         return {"titles": Column()}
     meanings = columns(mapping.TABLES[table])
     names = [name for name in mapping.names_of(table) if meanings[name].role in ("", role)]
-    flags = {"points.bathymetric": Column()} if role in ("plates", "control") else {}
+    flags = dict.fromkeys(POINT_FLAGS, Column()) if role in ("plates", "control") else {}
     return {f"{table}.{name}": meanings[name] for name in names} | flags
 
 
@@ -171,10 +174,14 @@ class Draft:
     @cached_property
     def bathymetric(self) -> BoolArray:
         """(points,) True where any card flags the point as submerged."""
+        return self.flagged("points.bathymetric")
+
+    def flagged(self, path: str) -> BoolArray:
+        """Return (points,) True where any card has a flag of the point."""
         flags = np.zeros(len(self.point_ids), dtype=bool)
         for role in ("plates", "control"):
             links = self.point[role]
-            flags[links[self.rows[role]["points.bathymetric"] & (links >= 0)]] = True
+            flags[links[self.rows[role][path] & (links >= 0)]] = True
         return flags
 
     def by_photo(self, role: str, path: str) -> NDArray[Any]:

@@ -1,7 +1,8 @@
 """Card columns <-> values of the model, as the `target` and `unit` keys of the card formats say.
 
 A target is a dotted model attribute, with a component where the attribute has several: `plates.xy[0]`; the parts of
-an angle in degrees, minutes and seconds add `:deg`, `:min` and `:sec`. Everything here works on whole columns.
+an angle in degrees, minutes and seconds add `:deg`, `:min` and `:sec`. A field of letters may have several targets,
+of which each knows its own letters: `points.bathymetric points.dry`. Everything here works on whole columns.
 """
 
 from __future__ import annotations
@@ -113,22 +114,26 @@ class Slot:
 def slots(spec: Layout) -> tuple[Slot, ...]:
     """Return the slots of a card in the order of its fields.
 
-    Raises `CardFormatError` for a target that names no attribute of the model or is given twice, and for an angle
-    without its three parts.
+    Raises `CardFormatError` for a target that names no attribute of the model or is given twice, for several of one
+    field that are no letters, and for an angle without its three parts.
     """
     fields_of: dict[tuple[str, int | None], dict[str, FieldSpec]] = {}
     for field in spec.fields:
-        match = _TARGET.fullmatch(field.target)
-        if match is None or not _is_attribute(match["path"]):
-            wrong = f"{spec.mnemonic}.{field.name}: target: '{field.target}' is not in the model"
-            raise CardFormatError(wrong + _expected(field.target))
-        component = None if match["component"] is None else int(match["component"][:3])
-        if component is not None and component > _LAST:
-            raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' has no such component")
-        parts = fields_of.setdefault((match["path"], component), {})
-        if (match["part"] or "") in parts:
-            raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{field.target}' is another field's")
-        parts[match["part"] or ""] = field
+        targets = field.target.split() or [""]
+        for target in targets:
+            match = _TARGET.fullmatch(target)
+            if match is None or not _is_attribute(match["path"]):
+                wrong = f"{spec.mnemonic}.{field.name}: target: '{target}' is not in the model"
+                raise CardFormatError(wrong + _expected(target))
+            component = None if match["component"] is None else int(match["component"][:3])
+            if component is not None and component > _LAST:
+                raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{target}' has no such component")
+            if len(targets) > 1 and target not in CODES:
+                raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{target}' has no letters to share")
+            parts = fields_of.setdefault((match["path"], component), {})
+            if (match["part"] or "") in parts:
+                raise CardFormatError(f"{spec.mnemonic}.{field.name}: target: '{target}' is another field's")
+            parts[match["part"] or ""] = field
     return tuple(_slot(spec, path, component, parts) for (path, component), parts in fields_of.items())
 
 
@@ -273,7 +278,9 @@ def scatter(spec: Layout, values: Values, angle: float = units.DEGREE) -> dict[s
         if slot.component is not None and (value.ndim < 2 or slot.component >= value.shape[1]):
             raise CardFormatError(f"{spec.mnemonic}: target: '{slot.path}' has no component {slot.component}")
         value = _encode(slot.path, value) if slot.component is None else value[:, slot.component]
-        columns.update(_outside(slot, value, angle))
+        for name, column in _outside(slot, value, angle).items():
+            shared = columns.get(name)  # a field of letters that has another target too
+            columns[name] = column if shared is None else np.where(column == "", shared, column)
     return columns
 
 

@@ -19,7 +19,7 @@ from musatpy.errors import DeckError, Problem
 from musatpy.formats import assembly, mapping, system_rows
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.spec import Family
-from musatpy.formats.draft import ROLES, Rows, attributes, draft_of, draft_of_rows, roles_of
+from musatpy.formats.draft import POINT_FLAGS, ROLES, Rows, attributes, draft_of, draft_of_rows, roles_of
 from musatpy.formats.musat import card_family
 from musatpy.formats.statements import entered_draft, statement_problems
 from musatpy.model.tables import columns
@@ -36,7 +36,6 @@ Parts = dict[str, Table]  # role -> table, of at least one row
 KEYS = {
     role: keys for role in ROLES if (keys := tuple(path for path, about in attributes(role).items() if about.key))
 }
-_SUBMERGED = "points.bathymetric"
 _STATED = (
     "stations",
     "attitudes",
@@ -230,13 +229,13 @@ def merged(given: Parts, read: Parts) -> Parts:
     """Return the parts that files `read`, and `given` for the rest.
 
     A table that the files hold stands in the place of the given one. Attributes that they do not hold come from the
-    given row of the same photo, image or control point; submerged points are those of the given deck.
+    given row of the same photo, image or control point; flagged points are those of the given deck.
     """
     parts = dict(given)
     for role, table in read.items():
         parts[role] = _completed(role, table, given.get(role))
     _add_cameras(parts)
-    _add_submerged(parts, given)
+    _add_flags(parts, given)
     return parts
 
 
@@ -288,19 +287,18 @@ def _add_cameras(parts: Parts) -> None:
     parts["stations"] = stations | {"photos.camera": np.where(camera == "", cameras["cameras.ids"][0], camera)}
 
 
-def _add_submerged(parts: Parts, given: Parts) -> None:
+def _add_flags(parts: Parts, given: Parts) -> None:
     """Flag the points that the given deck flags, on every row of theirs."""
-    submerged: set[str] = set()
-    for source in (given, parts):
+    for flag in POINT_FLAGS:
+        flagged: set[str] = set()
+        for source in (given, parts):
+            for role in ("plates", "control"):
+                if role in source:
+                    table = source[role]
+                    flagged.update(table[f"{role}.point"][table[flag].astype(bool)].tolist())
         for role in ("plates", "control"):
-            if role in source:
-                table = source[role]
-                submerged.update(table[f"{role}.point"][table[_SUBMERGED].astype(bool)].tolist())
-    for role in ("plates", "control"):
-        if role in parts:
-            table = parts[role]
-            flags = np.isin(table[f"{role}.point"], sorted(submerged)) if submerged else table[_SUBMERGED]
-            parts[role] = table | {_SUBMERGED: flags}
+            if role in parts and flagged:
+                parts[role] = parts[role] | {flag: np.isin(parts[role][f"{role}.point"], sorted(flagged))}
 
 
 def role_of(path: str, paths: Iterable[str]) -> str:

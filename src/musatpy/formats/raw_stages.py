@@ -81,6 +81,7 @@ def _plates(models: StereomodelSpecs, stages: StageReadings) -> Table:
         "plates.sigma": np.full((2 * count, 2), np.nan),
         "plates.triangulated": np.ones(2 * count, dtype=bool),
         "points.bathymetric": np.tile(stages.submerged, 2),
+        "points.dry": np.zeros(2 * count, dtype=bool),
     }
 
 

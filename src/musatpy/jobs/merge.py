@@ -172,8 +172,10 @@ class _Merger:
         ids = self.names.ids(Kind.POINT)
         wet: list[list[str]] = [[] for _ in ids]  # names of decks
         dry: list[list[str]] = [[] for _ in ids]
+        certain = np.zeros(len(ids), dtype=bool)  # dry by the flag of one deck at least
         for part in self.parts:
             block, links = part.block, self.names.links(part, Kind.POINT)
+            certain[links[block.points.dry]] = True
             for point in np.unique(np.concatenate([block.plates.point, block.control.point])).tolist():
                 (wet if block.points.bathymetric[point] else dry)[links[point]].append(part.name)
         self.problems += [
@@ -181,7 +183,8 @@ class _Merger:
             for name, yes, no in zip(ids, wet, dry, strict=True)
             if yes and no
         ]
-        return Points(ids=np.array(ids, dtype=str), bathymetric=np.array([bool(decks) for decks in wet]))
+        submerged = np.array([bool(decks) for decks in wet], dtype=bool)
+        return Points(ids=np.array(ids, dtype=str), bathymetric=submerged, dry=certain & ~submerged)
 
     def _plates(self) -> PlateMeasurements:
         table: PlateMeasurements = self.names.table("plates")

@@ -14,3 +14,10 @@ class Points(Table):
 
     ids: TextArray = per_row(identity=True)  # (p,)
     bathymetric: BoolArray = per_row(codes={"": False, "B": True}, noun="submerged flag", blank=False)  # (p,)
+    # (p,) for certain, though the point may lie below the water: behind a dike, in a polder or a sump
+    dry: BoolArray = per_row(codes={"": False, "D": True}, noun="flag of certainly dry points", blank=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.bathymetric & self.dry).any():
+            raise ValueError("points that are submerged and dry")

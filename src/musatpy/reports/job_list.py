@@ -358,6 +358,7 @@ def list_record(job: Summary, deck: str) -> dict[str, Json]:
         "points": rows(
             point=block.points.ids,
             submerged=block.points.bathymetric,
+            dry=block.points.dry,
             rays=points.rays,
             not_flagged_n=points.used,
             control=kind,

@@ -296,6 +296,7 @@ POINTS = Table(
     (
         Field("point", "string", "point id", lambda s: s.block.points.ids),
         Field("bathymetric", "boolean", "submerged", lambda s: s.block.points.bathymetric),
+        Field("dry", "boolean", "flagged as dry for certain", lambda s: s.block.points.dry),
         Field(
             "status", "string", "what became of it", lambda s: names(PointStatus, s.solution.points.status),
             choices=("triangulated", "intersected", "not_determined"),

@@ -235,6 +235,12 @@ class Statistics:
         return self.block.points.bathymetric[self.block.plates.point]
 
     @cached_property
+    def flag_letters(self) -> TextArray:
+        """(p,) the flags of the points as cards have them: B submerged, D dry for certain, blank neither."""
+        points = self.block.points
+        return np.where(points.bathymetric, "B", np.where(points.dry, "D", ""))
+
+    @cached_property
     def plate_order(self) -> IntArray:
         """(m,) rows of the plate measurements, photo by photo, in the order of the deck within each."""
         return np.argsort(self.block.plates.photo, kind="stable")

@@ -62,8 +62,9 @@ def _matching(pattern: re.Pattern[str], wrong: str) -> Callable[[Any], str]:
 
 _mnemonic = _matching(re.compile(r"[A-Z][A-Z0-9]{2}", re.ASCII), "{} is not three capitals")
 _identifier = _matching(re.compile(r"[a-z][a-z0-9_]*", re.ASCII), "{} is not a lower case identifier")
+_DOTTED = r"[A-Za-z]\w*(\[\w+\])*(\.[A-Za-z]\w*(\[\w+\])*)*"
 _target = _matching(
-    re.compile(r"([A-Za-z]\w*(\[\w+\])*(\.[A-Za-z]\w*(\[\w+\])*)*(:(deg|min|sec))?)?", re.ASCII),
+    re.compile(rf"({_DOTTED}(:(deg|min|sec))?( {_DOTTED})*)?", re.ASCII),
     "not a dotted attribute",
 )
 

@@ -11,25 +11,34 @@ from musatpy.arrays import IntArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.checks.system_use import fits_system
-from musatpy.formats.draft import Draft
+from musatpy.formats.draft import POINT_FLAGS, Draft
 from musatpy.model import CoordinateSystem, Program, Refraction, WaterConditions
 from musatpy.model.water import USUAL_INDICES, index_fault
 
+_FLAGS = ("", "bathymetric", "dry")  # of a point
+
 
 def flags(draft: Draft) -> Iterator[Problem]:
-    """Yield the cards whose bathymetric flag is not that of the first card of their point, plate cards first."""
+    """Yield the cards whose flag is not that of the first card of their point, plate cards first.
+
+    And the rows with both flags, which no card has: those of a builder, or of files merged with a deck.
+    """
     first = np.full(len(draft.point_ids), -1)  # -1: no card yet, else the flag of the first card
     for role in ("plates", "control"):
-        links = draft.point[role]
-        named = np.flatnonzero((links >= 0) & ~draft.unread(role, "points.bathymetric"))
-        flag = draft.rows[role]["points.bathymetric"].astype(int)
+        links, path = draft.point[role], POINT_FLAGS[0]
+        wet, dry = (draft.rows[role][flag].astype(bool) for flag in POINT_FLAGS)
+        names = draft.names("points", role)
+        both = np.flatnonzero(wet & dry)
+        message = "point {} is flagged bathymetric and dry: one or the other"
+        yield from draft.problems(role, both, message, names, path=path)
+        named = np.flatnonzero((links >= 0) & ~draft.unread(role, path))
+        flag = np.where(dry, _FLAGS.index("dry"), wet)
         new = named[::-1][first[links[named[::-1]]] < 0]
         first[links[new]] = flag[new]  # the first card of a point is written last
-        other = named[flag[named] != first[links[named]]]
-        here, there = np.array([[" not", ""], ["", " not"]])[flag].T
-        message = "point {} is{} flagged bathymetric here, and is{} on its first card"
-        names = draft.names("points", role)
-        yield from draft.problems(role, other, message, names, here, there, path="points.bathymetric")
+        for row in named[flag[named] != first[links[named]]].tolist():
+            here, there = _FLAGS[flag[row]], _FLAGS[first[links[row]]]
+            card = f"flagged {here} here, and {there or 'is not'}" if here else f"not flagged {there} here, and is"
+            yield draft.problem(role, row, f"point {names[row]} is {card} on its first card", path=path)
 
 
 def water_card(draft: Draft) -> Iterator[Problem]:
