@@ -289,6 +289,34 @@ def test_check_points() -> None:
         assert (found.get(Concern.CHECK_POINTS) is Grade.DOUBTFUL) == doubtful
 
 
+def test_printed_tests_of_check_points_are_those_of_the_verdict() -> None:
+    """A point 2.5 sigmas of sigma0 = 1 off fails no test, however small sigma0 is."""
+    good = solution()
+    control, dof = good.block.control, good.degrees_of_freedom
+    row = int(np.flatnonzero(control.kind == ControlKind.CHECK)[0])
+    for sigma0, grown in ((0.25, 1.0), (2.0, 2.0)):
+        share = (sigma0 / good.unit_sigma) ** 2
+        scaled = altered(
+            replace(good, sigma0=sigma0, sum_of_squares=sigma0**2 * dof),
+            points={"covariance": good.points.covariance * share},
+        )
+        deviation = 2.5 / good.unit_sigma * np.sqrt(good.points.covariance[control.point[row], 2, 2])
+        position = changed(control.position, row, good.points.position[control.point[row]])
+        position[row, 2] += deviation
+        given = replace(control, position=position, sigma=changed(control.sigma, row, np.nan))
+        tested = altered(scaled, block={"control": given})
+        check = Statistics(tested).check_test
+        place = int(np.flatnonzero(check.row == row)[0])
+        covariance = good.points.covariance[control.point[row]] / good.unit_sigma**2
+        off = np.array([0.0, 0.0, -deviation])
+        assert check.squares[place] == pytest.approx(off @ np.linalg.solve(covariance, off) / grown**2)
+        assert Concern.CHECK_POINTS not in concerns(tested)
+    guessed = altered(tested, block={"options": {"plate_sigma_is": PlateSigma.GUESS}})
+    assert Statistics(guessed).check_sigma0 == 2.0
+    low = replace(guessed, sigma0=0.25, sum_of_squares=0.0625 * dof)
+    assert Statistics(low).check_sigma0 == 0.25  # relative to a guess
+
+
 def moved_stations(found: Solution, by: float) -> Solution:
     """Return the solution with the first given station so many flying heights off."""
     height = flying_height(Statistics(found))

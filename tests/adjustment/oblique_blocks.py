@@ -44,6 +44,8 @@ class Oblique:
     base: float = 0.4  # of the height
     control: int = 5  # full control points
     heading: float = 0.6  # of the flight, rad
+    relief: float = 78.0  # m, of the land
+    leaning: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad, that the axes of the job are turned by; dry only
     seed: int = 1
 
 
@@ -71,6 +73,8 @@ def make_oblique(plan: Oblique) -> ObliqueBlock:
     rng = np.random.default_rng(plan.seed)
     C, M = _flight(plan, rng)
     X, wet = _ground(plan, rng)
+    axes = rotation(np.array(plan.leaning))
+    C, M, X = C @ axes.T, M @ axes.T, X @ axes.T
     bare = fly(C, angles_of(M)).block  # for its camera and the tables that stay empty
     n, p = len(C), len(X)
     block = altered(
@@ -90,6 +94,27 @@ def make_oblique(plan: Oblique) -> ObliqueBlock:
         block=block,
         shift=size * way / np.linalg.norm(way, axis=1, keepdims=True),
         turn=rng.uniform(-5.0 * DEGREE, 5.0 * DEGREE, (n, 3)),
+    )
+
+
+def drawn(seed: int) -> ObliqueBlock:
+    """Return a block of 2 to 12 photos tilted by 30 to 60 degrees, wet or dry; a third of the dry ones lean."""
+    rng = np.random.default_rng([40, seed])
+    convergent, submerged = rng.random() < 0.5, rng.random() < 0.5
+    return make_oblique(
+        Oblique(
+            tilt=rng.uniform(30.0, 60.0) * DEGREE,
+            convergent=convergent,
+            submerged=submerged,
+            photos=int(rng.integers(1, 7) if convergent else rng.integers(2, 13)),
+            height=rng.uniform(1000.0, 3000.0),
+            base=rng.uniform(0.1, 0.5),
+            control=int(rng.integers(4, 7)),
+            heading=rng.uniform(0.0, 2.0 * np.pi),
+            relief=rng.uniform(20.0, 300.0),
+            leaning=(0.0, 0.0, 0.0) if submerged or rng.random() < 0.6 else tuple(rng.uniform(-1.0, 1.0, 3)),
+            seed=seed,
+        )
     )
 
 
@@ -147,7 +172,7 @@ def _ground(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
     across = np.linspace(low, high, 6)
     X = np.array([[x, y, 0.0] for x in along for y in across])
     X[:, :2] += rng.uniform(-100.0, 100.0, (len(X), 2))
-    X[:, 2] = rng.uniform(2.0, 80.0, len(X))
+    X[:, 2] = 2.0 + rng.uniform(0.0, plan.relief, len(X))
     wet = np.zeros(len(X), dtype=bool)
     if plan.submerged:
         wet[1::2] = True

@@ -13,6 +13,7 @@ from formats.agency_blocks import random_job, with_marks
 from formats.deck_edits import deck, drop, in_system
 from musatpy.errors import DeckError
 from musatpy.formats import families, musat, parts
+from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, GON
 
@@ -62,6 +63,25 @@ DECIMALS = {
     "patb": (0.5e-5, 1e-12, 0.5e-6),  # an angle of a matrix whose elements have errors up to 0.5e-12
     "bingo": (0.5e-4, 0.5e-7 * GON, 0.5e-6),
 }
+
+
+@pytest.mark.parametrize("name", DECIMALS)
+@pytest.mark.parametrize("off", [0.0, 1e-9, -1e-9, 1e-6, -1e-6, 1e-3, -1e-3])
+def test_attitudes_at_a_phi_of_90_degrees_come_back(tmp_path, name, off):
+    """And at 90 and -90 degrees of omega, where phi-omega-kappa is singular: within 1e-6 degrees."""
+    agency, block, right = AGENCIES[name], random_job(11, CoordinateSystem.LOCAL), np.pi / 2
+    singular = [[0.3, right, 0.4], [0.0, right, 2.8], [-1.2, -right, -0.3], [right, 0.2, 0.5], [-right, 0.0, 1.0]]
+    for number, angles in enumerate(singular):
+        attitude = np.tile(angles, (len(block.photos.ids), 1))
+        attitude[np.abs(attitude) == right] += np.radians(off)
+        looking = replace(block, photos=replace(block.photos, attitude=attitude))
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        agency.dump_one(looking, folder / PLACES[name])
+        back = agency.load_one(folder / PLACES[name], deck_of(block, tmp_path))
+        np.testing.assert_allclose(
+            attitude_matrix(back.photos.attitude), attitude_matrix(attitude), rtol=0, atol=np.radians(1e-6)
+        )
 
 
 @pytest.mark.parametrize("system", SYSTEMS)

@@ -14,6 +14,7 @@ from musatpy.geometry.attitudes import (
     matrix_of,
     nearest_rotation,
 )
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 
 OPK, POK, ATS = AngleForm
 FORMS = pytest.mark.parametrize("form", list(AngleForm))
@@ -122,6 +123,24 @@ def test_gimbal_cases_are_told_and_keep_the_rotation(form, angles):
     assert out[0, 0] == 0.0
     assert np.isnan(partials[0]).all() and np.isfinite(partials[1]).all()
     np.testing.assert_allclose(matrix_of(out, form), M, rtol=0, atol=1e-10)  # the limit of a gimbal case
+
+
+SINGULAR = {OPK: (np.pi / 2, -np.pi / 2), POK: (np.pi / 2, -np.pi / 2), ATS: (0.0, np.pi)}
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9, -1e-9, 1e-6, -1e-6, 1e-3, -1e-3])
+def test_angles_keep_the_rotation_at_and_near_their_singular_attitude(off):
+    """Whatever rounding makes of two angles that turn about one line, together they are right: to 1e-6 degrees."""
+    rng = np.random.default_rng(90)
+    for form, seconds in SINGULAR.items():
+        for second in seconds:
+            angles = rng.uniform(-np.pi, np.pi, (200, 3))
+            angles[:, 1] = second + np.radians(off)
+            M = matrix_of(angles, form)
+            # matrices as files have them, of 12 decimals, too
+            for given, sure in ((M, 2e-10), (M.round(12), 1e-8)):
+                np.testing.assert_allclose(matrix_of(angles_of(given, form), form), M, rtol=0, atol=sure)
+            np.testing.assert_allclose(attitude_matrix(attitude_from_matrix(M)), M, rtol=0, atol=2e-10)
 
 
 def test_axes_turn_what_a_photo_sees():

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from musatpy.adjustment import adjust
 from musatpy.errors import SystemsError
-from musatpy.geometry.attitudes import AngleForm
+from musatpy.geometry.attitudes import AngleForm, matrix_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Geoid, Projected
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, TangentPlane
@@ -23,7 +23,7 @@ from musatpy.model import (
     ReductionOptions,
 )
 from musatpy.systems import Axes, Sigmas, Stated, Statement, entered, stated, stated_solution
-from musatpy.systems.statement import attitudes_in
+from musatpy.systems.statement import attitudes_in, attitudes_out
 from musatpy.units import DEGREE
 from reference.networks import Plan
 from reference.networks import simulate as network
@@ -362,3 +362,22 @@ def test_local_jobs_may_have_other_angles():
 def test_ellipsoids_know_their_axes():
     assert Ellipsoid("clrk66").has_axes(6378206.4, 6356583.8)
     assert not Ellipsoid("GRS80").has_axes(*Ellipsoid("WGS84").axes)
+
+
+@pytest.mark.parametrize("form", [None, *AngleForm])
+@pytest.mark.parametrize("off", [0.0, 1e-9, -1e-9, 1e-6, -1e-6, 1e-3, -1e-3])
+def test_attitudes_keep_their_rotation_where_angles_are_singular(form, off):
+    """Phi, or omega, of 90 degrees, and truly vertical photographs, stated in each form and read again."""
+    statement = Statement(system=LocalRectangular(), form=form)
+    right = np.pi / 2
+    singular = np.array([[0.3, right, 0.4], [2.0, -right, -0.3], [right, 0.2, 0.5], [-right, 0.0, 1.0]])
+    singular = np.concatenate([singular, [[0.0, 0.0, 0.7]]])
+    attitude = singular + np.where(np.abs(singular) == right, np.radians(off), 0.0)
+    attitude[-1, 0] += np.radians(off)
+    level = np.zeros((len(attitude), 3))
+    out = attitudes_out(statement, level, attitude)
+    back = attitudes_in(statement, level, out.matrix if form is None else out.angles)
+    np.testing.assert_allclose(back.matrix, out.matrix, rtol=0, atol=1e-9)
+    found = matrix_of(back.angles, AngleForm.OMEGA_PHI_KAPPA)
+    expected = matrix_of(attitude, AngleForm.OMEGA_PHI_KAPPA)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=np.radians(1e-6))

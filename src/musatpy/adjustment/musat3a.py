@@ -18,6 +18,7 @@ from musatpy.adjustment.kinds.water_index import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.starts import Attempt, best_of_starts
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import (
     WaterLine,
@@ -65,7 +66,9 @@ class _Run:
     def solution(self, state: State) -> Solution:
         """Return the solution from a first state."""
         job = self.job
-        network, outcome, crests = self.adjusted(*self.start(state))
+        restart = self.restarted(state)
+        chosen = Attempt.of(self.adjusted(*restart)) if restart else best_of_starts(job, self.adjusted, state)
+        network, outcome = chosen.network, chosen.outcome
         free = self.freedom(network, outcome.state)
         if free.count and not outcome.failure:
             outcome = self.at_rest(network, outcome, free, state.ground)
@@ -75,7 +78,7 @@ class _Run:
         network = job.network.with_plates(job.network.xy, network.refracted)
         final = job.with_left_out(network, outcome.state)
         begin(job.progress, "covariances")
-        return result.solution(
+        solution = result.solution(
             block=job.block,
             part=job.part,
             measured=job.network,
@@ -88,24 +91,12 @@ class _Run:
             passes=(),
             problem=lambda network, state: self.problem(network, free),
             free=free,
-            crests=crests,
+            crests=chosen.crests,
         )
-
-    def start(self, state: State) -> tuple[State, WaterLine]:
-        """Return the state with first points, and which rays of submerged points are under water.
-
-        In a restart, points are at their best for the stations, on their side of the water. Else they are on level
-        ground, which is never so wrong as what poor stations intersect, and all rays are wet: where a poor start
-        has put the points says nothing.
-        """
-        measured = self.job.network
-        return self.restarted(state) or (
-            ground_points.level_start(measured, state),
-            every_ray_wet(measured, self.job.bathymetric),
-        )
+        return replace(solution, start=chosen.start)
 
     def restarted(self, state: State) -> tuple[State, WaterLine] | None:
-        """Return the state with points at their best, and where rays are; None where that is no minimum.
+        """Return the state of a restart, points at their best, and where rays are; None where that is no minimum.
 
         Stations that fit the plates need not be at a minimum: what the plates hardly hold may be far off.
         """

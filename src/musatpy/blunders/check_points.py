@@ -43,7 +43,7 @@ def check_point_causes(solution: Solution) -> Iterator[Cause]:
             sigma=tuple(sigma[known].tolist()),
             unit="m",
             parameters=components,
-            drop=squares * solution.sigma0**2,
+            drop=squares * statistics.check_sigma0**2,
             test=float(np.sqrt(squares / components)),
             group=number,
             advice=ADVICE[CauseKind.CONTROL],

@@ -18,9 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
-
-GIMBAL = 1e-10  # rad from the singular attitude of a form: nearer, two of its angles turn about one line
+from musatpy.geometry.rotations import GIMBAL, attitude_from_matrix, attitude_matrix
 
 
 class AngleForm(StrEnum):
@@ -55,23 +53,21 @@ def angles_of(M: ArrayLike, form: AngleForm) -> FloatArray:
     turn. In a `gimbal` case the first angle is zero and the third has the turn of both.
     """
     M = np.asarray(M, dtype=float)
-    fixed = gimbal(M, form)
     if form is AngleForm.OMEGA_PHI_KAPPA:
-        angles = attitude_from_matrix(M)
-        third = np.arctan2(M[..., 0, 1], M[..., 1, 1])
-    elif form is AngleForm.PHI_OMEGA_KAPPA:
-        phi = np.arctan2(M[..., 2, 0], M[..., 2, 2])
-        omega = np.arctan2(-M[..., 2, 1], np.hypot(M[..., 2, 0], M[..., 2, 2]))
-        angles = np.stack([phi, omega, np.arctan2(M[..., 0, 1], M[..., 1, 1])], axis=-1)
-        third = np.arctan2(-M[..., 1, 0], M[..., 0, 0])
+        return attitude_from_matrix(M)
+    if form is AngleForm.PHI_OMEGA_KAPPA:
+        first, half_turn = np.arctan2(M[..., 2, 0], M[..., 2, 2]), 1.0
+        second = np.arctan2(-M[..., 2, 1], np.hypot(M[..., 2, 0], M[..., 2, 2]))
     else:
-        azimuth = np.arctan2(-M[..., 2, 0], -M[..., 2, 1])
-        tilt = np.arctan2(np.hypot(M[..., 2, 0], M[..., 2, 1]), M[..., 2, 2])
-        angles = np.stack([azimuth, tilt, np.arctan2(-M[..., 0, 2], -M[..., 1, 2])], axis=-1)
-        third = np.arctan2(M[..., 1, 0], -M[..., 0, 0])
-    angles[..., 0] = np.where(fixed, 0.0, angles[..., 0])
-    angles[..., 2] = np.where(fixed, third, angles[..., 2])
-    return angles
+        first, half_turn = np.arctan2(-M[..., 2, 0], -M[..., 2, 1]), -1.0
+        second = np.arctan2(np.hypot(M[..., 2, 0], M[..., 2, 1]), M[..., 2, 2])
+    first = np.where(gimbal(M, form), 0.0, first)
+    axis, sense = _ROTATIONS[form][0]
+    rest = M @ np.swapaxes(
+        _about(axis, sense * first), -1, -2
+    )  # what the first angle leaves, whatever rounding made it
+    third = np.arctan2(-half_turn * rest[..., 1, 0], half_turn * rest[..., 0, 0])
+    return np.stack([first, second, third], axis=-1)
 
 
 def gimbal(M: ArrayLike, form: AngleForm) -> BoolArray:

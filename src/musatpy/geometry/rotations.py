@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
 
+GIMBAL = 1e-10  # rad from the singular attitude of a form of angles: nearer, two of them turn about one line
+
 
 def attitude_matrix(attitude: ArrayLike) -> FloatArray:
     """Return M = R3(kappa) R2(phi) R1(omega), (..., 3, 3), ground to photo, of attitudes (..., 3) in radians."""
@@ -42,11 +44,17 @@ def attitude_matrix_partials(attitude: ArrayLike) -> FloatArray:
 
 
 def attitude_from_matrix(M: ArrayLike) -> FloatArray:
-    """Return (omega, phi, kappa), (..., 3) rad, of rotations M (..., 3, 3); |phi| <= 90 degrees."""
+    """Return (omega, phi, kappa), (..., 3) rad, of rotations M (..., 3, 3); |phi| <= 90 degrees.
+
+    Near 90 degrees omega is what rounding makes it, and in the `GIMBAL` case zero: kappa, which turns about the
+    same line there, is what it leaves of M.
+    """
     M = np.asarray(M, dtype=float)
-    omega = np.arctan2(-M[..., 2, 1], M[..., 2, 2])
-    phi = np.arctan2(M[..., 2, 0], np.hypot(M[..., 2, 1], M[..., 2, 2]))
-    kappa = np.arctan2(-M[..., 1, 0], M[..., 0, 0])
+    cosine = np.hypot(M[..., 2, 1], M[..., 2, 2])
+    omega = np.where(cosine < GIMBAL, 0.0, np.arctan2(-M[..., 2, 1], M[..., 2, 2]))
+    phi = np.arctan2(M[..., 2, 0], cosine)
+    so, co = np.sin(omega), np.cos(omega)
+    kappa = np.arctan2(co * M[..., 0, 1] + so * M[..., 0, 2], co * M[..., 1, 1] + so * M[..., 1, 2])
     return np.stack([omega, phi, kappa], axis=-1)
 
 

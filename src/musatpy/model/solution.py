@@ -201,6 +201,7 @@ class Solution:
     unedited: str = ""  # why EDIT has edited nothing; empty where it has, or was not asked to
     edited: Block | None = None  # the block without what was found; None: no search
     reduced: Reduced | None = None  # what the reduction of its plates did; None: they came refined
+    start: str = ""  # of two starts of IIIA, from which one it came, and how the other one ended; empty of one
     kernels: str = "numpy"  # that did the work point after point, or numba
 
     def __post_init__(self) -> None:

@@ -6,6 +6,7 @@ from musatpy.reports import result_record
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
+from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
 # The name of what moved most is left out where the movement prints as zero: which one it is, is then rounding error
@@ -41,5 +42,7 @@ STATED = (ITERATIONS, PASSES)
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return the iterations, and the passes where there are any."""
-    first, passes = ITERATIONS.section(statistics, new_page=True), len(statistics.solution.passes)
+    solution, passes = statistics.solution, len(statistics.solution.passes)
+    start = ["", *wrapped([f"Two starts were made. The iterations are those from {solution.start}."])]
+    first = ITERATIONS.section(statistics, start if solution.start else (), new_page=True)
     return [first, PASSES.section(statistics, title=f"{PASSES.title}{passes}")] if passes else [first]

@@ -197,18 +197,24 @@ class Statistics:
 
         return verdict_of(self)
 
+    @property
+    def check_sigma0(self) -> float:
+        """Sigma0 as it scales the covariance of check points: not below 1, unless the plate sigma is a guess.
+
+        Plate sigmas that are too large say nothing of the errors of the control.
+        """
+        from musatpy.statistics.verdict import tests_sigma0  # it reads these statistics
+
+        unit_sigma = self.solution.unit_sigma
+        return max(unit_sigma, 1.0) if tests_sigma0(self) else unit_sigma
+
     @cached_property
     def check_test(self) -> CheckTest:
-        """The check points against their own covariance, that of their cards included."""
-        return self.check_test_at(None)
-
-    def check_test_at(self, sigma0: float | None) -> CheckTest:
-        """Return `check_test` with the covariance that another sigma0 gives; None: that of the solution."""
-        block = self.block
+        """The check points against their own covariance by `check_sigma0`, that of their cards included."""
+        block, unit_sigma = self.block, self.solution.unit_sigma
         rows = np.flatnonzero(block.control.kind == ControlKind.CHECK)
         given = np.where(np.isnan(block.control.sigma[rows]), 0.0, block.control.sigma[rows])
-        unit_sigma = self.solution.unit_sigma
-        scale = 1.0 if sigma0 is None or unit_sigma == 0.0 else (sigma0 / unit_sigma) ** 2
+        scale = (self.check_sigma0 / unit_sigma) ** 2 if unit_sigma > 0.0 else 1.0
         covariance = self.solution.points.covariance[block.control.point[rows]] * scale
         covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
         return check_test(rows, self.control.difference[rows], covariance)

@@ -192,8 +192,7 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
     """Yield that the check points do not agree with the solution within their own covariance."""
     if statistics.solution.observed is None or not len(statistics.check_test.row):
         return
-    # plate sigmas that are too large say nothing of the errors of the control
-    check = statistics.check_test_at(max(statistics.solution.unit_sigma, 1.0) if tests_sigma0(statistics) else None)
+    check = statistics.check_test
     components = int(check.components.sum())
     squares = float(check.squares[check.components > 0].sum())
     if not components or probability_beyond(squares, components) >= CHECK_POINT_RISK:
