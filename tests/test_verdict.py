@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from altered import altered, put, with_options
-from musatpy import adjust, read_deck, verdict
+from musatpy import adjust, pipeline, read_deck, verdict
 from musatpy.model import (
     Block,
     Concern,
@@ -22,11 +22,13 @@ from musatpy.model import (
     ObservationKind,
     Observations,
     PlateSigma,
+    Refraction,
     Solution,
     Treatment,
     Water,
 )
 from musatpy.statistics import Statistics
+from musatpy.statistics.analyses import metric_differences
 from musatpy.statistics.gates import FARTHEST, flying_height, ground_heights, named
 from musatpy.statistics.quality import test_limit as limit_of
 from musatpy.statistics.verdict import normal_tests
@@ -452,3 +454,20 @@ def test_ground_heights_are_medians_of_what_each_photo_shows() -> None:
         for photo in range(len(block.photos.ids))
     ]
     np.testing.assert_array_equal(ground_heights(statistics), expected)
+
+
+def test_a_result_of_watpt_far_from_the_rigorous_one_is_doubtful() -> None:
+    """1.37 sigmas by a step, which no blunder explains; the rigorous adjustment has it at 1.33."""
+    block = read_deck(FIXTURES / "verdict/watpt_far_from_rigorous.crd")
+    far = adjust(block)
+    (reason,) = verdict(far).reasons
+    assert (reason.grade, reason.concern) == (Grade.DOUBTFUL, Concern.REFRACTION)
+    assert "1.37 sigma" in reason.text and "up of photo 4; adjust with refraction RIGOROUS" in reason.text
+    assert not pipeline.doubtful(far)
+    rigorous = adjust(altered(block, options={"refraction": Refraction.RIGOROUS}))
+    assert not verdict(rigorous).reasons
+    apart = metric_differences(block, far.stations.position, rigorous.stations.position)
+    sigmas = np.abs(apart) / np.sqrt(np.einsum("kii->ki", far.stations.covariance[:, :3, :3]))
+    assert far.departure.sigmas == pytest.approx(sigmas.max(), rel=0.05)  # what one step leaves
+    near = replace(far, departure=replace(far.departure, sigmas=0.99))
+    assert not verdict(near).reasons

@@ -9,9 +9,10 @@ import numpy as np
 from musatpy.adjustment import programs
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
-from musatpy.model import Block, Cause, Editing, Finding, Grade, Order, Solution
+from musatpy.model import Block, Cause, Editing, Finding, Order, Solution
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.model.progress import Progress
+from musatpy.model.verdict import NO_CARD_EXPLAINS
 from musatpy.statistics.verdict import verdict
 
 
@@ -80,7 +81,8 @@ def _causes_or_none(block: Block, sea: Sea | None, progress: Progress | None) ->
 
 def doubtful(solution: Solution) -> bool:
     """Return whether a run is not accepted, and there is something by which a cause could show."""
-    return solution.degrees_of_freedom > 0 and verdict(solution).grade is not Grade.ACCEPTED
+    against = {reason.concern for reason in verdict(solution).reasons}
+    return solution.degrees_of_freedom > 0 and bool(against - NO_CARD_EXPLAINS)
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:

@@ -23,7 +23,7 @@ from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.watpt import refraction_displacement
-from musatpy.adjustment.watpt_distance import far_from_rigorous
+from musatpy.adjustment.watpt_distance import with_departure
 from musatpy.arrays import FloatArray, IntArray, finite_rows
 from musatpy.model import (
     AdjustedStations,
@@ -86,9 +86,7 @@ def solution(
     known = precision(block, refracted, state, part, factor, free, plates.residual, squares, dof)
     points = _points_of(refracted, state, part, known.points)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
-    if refracted is not network and not reason:
-        warnings += far_from_rigorous(block, refracted, factor.solve(bent.rhs), state, stations, points, sigma0)
-    return Solution(
+    found = Solution(
         block=block,
         converged=not reason,
         reason=reason,
@@ -116,6 +114,8 @@ def solution(
         kernels=kernels.name_of(network.photos),
         dependence=_dependence(block, refracted, known),
     )
+    exact = refracted is network or reason
+    return found if exact else with_departure(found, refracted, bent, factor, state, left_out(refracted, part))
 
 
 def _without_unmet(

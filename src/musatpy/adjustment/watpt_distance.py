@@ -2,50 +2,56 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from musatpy.adjustment.collinear import eliminate
-from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import PARAMETERS
+from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.normals import PARAMETERS, Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
-from musatpy.model import AdjustedStations, Block, GroundPoints
+from musatpy.model import Departure, Solution
 
-_LEAST_SIGMA0 = 0.1  # images that fit better than that are made, without errors: their sigmas mean nothing
 FAR = 0.3  # sigmas: what a reader of the listing would want to know
+_LEAST_SIGMA0 = 0.1  # images that fit better than that are made, without errors: their sigmas mean nothing
 
 
-def far_from_rigorous(
-    block: Block,
+def with_departure(
+    solution: Solution,
     refracted: Network,
-    step: FloatArray,
+    line: Linearisation,
+    factor: Factor,
     state: State,
-    stations: AdjustedStations,
-    points: GroundPoints,
-    sigma0: float,
-) -> tuple[str, ...]:
-    """Return a warning, with what is farthest, where a result of WATPT is farther from that of RIGOROUS than `FAR`.
+    kept_out: tuple[PointGroup, ...],
+) -> Solution:
+    """Return a result of WATPT that says how far it is from that of RIGOROUS, with a warning beyond `FAR`.
 
-    `step` is that of the normals of the `refracted` network at `state`, which the points follow. The sigmas are
-    those of the result. A second step would change next to nothing: what the first one leaves is of second order.
+    By a step of the normals (`line`, `factor`) of the `refracted` network at `state`; all points follow.
+    The sigmas are those of the result. A second step would change next to nothing: what the first one leaves is of
+    second order.
     """
+    block, step = solution.block, factor.solve(line.rhs)
     of_stations = step[: refracted.pattern.order].reshape(refracted.photos, -1)[:, :6]
     of_points = np.zeros((refracted.points, 3))
-    for group in refracted.groups:
+    for group in (*refracted.groups, *kept_out):
         follow = eliminate(refracted, state, group).follow(group)
         axes, local = refracted.frame.axes(state.ground[group.point]), follow.step(refracted, step)
         of_points[group.point] = np.einsum("kij,klj,kl->ki", axes, follow.axes, local)
-    away = (_in_sigmas(of_stations, stations.covariance), _in_sigmas(of_points, points.covariance))
-    photo, parameter = np.unravel_index(away[0].argmax(), away[0].shape)
-    point, component = np.unravel_index(away[1].argmax(), away[1].shape)
-    largest, name = max(
-        (away[0].max(), f"{PARAMETERS[parameter]} of photo {block.photos.ids[photo]}"),
-        (away[1].max(), f"{PARAMETERS[component]} of point {block.points.ids[point]}"),
+    sizes = (
+        _in_sigmas(of_stations, solution.stations.covariance),
+        _in_sigmas(of_points, solution.points.covariance),
     )
-    sigmas = float(largest) * min(1.0, sigma0 / _LEAST_SIGMA0)
-    if not sigmas > FAR:
-        return ()
-    return (f"the result of {block.options.refraction} is {sigmas:.2f} sigma from that of RIGOROUS: {name}",)
+    photo, parameter = np.unravel_index(sizes[0].argmax(), sizes[0].shape)
+    point, component = np.unravel_index(sizes[1].argmax(), sizes[1].shape)
+    largest, name = max(
+        (sizes[0].max(), f"{PARAMETERS[parameter]} of photo {block.photos.ids[photo]}"),
+        (sizes[1].max(), f"{PARAMETERS[component]} of point {block.points.ids[point]}"),
+    )
+    away = Departure(sigmas=float(largest) * min(1.0, solution.sigma0 / _LEAST_SIGMA0), farthest=name)
+    far = (f"the result of {block.options.refraction} is {away}",) if away.sigmas > FAR else ()
+    return replace(solution, departure=away, warnings=solution.warnings + far)
 
 
 def _in_sigmas(change: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -165,6 +165,17 @@ class AdjustedWater(Table):
     waves: AdjustedWaves | None = None  # None: there are none, or they were known
 
 
+@dataclass(frozen=True, kw_only=True)
+class Departure:
+    """How far a result of WATPT or LEGACY is from that of RIGOROUS."""
+
+    sigmas: float  # of the coordinate, or angle, that is farthest, of a station or point
+    farthest: str  # its name
+
+    def __str__(self) -> str:
+        return f"{self.sigmas:.2f} sigma from that of RIGOROUS: {self.farthest}"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
     """The result of an adjustment, converged or not, with the block it belongs to."""
@@ -196,6 +207,7 @@ class Solution:
     considered: ConsideredWater | None = None  # None: nothing of the water has a sigma without being unknown
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
+    departure: Departure | None = None  # None: its rays are refracted, or there are none, or it has not converged
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
     causes: tuple[Cause, ...] = ()  # that explain what does not fit, ranked; of a search that was asked for or not
     unedited: str = ""  # why EDIT has edited nothing; empty where it has, or was not asked to

@@ -38,7 +38,11 @@ class Concern(StrEnum):
     UNIT = "units"
     CAMERA = "camera"
     WAVES = "waves"
+    REFRACTION = "refraction"
     BLUNDERS = "blunders"
+
+
+NO_CARD_EXPLAINS = frozenset({Concern.REFRACTION})  # no error is behind them: the reason says what to do
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,6 +37,7 @@ from musatpy.units import FOOT
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
 CHECK_POINT_RISK = 0.001  # that the check points of a clean run fail together
+FARTHEST_OF_WATPT = 1.0  # sigmas from RIGOROUS: with more the sigmas printed are not those of the answer
 BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
 _SAME_SCALE = 0.03  # relative difference of scales that are the same
 _LISTED = 3  # observations by name
@@ -61,6 +62,7 @@ def verdict_of(statistics: Statistics) -> Verdict:
         *check_points(statistics),
         *given_stations(statistics),
         *waves(statistics),
+        *departure(statistics),
     ]
     ranked = sorted(reasons, key=lambda reason: -reason.grade.rank)
     return Verdict(reasons=tuple(ranked), notes=tuple(notes(statistics)))
@@ -257,6 +259,14 @@ def waves(statistics: Statistics) -> Iterator[Reason]:
     if len(unsure):
         text = f"{named('wave', water.waves.ids[unsure])}: other crests may be the right ones"
         yield _doubtful(Concern.WAVES, text, "Warnings")
+
+
+def departure(statistics: Statistics) -> Iterator[Reason]:
+    """Yield that a result of WATPT or LEGACY is farther from that of RIGOROUS than its own sigmas allow."""
+    away = statistics.solution.departure
+    if away is not None and away.sigmas > FARTHEST_OF_WATPT:
+        text = f"the result of {statistics.block.options.refraction} is {away}; adjust with refraction RIGOROUS"
+        yield _doubtful(Concern.REFRACTION, text, "Warnings")
 
 
 def _scale_of_stations(statistics: Statistics) -> float:
