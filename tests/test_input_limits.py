@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from musatpy.cli.main import main
+from musatpy.interchange import xyz
 from musatpy.pointfiles.csv_tables import number
 from musatpy.specs import Reader, key, read_toml
 
@@ -58,6 +60,26 @@ def test_deep_nesting_is_a_problem_of_the_file(tmp_path: Path, command: str) -> 
     words = command.format(path, lst=f"{thomas}.lst", crd=f"{thomas}.crd", folder=tmp_path).split()
     ran = CliRunner().invoke(main, words)
     assert ran.exit_code in (1, 2) and "nested too deep" in ran.stderr and "unexpected" not in ran.stderr
+
+
+@pytest.mark.parametrize("text", ["a.b." * 10_000 + "c = 1", "b = 1.5\n[" + "'a' . " * 20_000 + "c]"])
+def test_a_key_of_many_parts_is_refused_before_it_is_taken_apart(tmp_path: Path, text: str) -> None:
+    """Its parser keeps all beginnings of a key: those of 20,000 parts take 1.6 GB."""
+    (path := tmp_path / "a.toml").write_text(text)
+    line = text.count("\n") + 1
+    with pytest.raises(ValueError, match=rf"nested too deep: a key of more than 100 parts \(at line {line}\)"):
+        read_toml(path)
+    path.write_text("a" + ".a" * 99 + " = [" + "1.5, 2.5, " * 500 + "]")
+    assert read_toml(path)["a"]["a"]
+
+
+def test_a_head_of_brackets_takes_no_time(tmp_path: Path) -> None:
+    (path := tmp_path / "a.csv").write_text("x,y,z," + "[" * 200_000 + "\n1,2,3,4\n")
+    start = time.process_time()
+    assert len(xyz.read(path).xyz) == 1
+    assert time.process_time() - start < 2.0  # half an hour where all are tried against all
+    path.write_text("x,y,z,depth [m]\n1,2,3,4\n")
+    assert xyz.read(path).columns["depth"].unit == "m"
 
 
 def test_a_field_of_any_size_is_a_problem_of_its_line(tmp_path: Path) -> None:

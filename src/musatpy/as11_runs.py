@@ -23,8 +23,8 @@ from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
 from musatpy.compilation.unadjusted_decks import unadjusted
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
-from musatpy.files import write_files
-from musatpy.formats.compilation_cards import place_of_model, place_of_reading
+from musatpy.files import together, write_files
+from musatpy.formats.compilation_cards import place_of_model, place_of_reading, with_columns
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.formats.musat import check_deck
 from musatpy.interchange.geojson import write_each
@@ -80,7 +80,12 @@ def compile_deck(
         return CompileResult(status=ExitStatus.UNUSABLE, problems=tuple(problems), compiled=None)
     kind = result.deck.stages.kind
     against = [against_run(model, kind[model.rows] == AGAIN) for model in result.models]
-    profiles = profiles_of(result)
+    try:
+        profiles = profiles_of(result)
+    except ProblemsError as error:
+        return CompileResult(
+            status=ExitStatus.UNUSABLE, problems=(*problems, *_of_file(deck, error)), compiled=None
+        )
     scans = scans_of(result, profiles)
     drawn = [text for bottom in bottoms for text in bottom.warnings(result.deck.grids.ids.tolist())]
     of_points = (text for part in against for text in part.warnings())
@@ -97,10 +102,11 @@ def compile_deck(
     if plots:
         files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottoms, values)}
     layers = _layers(result, bottoms, crs) if gis or las else {}
-    write_files(files)
-    written = [*files, *(_for_gis(result, bottoms, layers, listing) if gis else ())]
-    written += _point_cloud(layers, listing) if las else ()
-    of_globe, refused = write_each(layers, listing.with_suffix("")) if gis and crs else ([], [])
+    with together():
+        write_files(files)
+        written = [*files, *(_for_gis(result, bottoms, layers, listing) if gis else ())]
+        written += _point_cloud(layers, listing) if las else ()
+        of_globe, refused = write_each(layers, listing.with_suffix("")) if gis and crs else ([], [])
     return CompileResult(
         status=ExitStatus.DONE,
         problems=tuple(problems),
@@ -355,4 +361,4 @@ def _pictures(result: Compiled, bottoms: Sequence[Bottom], record: dict[str, Any
 
 
 def _of_file(path: Path, error: ProblemsError) -> list[Problem]:
-    return [Problem(file=str(path), message=problem.message) for problem in error.problems]
+    return [with_columns(problem, str(path)) for problem in error.problems]

@@ -5,12 +5,22 @@ from __future__ import annotations
 import errno
 import os
 import re
+import threading
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-_JOURNAL = "-journal"  # behind the name of a database of SQLite, while it is written
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
+
+
+class _Held(threading.local):
+    """The locks of a thread, of the blocks of `together` that it is in: file of the lock -> its descriptor."""
+
+    fds: dict[Path, int] | None = None
+
+
+_held = _Held()
 
 
 def real_path(path: Path) -> Path:
@@ -37,25 +47,31 @@ def write_files(files: Mapping[Path, bytes | memoryview | Iterable[bytes]], outd
     """Write all files under temporary names in their folders, then rename them: never half a file.
 
     Contents are whole, or come piece by piece. None is renamed before all are written, so that a full disk leaves
-    the files of an earlier run as they were. What is `outdated` is removed just before the last file, which may
-    tell of all, gets its name. Folders that are missing are made. Raises `OSError`.
+    the files of an earlier run as they were, nor while another process renames files the first of which has the
+    same name: what stands there in the end is of one of them. What is `outdated` is removed just before the last
+    file, which may tell of all, gets its name. Folders that are missing are made, and what killed processes left of
+    the files removed. Raises `OSError`.
     """
-    # `remove_leftovers` knows the temporary names
-    temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in files}
+    remove_leftovers(files)
+    places, outdated = list(files), list(outdated)
+    temporary: dict[Path, Path] = {}
     try:
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            with _about(path), temporary[path].open("wb") as file:
+            with _about(path), _new_file(path) as file:
+                temporary[path] = Path(file.name)
                 file.writelines([data] if isinstance(data, bytes | memoryview) else data)
                 _to_disk(file)
-        places = list(files)
-        for path in places[:-1]:
-            _rename(temporary[path], path)
-        for path in outdated:
-            with _about(path):
-                path.unlink(missing_ok=True)
-        for path in places[-1:]:
-            _rename(temporary[path], path)
+        with together():
+            if len(places) + len(outdated) > 1:
+                _lock(places[0])
+            for path in places[:-1]:
+                _rename(temporary[path], path)
+            for path in outdated:
+                with _about(path):
+                    path.unlink(missing_ok=True)
+            for path in places[-1:]:
+                _rename(temporary[path], path)
     finally:
         for leftover in temporary.values():
             with suppress(OSError):  # why nothing could be written is told already
@@ -63,9 +79,69 @@ def write_files(files: Mapping[Path, bytes | memoryview | Iterable[bytes]], outd
 
 
 def write_file(path: Path, data: bytes | memoryview) -> None:
-    """Write one file as `write_files` does; what a killed process left of it is removed. Raises `OSError`."""
-    remove_leftovers([path])
+    """Write one file as `write_files` does. Raises `OSError`."""
     write_files({path: data})
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """Keep the locks of all `write_files` in a block until it ends: what it writes one after another is of one run.
+
+    Another process that writes files of these names waits for its end. Blocks within blocks are part of these.
+    """
+    if _held.fds is not None:
+        yield
+        return
+    fds = _held.fds = {}
+    try:
+        yield
+    finally:
+        _held.fds = None
+        for path, fd in fds.items():
+            with suppress(OSError):
+                path.unlink()
+            os.close(fd)
+
+
+def _lock(path: Path) -> None:
+    """Lock the files that go with one of this name, until the block of `together` ends.
+
+    As the lock of a batch, a system's lock on a file that is taken away; file systems that have none go without.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return
+    place = real_path(path.parent) / f".{path.name}.lock"
+    assert _held.fds is not None
+    while place not in _held.fds:
+        fd = os.open(place, os.O_RDONLY | os.O_CREAT | NO_LINK, 0o666)
+        try:
+            with suppress(OSError):
+                fcntl.flock(fd, fcntl.LOCK_EX)
+            if is_at(fd, place):
+                _held.fds[place] = fd
+        finally:
+            if place not in _held.fds:
+                os.close(fd)
+
+
+def is_at(fd: int, path: Path) -> bool:
+    """Tell whether an open file still is the one of a name: who held its lock may have taken it away meanwhile."""
+    try:
+        return os.path.samestat(os.fstat(fd), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _temporary(path: Path) -> Path:
+    """Return a name beside a file that nobody can know before, and by which `remove_leftovers` knows it."""
+    return path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(8).hex()}")
+
+
+def _new_file(path: Path) -> BinaryIO:
+    """Open a temporary file for writing: one that is new, and no link."""
+    return _temporary(path).open("xb")
 
 
 def _to_disk(file: BinaryIO) -> None:
@@ -98,11 +174,21 @@ def remove_leftovers(paths: Iterable[Path]) -> None:
     for path in paths:
         folders.setdefault(path.parent, set()).add(path.name)
     for folder, names in folders.items():
-        for left in folder.glob(".*") if os.path.isdir(folder) else ():
-            parts = re.fullmatch(rf"\.(.+)\.(\d+)(?:{_JOURNAL})?", left.name)
+        for name in os.listdir(folder) if os.path.isdir(folder) else ():
+            parts = re.fullmatch(r"\.(.+)\.(\d+)\.[0-9a-f]{16}", name) if name[0] == "." else None
             if parts and parts[1] in names and not is_alive(int(parts[2])):
-                with suppress(OSError):
-                    left.unlink()
+                _remove(folder / name)
+
+
+def _remove(left: Path) -> None:
+    """Remove a temporary file, or the folder of one."""
+    with suppress(OSError):
+        if left.is_dir() and not left.is_symlink():
+            from shutil import rmtree  # rarely needed
+
+            rmtree(left)
+        else:
+            left.unlink()
 
 
 def is_alive(pid: int) -> bool:
@@ -135,38 +221,47 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
     A missing folder is made, and what a killed process left of the file removed. Raises `OSError`.
     """
-    with whole_path(path) as temporary:
-        try:
-            file = temporary.open("wb")
-        except OSError as error:  # of the name that was asked for
-            raise OSError(error.errno, error.strerror, str(path)) from error
+    _begin(path)
+    with ExitStack() as stack:
+        with _about(path):
+            file = _new_file(path)
+        temporary = Path(file.name)
+        stack.callback(_remove, temporary)
         try:
             with file:
                 yield file
-                file.flush()
+                _to_disk(file)
         except OSError as error:
             if error.filename is None:  # of a full disk, which names no file
                 raise OSError(error.errno, error.strerror, str(path)) from error
             raise
+        _rename(temporary, path)
 
 
 @contextmanager
 def whole_path(path: Path) -> Iterator[Path]:
-    """Yield the temporary name under which a package writes a file in its folder; it gets its own at the end.
+    """Yield a name under which a package writes a file; it gets its own at the end.
 
-    A missing folder is made, and what a killed process left of the file removed. Raises `OSError`.
+    That is in a temporary folder beside it, which is this user's alone: packages write through links. A missing
+    folder is made, and what a killed process left of the file removed. Raises `OSError`.
     """
+    _begin(path)
+    folder = _temporary(path)
+    with _about(path):
+        folder.mkdir(mode=0o700)
+    inside = folder / path.name
+    try:
+        yield inside
+        with _about(path), inside.open("rb+") as file:
+            _to_disk(file)
+        _rename(inside, path)
+    finally:
+        _remove(folder)
+
+
+def _begin(path: Path) -> None:
+    """Make the folder of a file that is to be written, and tidy up in it; raises `OSError`."""
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers([path])
-    try:
-        yield temporary
-        with _about(path), temporary.open("rb+") as file:
-            _to_disk(file)
-        _rename(temporary, path)
-    finally:
-        for leftover in (temporary, temporary.with_name(f"{temporary.name}{_JOURNAL}")):
-            with suppress(OSError):
-                leftover.unlink()

@@ -27,6 +27,9 @@ Area = tuple[float, float, float, float]  # east from, east to, north from, nort
 _FAR = 1e15  # of numbers: products of larger ones overflow, and nothing is as far
 _COUNTED = 2**62  # of whole numbers: room for sums in 64 bits
 _SHOWN = 40  # characters of what is wrong
+_DEEPEST = 100  # parts of a key
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""
+_DEEP_KEY = re.compile(rf"(?<![\w-])(?:{_PART}){{{_DEEPEST}}}")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -39,6 +42,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def toml_of(text: str, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
     """Return what a TOML text says; raises `ValueError` with what is wrong (`tomllib.TOMLDecodeError` is one)."""
+    deep = _DEEP_KEY.search(text)
+    if deep:  # of which tomllib keeps all beginnings
+        line = text.count("\n", 0, deep.start()) + 1
+        raise ValueError(f"it is nested too deep: a key of more than {_DEEPEST} parts (at line {line})")
     try:
         return tomllib.loads(text, parse_float=parse_float)
     except RecursionError as error:

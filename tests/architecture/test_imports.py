@@ -103,8 +103,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis", "page"},
     "listings": {"reports", "geometry"},
     "examples": set(),
-    "campaign": {"model", "formats", "jobs", "runs", "as11_runs", "listings", "page", "shown_runs"},
+    "campaign": {"memory", "model", "formats", "jobs", "runs", "as11_runs", "listings", "page", "shown_runs"},
     "cli": {
+        "memory",
         "campaign",
         "examples",
         "model",

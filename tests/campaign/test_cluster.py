@@ -16,6 +16,7 @@ import pytest
 from campaign.batches import ROOT, assert_whole, decks_in, leftovers, musat, start, summary_of, wait_for
 from musatpy.campaign.batch import run_batch
 from musatpy.campaign.batch_jobs import Job, JobOptions, State
+from musatpy.campaign.carried import cluster as workers_of
 from musatpy.campaign.carried import delivered, parcel_of, run_parcel
 from musatpy.campaign.manifest import plan_of
 from musatpy.campaign.worker import run_job
@@ -101,10 +102,12 @@ def test_what_changes_on_the_way_has_no_results(tmp_path, monkeypatch):
     late = delivered(job, outcome, files)
     assert (late.state, late.message) == (State.FAILED, f"{deck}: the deck was changed while it was run")
     assert (late.outputs, os.listdir(tmp_path)) == ({}, ["small0.crd"])
-    monkeypatch.setattr("musatpy.__version__", "99.0")
-    other, files = run_parcel(parcel)
-    assert (other.state, files) == (State.FAILED, {})
-    assert other.message.startswith("its worker has version 99.0 of the program, not ")
+    for changed in ("musatpy.__version__", "musatpy.campaign.program.sources_sha256"):
+        with monkeypatch.context() as patch:
+            patch.setattr(changed, "99.0" if changed.endswith("__") else lambda: "other" * 10)
+            other, files = run_parcel(parcel)
+        assert (other.state, files) == (State.FAILED, {})
+        assert re.match(r"its worker has version (99\.0 \(|0.* \(other).* of the program, not ", other.message)
 
 
 def test_a_disk_that_is_full_fails_a_job_that_was_carried(tmp_path, monkeypatch):
@@ -126,6 +129,28 @@ def test_a_cluster_that_does_not_answer(tmp_path, monkeypatch):
         assert (ran.exit_code, f"{address}: no scheduler can be reached" in ran.stderr) == (1, True)
     ran = musat("batch", tmp_path, "--cluster", "tcp://127.0.0.1:9", "-j", "2")
     assert (ran.exit_code, "-j is of this machine" in ran.stderr) == (2, True)
+
+
+def test_the_program_is_known_by_its_sources(tmp_path):
+    """A copy with one changed title is another program, of the same version; a finished job is run again by it."""
+    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "card_formats", tmp_path / "card_formats")
+    says = [sys.executable, "-c", "from musatpy.campaign.program import program; print(program())"]
+
+    def said(folder: Path) -> str:
+        return subprocess.check_output(says, text=True, env=os.environ | {"PYTHONPATH": str(folder / "src")})
+
+    assert said(tmp_path) == said(ROOT)
+    deck = decks_in(tmp_path / "decks", small=1)[0]
+    batch = [sys.executable, "-m", "musatpy", "batch", str(deck), "-q"]
+    for changes, kept in ((False, 0), (False, 1), (True, 0)):
+        if changes:
+            title = tmp_path / "card_formats" / "musat" / "wtr.toml"
+            title.write_text(title.read_text().replace("title = ", "title = 'Other' # ", 1))
+            assert said(tmp_path) != said(ROOT)
+        environment = os.environ | {"PYTHONPATH": str(tmp_path / "src"), "OPENBLAS_NUM_THREADS": "1"}
+        subprocess.run(batch, check=True, env=environment, cwd=tmp_path)
+        assert summary_of(deck.parent)["counts"]["kept"] == kept
 
 
 class Cluster:
@@ -209,6 +234,45 @@ def test_a_batch_of_a_cluster_that_is_interrupted_goes_on(tmp_path):
         cluster.end()
     assert summary_of(tmp_path / "far")["counts"]["kept"] == finished
     assert assert_whole(tmp_path / "far") == {f"small{n}" for n in range(8)}
+
+
+def test_a_cluster_without_workers_says_so(tmp_path):
+    decks_in(tmp_path / "decks", small=1)
+    (tmp_path / "cluster").mkdir()
+    cluster = Cluster(tmp_path / "cluster", workers=0)
+    try:
+        batch = start("batch", "decks", "-o", "far", "-q", "--cluster", cluster.address, cwd=tmp_path)
+        said = batch.stderr.readline()
+        assert f"{cluster.address}: the scheduler has no workers yet" in said
+        assert batch.poll() is None  # one may come
+        batch.send_signal(signal.SIGINT)
+        batch.communicate(timeout=60)
+    finally:
+        cluster.end()
+    assert batch.returncode == 1
+
+
+def test_a_cluster_whose_workers_die_on_loading(tmp_path, monkeypatch):
+    """Each takes the job, and its end with it: when none is left, the job ends too."""
+    decks_in(tmp_path / "decks", small=1)
+    broken = tmp_path / "broken" / "musatpy"
+    broken.mkdir(parents=True)
+    (broken / "__init__.py").write_text("import os\nos._exit(1)\n")
+    (tmp_path / "cluster").mkdir()
+    cluster = Cluster(tmp_path / "cluster", workers=0)
+    with monkeypatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(broken.parent))
+        for n in (1, 2):
+            cluster.start("worker", cluster.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+            wait_for(lambda n=n: "Registered to:" in (tmp_path / f"cluster/{n}.log").read_text(), 60)
+    monkeypatch.setattr("musatpy.campaign.carried._PATIENCE", 5)
+    try:
+        with workers_of(cluster.address) as executor:
+            (outcome,) = run_batch(plan_of([tmp_path / "decks"]), executor=executor).outcomes
+    finally:
+        cluster.end()
+    assert outcome.state is State.CRASHED
+    assert outcome.message == "its worker was lost: all workers were lost, and none came in 5 s: their logs say why"
 
 
 @pytest.mark.slow

@@ -80,7 +80,8 @@ def test_two_batches_on_one_folder_and_the_lock_of_one_that_was_killed(tmp_path)
     first.kill()
     first.communicate()
     assert lock.exists()
-    (tmp_path / f".small0.lst.{first.pid}").write_text("half a fi")  # as if it had been killed while it wrote
+    left = tmp_path / f".small0.lst.{first.pid}.{'0' * 16}"
+    left.write_text("half a fi")  # as if it had been killed while it wrote
     with (tmp_path / ".musat-batch.jsonl").open("a") as ledger:
         ledger.write('{"job": "large')
     ran = musat("batch", ".", cwd=tmp_path)

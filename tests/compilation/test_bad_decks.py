@@ -76,6 +76,8 @@ PRE = "PRE NS       2122     M  0.000000    0.000000    100.000000  100.000000"
         (PRF, f"{PRE}\n{PRF}", "PRF.end: its ends stand on a PRE card too"),
         (PRF, f"{PRE.replace('NS', 'XX')}\n{PRF}", "PRE.profile: there is no PRF card of this profile"),
         (GRD, "GRD BAY        100.00  18.32700000             ", "a grid has both corners, or none"),
+        (PRF, PRF.replace("   50.00", "    0.01"), "changed.crd:6 cols 41-48 PRF.step: profile NS has"),
+        (GRD, "GRD BAY          0.10", "changed.crd:9 cols 14-21 GRD.spacing: grid BAY has"),
         (CIN, f"{CIN}\n{CIN}", "changed.crd:4 col 33 CIN.of: a second card of contours of this kind"),
         (CIN, "CIN          5   600.0    20.0", "CIN.interval: neither an interval nor a CIL card"),
         (CIN, f"{CIN} D          BUY", "CIN.grid: there is no GRD card of this grid"),

@@ -88,18 +88,21 @@ def test_a_missing_folder_is_made(tmp_path: Path, name: str) -> None:
 def test_what_a_killed_process_left_is_removed(tmp_path: Path, name: str) -> None:
     ended = subprocess.Popen([sys.executable, "-c", "pass"])
     ended.wait()
-    (tmp_path / f".{name}.{ended.pid}").write_bytes(b"half a fi")
+    (tmp_path / f".{name}.{ended.pid}.{'0' * 16}").write_bytes(b"half a fi")
     FILES[name][1](tmp_path / name)
     assert [left.name for left in tmp_path.iterdir()] == [name]
 
 
 def test_what_a_killed_process_left_of_a_database(tmp_path: Path) -> None:
+    """Packages write in a folder; its name is that of the file, and of the process."""
     ended = subprocess.Popen([sys.executable, "-c", "pass"])
     ended.wait()
-    for name in (f".a.gpkg.{ended.pid}", f".a.gpkg.{ended.pid}-journal", f".b.gpkg.{ended.pid}"):
-        (tmp_path / name).write_bytes(b"half a da")
+    ours, others = (tmp_path / f".{name}.gpkg.{ended.pid}.{'a' * 16}" for name in "ab")
+    for folder in (ours, others):
+        folder.mkdir()
+        (folder / "a.gpkg-journal").write_bytes(b"half a da")
     remove_leftovers([tmp_path / "a.gpkg"])
-    assert [left.name for left in tmp_path.iterdir()] == [f".b.gpkg.{ended.pid}"]
+    assert list(tmp_path.iterdir()) == [others]
 
 
 def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:

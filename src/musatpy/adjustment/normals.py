@@ -305,12 +305,13 @@ class Factor:
     def cofactors(self) -> Cofactors:
         """Return the elements of N^-1 inside the pattern."""
         q = self.matrix.pattern.size
-        corner = cho_solve(self.corner, np.eye(len(self.matrix.corner)))
+        g = len(self.matrix.corner)
+        corner = cho_solve(self.corner, np.eye(g)) if g else np.empty((0, 0))  # SciPy before 1.14 solves none of 0
         border = -self.solved_border @ corner
         blocks = self.sparse.selected_inverse()
-        if len(corner):
+        if g:
             i, j = self.matrix.pattern.pairs.T
-            Y = self.solved_border.reshape(self.matrix.pattern.count, q, len(corner))
+            Y = self.solved_border.reshape(self.matrix.pattern.count, q, g)
             blocks += Y[i] @ corner @ np.swapaxes(Y[j], 1, 2)
         inverse = Cofactors(pattern=self.matrix.pattern, blocks=blocks, border=border, corner=corner)
         return inverse.scaled(self.scale)

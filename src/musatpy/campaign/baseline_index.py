@@ -36,11 +36,17 @@ class Entry:
     status: int  # of its run: 0 accepted or doubtful, 1 unusable, 3 not converged, 4 rejected
     state: str = ""  # what became of it in a word; empty in a baseline of before there were verdicts
     inputs: dict[str, str] = field(default_factory=dict)  # card formats and geoid models -> SHA-256
+    sources: str = ""  # SHA-256 of the program's; empty in a baseline of before it was kept
 
     @property
     def fails(self) -> bool:
         """True for a deck that is expected to be unusable."""
         return self.status == ExitStatus.UNUSABLE
+
+    @property
+    def program(self) -> str:
+        """Version and sources of the program, the latter where they are known."""
+        return f"{self.version} ({self.sources[:12]})" if self.sources else self.version
 
     def is_of(self, deck: Path, sha256: str | None) -> bool:
         """Tell whether a deck that has this hash is the one that was saved, but for line ends (by git)."""
@@ -181,6 +187,7 @@ _ENTRY_KEYS: dict[str, tuple[type, ...]] = {
     "status": (int,),
     "state": (str,),  # may be missing
     "inputs": (dict,),  # likewise
+    "sources": (str,),  # likewise
 }
 _REMEDY = "restore it (git checkout), or save the baseline anew"
 
@@ -198,7 +205,9 @@ def _wrong_in(data: Any) -> str | None:
     for name, entry in data["decks"].items():
         if fault := place_fault(name):
             return f"decks: '{name}' is not the place of a deck: it {fault}"
-        wrong = _wrong_keys({"state": "", "inputs": {}} | entry if isinstance(entry, dict) else entry, _ENTRY_KEYS)
+        wrong = _wrong_keys(
+            {"state": "", "inputs": {}, "sources": ""} | entry if isinstance(entry, dict) else entry, _ENTRY_KEYS
+        )
         if wrong is None and not all(isinstance(digest, str) for digest in entry.get("inputs", {}).values()):
             wrong = "inputs"
         if wrong is not None:

@@ -36,6 +36,7 @@ from musatpy.campaign.batch import BatchResult, Watch, run_batch
 from musatpy.campaign.batch_jobs import Outcome
 from musatpy.campaign.locks import FolderLocks, folder_locks
 from musatpy.campaign.manifest import check_jobs
+from musatpy.campaign.program import sources_sha256
 from musatpy.files import real_path, remove_leftovers, write_files
 from musatpy.listings import CannotCompareError, Difference, Rules, compare_bytes, load_rules
 
@@ -218,7 +219,11 @@ def _take_over(
         if was is not None and was.is_of(baseline.deck(name), entry.deck_sha256):
             entry = replace(entry, deck_sha256=was.deck_sha256)  # the same deck with other line ends
         contents = _contents(baseline, name, outcome, work)
-        same = was == entry and all(_is_kept(place, content) for place, content in contents.items())
+        if was is not None and was == replace(entry, sources=was.sources):
+            same = all(_is_kept(place, content) for place, content in contents.items())
+            entry = was if same else entry  # what other sources make too stays theirs that made it
+        else:
+            same = False
         changes["unchanged" if same else "new" if was is None else "changed"].append(name)
         if was is not None and was.fails != entry.fails:
             outdated += baseline.kept(name).values()
@@ -251,6 +256,7 @@ def _entry_of(outcome: Outcome) -> Entry:
         status=int(outcome.state.status),
         state=outcome.state.value,
         inputs=outcome.inputs,
+        sources=sources_sha256(),
     )
 
 

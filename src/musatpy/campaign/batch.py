@@ -270,7 +270,8 @@ def _lost(error: Exception) -> Outcome:
     if isinstance(error, OSError):
         why = f"no process can be started: {error.strerror or error}; fewer --jobs need less"
         return Outcome(state=State.FAILED, message=why)
-    return Outcome(state=State.CRASHED, message=f"its worker was lost: {type(error).__name__}: {error}")
+    what = str(error) if isinstance(error, MusatError) else f"{type(error).__name__}: {error}"
+    return Outcome(state=State.CRASHED, message=f"its worker was lost: {what}")
 
 
 def _words(error: OSError) -> str:

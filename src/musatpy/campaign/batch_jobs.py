@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import musatpy
+from musatpy.campaign.program import sources_sha256
 from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
 from musatpy.model import Grade, RecordContent
@@ -220,7 +221,7 @@ class Job:
         """Return what the results depend on, as one hash: the deck's bytes, other inputs, program, options."""
         options = self.options.as_data()
         options.pop("formats", None)  # their content counts, which is among the inputs, and not their place
-        what = [deck_sha256, inputs, musatpy.__version__, self.deck.stem, options]
+        what = [deck_sha256, inputs, musatpy.__version__, sources_sha256(), self.deck.stem, options]
         return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
 
 

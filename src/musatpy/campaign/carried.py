@@ -7,22 +7,26 @@ written; whether workers share a folder makes no difference.
 from __future__ import annotations
 
 import logging
+import threading
+import time
 import warnings
-from collections.abc import Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, InvalidStateError
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
-import musatpy
 from musatpy.campaign.batch_jobs import Job, Outcome, State
+from musatpy.campaign.program import program
 from musatpy.campaign.worker import check_kind, check_unchanged, failure_of, run_job
 from musatpy.errors import MusatError, Problem
 from musatpy.files import write_files
 
-_PATIENCE = 30  # seconds until a scheduler must answer
+_PATIENCE = 30  # seconds until a scheduler must answer, or a worker come after the last one was lost
+_NONE_YET = 3.0  # seconds until it is told that there are no workers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +36,7 @@ class Parcel:
     job: Job
     deck: bytes
     formats: tuple[tuple[str, bytes], ...]  # names and contents of its card formats
-    version: str  # of the program here
+    program: str  # version and hash of the program here
 
 
 def parcel_of(job: Job) -> Parcel:
@@ -44,14 +48,14 @@ def parcel_of(job: Job) -> Parcel:
         job=job,
         deck=job.deck.read_bytes(),
         formats=tuple((path.name, path.read_bytes()) for path in paths),
-        version=musatpy.__version__,
+        program=program(),
     )
 
 
 def run_parcel(parcel: Parcel) -> tuple[Outcome, dict[str, bytes]]:
     """Return the outcome of a job and the files that it leaves, by their names in its folder; run by a worker."""
-    if parcel.version != musatpy.__version__:
-        message = f"its worker has version {musatpy.__version__} of the program, not {parcel.version}"
+    if parcel.program != program():
+        message = f"its worker has version {program()} of the program, not {parcel.program}: install one on all"
         return Outcome(state=State.FAILED, message=message), {}
     with TemporaryDirectory(prefix="musat-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -97,9 +101,54 @@ def delivered(job: Job, outcome: Outcome, files: dict[str, bytes]) -> Outcome:
     return outcome
 
 
+class _Workers(Executor):
+    """The workers of a scheduler. Calls for which none is left end with `MusatError`; `say` is told of none yet."""
+
+    def __init__(self, client: Any, address: str, say: Callable[[str], None]) -> None:
+        self._client, self._executor = client, client.get_executor(pure=False)
+        self._address, self._say = address, say
+        self._calls: set[Future[Any]] = set()
+        self._ended = threading.Event()
+        threading.Thread(target=self._look, daemon=True).start()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Return the future of a call."""
+        future: Future[Any] = self._executor.submit(fn, *args, **kwargs)
+        self._calls.add(future)
+        future.add_done_callback(self._calls.discard)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Look at the workers no more."""
+        self._ended.set()
+
+    def _look(self) -> None:
+        """Count the workers every second: the engine waits for them without a word, and for ever."""
+        ever, last, told = False, time.monotonic(), False
+        while not self._ended.wait(1.0):
+            try:
+                there = bool(self._client.nthreads())
+            except Exception:  # a scheduler that is lost, which the calls say
+                return
+            alone = time.monotonic() - last
+            if there:
+                ever, last = True, time.monotonic()
+            elif not ever and not told and alone > _NONE_YET:
+                told = True
+                self._say(f"{self._address}: the scheduler has no workers yet, the jobs wait for the first one")
+            elif ever and alone > _PATIENCE:
+                for future in self._calls.copy():
+                    with suppress(InvalidStateError):
+                        message = f"all workers were lost, and none came in {_PATIENCE} s: their logs say why"
+                        future.set_exception(MusatError(message))
+
+
 @contextmanager
-def cluster(address: str) -> Iterator[Executor]:
-    """Give the workers of a Dask scheduler; raises `MusatError` where it does not answer, or dask is missing."""
+def cluster(address: str, say: Callable[[str], None] = lambda message: None) -> Iterator[Executor]:
+    """Give the workers of a Dask scheduler; `say` is told where there are none.
+
+    Raises `MusatError` where the scheduler does not answer, or dask is missing.
+    """
     try:
         from distributed import Client
     except ImportError as error:
@@ -110,7 +159,7 @@ def cluster(address: str) -> Iterator[Executor]:
         raise MusatError(f"{address}: no scheduler can be reached: {' '.join(str(error).split())}") from error
     logging.disable()  # what the engine says of workers and schedulers that are lost, the outcomes of jobs say
     try:
-        with client:
-            yield client.get_executor(pure=False)
+        with client, _Workers(client, address, say) as workers:
+            yield workers
     finally:
         logging.disable(logging.NOTSET)

@@ -13,7 +13,7 @@ from typing import Any
 
 from musatpy.campaign.batch_jobs import Job, Outcome, sha256_of
 from musatpy.errors import MusatError
-from musatpy.files import real_path, write_files
+from musatpy.files import NO_LINK, real_path, write_files
 
 NAME = ".musat-batch.jsonl"
 
@@ -68,7 +68,7 @@ class Ledger:
         """Append a job that is finished; raises `OSError`, and leaves the ledger as it was then."""
         key = self._key(job)
         line = _line(key, outcome.as_data()).encode()
-        fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+        fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINK, 0o666)
         try:
             before = os.fstat(fd).st_size
             if before and os.pread(fd, 1, before - 1) != b"\n":

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import MusatError
-from musatpy.files import is_alive, real_path
+from musatpy.files import NO_LINK, is_alive, is_at, real_path
 
 NAME = ".musat-batch.lock"
 _PATIENCE = 30.0  # seconds until the processes of a killed batch must be gone
@@ -87,7 +87,7 @@ def _locked(path: Path) -> int:
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            fd = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
         except FileNotFoundError:
             continue  # a baseline took its folder away between the two lines
         if _try(fd, path):
@@ -118,11 +118,7 @@ def _try(fd: int, path: Path) -> bool:
             return False
         os.close(fd)
         raise OSError(error.errno, f"no lock can be had: {error.strerror}", str(path)) from error
-    # The batch before may have taken the file away between our opening and locking it.
-    with contextlib.suppress(FileNotFoundError):
-        if os.path.samestat(os.fstat(fd), os.stat(path)):
-            return True
-    return False
+    return is_at(fd, path)  # the batch before may have taken the file away between our opening and locking it
 
 
 def _holder(fd: int) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
-import mmap
 import os
 import pickle
 import queue
@@ -18,20 +17,21 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from musatpy.campaign.batch_jobs import GRADES, OUT_OF_MEMORY, Job, Outcome, State, sha256_of
 from musatpy.errors import MusatError, Problem
+from musatpy.files import together
 from musatpy.formats.musat import geoid_files
+from musatpy.memory import take_working_memory
 from musatpy.model import Block, Iteration
 from musatpy.runs import run_deck
 from musatpy.shown_runs import check_point_rms, write_page
 
 Tell = Callable[[dict[str, Any]], None]
-_WORKING_MEMORY = 40 << 20  # bytes, a little more than OpenBLAS takes
 _BETWEEN = 0.1  # seconds from one message about iterations to the next
 _STATES = {grade: state for state, grade in GRADES.items()}
 
@@ -81,7 +81,7 @@ def run_job(job: Job, tell: Tell = lambda message: None) -> Outcome:
             tell({"iteration": (iteration.outer_pass, iteration.number)})
 
     try:
-        _take_working_memory()
+        take_working_memory()
         ended = _run(job, known, on_read, on_iteration)
     except Exception as error:
         ended = failure_of(error)
@@ -100,24 +100,7 @@ def failure_of(error: Exception) -> dict[str, Any]:
     return {"state": State.FAILED, "message": message}
 
 
-@cache
-def _take_working_memory() -> None:
-    """Have the linear algebra take its memory while it is known to be there; raises `MemoryError` where it is not.
-
-    OpenBLAS, of which numpy and scipy have one each, takes 32 MB when it is first used. Where the system refuses
-    them (`ulimit -v`) some of its versions end the process, and others ask for ever: the job would never end.
-    """
-    import numpy as np
-    from scipy.linalg.lapack import dpotrf
-
-    for factorize in (np.linalg.cholesky, dpotrf):
-        try:
-            mmap.mmap(-1, _WORKING_MEMORY).close()
-        except OSError as error:
-            raise MemoryError from error
-        factorize(np.eye(1))
-
-
+@together()  # the hashes are those of what was written
 def _run(
     job: Job, known: dict[str, Any], on_read: Callable[[Block], None], on_iteration: Callable[[Iteration], None]
 ) -> dict[str, Any]:

@@ -159,7 +159,7 @@ def list_command(base: Path) -> None:
     for name, state in changed_decks(baseline).items():
         entry = baseline.entries[name]
         verdict = "  unusable" if entry.fails else f"  {entry.state}" if entry.state else ""
-        line = f"{name:<{width}}  {state:<12}  musatpy {entry.version}  {entry.deck_sha256[:12]}{verdict}"
+        line = f"{name:<{width}}  {state:<12}  musatpy {entry.program}  {entry.deck_sha256[:12]}{verdict}"
         tell(line)
 
 

@@ -85,7 +85,7 @@ def command(
         raise click.UsageError(str(error)) from error
     if plan.index is not None:
         check_packages()
-    workers = contextlib.nullcontext() if address is None else cluster(address)
+    workers = contextlib.nullcontext() if address is None else cluster(address, complain)
     with ended_by_signals(), workers as executor:
         watch = None if quiet else Display()
         result = run_batch(plan, processes=processes, again=again, strict=strict, watch=watch, executor=executor)

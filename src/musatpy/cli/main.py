@@ -16,6 +16,7 @@ import musatpy
 from musatpy.cli.lazy import LazyGroup
 from musatpy.cli.messages import complain, complain_of_error
 from musatpy.errors import MusatError, printable
+from musatpy.memory import limit, take_working_memory
 
 COMMANDS = {
     "example": "musatpy.cli.example",
@@ -66,6 +67,8 @@ class Commands(LazyGroup):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
+                if limit() is not None:
+                    take_working_memory()
                 return super().invoke(ctx)
         except click.ClickException as error:
             vars(error)["message"] = printable(error.message)  # names of files stand in it
@@ -77,10 +80,19 @@ class Commands(LazyGroup):
                 raise  # click ends quietly
             complain_of_error(error)
         except MemoryError:
-            complain("memory ran out")
+            complain(_out_of_memory())
         except Exception as error:
-            complain(f"unexpected {type(error).__name__}: {error}; {REPORT_TO}")
+            if isinstance(error, ImportError | SystemError) and limit() is not None:  # a library finds no room
+                complain(f"{_out_of_memory()}: {error}")
+            else:
+                complain(f"unexpected {type(error).__name__}: {error}; {REPORT_TO}")
         ctx.exit(FAILURE.get(ctx.invoked_subcommand or "", 1))
+
+
+def _out_of_memory() -> str:
+    """Return what is said where there is no memory, with the limit where one is set."""
+    bound = limit()
+    return "memory ran out" + ("" if bound is None else f": this process may have {bound >> 20} MB (ulimit -v)")
 
 
 @click.group(cls=Commands, modules=COMMANDS)

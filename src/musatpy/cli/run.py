@@ -39,6 +39,7 @@ from musatpy.cli.options import (
 from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.cli.shown import show, shown_of, shown_options
 from musatpy.errors import MusatError
+from musatpy.files import together
 
 if TYPE_CHECKING:
     from musatpy.model import Solution
@@ -117,6 +118,7 @@ def command(
     ctx.exit(ExitStatus.worst(statuses))
 
 
+@together()  # pictures, pages and layers are those of the listing and the record
 def _filtered(run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None, quiet: bool) -> ExitStatus:
     """Run the deck of the standard input; without a folder its listing goes to stdout, what is said to stderr."""
     from tempfile import TemporaryDirectory  # rarely needed
@@ -142,6 +144,7 @@ def _filtered(run: Callable[..., RunResult], wanted: Shown, out_dir: Path | None
         return result.status if show(result, wanted, quiet) else ExitStatus.UNUSABLE
 
 
+@together()
 def _status_of(deck: Path, run: Callable[..., RunResult], wanted: Shown, quiet: bool) -> ExitStatus:
     """Run one deck and say what came of it; results that cannot be written keep no other deck from its run."""
     from musatpy.runs import ExitStatus

@@ -98,7 +98,8 @@ def bottom_of(compiled: Compiled) -> Bottom | None:
         return None
     angular = compiled.run.block.options.system is CoordinateSystem.GEOGRAPHIC
     surfaces, edges = surfaces_of(compiled)
-    posts = grids_of(grids, surfaces, DEGREE if angular else 1.0)
+    lines = None if compiled.deck.lines is None else compiled.deck.lines.grids
+    posts = grids_of(grids, surfaces, DEGREE if angular else 1.0, lines)
     bottom = Bottom(surfaces=surfaces, sheets=(), edges=edges, grids=posts)
     if spec is None:
         return bottom

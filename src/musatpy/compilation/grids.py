@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.datums import Datum
 from musatpy.compilation.joined_surfaces import Surface
 from musatpy.errors import CollocationError, CompilationError, Problem
@@ -17,7 +17,7 @@ from musatpy.sea.interpolation.interpolate import Options, interpolate
 from musatpy.sea.interpolation.prediction import CrossValidation, Observed, Trend
 from musatpy.surfaces.tin import Tin
 
-_MOST = 50_000_000  # posts: 800 MB of depths and sigmas
+_MOST = 2_000_000  # posts: with listing, record and layers 800 MB
 _MOST_COLLOCATED = 2000  # points: their covariances are factorised some dozen times
 _FAMILIES = (Family.GAUSSIAN, Family.EXPONENTIAL)  # of a bottom: smooth, or rough
 
@@ -52,7 +52,9 @@ class PostGrid:
         return self.surface.below(np.column_stack([x.ravel(), y.ravel()]), np.nan_to_num(self.depth.ravel()), datum)
 
 
-def grids_of(specs: GridSpecs, surfaces: Sequence[Surface], corner_unit: float) -> tuple[PostGrid, ...]:
+def grids_of(
+    specs: GridSpecs, surfaces: Sequence[Surface], corner_unit: float, lines: IntArray | None = None
+) -> tuple[PostGrid, ...]:
     """Return the grids of posts on surfaces; corners count in `corner_unit` of the job's coordinates.
 
     There are none without a surface. Raises `CompilationError` for a grid of no posts, or of too many.
@@ -67,13 +69,20 @@ def grids_of(specs: GridSpecs, surfaces: Sequence[Surface], corner_unit: float) 
             np.stack([specs.first[row], specs.second[row]]) * corner_unit,
             networks,
             collocated=bool(specs.collocated[row]),
+            line=None if lines is None else int(lines[row]),
         )
         for row in range(len(specs.ids))
     )
 
 
 def _grid(
-    name: str, spacing: float, corners: FloatArray, surfaces: Sequence[Surface], *, collocated: bool
+    name: str,
+    spacing: float,
+    corners: FloatArray,
+    surfaces: Sequence[Surface],
+    *,
+    collocated: bool,
+    line: int | None,
 ) -> PostGrid:
     """Return a grid between corners (2, 2) of the job, over all of the surfaces where these are NaN."""
     if np.isfinite(corners).all():
@@ -84,7 +93,7 @@ def _grid(
     columns, rows = (np.floor(places.max(axis=0) / spacing + 1e-9) - first + 1.0).clip(0.0)
     if rows * columns > _MOST or not rows * columns:
         message = f"grid {name} has {rows * columns:.3g} posts: give another spacing (1 to {_MOST:,} posts)"
-        raise CompilationError([Problem(message=message)])
+        raise CompilationError([Problem(message=message, line=line, card="GRD", field="spacing")])
     x, y = np.meshgrid(first[0] + np.arange(columns), first[1] + np.arange(rows))
     posts = spacing * np.column_stack([x.ravel(), y.ravel()])
     depth, sigma = np.full(len(posts), np.nan), np.full(len(posts), np.nan)

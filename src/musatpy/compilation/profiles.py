@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -12,6 +12,7 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, CompiledModel
 from musatpy.compilation.datums import Datum
+from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.plan import Plan
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
@@ -20,6 +21,7 @@ from musatpy.surfaces.profiles import Profile, profile
 from musatpy.units import DEGREE
 
 _MOST_LINES = 10_000  # of a scan
+_MOST_POSTS = 20_000  # of a card: two seconds and 20,000 rows of the listing
 BESIDE = "beside the lines of the scan"
 
 
@@ -177,6 +179,7 @@ def _lines_of(compiled: Compiled, row: int) -> Iterator[CompiledProfile]:
         return
     place = np.array(ends)
     if specs.scan[row] == "L":
+        _check_step(compiled, row, [place])
         yield _along(compiled, row, 1, rows, place)
         return
     lines = _scan_lines(
@@ -186,11 +189,25 @@ def _lines_of(compiled: Compiled, row: int) -> Iterator[CompiledProfile]:
         yield _without(compiled, row, rows, "the scan has no extent along its lines, or too many of them")
         return
     of, on_lines = lines
+    _check_step(compiled, row, on_lines)
     for line, end in enumerate(on_lines, 1):
         yield _along(compiled, row, line, rows[of == line], end)
     if (of == 0).any():
         count = int(np.count_nonzero(of == 0))
         yield _without(compiled, row, rows[of == 0], f"{count} {'reading' if count == 1 else 'readings'} {BESIDE}")
+
+
+def _check_step(compiled: Compiled, row: int, lines: Sequence[FloatArray]) -> None:
+    """Raise `CompilationError` at its card where a profile has more posts along its lines than any sheet."""
+    specs, where = compiled.deck.profiles, compiled.deck.lines
+    ways = np.diff(compiled.run.frame.working(np.array(lines)), axis=1)
+    posts = np.linalg.norm(ways, axis=2).sum() / specs.step[row]
+    if posts > _MOST_POSTS:
+        message = (
+            f"profile {specs.ids[row]} has {posts:.3g} posts: give another step ({_MOST_POSTS:,} posts at most)"
+        )
+        line = None if where is None else int(where.profiles[row])
+        raise CompilationError([Problem(message=message, line=line, card="PRF", field="step")])
 
 
 def _ends(compiled: Compiled, row: int, model: CompiledModel, points: IntArray) -> list[FloatArray | None]:

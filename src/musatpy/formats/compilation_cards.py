@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -125,6 +126,14 @@ def place_of_model(file: str, line: int) -> dict[str, Any]:
         "card": "MDL",
         "columns": (spec.field("left").first, spec.field("right").last),
     }
+
+
+def with_columns(problem: Problem, file: str) -> Problem:
+    """Return a problem of a deck with its file, and where it names a card's field and line with its columns."""
+    spec = compilation_family().cards.get(problem.card or "")
+    if spec is None or problem.field is None or problem.line is None:
+        return Problem(file=file, message=problem.message)
+    return replace(problem, file=file, columns=spec.field(problem.field).columns)
 
 
 def place_of_reading(file: str, line: int, *, on_stages: bool) -> dict[str, Any]:

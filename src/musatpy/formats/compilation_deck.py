@@ -106,7 +106,12 @@ def _contents(deck: CardDeck) -> Compilation:
         datum=_datum(cards_of(deck, "VDT")),
         contours=_contours(deck, "D"),
         heights=_contours(deck, "H"),
-        lines=CardLines(models=models.lines, stages=reading_lines(deck), profiles=profiles.lines),
+        lines=CardLines(
+            models=models.lines,
+            stages=reading_lines(deck),
+            profiles=profiles.lines,
+            grids=cards_of(deck, "GRD").lines,
+        ),
     )
 
 

@@ -28,7 +28,7 @@ CHUNK = 65536  # lines at a time
 _NAMED = ".csv"
 _AXES = ("x", "y", "z")
 _ALIKE = (("x", "lon"), ("y", "lat"), ("height",))  # what else they may be
-_WITH_UNIT = re.compile(r"(.*\S)\s*\[([^\]]*)\]")
+_WITH_UNIT = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]")
 _DECIMALS, _DEGREE_DECIMALS = 4, 9  # 0.1 mm
 
 

@@ -182,11 +182,12 @@ class ContourSpec:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CardLines:
-    """The lines of a deck on which its models, readings and profiles stand, row by row."""
+    """The lines of a deck on which its models, readings, profiles and grids stand, row by row."""
 
     models: IntArray
     stages: IntArray
     profiles: IntArray
+    grids: IntArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
