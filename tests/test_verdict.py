@@ -196,10 +196,11 @@ def test_sigma0_outside_its_printed_limits_is_a_note() -> None:
 
 
 def test_a_guessed_plate_sigma_has_sigma0_estimated() -> None:
-    found = with_sigma0(7.0, plate_sigma_is=PlateSigma.GUESS)
+    found = replace(with_sigma0(7.0, plate_sigma_is=PlateSigma.GUESS), plate_factor=2.0)
     assert Concern.SIGMA0 not in concerns(found)
     assert verdict(found).notes == (
-        "the plate sigma is a guess: sigma0 makes it 35.0 um, and tests are relative to it",
+        "the plate sigma is a guess of 2.5 um: its variance component makes it 5.0 um, "
+        "by which the job is adjusted and tested",
     )
 
 

@@ -49,8 +49,11 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         raise AdjustmentError([*error.problems, *notes]) from error
     if not doubtful(solution):
         return solution
-    from musatpy.blunders.check_points import check_point_causes  # most runs are accepted
+    from musatpy.adjustment.plate_sigma import with_plate_sigmas  # most runs are accepted
+    from musatpy.blunders.check_points import check_point_causes
 
+    if solution.plate_factor != 1.0:
+        block = with_plate_sigmas(block, solution.plate_factor)
     return replace(solution, causes=_causes_or_none(block, sea, progress) or tuple(check_point_causes(solution)))
 
 

@@ -82,7 +82,7 @@ def make_oblique(plan: Oblique) -> ObliqueBlock:
         options=_options(plan),
         water=Water(index=1.34) if plan.submerged else None,
         photos={"position": C, "attitude": angles_of(M), "tide": np.full(n, TIDE if plan.submerged else np.nan)},
-        points={"ids": np.arange(p).astype(str), "bathymetric": wet},
+        points={"ids": np.arange(p).astype(str), "bathymetric": wet, "dry": np.zeros(p, dtype=bool)},
         plates=empty(PlateMeasurements),
         control=empty(Control),
     )

@@ -7,26 +7,29 @@ import numpy as np
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
-from musatpy.model import Block, Program, Solution
+from musatpy.model import Block, PlateSigma, Program, Solution
 from musatpy.model.progress import Progress
 
 
 def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
     """Return the solution of a block by the program of its options, converged or not.
 
-    `progress` is called after every iteration; with a `sea`, rays are refracted by its waves (refraction RIGOROUS,
+    Of a plate sigma that is a guess, stations and points are those by its variance component. `progress` is called
+    after every iteration; with a `sea`, rays are refracted by its waves (refraction RIGOROUS,
     and IIIA). Raises `AdjustmentError` with every reason where the block cannot be adjusted.
     """
+    # each run loads the program that it needs
+    if block.options.program is Program.IIIA:
+        from musatpy.adjustment.musat3a import adjust as program
+    else:
+        from musatpy.adjustment.musat2a import adjust as program
     try:
         with numerics("the adjustment"):
-            # each run loads the program that it needs
-            if block.options.program is Program.IIIA:
-                from musatpy.adjustment import musat3a
+            if block.options.plate_sigma_is is PlateSigma.KNOWN:
+                return program(block, progress, sea)
+            from musatpy.adjustment.plate_sigma import estimated
 
-                return musat3a.adjust(block, progress, sea)
-            from musatpy.adjustment import musat2a
-
-            return musat2a.adjust(block, progress, sea)
+            return estimated(block, lambda weighted: program(weighted, progress, sea))
     except NumericalError as error:
         advice = Problem(message="OP2 editing EDIT looks for gross errors and takes them out", severity="warning")
         suspicions = (Problem(message=text, severity="warning") for text in _suspicions(block, sea))

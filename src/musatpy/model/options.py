@@ -91,7 +91,7 @@ class PlateSigma(StrEnum):
     """What the plate sigmas of a deck are worth."""
 
     KNOWN = "KNOWN"  # sigma0 is tested against 1
-    GUESS = "GUESS"  # sigma0 is estimated: tests are relative to it
+    GUESS = "GUESS"  # they are estimated, by their variance component: sigma0 says nothing
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -213,6 +213,7 @@ class Solution:
     unedited: str = ""  # why EDIT has edited nothing; empty where it has, or was not asked to
     edited: Block | None = None  # the block without what was found; None: no search
     reduced: Reduced | None = None  # what the reduction of its plates did; None: they came refined
+    plate_factor: float = 1.0  # by which a guessed plate sigma was multiplied: the block has the product
     start: str = ""  # of two starts of IIIA, from which one it came, and how the other one ended; empty of one
     kernels: str = "numpy"  # that did the work point after point, or numba
 

@@ -58,7 +58,7 @@ OPTIONS = Group[Statistics, Options](
         Field("datum", "string", "what holds the block as a whole", choices=Datum),
         Field("editing", "string", "what is done about blunders", choices=Editing),
         Field("order", "string", "order of the rows of stations, points, control and residuals", choices=Order),
-        Field("plate_sigma_is", "string", "whether sigma0 is tested against 1, or estimated", choices=PlateSigma),
+        Field("plate_sigma_is", "string", "whether plate sigmas are as given, or estimated", choices=PlateSigma),
         Field("sigma0_limit", "number", "sigma0 from which a run is rejected"),
         Field(
             "station_limit", "number",

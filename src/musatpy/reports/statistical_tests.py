@@ -276,7 +276,7 @@ def _sigma0(statistics: Statistics) -> list[str]:
     if test is None:
         return ["Sigma0 cannot be tested: there is no redundancy."]
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
-        return ["Sigma0 is not tested: the plate sigma is a guess, and estimated by it."]
+        return ["Sigma0 is not tested: the plate sigma is a guess, and estimated by its variance component."]
     factor, low, high = (number_text("F12.4", value) for value in (test.factor, test.low, test.high))
     verdict = "agrees with 1" if test.accepted else f"does not agree with 1: {_verdict(test).lower()}"
     text = f"Sigma0 squared is {factor}, by chance within {low} to {high} in 95 of 100 cases: it {verdict}."

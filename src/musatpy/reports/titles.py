@@ -149,7 +149,7 @@ def _off_default(options: Options) -> dict[str, str]:
         "order": ("Order of rows", f"{options.order}  by the identifiers of photos and points"),
         "plate_sigma_is": (
             "Plate sigmas",
-            f"{options.plate_sigma_is}  sigma0 is estimated, tests are relative to it",
+            f"{options.plate_sigma_is}  estimated by their variance component",
         ),
         "sigma0_limit": ("Sigma0 from which a run is rejected", number_text("F8.2", options.sigma0_limit)),
         "station_limit": (

@@ -32,7 +32,7 @@ from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import test_limit
 from musatpy.statistics.student import as_normal
-from musatpy.units import FOOT
+from musatpy.units import FOOT, MICROMETRE
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
@@ -304,8 +304,10 @@ def notes(statistics: Statistics) -> Iterator[str]:
         text = f"sigma0 {_number(statistics.solution.unit_sigma)} is {side} its limit {limit:.2f} of 95 %"
         yield f"{text}: the sigmas given may be {why} than the errors"
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
-        um = statistics.block.options.plate_sigma * statistics.solution.unit_sigma * 1e3
-        yield f"the plate sigma is a guess: sigma0 makes it {um:.1f} um, and tests are relative to it"
+        um = statistics.block.options.plate_sigma / MICROMETRE
+        given = um / statistics.solution.plate_factor
+        made = f"its variance component makes it {um:.1f} um"
+        yield f"the plate sigma is a guess of {given:.1f} um: {made}, by which the job is adjusted and tested"
 
 
 def _observation(statistics: Statistics, row: int, test: float) -> str:
