@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import scipy.linalg
 
 from musatpy.errors import NumericalError, Problem, numerics, of_each_kind, printable
+from musatpy.model import Cause, CauseKind
 from musatpy.runs import ExitStatus, run_deck
 
 ROOT = Path(__file__).parents[1]
@@ -27,6 +29,23 @@ def test_a_file_without_line_ends_is_not_shown_whole():
     assert lines[2] == "    " + "X" * 120 + "..."
     assert lines[3] == "    " + " " * 80 + "^" * 40
     assert len(Problem(message="far out", columns=(300, 310), text=text).render().splitlines()) == 3
+
+
+def test_what_is_quoted_is_cut_and_so_is_a_message_without_end():
+    long, names = "x" * 90, ", ".join(map(str, range(1_000_000)))
+    assert Problem(found=long, expected="F10.3").headline() == f"'{'x' * 80}...' is not F10.3"
+    assert Problem(message=f"no column '{long}' beside 'y'").headline() == f"no column '{'x' * 80}...' beside 'y'"
+    assert len(Problem(message=f"no column x among {names}", text=names).render()) < 3000
+    plain = f"the deck's lines, {'of which there are many, ' * 5}are not 'TTL'"
+    assert Problem(message=plain).headline() == plain
+
+
+def test_the_size_of_a_cause_that_is_not_known_is_not_told():
+    cause = Cause(kind=CauseKind.BASE, cards=("ABL",), photos=("1", "2"), unit="m", advice="read it again")
+    assert "off by" not in str(replace(cause, size=(math.nan,))) and "nan" not in str(
+        replace(cause, size=(math.nan,))
+    )
+    assert ", off by 1.250 m: read" in str(replace(cause, size=(1.25, math.nan)))
 
 
 def test_control_characters_are_escaped_and_keep_their_columns_in_a_card():

@@ -27,6 +27,7 @@ from musatpy.model import (
     Treatment,
     Water,
 )
+from musatpy.model.water import index_range
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import metric_differences
 from musatpy.statistics.gates import FARTHEST, flying_height, ground_heights, named
@@ -153,6 +154,27 @@ def test_an_adjusted_index(liquid: str, adjusted: float, rejected: bool) -> None
     assert (concerns(found).get(Concern.INDEX) is Grade.REJECTED) == rejected
     known = with_options(found, water_index=Treatment.KNOWN)
     assert Concern.INDEX not in concerns(known)
+
+
+def test_an_index_at_an_end_of_its_range_is_rejected() -> None:
+    """An adjustment that is held at a limit comes to rest there."""
+    good, limits = with_options(solution(), water_index=Treatment.ADJUST), index_range(1.34)
+    for end, inside in zip(limits, limits[::-1], strict=True):
+        for index, rejected in ((end, True), (float(np.nextafter(end, inside)), False)):
+            found = altered(good, block={"water": Water(index=1.34)}, water={"index": index})
+            assert (concerns(found).get(Concern.INDEX) is Grade.REJECTED) == rejected
+
+
+@pytest.mark.parametrize(("size", "rejected"), [(11.0, False), (12.0, True)])
+def test_residuals_of_a_tenth_of_the_shorter_side(size: float, rejected: bool) -> None:
+    """Of a format of 228.6 by 114.3 mm."""
+    residual = changed(solution().plates.residual, (4, 0), size)
+    oblong = altered(
+        solution(),
+        block={"cameras": {"format_size": lambda sizes: np.broadcast_to([228.6, 114.3], sizes.shape)}},
+        plates={"residual": residual},
+    )
+    assert (concerns(oblong).get(Concern.FORMAT) is Grade.REJECTED) == rejected
 
 
 @pytest.mark.parametrize(("size", "rejected"), [(22.0, False), (23.0, True)])  # mm, of a plate of 228.6 mm

@@ -29,6 +29,7 @@ from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.errors import CompilationError, Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
+from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import LocalRectangular, System
 from musatpy.interchange import geotiff
 from musatpy.interchange.any_file import (
@@ -161,10 +162,8 @@ class _Work:
     @property
     def stand_in(self) -> pyproj.CRS | None:
         """The system of files that say none."""
-        import pyproj
-
         stand_in = LOCAL if self.stereo.run.map_system is None else self.crs
-        return pyproj.CRS.from_user_input(stand_in) if stand_in else None
+        return crs_of(stand_in) if stand_in else None
 
     def correction(self, stated: pyproj.CRS | None) -> Correction:
         """Return the correction of points in the system that a file states, or that stands in."""

@@ -12,6 +12,8 @@ from typing import Literal
 _RULER = "".join(f"----+----{tens}" for tens in range(1, 9))
 _SHOWN = 120  # columns of a card: a file without line ends is not printed whole
 _OF_A_KIND = 100  # problems that are printed, and how many more there are
+_QUOTED = re.compile(r"(?<!\w)'([^']{80})[^']+'")  # what is quoted from a file: where it begins says enough
+_LONGEST = 2000  # characters of a message
 _LIKE = 0.6  # of the letters of both: names that are taken for each other
 _NAMES = re.compile(r"\b(photo|point|group|wave|camera|crest of) \S+|'[^']*'|(?<!\S)[^\s\d]*\d\S*")
 
@@ -47,9 +49,7 @@ class Problem:
         name = self.card or ""
         if self.field:
             name = f"{name}.{self.field}" if name else self.field
-        what = self.message
-        if not what:
-            what = f"'{self.found}' is not {self.expected}"
+        what = shortened(self.message or f"'{self.found}' is not {self.expected}")
         head = " ".join(part for part in (place, name) if part)
         if self.severity == "warning":
             what = f"warning: {what}"
@@ -188,6 +188,12 @@ def nearest_or_all(name: str, known: Iterable[str]) -> str:
     names = list(known)
     likely = nearest(name, names)
     return f"; did you mean {likely}?" if likely else f"; there are {', '.join(names)}"
+
+
+def shortened(text: str) -> str:
+    """Return a message of which quoted texts have 80 characters at most, and all of it some thousand."""
+    text = _QUOTED.sub(r"'\1...'", text)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:

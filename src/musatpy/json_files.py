@@ -11,7 +11,7 @@ import math
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
-from itertools import chain, islice
+from itertools import chain, islice, product
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,13 @@ _PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null"
 _MUCH = 1_000_000  # bytes, from which on a package is worth its loading
 _DIGITS = 15  # of a whole number at most that is exact in double precision
 _BY_ROWS = "1"  # schema of records whose tables are lists of rows
+_IDS = {  # fields of tables that name a row of another one, and its ids
+    "camera": ("cameras", "camera"),
+    "photo": ("stations", "photo"),
+    "photos": ("stations", "photo"),
+    "point": ("points", "point"),
+    "points": ("points", "point"),
+}
 _LARGEST = 1e150  # number of a record: its square is one too
 
 
@@ -139,7 +146,23 @@ def _wanted_of(
     """Return what is wanted of a record; raises `RecordError` with the places where it is not as it should be."""
     _hold_against(record, _with_rows(wanted) if by_rows else wanted, schema, path)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
-    return dict(_in_columns(found, wanted)) if by_rows else found
+    found = dict(_in_columns(found, wanted)) if by_rows else found
+    if faults := list(islice(_unknown_ids(found), _LISTED)) if schema is _schema() else []:
+        raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
+    return found
+
+
+def _unknown_ids(tables: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the places of the record of a run that name a camera, photo or point which its own table has not."""
+    for (name, table), (field, (home, key)) in product(tables.items(), _IDS.items()):
+        known = (tables.get(home) or {}).get(key)
+        if known is None or not isinstance(table, dict) or not isinstance(table.get(field), list):
+            continue
+        rows = [entry if isinstance(entry, list) else [entry] for entry in table[field]]
+        strange = {entry for entry in chain.from_iterable(rows) if isinstance(entry, str)}.difference(known)
+        for number, row in enumerate(rows) if strange else ():
+            for entry in (one for one in row if isinstance(one, str) and one in strange):
+                yield f"{name}.{field}[{number}]", f"there is no {key} {entry} in {home}"
 
 
 def _hold_against(record: dict[str, Any], form: Schema, schema: Schema, path: Path) -> None:

@@ -139,7 +139,7 @@ class Reader:
     """Turns tables into dataclasses and gathers what is wrong with them in `problems`.
 
     A dataclass may have a `WORDING` of its own, and `faults`, which yields keys of a raw table, empty for all of
-    it, and what is wrong between them.
+    it, and what is wrong between them; it gets the keys whose values are what they should be.
     """
 
     def __init__(self, file: str | None = None, wording: Wording | None = None, text: str | None = None) -> None:
@@ -181,12 +181,15 @@ class Reader:
         for name in sorted(raw.keys() - known.keys()):
             self.complain(_join(where, name), wording.unknown.format(known=", ".join(known)))
         values: dict[str, Any] = {}
+        right: dict[str, Any] = {}
         for name, field in known.items():
             if name in raw:
+                so_far = len(self.problems)
                 values[field.name] = self._given(field.metadata, hints[field.name], raw[name], _join(where, name))
+                right |= {name: raw[name]} if len(self.problems) == so_far else {}
             elif is_required(field):
                 self.complain(_join(where, name), wording.missing)
-        for name, fault in kind.faults(raw) if hasattr(kind, "faults") else ():
+        for name, fault in kind.faults(right) if hasattr(kind, "faults") else ():
             self.complain(_join(where, name) if name else where, fault)
         if len(self.problems) > before:
             return None

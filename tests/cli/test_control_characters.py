@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -45,6 +46,35 @@ def test_a_diff_escapes_what_the_listings_say(hostile):
 def test_an_audit_escapes_what_the_listing_says(hostile):
     ran = musat("audit", hostile)
     assert ran.exit_code and ESCAPED in clean(ran)
+
+
+def test_names_of_soundings_are_escaped_in_their_listing(tmp_path):
+    fixture = ROOT / "fixtures" / "st_thomas_as11"
+    head, *lines = (fixture / "soundings.csv").read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    for number, cell in enumerate(cells):
+        cell[0] = f'"S{HOSTILE}\n{number}"'
+        cell[3] = f"{float(cell[3]) + 25.0 * (number % 20 == 3)}"  # blunders are named
+    rows = [",".join(cell) for cell in cells]
+    text = "\n".join([head, *rows, ""])
+    (tmp_path / "hostile.csv").write_text(text, encoding="utf-8")
+    assert musat("run", "-q", ROOT / "fixtures/st_thomas/st_thomas.crd", "-o", tmp_path).exit_code == 0
+    run, deck = tmp_path / "st_thomas.json", fixture / "st_thomas_as11.crd"
+    clean(musat("as11", "compare-soundings", run, deck, tmp_path / "hostile.csv", "-o", tmp_path))
+    listing = (tmp_path / "hostile.soundings.lst").read_text(encoding="utf-8")
+    assert ESCAPED in listing and listing.replace("\n", "").replace("\f", "").isprintable()
+
+
+def test_a_letter_that_no_font_has_is_no_matter_of_the_user(tmp_path):
+    deck = (ROOT / "fixtures/st_thomas/st_thomas.crd").read_text()
+    (tmp_path / "deck.crd").write_text(deck)
+    assert musat("run", "-q", tmp_path / "deck.crd").exit_code == 0
+    record = (tmp_path / "deck.json").read_text(encoding="utf-8").replace('"21"', '"\u6c34"')
+    (tmp_path / "deck.json").write_text(record, encoding="utf-8")
+    for command in ("report", "plot"):
+        with warnings.catch_warnings(record=True) as told:
+            assert musat(command, tmp_path / "deck.json").exit_code == 0
+        assert not [str(warning.message) for warning in told if "Glyph" in str(warning.message)]
 
 
 def test_rules_are_escaped(hostile, tmp_path):

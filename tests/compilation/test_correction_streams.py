@@ -188,14 +188,17 @@ def test_rows_of_a_raster_are_the_whole_of_it(
 
 
 @pytest.mark.slow
-def test_as_many_rows_are_read_as_posts_move_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Posts of 2 cm, whose apparent places lie several rows beside them: by single rows the same as in one."""
+@pytest.mark.parametrize(("south", "fall"), [(1500.0, -0.01), (-1500.0, 0.01)])
+def test_as_many_rows_are_read_as_posts_move_over(
+    south: float, fall: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Posts of 2 cm, whose apparent places lie several rows north or south of them: by single rows as in one."""
     run = pair(3000.0, 1810.0)
     cameras = replace(run.block.cameras, format_size=np.full((1, 2), 228.6))
     run = replace(run, block=replace(run.block, cameras=cameras))
     correction = Correction(stereo=set_up(run, "1", "2"), system=LocalRectangular(), pointing=0.005)
-    height = -8.0 - 0.01 * np.add.outer(np.arange(30.0), np.arange(6.0))
-    grid = Grid(west=1500.0, south=1500.0, spacing=0.02, bands={"z": height})
+    height = -8.0 + fall * np.add.outer(np.arange(30.0), np.arange(6.0))
+    grid = Grid(west=1500.0, south=south, spacing=0.02, bands={"z": height})
     whole, tally = corrected_grid(correction, grid, "z")
     assert tally.shift > 0.04 and tally.known > 10
     monkeypatch.setattr(correction_rasters, "CHUNK", 6)

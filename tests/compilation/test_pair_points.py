@@ -14,9 +14,9 @@ from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation import true_points as rays
 from musatpy.compilation.errors_of_pairs import joint_covariances
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.pair_errors import PairErrors, null_of
+from musatpy.compilation.pair_errors import PairErrors, described, null_of
 from musatpy.compilation.pair_images import CHUNK, chunks
-from musatpy.compilation.pair_points import put_clear_points
+from musatpy.compilation.pair_points import Places, put_clear_points
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import Readings, TruePoints, network_of, true_points
@@ -107,6 +107,24 @@ def test_points_of_a_pair_are_those_of_their_rays(water: str) -> None:
     hold(found, expected, 1e-9, 1e-7)
     assert 0.5 < found.wet.all(axis=1).mean() < 0.6 and np.isfinite(found.depth_sigma).sum() > 250
     assert 0.03 < clear_points(run, (1, 2), readings)[1].mean() < 0.15
+
+
+def test_how_far_residuals_could_bring_a_point_is_the_largest_in_sigmas_of_its_height() -> None:
+    """Stations and water without errors: then the sigma of a height is that of pointing alone."""
+    run = strip("LOCL", {})
+    readings = read(run, 40).part(np.arange(4, 37))
+    _, network, state = network_of(run, (1, 2), readings.part(np.array([0])))
+    exact = replace(errors := PairErrors.of(network, state, (1, 2), joint_covariances(run, network)),
+                    cofactors=np.zeros_like(errors.cofactors))  # fmt: skip
+    X = run.frame.working(true_points(run, (1, 2), readings).position).T
+    places = Places.of(run.frame, np.ascontiguousarray(X))
+    weight = 1.0 / np.square(readings.sigma.reshape(-1, 4).T)
+    with np.errstate(all="ignore"):
+        points = described(exact, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
+    sigmas = np.sqrt(np.max(np.square(points.residual) * weight, axis=0))
+    known = np.isfinite(X).all(axis=0)
+    assert known.sum() > 20 and sigmas[known].max() > 1.5
+    np.testing.assert_allclose(points.kink[known], (sigmas * np.sqrt(points.covariance[2, 2]))[known], rtol=1e-9)
 
 
 def test_points_of_a_pair_over_an_ellipsoid_are_those_of_their_rays() -> None:

@@ -111,6 +111,13 @@ def test_readings_of_a_scan_belong_to_the_nearest_line() -> None:
     assert (scan.scan, scan.spacing, len(scan.lines), scan.zigzag) == ("X", 40.0, 5, True)
 
 
+@pytest.mark.parametrize(("end", "lines"), [(-60.0, 5), (-60.02, 5), (-59.98, 4), (-99.0, 5), (-100.0, 6)])
+def test_a_scan_has_the_lines_that_its_diagonal_has_room_for(end: float, lines: int) -> None:
+    """Every 40 m from Y = 100 m; a line at the very end of the diagonal is one."""
+    result = deck_of(to_and_fro(), *card(ends("J", 280.0, 100.0, 1520.0, end), scan="XZ  40.0"))
+    assert max(part.line for part in profiles_of(result)) == lines
+
+
 def test_a_scan_along_y_has_its_lines_across() -> None:
     xy = to_and_fro(zigzag=False)[:, ::-1] * [1.0, 0.5] + [800.0, -500.0]
     result = deck_of(xy, *card(ends("J", 900.0, -400.0, 740.0, 300.0), scan="Y   40.0"))

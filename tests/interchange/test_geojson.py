@@ -142,6 +142,21 @@ def test_a_column_that_has_the_name_of_heights(tmp_path: Path) -> None:
         geojson.write(tmp_path / "a.geojson", replace(points(), columns=columns))
 
 
+@pytest.mark.parametrize(
+    ("place", "on_globe"),
+    [((180.0, 90.0), True), ((-180.0, -90.0), True), ((180.1, 0.0), False), ((-181.0, 0.0), False),
+     ((0.0, 90.1), False), ((0.0, -91.0), False)],
+)  # fmt: skip
+def test_where_the_globe_ends(tmp_path: Path, place: tuple[float, float], on_globe: bool) -> None:
+    content = {"type": "FeatureCollection", "features": [feature("Point", [*place, 3.0])]}
+    (tmp_path / "a.geojson").write_text(json.dumps(content))
+    if on_globe:
+        assert geojson.read(tmp_path / "a.geojson").xyz.tolist() == [[*place, 3.0]]
+        return
+    with pytest.raises(InterchangeError, match="none of the globe"):
+        geojson.read(tmp_path / "a.geojson")
+
+
 def test_the_antimeridian_is_not_crossed(tmp_path: Path) -> None:
     degrees = replace(points(SPACE), xyz=np.array([[179.9, 18.3, 0.0], [-179.9, 18.2, 0.0]]), columns={})
     with pytest.raises(InterchangeError, match="antimeridian"):

@@ -11,7 +11,7 @@ from musatpy.geometry.collinearity import image
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.plots.correlations import correlated, joined
 from musatpy.plots.enlarged import confidence_ellipses, largest_of_cells, magnification, round_length, turned
-from musatpy.plots.footprints import footprints
+from musatpy.plots.footprints import footprints, frames
 from musatpy.plots.mapping import view_of
 from musatpy.plots.mean_residuals import CELLS, cell_means
 from musatpy.plots.normalised import normal_quantiles, thinned
@@ -120,6 +120,24 @@ def test_footprints_are_imaged_at_the_corners() -> None:
         M = np.broadcast_to(attitude_matrix(attitude[photo]), (4, 3, 3))
         xy = image(ground[photo], M, np.full(4, 152.0), np.zeros((4, 2)))
         np.testing.assert_allclose(xy, corners[photo], atol=1e-9)  # mm
+
+
+def test_a_camera_without_a_format_has_that_of_its_images() -> None:
+    """A twentieth wider than what was measured on its photos, and no photo of another camera counts."""
+    tables = {
+        "cameras": {
+            "camera": ["W", "N"],
+            "format_size": [[None, None], [230.0, 180.0]],
+            "principal_point": [[1.0, 2.0], [0.0, 0.0]],
+            "focal_length": [152.0, 210.0],
+        },
+        "stations": {"photo": ["1", "2"], "camera": ["W", "N"]},
+        "plates": {"photo": ["1", "1", "2"], "xy": [[-80.0, 30.0], [20.0, -60.0], [110.0, -85.0]]},
+    }
+    corners, focal_length = frames(tables)
+    assert focal_length.tolist() == [152.0, 210.0]
+    np.testing.assert_allclose(corners[:, 2], [[84.0 - 1.0, 63.0 - 2.0], [115.0, 90.0]])
+    np.testing.assert_allclose(corners[:, 0], [[-84.0 - 1.0, -63.0 - 2.0], [-115.0, -90.0]])
 
 
 def test_a_photo_that_sees_the_horizon_has_no_footprint() -> None:

@@ -12,6 +12,7 @@ import pytest
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.listing import sections_of
+from musatpy.reports.pages import Section
 from musatpy.reports.record import record_of
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics
@@ -79,6 +80,16 @@ def test_every_system_has_its_tables(system, refraction):
     x = rows[0].index("Latitude (rad)" if system is CoordinateSystem.GEOGRAPHIC else "X (m)")
     recorded = [position[0] for position in record_of(statistics, {"control"})["control"]["given_position"]]
     np.testing.assert_array_equal([float(row[x] or "nan") for row in rows[1:]], np.array(recorded, dtype=float))
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+1+1", "-2+3", "@SUM", "\t=1", "-A", "+1e"])
+def test_ids_that_a_spreadsheet_would_compute_stay_texts(name):
+    """None of its four signs stands first, and who strips blanks reads the same id."""
+    rows = lambda: [["Point", "X (m)"], [name, -1.25], ["-5", 3.0], ["P-1", np.inf]]  # noqa: E731
+    (text,) = csv_files([Section(title="Points", values=rows)]).values()
+    _, first, second, third = csv.reader(text.splitlines())
+    assert first[0][0] == " " and first[0].strip() == name.strip() and first[1] == "-1.25"
+    assert second == ["-5", "3.0"] and third == ["P-1", ""]  # a number is one in any sheet
 
 
 def test_without_the_option_there_are_none(tmp_path):

@@ -23,6 +23,19 @@ PATHS = (
 )
 
 
+def test_a_path_there_and_back_is_no_ring() -> None:
+    """A ring has an area, three places at least; it is drawn to where it begins."""
+    there_and_back, triangle = (
+        np.array([[*place, 0.0] for place in places])
+        for places in ([(0, 0), (1, 0), (0, 0)], [(0, 0), (1, 0), (0, 1), (0, 0)])
+    )
+    layer = Lines.of_paths([there_and_back, triangle, triangle[:3]])
+    assert layer.closed.tolist() == [False, True, False]
+    assert [len(line) for line in layer.vertices] == [3, 3, 3]
+    for drawn, path in zip(layer.paths(), (there_and_back, triangle, triangle[:3]), strict=True):
+        np.testing.assert_array_equal(drawn, path)
+
+
 def lines(crs: str = "", depth: bool = False) -> Lines:
     shift = [EAST, NORTH, 0.0] if crs else np.zeros(3)
     columns = {"depth": Column.of([5.2, 7.7])} if depth else {}
@@ -110,7 +123,7 @@ def test_systems_and_layers_that_do_not_fit(tmp_path: Path) -> None:
     with pytest.raises(ProblemsError, match="ellipsoid"):
         read_contours(file, Ellipsoid("", 6378206.4, 294.978698214))
     (tmp_path / "a.xyz").write_text("1 2 3 1\n4 5 3 1\n")
-    with pytest.raises(ProblemsError, match="PROJ does not know the system EPSG:1"):
+    with pytest.raises(ProblemsError, match="EPSG:1 is no coordinate system that PROJ knows"):
         read_contours(tmp_path / "a.xyz", WGS84, crs="EPSG:1")
     geopackage.write(tmp_path / "b.gpkg", {"points": Points(xyz=PATHS[0])})
     with pytest.raises(ProblemsError, match="it has points"):

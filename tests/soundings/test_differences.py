@@ -53,6 +53,22 @@ def test_bands_and_blunders() -> None:
     assert rows["without blunders"].statistics.rms == pytest.approx(0.1, rel=0.1)
 
 
+def test_a_depth_on_the_limit_of_two_bands_is_in_the_deeper_one() -> None:
+    depth = np.array([0.0, 1.99, 2.0, 4.99, 5.0, 10.0, 20.0, 25.0])
+    rows = {sample.what: sample.statistics.size for sample in samples(differences(depth, depth))[2:]}
+    assert rows == {"0 to 2 m": 2, "2 to 5 m": 2, "5 to 10 m": 1, "10 to 20 m": 1, "over 20 m": 2}
+
+
+def test_every_round_of_blunders_shows_others() -> None:
+    """Seven of a geometric series: until those that are left are within the limit that they make themselves."""
+    series = np.append(1.2 ** np.arange(40), 0.0)
+    found = differences(9.0 + series, np.full(41, 9.0))
+    good = series[~found.blunders]
+    middle, spread = median_and_spread(good)
+    assert (np.sort(good) == np.sort(series)[:16]).all()
+    np.testing.assert_array_equal(np.abs(series - middle) <= 3.29 * spread, ~found.blunders)
+
+
 @pytest.mark.parametrize(("size", "is_blunder"), [(4.8, False), (-4.8, False), (4.95, True), (-4.95, True)])
 def test_the_limit_of_blunders(size: float, is_blunder: bool) -> None:
     """Of differences of 1 and -1 m the limit is 3.29 times 1.4826 m, 4.878 m."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, complain_of, count_of, name_of, tell
+from musatpy.cli.messages import complain, complain_of, complain_of_each, count_of, name_of, tell
 from musatpy.cli.options import (
     NamedPath,
     anyway_option,
@@ -94,6 +94,5 @@ def report_faults(ctx: click.Context, deck: Path, result: CompileResult) -> Comp
         errors = sum(problem.severity == "error" for problem in result.problems)
         complain(f"{name_of(deck)}: not compiled, {count_of(errors, 'error')}")
         ctx.exit(result.status)
-    for warning in result.warnings:
-        complain(f"{name_of(deck)}: {warning}")
+    complain_of_each(deck, result.warnings)
     return result.compiled

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import complain, name_of, tell
+from musatpy.cli.messages import complain_of_each, name_of, tell
 from musatpy.cli.options import NamedPath, anyway_option, refuse_overwriting
 
 
@@ -60,7 +60,6 @@ def command(
         band=band,
         pointing=pointing,
     )
-    for line in done.warnings():
-        complain(f"{name_of(source)}: {line}")
+    complain_of_each(source, done.warnings())
     for line in done.lines():
         tell(f"{name_of(target)}: {line}")

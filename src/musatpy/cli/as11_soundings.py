@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from musatpy.cli.messages import complain, count_of, name_of, tell
+from musatpy.cli.messages import complain_of_each, count_of, name_of, tell
 from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_overwriting
 
 
@@ -70,8 +70,7 @@ def command(
         **sigmas,
     )
     compared, warnings = compare_soundings(run, bottom, soundings, outputs, how, crs=crs, anyway=anyway)
-    for warning in warnings:
-        complain(f"{name_of(soundings)}: {warning}")
+    complain_of_each(soundings, warnings)
     first = samples(compared.differences)[0]
     tell(
         f"{name_of(soundings)}: {len(compared.rows)} of {count_of(len(compared.soundings.names), 'sounding')}, "

@@ -15,7 +15,7 @@ import click
 import musatpy
 from musatpy.cli.lazy import LazyGroup
 from musatpy.cli.messages import complain, complain_of_error
-from musatpy.errors import MusatError, printable
+from musatpy.errors import MusatError, printable, shortened
 from musatpy.memory import limit, take_working_memory
 
 COMMANDS = {
@@ -67,11 +67,12 @@ class Commands(LazyGroup):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
+                warnings.filterwarnings("ignore", "Glyph", UserWarning)  # of names with letters that no font has
                 if limit() is not None:
                     take_working_memory()
                 return super().invoke(ctx)
         except click.ClickException as error:
-            vars(error)["message"] = printable(error.message)  # names of files stand in it
+            vars(error)["message"] = printable(shortened(error.message))  # names of files stand in it
             raise
         except (click.exceptions.Exit, click.Abort):
             raise

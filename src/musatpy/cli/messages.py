@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from musatpy.errors import MusatError, Problem, ProblemsError, of_each_kind, printable
+from musatpy.errors import MusatError, Problem, ProblemsError, of_each_kind, printable, shortened
 
 _COLOURS: dict[str, dict[str, Any]] = {"title": {"bold": True}, "a": {"fg": "red"}, "b": {"fg": "green"}}
 _COLOURS |= {"same": {"fg": "green"}, "different": {"fg": "red"}, "warning": {"fg": "yellow"}}
@@ -34,7 +34,13 @@ def tell_escaped(text: str) -> None:
 
 def complain(message: str) -> None:
     """Print a message to stderr as one line."""
-    click.echo(f"musat: {printable(' '.join(message.split()))}", err=True)
+    click.echo(f"musat: {printable(shortened(' '.join(message.split())))}", err=True)
+
+
+def complain_of_each(file: Path, texts: Iterable[str]) -> None:
+    """Print what is said of a file to stderr, each as one line; of a kind a hundred."""
+    for problem in of_each_kind(Problem(message=text) for text in texts):
+        complain(f"{name_of(file)}: {problem.message}")
 
 
 def complain_of(problems: Iterable[Problem]) -> None:

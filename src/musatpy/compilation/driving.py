@@ -16,7 +16,7 @@ from musatpy.compilation.loop import Loop, Stages
 from musatpy.compilation.stereomodels import Stereomodel, off_plate
 from musatpy.errors import CompilationError, Problem
 from musatpy.model import CoordinateSystem
-from musatpy.pointfiles.csv_tables import column_faults, names_of, number
+from musatpy.pointfiles.csv_tables import column_faults, number
 from musatpy.units import DEGREE
 
 IN_MODEL = ("t", "X", "Y", "Z")
@@ -81,7 +81,7 @@ def read_path(source: Path, columns: tuple[str, ...] = IN_MODEL) -> FloatArray:
     """
     with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         header, *lines = list(csv.reader(file)) or [[]]
-    names = names_of(",".join(header))
+    names = [name.strip() for name in header]
     if faults := column_faults(names, columns, ()):
         raise CompilationError([Problem(file=str(source), line=1, message=message) for message in faults])
     places = [[name.lower() for name in names].index(name.lower()) for name in columns]

@@ -18,6 +18,7 @@ from musatpy.compilation.point_orders import orders_of_points
 from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import system_of
 from musatpy.geometry.plan import Plan
+from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import Geocentric
 from musatpy.interchange.layers import Column, Grid, Lines, Points
 from musatpy.units import MICROMETRE
@@ -62,7 +63,7 @@ def _placement(compiled: Compiled, crs: str) -> _Placement:
         raise CompilationError([Problem(message=f"--crs: {crs} is geocentric, and maps are not")])
     return _Placement(
         places=lambda positions: target.coordinates(frame.level(frame.working(positions))),
-        crs=pyproj.CRS.from_user_input(crs),
+        crs=crs_of(crs),
         heights=heights,
     )
 

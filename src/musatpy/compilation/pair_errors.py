@@ -258,8 +258,7 @@ def null_of(B: FloatArray) -> FloatArray:
 
 
 def _incidence(pair: Pair, xy: FloatArray, up: FloatArray) -> FloatArray:
-    slope = pair.water.slope
-    normal = up - slope[:, None] + up * (slope @ up)
+    normal = up - pair.water.slope[:, None]
     normal /= np.sqrt(dot(normal, normal))
     sides = zip(pair.sides, (xy[:2], xy[2:]), strict=True)
     angles = [np.arccos(np.clip(-dot(directions(side, read), normal), -1.0, 1.0)) for side, read in sides]

@@ -10,6 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import CompilationError, Problem
+from musatpy.geometry.projected import crs_of
 from musatpy.interchange import geotiff
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import LOCAL, Column, Lines, Posts
@@ -47,12 +48,10 @@ def contour_raster(
     """Draw contours of a band of a raster, and write them as 3-D lines at their heights to files by their suffixes.
 
     The band is `depth` where there are several and none is named. Raises `CompilationError`, `InterchangeError`,
-    `SurfaceError` and `MusatError` for what cannot be drawn; `OSError`. Each file is written whole or not at all.
+    `SurfaceError`, `SystemsError` and `MusatError` for what cannot be drawn; `OSError`. Each file is written whole
+    or not at all.
     """
-    import pyproj
-
-    stand_in = pyproj.CRS.from_user_input(crs) if crs else pyproj.CRS.from_wkt(LOCAL)
-    with geotiff.opened(source, stand_in) as raster:
+    with geotiff.opened(source, crs_of(crs or LOCAL)) as raster:
         name = _band(source, raster.names, band)
         values, posts = raster.rows(name, 0, raster.posts.shape[0]), raster.posts
     is_depth = name == _DEPTH or wish.datum is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -37,6 +38,7 @@ _POSITIVE = {
     "GRD": ("spacing",),
     "PTM": ("first",),
 }
+_NO_FILE = re.compile(r"[/\\:*?\"<>|]|\.$")  # on any system; a name that ends with a point is no suffix
 _INDEX_DIGITS = 5e-7  # of the index on a WTR card
 
 
@@ -156,6 +158,11 @@ def _grids(deck: CardDeck) -> Iterator[Problem]:
     grids = cards_of(deck, "GRD")
     for row in repeated([text(grids, "name")]):
         yield problem(deck, grids, row, "name", "a second grid of this name")
+    for row, name in enumerate(text(grids, "name").tolist()):
+        if strange := _NO_FILE.findall(name):
+            yield problem(
+                deck, grids, row, "name", f"names files of the grid, and no file has {strange[0]} in its name"
+            )
     given = np.isfinite(numbers(grids, CORNERS))
     for row in np.flatnonzero(given.any(axis=1) & ~given.all(axis=1)).tolist():
         missing = CORNERS[int(np.argmin(given[row]))]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from musatpy.depth.run_cameras import job_system
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
-from musatpy.geometry.projected import Geoid, Projected
+from musatpy.geometry.projected import Geoid, Projected, crs_of
 from musatpy.geometry.systems import Geocentric, LocalRectangular, System
 from musatpy.plots.tables import Tables
 
@@ -44,7 +44,7 @@ def target_system(tables: Tables, crs: str = "") -> TargetSystem:
         target = system_of(crs, own.ellipsoid)
         if isinstance(target, Geocentric):
             raise SystemsError([Problem(message=f"--crs: {crs} is geocentric, and maps are not")])
-        return TargetSystem(system=target, crs=pyproj.CRS.from_user_input(crs), heights=_ELLIPSOIDAL)
+        return TargetSystem(system=target, crs=crs_of(crs), heights=_ELLIPSOIDAL)
     if isinstance(own, Projected):
         heights = f"above {own.geoid.name}" if isinstance(own.geoid, Geoid) else _ELLIPSOIDAL
         return TargetSystem(system=own, crs=pyproj.CRS.from_user_input(own.definition), heights=heights)

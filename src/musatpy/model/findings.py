@@ -60,7 +60,6 @@ class Cause:
     def __str__(self) -> str:
         owner = [*(f"photo {photo}" for photo in self.photos), *(f"point {point}" for point in self.points)]
         name = " ".join(part for part in (self.kind, self.component, *owner) if part)
-        size = (
-            f", off by {', '.join(f'{value:.3f}' for value in self.size)} {self.unit}".rstrip() if self.size else ""
-        )
+        known = [f"{value:.3f}" for value in self.size if math.isfinite(value)]
+        size = f", off by {', '.join(known)} {self.unit}".rstrip() if known else ""
         return f"{name}{size}: {self.advice}"

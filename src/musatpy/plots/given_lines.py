@@ -12,12 +12,13 @@ import pyproj
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, ProblemsError, SoundingError
+from musatpy.geometry.projected import crs_of
 from musatpy.interchange.any_file import TEXTS, read_layers
 from musatpy.interchange.layers import Lines, Points
 from musatpy.plots.plane import Plane
 from musatpy.plots.profile import Line, SoundedPlaces
 from musatpy.pointfiles.csv_tables import ENCODING, names_of, number
-from musatpy.soundings.job_places import crs_named, job_places
+from musatpy.soundings.job_places import job_places
 from musatpy.soundings.sounding_files import read_soundings
 from musatpy.units import DEGREE
 
@@ -31,7 +32,7 @@ def given_line(path: Path, crs: str = "") -> Callable[[Plane], Line]:
     `crs` is the system of x and y that a file does not say. Raises `ProblemsError` for a file that cannot be used,
     and the line does on a plane that it cannot be brought to; `OSError`.
     """
-    stated = crs_named(crs)
+    stated = crs_of(crs) if crs else None
     if path.suffix.lower() in TEXTS:
         return partial(_line_on, path, *_of_csv(path), stated)
     layers = list(read_layers(path, stated).values())

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.reports.csv_files import as_text
 from musatpy.reports.fields import Each, Field
 from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
@@ -161,7 +162,7 @@ def profiles_csv(profiles: list[CompiledProfile], places: FilePlaces, datum: Dat
     lines = [f"row,model,profile,line,station,offset,depth,sigma,{places.heading}"]
 
     def add(part: CompiledProfile, names: list[str], numbers: Any, position: FloatArray) -> None:
-        head = f"{part.model},{part.name},{part.line}"
+        head = f"{as_text(part.model)},{as_text(part.name)},{part.line}"
         rows = zip(names, np.column_stack(numbers).tolist(), places.texts(position), strict=True)
         lines.extend(
             f"{name},{head},{','.join(f'{value:.3f}' for value in values)},{text}" for name, values, text in rows

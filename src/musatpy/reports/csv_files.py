@@ -11,6 +11,9 @@ from typing import Any
 
 from musatpy.reports.pages import Cells, Section
 
+_FORMULA = re.compile(r"\s*[=+\-@]")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
 
 def csv_files(sections: Iterable[Section]) -> dict[str, str]:
     """Return the names and texts of the files: every table by its title, `Air Bases` in `air_bases.csv`."""
@@ -35,5 +38,15 @@ def _text(rows: Cells) -> str:
 
 
 def _cell(value: Any) -> Any:
-    """Return what stands in a cell: nothing for a number that does not exist."""
+    """Return what stands in a cell: nothing for a number that does not exist, and a text that stays one."""
+    if isinstance(value, str):
+        return as_text(value)
     return "" if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
+
+
+def as_text(text: str) -> str:
+    """Return a text as spreadsheets take it for one: a blank stands before what they would compute.
+
+    No id begins with a blank, and who strips them, as every reader of this program does, has the text again.
+    """
+    return f" {text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from musatpy.errors import printable
+
 PAGE_WIDTH = 132
 PAGE_LINES = 60
 
@@ -80,6 +82,8 @@ def page_texts(
     """Yield the text of `print_pages` page by page."""
     for number, body in enumerate(pages, start=1):
         page = [header(number), f"*** {caution.upper()} ***" if caution else "", *body]
+        if not "".join(page).isprintable():  # names of soundings and photos come from anybody's files
+            page = [printable(line).replace("\n", "\\n") for line in page]
         if carriage_control:
             page = list(_with_control(page))
         elif number > 1:

@@ -14,11 +14,12 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.projected import crs_of
 from musatpy.interchange import dxf, geojson, geopackage, xyz
 from musatpy.interchange.layers import Lines, Points
 from musatpy.interchange.packages import require_content
 from musatpy.pointfiles.csv_tables import ENCODING, common_name, names_of
-from musatpy.soundings.job_places import crs_named, job_places
+from musatpy.soundings.job_places import job_places
 from musatpy.units import DEGREE
 
 _LEVEL = 1e-3  # m, by which heights along a contour may differ
@@ -68,7 +69,7 @@ def read_contours(
     if content.angular:
         places = plan[:, ::-1] * DEGREE
     else:
-        places = job_places(source, plan, content.lines.crs or crs_named(crs), job)
+        places = job_places(source, plan, content.lines.crs or (crs_of(crs) if crs else None), job)
     ends = np.cumsum([len(path) for path in paths])[:-1]
     return ContourLines(
         places=tuple(np.split(places, ends)), angular=content.angular or job is not None, depth=depth

@@ -35,15 +35,5 @@ def job_places(source: Path, xy: FloatArray, crs: pyproj.CRS | None, job: Ellips
     return level[:, :2]
 
 
-def crs_named(definition: str) -> pyproj.CRS | None:
-    """Return a system by its code, PROJ string or WKT, None for no text. Raises `SoundingError`."""
-    if not definition:
-        return None
-    try:
-        return pyproj.CRS.from_user_input(definition)
-    except pyproj.exceptions.CRSError as error:
-        raise SoundingError([Problem(message=f"PROJ does not know the system {definition}")]) from error
-
-
 def _refused(source: Path, message: str) -> SoundingError:
     return SoundingError([Problem(file=str(source), message=message)])

@@ -18,10 +18,11 @@ import numpy as np
 from musatpy.arrays import DateArray, FloatArray, TextArray
 from musatpy.errors import Problem, SoundingError
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.projected import crs_of
 from musatpy.interchange import las
 from musatpy.pointfiles.csv_tables import common_name, number, separator_faults
 from musatpy.pointfiles.las_files import SUFFIXES
-from musatpy.soundings.job_places import crs_named, job_places
+from musatpy.soundings.job_places import job_places
 from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def read_soundings(source: Path, job: Ellipsoid | None = None, *, crs: str = "",
     every line that cannot be used, `InterchangeError` for a LAS file that cannot, and `OSError`.
     """
     soundings = _of_las(source, dated) if source.suffix.lower() in SUFFIXES else _of_csv(source, dated)
-    system = soundings.crs or crs_named(crs)
+    system = soundings.crs or (crs_of(crs) if crs else None)
     if soundings.angular or system is None:
         return soundings
     return replace(soundings, place=job_places(source, soundings.place, system, job), angular=True)

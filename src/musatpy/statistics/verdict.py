@@ -108,7 +108,7 @@ def sigma0(statistics: Statistics) -> Iterator[Reason]:
     limit = sigma0_doubt(dof)
     if value <= limit:
         return
-    gross = value > max(options.sigma0_limit, limit)
+    gross = value > options.sigma0_limit
     limits = f"limit {limit:.2f} of 99.9 %"
     if gross:
         limits += f", {options.sigma0_limit:g} to be rejected"

@@ -10,7 +10,7 @@ from scipy.special import chdtrc, chdtri
 
 from musatpy.orientation.twomedia.helmert import adjust, linearised, misfits
 from musatpy.orientation.twomedia.oriented import OrientationError, orient
-from musatpy.orientation.twomedia.outliers import CRITICAL, conditioned, deviations
+from musatpy.orientation.twomedia.outliers import CRITICAL, _tested, conditioned, deviations
 from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of, without
 from orientation.twomedia.geometries import geometry, sights_of, truth_of
 from orientation.twomedia.methods import METHODS, control_of
@@ -87,6 +87,22 @@ def test_of_twenty_contaminated_orientations_19_are_recovered():
                 results.append(right)
     assert len(results) > 50
     assert np.mean(results) >= 0.95
+
+
+def test_a_point_comes_back_from_within_two_and_a_half_sigmas():
+    """Good points that were suspected, 1.2 sigmas off and more, are in again; one beyond its test stays out."""
+    true, method = geometry("lab", "PAIR-SUCCESSIVE"), METHODS["PAIR-SUCCESSIVE"]
+    clean, rng = sights_of(true), np.random.default_rng(9)
+    sights = replace(clean, image=clean.image + rng.normal(size=clean.image.shape) * clean.image_sigma)
+    whole = problem_of(sights, method, Plane())
+    point, all_in = conditioned(whole), adjust(whole, truth_of(true))
+    size = misfits(whole, all_in.at)[0]
+    wrong, doubted = point[np.argmax(size)], point[(size > 1.2) & (size < 2.2)]
+    assert len(doubted) == 2
+    suspected = np.isin(np.arange(len(sights.points)), [wrong, *doubted])
+    out, adjusted = _tested(sights, method, Plane(), suspected, all_in.at)
+    assert np.flatnonzero(out).tolist() == [wrong]
+    assert 3.5 < misfits(whole, adjusted.at)[0][point == wrong] < 4.0
 
 
 @pytest.mark.slow

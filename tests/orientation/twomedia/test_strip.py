@@ -17,6 +17,7 @@ from musatpy.orientation.twomedia.sights import Plane, Sights
 from musatpy.orientation.twomedia.strip import Strip, orient_strip
 from musatpy.orientation.twomedia.strip_order import strip_order
 from musatpy.orientation.twomedia.strip_triplets import triplets
+from musatpy.orientation.twomedia.triplet_models import PLANE, POINTS
 from orientation.twomedia.geometries import Scene
 from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights, strip_truth
 
@@ -104,6 +105,26 @@ def test_errors_of_a_join() -> None:
     np.testing.assert_allclose(before.residual, 0.0, atol=1e-12)
 
 
+def test_the_mismatch_of_the_planes_of_a_join_has_the_sigma_of_its_errors() -> None:
+    """The plane goes with the points of the join: its change by errors of the images, and the sigma of that."""
+    sights, _ = strip_sights(strip_scene("lab", 4, 30))
+    before, after = triplets(sights, [Plane()] * 2)
+    join = joins.joined(before, after)
+    there = after.moved(join.move, np.array([PLANE]))
+    by_image = np.zeros((2, 3, sights.image.size))
+    for row, model, by in ((0, before, np.eye(3)), (1, after, there.by_old[0])):
+        by_image[row][:, model.columns] = by @ model.influence(np.array([PLANE]))[0]
+    moved_by = np.zeros((7, sights.image.size))
+    moved_by[:, join.column : join.column + join.by_image.shape[1]] = join.by_image
+    D = by_image[0] - by_image[1] - there.by_change[0] @ moved_by
+    told = np.sqrt(np.square(D) @ np.square(sights.image_sigma).ravel())
+    np.testing.assert_allclose(join.plane_sigma, told, rtol=1e-9)
+    errors = 1e-7 * np.random.default_rng(5).normal(size=sights.image.shape)
+    changed = joins.joined(*triplets(replace(sights, image=sights.image + errors), [Plane()] * 2))
+    change = D @ errors.ravel()
+    np.testing.assert_allclose(changed.plane - join.plane, change, rtol=0.0, atol=5e-3 * np.abs(change).max())
+
+
 def test_a_wrong_point_is_left_out_of_a_join() -> None:
     sights, _ = strip_sights(strip_scene("lab", 4, 30), noise=1.0)
     first, second = triplets(sights, [Plane()] * 2)
@@ -142,6 +163,58 @@ def small_strip() -> tuple[Scene, Sights]:
     true = strip_scene("lab", 4, 24)
     sights, _ = strip_sights(true, control=[*corners(true)[::2], corners(true)[1]])
     return true, replace(sights, control_sigma=np.full_like(sights.control_sigma, 1e-3))
+
+
+def test_seven_numbers_without_error_hold_a_strip_where_they_are() -> None:
+    """Two full points and a height say the similarity and nothing more: what they say has no error of the images.
+
+    The error of the move and that within a triplet are one and the same there, and take each other away.
+    """
+    true = strip_scene("lab", 4, 24)
+    sights, _ = strip_sights(true, control=[*corners(true)[::2], corners(true)[1]])
+    control, (_, height, spare, _) = sights.control.copy(), np.flatnonzero(sights.is_control)
+    control[height, :2], control[spare] = np.nan, np.nan
+    exact = replace(sights, control=control, control_sigma=np.full_like(sights.control_sigma, 1e-9))
+    strip = orient_strip(exact, Plane(), common_plane=False)
+    assert strip.known is not None and len(strip.models) == 2
+    held = []
+    for number, model in enumerate(strip.models):
+        here = (strip.known.model == number) & ~strip.known.plane
+        variance = np.diagonal(strip.drift.precision(number, strip.known.row[here]), axis1=1, axis2=2)
+        held += variance[np.isfinite(strip.known.target[here])].tolist()
+        others = strip.drift.precision(number, np.arange(POINTS, len(model.value)))
+        assert np.sqrt(np.linalg.eigvalsh(others)[:, -1].max()) > 3e-3
+    np.testing.assert_allclose(np.sqrt(held), 1e-9, rtol=0.2)
+
+
+def test_one_error_of_the_water_counts_once_however_many_planes_show_it() -> None:
+    """What the planes say of the ground, against least squares with that error in the covariances of all of them.
+
+    Errors of a triplet's own are about as large, and planes differ in them: the weights are near the best ones.
+    """
+    true, sights = small_strip()
+    tide = Plane(treatment=PlaneTreatment.ADJUST, slope_sigma=3e-3, level=true.d, level_sigma=1e-2)
+    strip = orient_strip(sights, tide, common_plane=False)
+    assert strip.known is not None and strip.placed is not None
+    known, count = strip.known, len(strip.known.row)
+    assert known.plane.sum() == 2 and (known.shared > 0.0).all()
+    G, V = np.zeros((count, 3, 7)), np.zeros((count, 3, count, 3))
+    for number, (of, row) in enumerate(zip(known.model, known.row, strict=True)):
+        model = strip.models[of]
+        there = model.on_ground(strip.drift.moves[of], np.array([row]))
+        J, G[number] = (there.by_old @ model.influence(np.array([row])))[0], there.by_change[0]
+        V[number, :, number] = (J * model.variance) @ J.T + np.diag(known.variance[number])
+    for one in np.flatnonzero(known.plane):
+        for other in np.flatnonzero(known.plane):
+            V[one, :, other] += np.diag(known.shared)
+    given = np.isfinite(known.target).ravel()
+    A = G.reshape(-1, 7)[given]
+    W = np.linalg.inv(V.reshape(3 * count, -1)[np.ix_(given, given)])
+    gain = np.zeros((7, 3 * count))
+    gain[:, given] = np.linalg.solve(A.T @ W @ A, A.T @ W)
+    best = gain.reshape(7, count, 3)[:, known.plane].sum(axis=1)
+    found = strip.placed.gain[known.plane].sum(axis=0)
+    np.testing.assert_allclose(found, best, rtol=0.0, atol=0.05 * np.abs(best).max())
 
 
 def checked(told: FloatArray, plane: str) -> FloatArray:
