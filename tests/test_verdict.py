@@ -158,7 +158,7 @@ def test_an_adjusted_index(liquid: str, adjusted: float, rejected: bool) -> None
 
 def test_an_index_at_an_end_of_its_range_is_rejected() -> None:
     """An adjustment that is held at a limit comes to rest there."""
-    good, limits = with_options(solution(), water_index=Treatment.ADJUST), index_range(1.34)
+    good, limits = with_options(solution(), water_index=Treatment.ADJUST), index_range("")
     for end, inside in zip(limits, limits[::-1], strict=True):
         for index, rejected in ((end, True), (float(np.nextafter(end, inside)), False)):
             found = altered(good, block={"water": Water(index=1.34)}, water={"index": index})

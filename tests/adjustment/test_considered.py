@@ -18,6 +18,8 @@ from musatpy.model import Block, CoordinateSystem, Datum, Program, Refraction, S
 from musatpy.model.control import Distances, HeightDifferences
 from musatpy.model.tables import empty
 from musatpy.model.waves import known_waves
+from musatpy.reports.record import record_of
+from musatpy.statistics import Statistics
 from reference import compare, finite_difference_bundle
 from reference.networks import Plan
 
@@ -156,6 +158,7 @@ JOBS: dict[str, tuple[Block, str]] = {
     "IIA wave": (wavy(program=Program.IIA, refraction=Refraction.RIGOROUS), "wave"),
 }
 _SIZES = {"tide": 0.3, "index": 0.01, "wave": 0.2}
+_TOLD = ("quantity", "unit", "sigma")
 _STEP = 0.02  # of these sizes, to either side: third derivatives do not notice
 
 
@@ -220,3 +223,29 @@ def test_the_rest_of_the_sum_of_squares_is_that_of_an_adjustment_of_the_water(pr
     rest = known.sum_of_squares - known.considered.explained
     assert rest == pytest.approx(adjusted.sum_of_squares, rel=5e-3)  # second derivatives: the tides move by a metre
     assert known.unit_sigma == pytest.approx(adjusted.sigma0, rel=5e-3)
+
+
+@pytest.mark.slow
+def test_every_considered_parameter_is_told_in_its_unit() -> None:
+    """Sigmas of the cards in the units that stand beside them: degrees and seconds of arc, metres, none."""
+    block = altered(
+        wavy(program=Program.IIA, refraction=Refraction.RIGOROUS), water={"sigma": 2e-3, "tilt_sigma": 1e-4}
+    )
+    sigmas = {"height": 0.1, "length": 1.0, "azimuth": 0.05, "crest": 2.0}
+    others = [np.nan] * (len(block.waves.ids) - 1)
+    given = {f"{name}_sigma": [sigma, *others] for name, sigma in sigmas.items()}
+    solution = adjust(replace(block, waves=replace(known_waves(block.waves), **given)))
+    table = record_of(Statistics(solution), {"adjusted_water"})["adjusted_water"]["considered"]
+    rows = {name.split()[-1]: (unit, sigma) for name, unit, sigma in zip(*(table[k] for k in _TOLD), strict=True)}
+    expected = {
+        "east": ("arc sec", np.degrees(1e-4) * 3600.0),
+        "north": ("arc sec", np.degrees(1e-4) * 3600.0),
+        "index": ("", 2e-3),
+        "height": ("m", 0.1),
+        "length": ("m", 1.0),
+        "azimuth": ("deg", np.degrees(0.05)),
+        "crest": ("m", 2.0),
+    }
+    assert {name: unit for name, (unit, _) in rows.items()} == {name: unit for name, (unit, _) in expected.items()}
+    for name, (_, sigma) in expected.items():
+        assert rows[name][1] == pytest.approx(sigma, rel=1e-9)

@@ -1,9 +1,10 @@
-"""Images that lie on other points: what compiled kernels leave out of the search for them."""
+"""Names that are exchanged: of photos by their places, of images by the points that they lie on."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,22 @@ from hypothesis import strategies as st
 from benchmarks.blocks import simulated
 from musatpy.adjustment import kernels
 from musatpy.adjustment.unknowns import State
-from musatpy.blunders import names
+from musatpy.blunders import exchanges, names
 from musatpy.blunders.scene import Effort, Scene, staged
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.0, True), (0.25, True), (0.35, False), (0.6, False)])
+def test_exchanged_photos_stand_near_the_card_of_the_other_one(
+    share: float, named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two stations far from their own cards, and a share of that from those of each other; a third in its place."""
+    monkeypatch.setattr(exchanges, "flying_height", lambda scene, state: 2000.0)
+    given = np.array([[0.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [9000.0, 0.0, 1500.0]])
+    block = SimpleNamespace(photos=SimpleNamespace(position=given))
+    scene = SimpleNamespace(network=SimpleNamespace(frame=SimpleNamespace(working=np.asarray)))
+    place = given[[1, 0, 2]] + 1000.0 * share / (1.0 + share) * np.array([[-1.0, 0, 0], [1.0, 0, 0], [0, 0, 0]])
+    pairs = exchanges.exchanged_photos(block, scene, SimpleNamespace(position=place))  # type: ignore[arg-type]
+    assert pairs == ([(0, 1)] if named else [])
 
 
 @cache

@@ -105,6 +105,22 @@ def test_orders_of_s44_against_the_standard(page):
     assert float(row["Share %"]) == pytest.approx(100.0 * met / len(bathymetric["point"]), abs=0.051)
 
 
+def test_the_order_of_a_run_is_that_of_nearly_all_its_depths(tmp_path):
+    """Of eight points all: one that meets no order, or a lower one, takes the run's with it."""
+    label = "Order of S-44 that 95 % of the depths meet"
+    (best,) = {row["Order"] for row in read(written(tmp_path)).rows("Orders Of S-44 Met By The Depths")} & {"1a/1b"}
+    found = []
+    for factor in (1e-4, 1e6):
+        rows = json.loads(record_text())
+        wet = rows["bathymetric_points"]["point"]
+        for number, name in enumerate(wet):
+            row = rows["points"]["point"].index(name)
+            covariance = np.diag([1e-4, 1e-4, 1e-4 * (factor if number == 3 else 1e-4)])
+            rows["points"]["covariance"][row] = covariance.tolist()
+        found.append(read(written(tmp_path, json.dumps(rows))).fact(label))
+    assert len(wet) == 8 and found[0] != found[1] and best
+
+
 def test_the_flight(page):
     assert page.fact("Flying height over the ground") == "2378 m" or "2378 m" in page.text
     assert "1 : 15,600" in page.text  # 2378 m / 152.25 mm
