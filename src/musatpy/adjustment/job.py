@@ -31,6 +31,7 @@ from musatpy.adjustment.network import (
 )
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.rank import describe_weakness
+from musatpy.adjustment.turned_axes import with_turned_axes
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, finite_rows
@@ -235,12 +236,12 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     sea = sea_of(block, sea)
     frame = job_frame(block)
     part = participation(block)
-    network = build_network(block, frame, part, sea)
+    network = with_turned_axes(build_network(block, frame, part, sea))
     parallel = np.zeros(network.points, dtype=bool)
     state = ground_points.start_ground(network, initial_state(network), parallel)
     left = _leave_out(block, network, parallel | ~finite_rows(state.ground), part)
     if left.reasons != part.reasons:
-        part, network = left, build_network(block, frame, left, sea)
+        part, network = left, with_turned_axes(build_network(block, frame, left, sea))
         state = ground_points.start_ground(network, initial_state(network))
     if not network.groups:
         raise AdjustmentError([Problem(message="no point can be used: nothing ties the photos together")])

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from musatpy.adjustment.sequence import PointSequence
 
 
+ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
 RAYS = 2**14  # at a time: the arrays of one elimination stay within some megabytes
 
 
@@ -109,6 +110,7 @@ class Network:
     kept_groups: tuple[PointGroup, ...]  # the points of `border.kept`, which are not eliminated (IIIA)
     measured: Mapping[ObservationKind, Measured]
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
+    turned: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (n,) or (0,): see `turned_axes`
     # what is gathered of the points once, for all networks of the same points and rays
     _gathered: list[PointSequence] = field(default_factory=list, repr=False)
 

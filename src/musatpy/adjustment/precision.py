@@ -18,6 +18,7 @@ from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
+from musatpy.adjustment.turned_axes import stated
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.water_surface import is_considered
 from musatpy.arrays import FloatArray, finite_rows
@@ -120,6 +121,7 @@ def precision(
         points, depths = points + other.points, depths + other.depths
         unknowns = considered.with_covariances(unknowns)
         observed = replace(observed, considered=reliability.variances(other.parts))
+    unknowns, estimated = (stated(network, state, of) for of in (unknowns, estimated))
     return Precision(
         unit_sigma=unit_sigma,
         cofactors=cofactors,

@@ -152,6 +152,7 @@ def _with_observed(scene: Scene, state: State, photos: Photos) -> tuple[Scene, S
         attitude=np.where(chosen, photos.attitude, attitude),
         position_weight=inverse_squares(photos.position_sigma),
         attitude_weight=inverse_squares(photos.attitude_sigma),
+        turned=np.zeros(len(position), dtype=bool),
     )
     block = replace(
         scene.block,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment.kinds.kind import Kind, Rows
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.network import BACK, ORDER, Network
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.model import Block, ObservationKind
@@ -34,14 +34,17 @@ class StationKind(Kind):
     def rows(self, network: Network, state: State) -> Rows:
         """Return the observations of all photos."""
         photo, component = np.divmod(np.arange(3 * network.photos), 3)
-        start = photo * network.pattern.size
+        start, position = photo * network.pattern.size, np.tile(np.arange(3), (len(photo), 1))
+        turned = np.isin(photo, np.flatnonzero(network.turned))
+        position[turned] = BACK
+        stated = np.where(turned & (self.first == 0), np.take(ORDER, component), component)
         return Rows.of_unknowns(
             self.deviation(network, state).reshape(-1),
             getattr(network, self.attribute).reshape(-1),
             start + self.first + component,
             row=photo,
-            component=component,
-            position=start[:, None] + np.arange(3),
+            component=stated,
+            position=start[:, None] + position,
         )
 
     def weights(self, network: Network, block: Block) -> FloatArray:
