@@ -1,8 +1,8 @@
 """Photos that look along the east-west line: phi is 90 degrees there, and omega and kappa turn about one line.
 
 No step can then turn the photo about the third axis, and the normal equations are singular. Such photos are
-adjusted along the same axes in another order, north, up, east, in which their phi is near zero. What is known of them
-is stated along east, north, up, by omega, phi, kappa, as that of all others.
+adjusted along the same axes in another order, north, up, east, in which their phi is near zero. What is known of
+them is stated along east, north, up, by omega, phi, kappa, as that of all others.
 """
 
 from __future__ import annotations
