@@ -19,7 +19,7 @@ from musatpy.compilation.compiled import OFF_PLATE
 from musatpy.compilation.correcting import REASONS, Correction
 from musatpy.compilation.correction_layers import corrected_lines
 from musatpy.compilation.correction_rasters import corrected_grid
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.misplaced_points import require_model
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
@@ -48,7 +48,7 @@ def small_format(run: Triangulation) -> Triangulation:
 
 def apparent_of(stereo: Stereomodel, xy: FloatArray) -> FloatArray:
     """Return where straight rays of images meet, in working coordinates."""
-    return stereo.working(stereo.apparent(xy))
+    return stereo.working(Loop(stereo=stereo, drive=Drive.AIR).mark(xy))
 
 
 @pytest.mark.parametrize("depth", [0.5, 5.0, 30.0])
@@ -65,6 +65,27 @@ def test_apparent_points_become_the_true_ones(depth: float) -> None:
     assert done.known.all() and (done.reason == 0).all()
     shift = np.linalg.norm((done.xyz - apparent)[:, :2], axis=1)
     np.testing.assert_allclose(done.shift, shift, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("height", [600.0, 3000.0])
+@pytest.mark.parametrize("sphere", [False, True])
+def test_a_point_is_the_same_by_compile_and_correct(height: float, sphere: bool) -> None:
+    """The apparent point that a compilation lists, corrected, is its true one: of images without a y-parallax."""
+    run = pair(height, 0.6 * height, (0.4, -0.3), sphere=sphere)
+    system = Geographic(run.map_system.ellipsoid) if sphere else None  # type: ignore[union-attr, arg-type]
+    corrected = correction(run, system)
+    marks = at_depth(grid((-0.25 * height, 0.25 * height), 0.5 * height, 7), 13.0)  # in the model
+    xy = Loop(stereo=corrected.stereo).stages(marks).xy
+    sigma = np.full((len(xy), 2, 2), _POINTING)
+    readings = Readings(ids=np.arange(len(xy)).astype(str), submerged=np.ones(len(xy), bool), xy=xy, sigma=sigma)
+    points = true_points(run, (0, 1), readings)
+    done = corrected(points.apparent)
+    apart = run.frame.working(done.xyz) - run.frame.working(points.position)
+    rounding = 5e-9 if sphere else 1e-9  # five ulps of 6.4e6 m
+    assert done.known.all() and np.abs(apart).max() < rounding
+    np.testing.assert_allclose(done.depth, points.depth, rtol=0, atol=rounding)
+    halfway = run.frame.working(points.apparent) - corrected.stereo.working(corrected.stereo.half_way(xy))
+    assert 1e-3 < np.abs(halfway).max()  # another meaning is another point
 
 
 def test_apparent_points_on_the_ellipsoid_become_the_true_ones() -> None:
@@ -193,7 +214,7 @@ def bottom_of(record: Path, system: System | None = None) -> tuple[FloatArray, F
     assert run.map_system is not None and run.map_system.ellipsoid is not None
     stereo, system = set_up(run, "21", "22"), system or LongitudeLatitude(run.map_system.ellipsoid)
     true = np.column_stack([grid((-600.0, 600.0), 1200.0, 7), np.linspace(-20.0, -2.0, 49)])
-    apparent = stereo.apparent(Loop(stereo=stereo).stages(true).xy)
+    apparent = Loop(stereo=stereo, drive=Drive.AIR).mark(Loop(stereo=stereo).stages(true).xy)
     first, second = (system.coordinates(run.frame.level(stereo.working(points))) for points in (true, apparent))
     return first, second, system
 

@@ -97,7 +97,7 @@ def test_the_program_of_1983_to_the_letter(tides: tuple[float, float]) -> None:
     """One model point, one vertical and one height of water, over a sphere."""
     stereo = set_up(pair(2400.0, 1500.0, tides, sphere=True), "1", "2")
     _, xy = curved_images(stereo, grid((0.0, 1500.0), 1300.0, 5), 20.0)
-    shared = stereo.apparent(xy)
+    shared = stereo.half_way(xy)
     water = float(np.mean(tides)) - float(stereo.run.frame.height(stereo.origin[None])[0])
     cameras = triples(stereo.stations)
     expected = [

@@ -20,7 +20,7 @@ from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.correcting import REASONS, Correction
 from musatpy.compilation.correction_fields import smooth
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.parts import in_parts
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
@@ -196,7 +196,7 @@ def test_a_mark_goes_through_a_wave_without_a_jump(sea: Stereomodel) -> None:
 
 def test_apparent_points_become_the_true_ones_through_waves(sea: Stereomodel) -> None:
     true = at_depth(PLACES, 8.0)
-    apparent = sea.working(sea.apparent(Loop(stereo=sea).stages(in_model(sea, true)).xy))
+    apparent = sea.working(Loop(stereo=sea, drive=Drive.AIR).mark(Loop(stereo=sea).stages(in_model(sea, true)).xy))
     correction = Correction(stereo=sea, system=LocalRectangular(), pointing=0.005)
     done = correction(sea.run.frame.system(apparent))
     np.testing.assert_allclose(done.xyz, true, rtol=0.0, atol=1e-6)

@@ -1,18 +1,18 @@
 """Old compilations corrected: apparent points of a stereomodel -> true ones, with their sigmas.
 
-An apparent point lies where the straight rays of both photos meet best: its true point is the one whose refracted
-images make these rays. Points above the water stay.
+An apparent point lies where the straight rays of both photos meet best, by the least squares of their images, as a
+compilation lists it: its true point is the one whose refracted images make these rays. Points above the water stay.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import NO_TIDE, OFF_PLATE
-from musatpy.compilation.loop import Loop
+from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.parts import in_parts
 from musatpy.compilation.stereomodels import Stereomodel, off_plate
 from musatpy.compilation.true_points import BEHIND, NOT_FOLLOWED, PARALLEL_RAYS, Readings, true_points
@@ -21,7 +21,8 @@ from musatpy.geometry.systems import System
 
 CHUNK = 65536  # points at a time
 _STEPS = 40
-_STILL = 1e-7  # m
+_STILL = 1e-7  # m by which the straight rays of a point may still miss its apparent place
+_ROUNDING = 1e-10  # m, of places in a model
 BELOW_HORIZON = "a photo is below its horizon"
 REASONS = ("", OFF_PLATE, BEHIND, BELOW_HORIZON, NO_TIDE, PARALLEL_RAYS, NOT_FOLLOWED)
 _SHAPES: dict[str, tuple[int, ...]] = {"xyz": (3,), "sigma": (3,), "depth": (), "depth_sigma": (), "moved": (2,)}
@@ -148,15 +149,16 @@ def _refracted_images(loop: Loop, apparent: FloatArray) -> FloatArray:
 
     NaN where none are found, as under waves that are short beside the depth. Raises `AdjustmentError`.
     """
-    stereo, stretch = loop.stereo, np.array([1.0, 1.0, loop.stereo.index])
+    air, stretch = replace(loop, drive=Drive.AIR), np.array([1.0, 1.0, loop.stereo.index])
     true, xy = apparent.copy(), np.empty((len(apparent), 2, 2))
-    active = np.arange(len(true))
+    left, active = np.full(len(true), np.inf), np.arange(len(true))
     for _ in range(_STEPS):
         xy[active] = loop.stages(true[active]).xy
-        gap = apparent[active] - stereo.apparent(xy[active])
+        gap = apparent[active] - air.mark(xy[active])
         true[active] += gap * stretch  # a depth is about as many times its apparent one
-        active = active[np.abs(gap).max(axis=1) > _STILL]
+        left[active] = np.abs(gap).max(axis=1)
+        active = active[left[active] > _ROUNDING]
         if not len(active):
             break
-    xy[active] = np.nan
+    xy[left > _STILL] = np.nan
     return xy

@@ -201,7 +201,7 @@ class Loop:
 
         One on the water line, from whose either side the other is nearer, is approached by ever shorter steps.
         """
-        mark, active = self.stereo.apparent(xy), np.arange(len(xy))
+        mark, active = self.stereo.half_way(xy), np.arange(len(xy))
         factor, last = np.ones(len(xy)), np.full(len(xy), np.inf)
         for _ in range(_STEPS):
             if not len(active):

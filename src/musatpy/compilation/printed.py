@@ -35,7 +35,7 @@ def printed_points(model: Stereomodel, xy: FloatArray, mode: Printed) -> FloatAr
 
     The water is level; where the rays of a point meet above it, the formulas go on all the same.
     """
-    rays, apparent = model.rays(xy), model.apparent(xy)
+    rays, apparent = model.rays(xy), model.half_way(xy)
     if mode.shared_point:
         gap = apparent[:, None] - model.stations
         rays = gap / np.linalg.norm(gap, axis=-1, keepdims=True)

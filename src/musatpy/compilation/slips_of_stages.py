@@ -36,7 +36,7 @@ def slip_of(stereo: Stereomodel, xy: FloatArray) -> str:
 def _sound(stereo: Stereomodel, xy: FloatArray) -> float:
     """Return the share of readings that are of points on both plates, in front, and near the ground."""
     with np.errstate(all="ignore"):  # parallel rays meet nowhere
-        point = stereo.apparent(xy)
+        point = stereo.half_way(xy)
         both = np.repeat(point[:, None], 2, axis=1)
         gap = np.abs(stereo.images(both) - xy).max(axis=(1, 2))
         seen = in_front(both - stereo.stations, stereo.rotation).all(axis=1)

@@ -103,8 +103,11 @@ class Stereomodel:
         focal_length, principal_point = self.camera("focal_length"), self.camera("principal_point")
         return collinearity.image(targets - self.stations, self.rotation, focal_length, principal_point)
 
-    def apparent(self, xy: FloatArray) -> FloatArray:
-        """Return where the straight rays of plate coordinates (k, 2, 2) mm meet best, (k, 3) in the model."""
+    def half_way(self, xy: FloatArray) -> FloatArray:
+        """Return points (k, 3) in the model half-way between the straight rays of plate coordinates (k, 2, 2) mm.
+
+        Where the rays meet best in the images, the apparent points of a compilation, `loop.Loop.mark` says.
+        """
         return intersection.first_pair(np.broadcast_to(self.stations, (len(xy), 2, 3)), self.rays(xy))
 
 
