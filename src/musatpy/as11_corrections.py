@@ -27,6 +27,7 @@ from musatpy.compilation.correction_rasters import BANDS, apparent_posts, correc
 from musatpy.compilation.misplaced_points import require_model
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.verdicts import verdict_of_correction
 from musatpy.errors import CompilationError, Problem, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.projected import crs_of
@@ -44,13 +45,16 @@ from musatpy.interchange.any_file import (
 )
 from musatpy.interchange.layers import LOCAL, Grid, Points, placed
 from musatpy.interchange.packages import refuse
+from musatpy.model import Verdict
 from musatpy.units import MICROMETRE
 
 if TYPE_CHECKING:
     import pyproj
 
-_DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water
 _MANY = 50_000  # points, from which on polynomials stand for the correction
+
+
+_Done = tuple[Mapping[str, Tally], System]  # what came of layers, and as what their places were taken
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,12 +63,13 @@ class CorrectedFile:
 
     layers: Mapping[str, Tally]
     system: System
-    caution: str = ""
+    verdict: Verdict
 
     def lines(self) -> Iterator[str]:
-        """Yield in words what was corrected."""
-        for name, done in self.layers.items():
-            words = f"{name}: {done.known} of {done.count} with a position, {done.wet} under water"
+        """Yield in words what it is worth, and what was corrected."""
+        for number, (name, done) in enumerate(self.layers.items()):
+            grade = "" if number else f"{self.verdict.grade}, "
+            words = f"{grade}{name}: {done.known} of {done.count} with a position, {done.wet} under water"
             if done.wet:
                 words += (
                     f"; down to {done.deepest:.3f} m, moved in plan by up to {done.shift:.3f} m, "
@@ -74,17 +79,10 @@ class CorrectedFile:
         yield f"taken as {self.system.text}"
 
     def warnings(self) -> Iterator[str]:
-        """Yield what is odd about the run, how many points have no position, by reason, and that none is wet."""
-        if self.caution:
-            yield self.caution
+        """Yield the reasons of the verdict, what is to be known of the run, how many points are lost, by reason."""
+        yield from (f"{reason.grade.lower()}: {reason.text}" for reason in self.verdict.reasons)
+        yield from self.verdict.notes
         for name, done in self.layers.items():
-            if done.known and not done.wet:
-                yield f"{name}: nothing is under water: heights are positive up"
-            if done.deepest > _DEEPEST:
-                yield (
-                    f"{name}: down to {done.deepest:.0f} m, where no photo shows the bottom: are there values of "
-                    "empty posts or points among the heights, or heights in another unit?"
-                )
             for why, count in zip(REASONS, done.lost.tolist(), strict=True):
                 if count:
                     yield f"{name}: {count} without a position: {why or 'no apparent height'}"
@@ -127,12 +125,12 @@ def correct_file(
     )
     with _about(source):
         if source.suffix.lower() in RASTERS:
-            done = work.raster()
+            layers, system = work.raster()
         elif {source.suffix.lower(), target.suffix.lower()} <= {*POINT_FILES}:
-            done = work.points()
+            layers, system = work.points()
         else:
-            done = work.layers()
-    return replace(done, caution=triangulation.caution)
+            layers, system = work.layers()
+    return CorrectedFile(layers=layers, system=system, verdict=verdict_of_correction(layers, triangulation))
 
 
 @contextmanager
@@ -167,14 +165,14 @@ class _Work:
 
     def correction(self, stated: pyproj.CRS | None) -> Correction:
         """Return the correction of points in the system that a file states, or that stands in."""
-        system = _system_of(self.source, stated, self.stereo.run, self.crs, self.geoid)
+        system = _system_of(self.source, placed(stated), self.stereo.run, self.crs, self.geoid)
         return Correction(stereo=self.stereo, system=system, pointing=self.pointing)
 
     def written_crs(self, stated: pyproj.CRS | None, system: System) -> pyproj.CRS | None:
         """Return the system that a result states: that of the option, else of the file, else of the run."""
-        return placed(self.stand_in) or stated or _crs_of(system)
+        return placed(self.stand_in) or placed(stated) or _crs_of(system)
 
-    def points(self) -> CorrectedFile:
+    def points(self) -> _Done:
         """Correct a file of points chunk by chunk."""
         crs = next(read_points(self.source, self.stand_in)).crs
         correction = self.correction(crs)
@@ -187,7 +185,7 @@ class _Work:
             write_points(
                 self.target, self._true_points(corrector, self.written_crs(crs, correction.system), tallies)
             )
-        return CorrectedFile(layers={"points": total(tallies)}, system=correction.system)
+        return {"points": total(tallies)}, correction.system
 
     def _true_points(self, corrector: Corrector, crs: pyproj.CRS | None, tallies: list[Tally]) -> Iterator[Points]:
         for apparent in read_points(self.source, self.stand_in):
@@ -195,7 +193,7 @@ class _Work:
             tallies.append(tally)
             yield true
 
-    def raster(self) -> CorrectedFile:
+    def raster(self) -> _Done:
         """Correct a raster row by row: into one, or into the posts that have a position as points."""
         if self.target.suffix.lower() not in (*RASTERS, *POINT_FILES):
             raise refuse(
@@ -218,9 +216,9 @@ class _Work:
                         writer.put(rows.first, rows.values)
             else:
                 write_points(self.target, true_posts(corrector, posts, heights, tallies))
-        return CorrectedFile(layers={"grid": total(tallies)}, system=correction.system)
+        return {"grid": total(tallies)}, correction.system
 
-    def layers(self) -> CorrectedFile:
+    def layers(self) -> _Done:
         """Correct a file of points or lines as a whole."""
         layers = read_layers(self.source, self.stand_in, self.layer)
         stated = next((part.crs for part in layers.values() if part.crs is not None), None)
@@ -237,7 +235,7 @@ class _Work:
             else:
                 true[name], done[name] = corrected_lines(corrector, part)
         write_layers(self.target, true)
-        return CorrectedFile(layers=done, system=correction.system)
+        return done, correction.system
 
 
 def _corrector(correction: Correction, survey: Survey) -> Corrector:

@@ -22,6 +22,7 @@ from musatpy.compilation.stage_chains import RawLoop, chain_of
 from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
 from musatpy.compilation.unadjusted_decks import unadjusted
+from musatpy.compilation.verdicts import verdict_of
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import together, write_files
 from musatpy.formats.compilation_cards import place_of_model, place_of_reading, with_columns
@@ -29,6 +30,7 @@ from musatpy.formats.compilation_deck import read_compilation
 from musatpy.formats.musat import check_deck
 from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points
+from musatpy.model import Verdict
 from musatpy.model.compilation import AGAIN
 from musatpy.reports import compilation, compilation_setup, run_comparison
 from musatpy.reports.compilation_bottom import contours_csv, grid_csv
@@ -48,6 +50,7 @@ class CompileResult:
     status: ExitStatus
     problems: tuple[Problem, ...]
     compiled: Compiled | None
+    verdict: Verdict | None = None  # on what was compiled
     warnings: tuple[str, ...] = ()  # what is odd about the readings
     files: tuple[Path, ...] = ()  # the listing first, then the record, tables
 
@@ -64,6 +67,7 @@ def compile_deck(
     gis: bool = False,
     las: bool = False,
     crs: str = "",
+    strict: bool = False,
     date: datetime.date | None = None,
 ) -> CompileResult:
     """Compile a deck in stereomodels of the record of a run, and write `NAME.lst` and `NAME.json`.
@@ -72,8 +76,8 @@ def compile_deck(
     posts `NAME.GRID.csv`; with `plots` the pictures of the record and of contours, `NAME.contours.png`; with `gis`
     `NAME.gpkg`, `NAME.dxf` and `NAME.GRID.tif`, with `las` `NAME.las`, all of them in the system `crs` where it is
     given; with `csv` the tables of the listing, in `NAME_tables`; `anyway` also on a run that has not converged.
-    Where run or deck cannot be used nothing is written, and every reason is in `problems`. Raises `OSError` where
-    files cannot be read or written.
+    `strict` makes the status of a doubtful compilation that of a rejected one. Where run or deck cannot be used
+    nothing is written, and every reason is in `problems`. Raises `OSError` where files cannot be read or written.
     """
     result, bottoms, problems = _with_bottoms(run, deck, anyway)
     if result is None:
@@ -90,10 +94,11 @@ def compile_deck(
     drawn = [text for bottom in bottoms for text in bottom.warnings(result.deck.grids.ids.tolist())]
     of_points = (text for part in against for text in part.warnings())
     warnings = (*of_points, *result.warnings(), *oddities(profiles, scans), *drawn)
-    sections = compilation.sections_of(result, against, profiles, scans, bottoms, warnings)
+    verdict = verdict_of(result, against)
+    sections = compilation.sections_of(result, verdict, against, profiles, scans, bottoms, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
-    text = compilation.listing_of(result, sections, carriage_control=carriage_control, date=date)
-    values = compilation.record_of(result, against, profiles, scans, bottoms, warnings)
+    text = compilation.listing_of(result, sections, verdict=verdict, carriage_control=carriage_control, date=date)
+    values = compilation.record_of(result, verdict, against, profiles, scans, bottoms, warnings)
     files = {listing: text.encode(), record: dumps(values).encode()}
     if csv:
         folder = listing.with_name(f"{deck.stem}_tables")
@@ -108,9 +113,10 @@ def compile_deck(
         written += _point_cloud(layers, listing) if las else ()
         of_globe, refused = write_each(layers, listing.with_suffix("")) if gis and crs else ([], [])
     return CompileResult(
-        status=ExitStatus.DONE,
+        status=ExitStatus.of(verdict.grade, strict=strict),
         problems=tuple(problems),
         compiled=result,
+        verdict=verdict,
         warnings=(*warnings, *refused),
         files=(*written, *of_globe),
     )

@@ -85,7 +85,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
     "runs": {"memory", "model", "formats", "pipeline", "statistics", "comparison", "inquiry", "reports", "jobs"},
-    "as11_corrections": {"as11_runs", "compilation", "geometry", "interchange"},
+    "as11_corrections": {"model", "as11_runs", "compilation", "geometry", "interchange"},
     "as11_comparisons": {"as11_runs", "compilation", "geometry", "reports", "soundings"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "plots", "reports", "runs"},
     "orient_runs": {"model", "formats", "orientation", "orienting", "pipeline", "reports", "runs"},

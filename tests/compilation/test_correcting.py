@@ -310,7 +310,8 @@ def test_files_that_cannot_be_used_are_refused(
 def test_depths_for_heights_are_told(record: Path, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,9.5\n")
     result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
-    assert result.exit_code == 0 and "nothing is under water: heights are positive up" in result.output
+    assert result.exit_code == 4 and "rejected: nothing is under water: heights are positive up" in result.output
+    assert "true.csv: REJECTED, points: 1 of 1 with a position, 0 under water" in result.output
 
 
 @pytest.mark.parametrize("names", ["lon,lat,height", "Longitude,Latitude,Elevation", "X,Y,Z"])

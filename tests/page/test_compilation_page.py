@@ -33,7 +33,7 @@ def page(compiled, monkeypatch):
 @pytest.mark.slow
 def test_models_points_and_bottom(page, compiled):
     record = json.loads(compiled.read_text())
-    assert "COMPILED" in page.text and "Points with coordinates257 of 257" in page.text
+    assert "ACCEPTED" in page.text and "Points with coordinates257 of 257" in page.text
     rows = page.rows("Model Set-Up")
     assert [row["Model"] for row in rows] == ["2122", "2223"]
     analysis = page.rows("Comparison With The Run: In Numbers")

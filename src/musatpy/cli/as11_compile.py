@@ -17,6 +17,7 @@ from musatpy.cli.options import (
     date_option,
     out_option,
     refuse_overwriting,
+    strict_option,
 )
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     default="",
     help="System of these files, on the ellipsoid of the job: EPSG:4267; then GeoJSON too.",
 )
+@strict_option
 @date_option
 @click.pass_context
 def command(
@@ -53,12 +55,13 @@ def command(
     gis: bool,
     las: bool,
     crs: str,
+    strict: bool,
     dated: bool,
 ) -> None:
     """Compile the compilation DECK in stereomodels of RUN.json: the listing NAME.lst and the record NAME.json.
 
     RUN.json is the record of a run; a punched deck serves too, without covariances. Exit status: 0 done, 1 the run
-    or the deck cannot be used.
+    or the deck cannot be used, 4 rejected (with --strict: or doubtful).
     """
     if crs and not (gis or las):
         raise click.UsageError("--crs goes with --gis or --las")
@@ -78,13 +81,16 @@ def command(
         gis=gis,
         las=las,
         crs=crs,
+        strict=strict,
         date=date,
     )
     compiled = report_faults(ctx, deck, result)
     lost = sum(reason is not None for reason in compiled.reasons)
     without = f", {lost} without coordinates" if lost else ""
     of = f"{count_of(len(compiled.rows), 'point')} in {count_of(len(compiled.models), 'model')}"
-    tell(f"{name_of(deck)}: {of}{without}, listing {name_of(result.files[0])}")
+    grade = "" if result.verdict is None else f"{result.verdict.grade}, "
+    tell(f"{name_of(deck)}: {grade}{of}{without}, listing {name_of(result.files[0])}")
+    ctx.exit(result.status)
 
 
 def report_faults(ctx: click.Context, deck: Path, result: CompileResult) -> Compiled:
@@ -94,5 +100,6 @@ def report_faults(ctx: click.Context, deck: Path, result: CompileResult) -> Comp
         errors = sum(problem.severity == "error" for problem in result.problems)
         complain(f"{name_of(deck)}: not compiled, {count_of(errors, 'error')}")
         ctx.exit(result.status)
-    complain_of_each(deck, result.warnings)
+    reasons = result.verdict.reasons if result.verdict else ()
+    complain_of_each(deck, (*(f"{one.grade.lower()}: {one.text}" for one in reasons), *result.warnings))
     return result.compiled

@@ -16,8 +16,9 @@ from musatpy.page.parts import Chapter, Fact, Facts, Page, Part, Reason, Texts
 from musatpy.page.pictures import pictures_chapter
 from musatpy.page.provenance import closing, provenance
 from musatpy.page.run_tables import by_size
-from musatpy.page.stated import Shown, anchor_of, in_columns, tables_of
+from musatpy.page.stated import Shown, anchor_of, in_columns, rows_at, tables_of
 from musatpy.page.stated_answer import stated_tables
+from musatpy.page.summary import anchor_at, anchors
 from musatpy.plots.gallery import COMPILED as PICTURES
 from musatpy.plots.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
@@ -31,7 +32,6 @@ from musatpy.reports import (
 from musatpy.reports.answer import USE
 from musatpy.reports.table import Column, Report, key
 
-COMPILED = "COMPILED"
 _POINTS = 200  # rows
 _AGAINST = "Comparison With The Run: In Numbers"
 _LEFT_OUT: Report[Any] = Report(
@@ -77,35 +77,39 @@ def compilation_page(tables: Tables, files: Mapping[str, str]) -> Page:
     ]
     chapters = [Chapter(title=title, anchor=anchor_of(title), parts=list(parts)) for title, parts in contents]
     chapters.insert(3, pictures)
-    job, reasons = part(tables, "job"), list(_reasons(tables))
+    job, reasons = part(tables, "job"), list(_reasons(tables, anchors(chapters)))
     titles = [" ".join(title.split()) for title in job.get("titles") or ()]
-    grade = Grade.DOUBTFUL if reasons else COMPILED
+    grade = max((Grade(reason.grade) for reason in reasons), key=lambda one: one.rank, default=Grade.ACCEPTED)
     return Page(
         title=titles[0] if titles else "Compilation",
         lines=[*titles[1:], f"Points compiled in {count_of(len(part(tables, 'models')['model']), 'stereomodel')}."],
         grade=grade,
-        use=USE[Grade.DOUBTFUL] if reasons else "nothing odd was found in the readings",
+        use=USE[grade],
         reasons=reasons,
         causes=(),
-        notes=(),
+        notes=[*part(tables, "verdict").get("notes", ()), *(tables.get("warnings") or ())],
         figures=Facts(facts=list(_figures(tables, depths)), large=True),
         chapters=[*(chapter for chapter in chapters if chapter.parts), provenance(tables, files)],
         closing=closing(),
     )
 
 
-def _reasons(tables: Tables) -> Iterator[Reason]:
-    """Yield why a compilation is to be looked at: what is odd about its run, its models and its readings."""
-    if caution := part(tables, "job").get("caution"):
-        yield Reason(grade=Grade.DOUBTFUL, text=str(caution))
+def _reasons(tables: Tables, places: Mapping[str, str]) -> Iterator[Reason]:
+    """Yield why a compilation is not accepted: the reasons of its verdict, and what records without one say."""
+    verdict = part(tables, "verdict")
+    reasons = verdict.get("reasons") or {}
+    rows = list(rows_at(reasons, range(len(reasons.get("text", ())))))
+    for row in rows:
+        yield Reason(grade=row["grade"], text=row["text"], link=anchor_at(places, str(row["section"])))
+    said = [*(row["text"] for row in rows), *verdict.get("notes", ())]
+    caution = str(part(tables, "job").get("caution") or "")
+    if caution and not any(text.startswith(caution) for text in said):
+        yield Reason(grade=Grade.DOUBTFUL, text=caution)
     recovered = part(tables, "recovered")
-    title = compilation.RECOVERED_TABLE.title
     for model, fine in zip(recovered.get("model", ()), recovered.get("recovered", ()), strict=True):
-        if fine is False:
+        if fine is False and not any(text.startswith(f"model {model} is not recovered") for text in said):
             text = f"model {model}: points read again are off by more than the limit"
-            yield Reason(grade=Grade.DOUBTFUL, text=text, link=anchor_of(title))
-    for warning in tables.get("warnings") or ():
-        yield Reason(grade=Grade.DOUBTFUL, text=str(warning))
+            yield Reason(grade=Grade.DOUBTFUL, text=text, link=anchor_of(compilation.RECOVERED_TABLE.title))
 
 
 def _depths(tables: Tables) -> Depths:

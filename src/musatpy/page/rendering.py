@@ -10,7 +10,7 @@ from musatpy.errors import MusatError, printable
 from musatpy.page.parts import Page, PageTable
 
 _TEMPLATES = Path(__file__).with_name("templates")
-_MARKS = {"ACCEPTED": "✓", "COMPILED": "✓", "COMPARED": "✓", "DOUBTFUL": "?"}
+_MARKS = {"ACCEPTED": "✓", "COMPARED": "✓", "DOUBTFUL": "?"}
 _REFUSED = "✕"
 _NEEDED = ("jinja2", "matplotlib")
 

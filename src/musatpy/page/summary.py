@@ -40,7 +40,8 @@ def top_of(tables: Tables, chapters: Sequence[Chapter]) -> Page:
         grade=grade,
         use=USE[Grade(grade)],
         reasons=[
-            Reason(grade=row["grade"], text=row["text"], link=_anchor(places, str(row["section"]))) for row in rows
+            Reason(grade=row["grade"], text=row["text"], link=anchor_at(places, str(row["section"])))
+            for row in rows
         ],
         causes=_causes(tables) if rows else (),
         notes=verdict.get("notes") or (),
@@ -60,7 +61,7 @@ def anchors(chapters: Sequence[Chapter]) -> dict[str, str]:
     return anchors
 
 
-def _anchor(places: Mapping[str, str], section: str) -> str:
+def anchor_at(places: Mapping[str, str], section: str) -> str:
     """Return the anchor of the table whose title begins as a section of the listing does, empty without one."""
     return next((anchor for title, anchor in places.items() if section and title.startswith(section)), "")
 
@@ -127,7 +128,7 @@ def _sigma0(tables: Tables, places: Mapping[str, str]) -> Fact:
         low, high = (number_text(math.sqrt(test[name]), 3) for name in ("low", "high"))
         detail = f"by chance {low} to {high} (95 %)" + ("" if test["accepted"] else ": outside")
     value = number_text(solution.get("sigma0"), 4) or "not finite"
-    return Fact(label="Sigma0", value=value, detail=detail, link=_anchor(places, "Statistics: Sigma0"))
+    return Fact(label="Sigma0", value=value, detail=detail, link=anchor_at(places, "Statistics: Sigma0"))
 
 
 def _plates(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
@@ -137,7 +138,7 @@ def _plates(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
         return []
     value = " and ".join(number_text(axis / MICROMETRE, 2) for axis in rms)
     detail = f"{count:,} images that took part"
-    link = _anchor(places, "Plate Residuals Of The Job")
+    link = anchor_at(places, "Plate Residuals Of The Job")
     return [Fact(label="RMS of plate residuals, x and y", value=f"{value} µm", detail=detail, link=link)]
 
 
@@ -151,7 +152,7 @@ def _rms(tables: Tables, every: Sequence[Sample], what: str, places: Mapping[str
         label=f"RMS of {'control residuals' if what == 'Control' else 'check points'}, {', '.join(names)}",
         value=f"{value} m" if value else "",
         detail=f"{least}{count_of(sizes[-1], 'point')} in each component" if sizes else "",
-        link=_anchor(places, SAMPLES),
+        link=anchor_at(places, SAMPLES),
     )
 
 
@@ -163,7 +164,7 @@ def _depths(depths: Depths, places: Mapping[str, str]) -> Fact:
         label="Sigma of depths, median",
         value=f"{np.median(sigma):.3f} m",
         detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m deep",
-        link=_anchor(places, "Depths Of Bathymetric Points"),
+        link=anchor_at(places, "Depths Of Bathymetric Points"),
     )
 
 
@@ -178,7 +179,7 @@ def _s44(depths: Depths, places: Mapping[str, str]) -> list[Fact]:
             label="Order of S-44 that 95 % of the depths meet",
             value=best,
             detail=f"{exclusive}: {met:,} of {count:,} points",
-            link=_anchor(places, ORDERS),
+            link=anchor_at(places, ORDERS),
         )
     ]
 
@@ -193,7 +194,7 @@ def _hidden(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
             label="Points weakly checked",
             value=f"{sum(weak):,} of {len(weak):,}",
             detail=f"an undetected error may move them by more than {FAR:.0f} sigmas",
-            link=_anchor(places, "Statistics: Points That Undetected"),
+            link=anchor_at(places, "Statistics: Points That Undetected"),
         )
     ]
 
@@ -205,5 +206,8 @@ def _blunders(tables: Tables, places: Mapping[str, str]) -> Fact:
         return Fact(label="Blunders", value="not looked for")
     detail = ", ".join(f"{action} {count}" for action, count in actions.items()) or "none were found"
     return Fact(
-        label="Blunders", value=f"{sum(actions.values()):,}", detail=detail, link=_anchor(places, "Blunders Found")
+        label="Blunders",
+        value=f"{sum(actions.values()):,}",
+        detail=detail,
+        link=anchor_at(places, "Blunders Found"),
     )

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.reports import compilation_bottom, compilation_points, compilation_profiles, run_comparison
+from musatpy.model import Verdict
+from musatpy.reports import (
+    compilation_bottom,
+    compilation_points,
+    compilation_profiles,
+    quality_record,
+    run_comparison,
+)
+from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.columns import vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Schema, properties_of, same
@@ -51,6 +59,7 @@ JOB: Group[Compiled, Compiled] = Group(
         Field("datum_sigma", "number", "of that", lambda c: c.datum.sigma, "m"),
     ),
 )
+VERDICT: Group[Verdict, Verdict] = Group("verdict", "what it is worth", same, quality_record.VERDICT.fields)
 MODELS: Each[Compiled, CompiledModel] = Each(
     "models",
     "one row per stereomodel",
@@ -141,6 +150,7 @@ RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
 
 def record_of(
     compiled: Compiled,
+    verdict: Verdict,
     against: list[AgainstRun],
     profiles: list[CompiledProfile],
     scans: list[ProfileScan],
@@ -151,6 +161,7 @@ def record_of(
     nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES)
     return {
         "compilation_version": _VERSION,
+        VERDICT.name: VERDICT.json(verdict),
         **{node.name: node.json(compiled) for node in nodes},
         RECOVERED.name: RECOVERED.json((compiled, against)),
         **{node.name: node.json((compiled, against)) for node in run_comparison.RECORD},
@@ -165,7 +176,7 @@ def schema() -> Schema:
     """Return the JSON Schema of the record."""
     nodes: tuple[Node[Any], ...] = (
         Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES, RECOVERED),
+        *(VERDICT, JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES, RECOVERED),
         *run_comparison.RECORD,
         *compilation_profiles.RECORD,
         *compilation_bottom.RECORD,
@@ -308,12 +319,21 @@ SHORE_TABLE: Report[Any] = Report(
         Column("Largest\nm", "F8.3", shows="largest"),
     ),
 )
+WORTH = Mapped(
+    title="Verdict",
+    layout="texts",
+    table="verdict",
+    ids={"Grade": "grade"},
+    also=("verdict.reasons", "verdict.notes"),
+    words={"grade": {grade.value: f"{grade}: {use}" for grade, use in USE.items()}},
+)
 WARNINGS = Mapped(title="Warnings Of Run And Readings", layout="texts", table="warnings")
-STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
+STATED = (WORTH, WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
 
 
 def sections_of(
     compiled: Compiled,
+    verdict: Verdict,
     against: list[AgainstRun],
     profiles: list[CompiledProfile],
     scans: list[ProfileScan],
@@ -323,7 +343,9 @@ def sections_of(
     """Return what the listing says, section by section."""
     names = zip(compiled.deck.stages.ids[compiled.rows], compiled.model_ids, compiled.reasons, strict=True)
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
+    against_it = wrapped([reason.text for reason in verdict.reasons], lead="- ")
     return [
+        Section(title=WORTH.title, lines=[f"{verdict.grade}: {USE[verdict.grade]}", *against_it]),
         *model_sections(compiled, against, warnings),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
         *compilation_points.sections_of(compiled),
@@ -361,12 +383,15 @@ def listing_of(
     compiled: Compiled,
     sections: list[Section],
     *,
+    verdict: Verdict | None = None,
     carriage_control: bool = False,
     date: datetime.date | None = None,
 ) -> str:
     """Return the listing of a compilation from its sections, on pages of 60 lines of 132 columns."""
     title = compiled.deck.titles[0] if compiled.deck.titles else ""
-    left, day = f"MUSATPY  COMPILATION  {title:<60.60}", date.isoformat() if date else ""
+    mark = MARKS.get(verdict.grade, "") if verdict else ""
+    left = f"MUSATPY  COMPILATION  {title:<60.60}{'  ' * bool(mark)}{mark}"
+    day = date.isoformat() if date else ""
     pages, _ = laid_out(sections)
     return print_pages(
         pages,
