@@ -30,7 +30,7 @@ from musatpy.model import (
 from musatpy.model.water import index_range
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import metric_differences
-from musatpy.statistics.gates import FARTHEST, flying_height, ground_heights, named
+from musatpy.statistics.gates import flying_height, ground_heights, named
 from musatpy.statistics.quality import test_limit as limit_of
 from musatpy.statistics.verdict import normal_tests
 from sample_solutions import sample_solution
@@ -139,7 +139,7 @@ def test_a_camera_that_looks_up_unless_its_card_says_so() -> None:
 @pytest.mark.parametrize(("heights", "rejected"), [(0.9, False), (1.1, True)])
 def test_a_point_far_from_all_cameras(heights: float, rejected: bool) -> None:
     good = solution()
-    deep = -heights * FARTHEST * flying_height(Statistics(good))
+    deep = -heights * 100.0 * flying_height(Statistics(good))
     found = concerns(points(good, position=changed(good.points.position, (3, 2), deep)))
     assert (found.get(Concern.DISTANCE) is Grade.REJECTED) == rejected
 
@@ -312,6 +312,27 @@ def test_check_points() -> None:
         given = replace(control, position=changed(control.position, (row, 2), height))
         found = concerns(altered(good, block={"control": given}))
         assert (found.get(Concern.CHECK_POINTS) is Grade.DOUBTFUL) == doubtful
+
+
+@pytest.mark.parametrize(("share", "doubtful"), [(0.97, False), (1.03, True)])
+def test_a_check_point_is_doubtful_from_a_chance_of_one_in_a_thousand(share: float, doubtful: bool) -> None:
+    """Of its three components: squares of 16.27."""
+    good = solution()
+    control = good.block.control
+    row = int(np.flatnonzero(control.kind == ControlKind.CHECK)[0])
+
+    def off(metres: float) -> Solution:
+        height = good.points.position[control.point[row], 2] + metres
+        return altered(
+            good, block={"control": replace(control, position=changed(control.position, (row, 2), height))}
+        )
+
+    tests = [Statistics(off(metres)).check_test for metres in (-1.0, 0.0, 1.0)]
+    assert tests[0].components.tolist() == [3]
+    parabola = np.polyfit([-1.0, 0.0, 1.0], [float(test.squares[0]) for test in tests], 2)
+    metres = np.roots(parabola - [0.0, 0.0, share * stats.chi2.ppf(0.999, 3)]).max()
+    found = concerns(off(float(metres)))
+    assert (found.get(Concern.CHECK_POINTS) is Grade.DOUBTFUL) == doubtful
 
 
 def test_printed_tests_of_check_points_are_those_of_the_verdict() -> None:

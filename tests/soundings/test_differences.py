@@ -160,3 +160,19 @@ def test_soundings_in_another_unit_are_named(scale: float, words: str) -> None:
     depth, compiled = soundings()
     warning = scale_warning(differences(compiled, scale * depth))
     assert (words in warning) if words else not warning
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.96, True), (1.04, True), (0.93, False), (1.07, False)])
+def test_a_unit_is_named_where_the_slope_is_within_a_twentieth_of_it(share: float, named: bool) -> None:
+    depth, _ = soundings()
+    assert bool(scale_warning(differences(depth, share * 3.281 * depth))) == named
+
+
+@pytest.mark.parametrize(("noise", "named"), [(8.0, True), (18.0, False)])
+def test_a_unit_is_named_where_depths_go_with_each_other(noise: float, named: bool) -> None:
+    """Correlations of .97 and .85: below .9 a slope says nothing."""
+    depth, _ = soundings(4000)
+    sounded = 3.281 * depth + noise * np.random.default_rng(2).normal(size=4000)
+    correlation = np.corrcoef(depth, sounded)[0, 1]
+    assert correlation == pytest.approx(0.963 if named else 0.845, abs=0.015)
+    assert bool(scale_warning(differences(depth, sounded))) == named
