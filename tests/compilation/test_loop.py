@@ -119,7 +119,7 @@ def test_marks_on_the_water_line_are_found(st_thomas: Stereomodel) -> None:
 
 
 def test_a_mark_between_both_sides_of_the_water_rests_on_its_line(st_thomas: Stereomodel) -> None:
-    """Stages a millimetre apart at the line of one photo: the mark without an optimum comes to rest at its water."""
+    """Stages a millimetre apart at the line of one photo: a mark without an optimum comes to rest at its water."""
     loop, place = Loop(stereo=st_thomas), st_thomas.working(np.zeros((4000, 3)))
     level = st_thomas.run.frame.level(place)
     level[:, 2] = np.linspace(st_thomas.tides.min() - 0.05, st_thomas.tides.max() + 0.05, 4000)
