@@ -22,7 +22,15 @@ def test_a_block_without_mistakes_is_accepted_and_right(block: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("block", "mistake"),
-    [("three", "heights in feet"), ("three", "control in feet"), ("iiia", "focal 2 %"), ("watpt", "flags, all")],
+    [
+        ("three", "heights in feet"),
+        ("three", "control in feet"),
+        ("iiia", "focal 2 %"),
+        ("watpt", "flags, all"),
+        ("three", "x mirrored"),
+        ("three", "control in km"),
+        ("watpt", "plates in cm"),
+    ],
 )
 def test_the_right_class_of_causes_is_named_first(block: str, mistake: str) -> None:
     run = outcome(block, 1, _NAMED[mistake])

@@ -70,7 +70,7 @@ def causes_of(block: Block, sea: Sea | None = None, progress: Progress | None = 
     if waves is not None and waves.unknown.any():
         return ()
     with numerics("causes"), np.errstate(all="ignore"):  # wild points are met, and given up
-        return causes(search(block, progress, sea), sea)
+        return causes(search(block, progress, sea, suspect=True), sea)
 
 
 def _causes_or_none(block: Block, sea: Sea | None, progress: Progress | None) -> tuple[Cause, ...]:

@@ -9,11 +9,13 @@ import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.wavy_water import Sea
+from musatpy.blunders import revisions
 from musatpy.blunders.competition import Rival, rivals
+from musatpy.blunders.explanation import UNIT
 from musatpy.blunders.far_stations import misplaced
 from musatpy.blunders.finding_list import flag_findings
 from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.revisions import CARDS, CONTROL
+from musatpy.blunders.revisions import CARDS
 from musatpy.blunders.search import Search
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, MICROMETRE
@@ -31,7 +33,6 @@ _CARDS = {
     _C.ATTITUDE: ("ATT",),
     _C.FLAG: ("PLT",),
     _C.NAME: ("PLT",),
-    _C.AXES: ("PLT",),
     _C.EXCHANGED_IMAGES: ("PLT",),
     _C.IMAGE: ("PLT",),
     _C.IMAGES: ("PLT",),
@@ -56,12 +57,30 @@ ADVICE = {
     _C.FLAG: "look whether the point is submerged, and at the flag B of its plate cards",
     _C.NAME: "compare the name on the plate card with the plate",
     _C.EXCHANGED_IMAGES: "each fits the other photo: exchange the photo ids on the two plate cards",
-    _C.AXES: "x and y of the plate cards are exchanged: read the description of the comparator again",
     _C.IMAGE: "read the plate card again, then measure the image again: name, digits, sign",
     _C.IMAGES: "read the plate cards of the point again, then measure its images: is it one point on all of them?",
 }
 
 
+_AXES = {  # and the advice
+    revisions.Y_REVERSED: ("y of the plates", "y runs down: reverse its sign, or read how the axes were defined"),
+    revisions.X_REVERSED: (
+        "x of the plates",
+        "x runs backwards: reverse its sign, or read how the axes were defined",
+    ),
+    revisions.EXCHANGED: ("x and y of the plates", "exchanged: read the description of the comparator again"),
+    revisions.CONTROL_EXCHANGED: (
+        "plan of the control",
+        "east and north are exchanged: read the list of control again",
+    ),
+    revisions.HEIGHTS_NEGATED: ("heights of the control", "they have the other sign: depths for heights?"),
+}
+_WHOSE = {  # whose unit is wrong, and to what
+    revisions.CONTROL: ("control", "stations and tides"),
+    revisions.STATIONS: ("stations", "control and tides"),
+    revisions.PLATES_TO_FOCAL_LENGTH: ("plate coordinates", "the focal length"),
+    revisions.HEIGHTS: ("heights of the control", "its plan"),
+}
 _COMPONENTS = {
     _C.VERTICAL: "height",
     _C.HORIZONTAL: "position",
@@ -170,8 +189,14 @@ def _cards(block: Block, hypothesis: Hypothesis) -> tuple[str, ...]:
             return (station,)
         case _C.STATION | _C.START:
             return (station, "ATT")
+        case _C.UNIT if hypothesis.member == revisions.PLATES_TO_FOCAL_LENGTH:
+            return ("PLT", "CAM")
         case _C.UNIT:
-            return (control,) if hypothesis.member == CONTROL else (station,)
+            return (station,) if hypothesis.member == revisions.STATIONS else (control,)
+        case _C.AXES if hypothesis.member in (revisions.CONTROL_EXCHANGED, revisions.HEIGHTS_NEGATED):
+            return (control,)
+        case _C.AXES:
+            return ("PLT",)
         case _C.LABELS:
             return (station,) if hypothesis.member == CARDS else ("PLT",)
     return _CARDS[hypothesis.kind]
@@ -182,7 +207,9 @@ def _component(block: Block, hypothesis: Hypothesis) -> str:
         case _C.PRINCIPAL_POINT:
             return "xy"[hypothesis.member % 2]
         case _C.UNIT:
-            return "control" if hypothesis.member == CONTROL else "stations"
+            return _WHOSE[hypothesis.member][0]
+        case _C.AXES:
+            return _AXES[hypothesis.member][0]
         case _C.LABELS:
             return "station cards" if hypothesis.member == CARDS else "plate cards"
         case _C.TIDES:
@@ -191,12 +218,18 @@ def _component(block: Block, hypothesis: Hypothesis) -> str:
 
 
 def _advice(hypothesis: Hypothesis) -> str:
+    if hypothesis.kind is _C.AXES:
+        return _AXES[hypothesis.member][1]
     if hypothesis.kind is _C.UNIT:
-        feet = float(hypothesis.error[0]) > 0.0
-        whose = "control" if hypothesis.member == CONTROL else "stations"
-        return (
-            f"{whose} in {'feet, all else in metres' if feet else 'metres, all else in feet'}: read the unit again"
-        )
+        whose, others = _WHOSE[hypothesis.member]
+        factor = 1.0 / (1.0 - float(hypothesis.error[0]))
+        feet = {1: f"{whose} in feet, all else in metres", -1: f"{whose} in metres, all else in feet"}
+        power = round(np.log(factor) / np.log(revisions.FEET))
+        near = abs(factor / revisions.FEET**power - 1.0) < UNIT and hypothesis.member in (
+            revisions.CONTROL, revisions.STATIONS, revisions.HEIGHTS,
+        )  # fmt: skip
+        times = f"{whose} {factor:.5g} times what {others} want{'s' if others.startswith('the') else ''}"
+        return f"{feet.get(power, times) if near else times}: read the unit again"
     if hypothesis.kind is _C.LABELS:
         which = "station cards" if hypothesis.member == CARDS else "plate cards"
         return f"exchange the photo ids on the {which} of the two photos"

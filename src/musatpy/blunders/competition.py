@@ -77,8 +77,8 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
             continue
         case = _without(whole, member, sea)
         if case is None:
-            alike = [label for label in search.alike_labels if label.kind is member.kind] or [member]
-            out += [Rival(hypothesis=label, drop=label.squares, group=number, rank=1) for label in alike]
+            alike = [other for other in search.alike_revisions if other.kind is member.kind] or [member]
+            out += [Rival(hypothesis=other, drop=other.squares, group=number, rank=1) for other in alike]
         else:
             few = COMPETITORS if number <= GROUPS else 0
             out += _ranked(case, rest, member, final, variance, few, number, sea)

@@ -59,7 +59,7 @@ _AGREEING = 2  # images that agree with what is known of their point, so that an
 _SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
 _DRY = 0.02  # of the rays of submerged points: as many of these stand dry where an image of theirs is wrong
 _SINGLE, _RARE = 1, 0.05  # images of a photo, and share of them, that are wrong each by itself
-_UNIT = 0.05  # by which a factor may be off that of a foot
+UNIT = 0.05  # by which a factor may be off that of a foot
 _CHEAP = list(CauseKind)
 
 
@@ -392,7 +392,7 @@ def unit_of(hypothesis: Hypothesis) -> float:
     """Return what given lengths have to be divided by, 0 where no foot explains them."""
     divisor = 1.0 / max(1.0 - float(hypothesis.error[0]), 1e-6)
     for foot in (FEET, 1.0 / FEET):
-        if abs(divisor / foot - 1.0) < _UNIT:
+        if abs(divisor / foot - 1.0) < UNIT:
             return foot
     return 0.0
 

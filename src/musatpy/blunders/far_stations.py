@@ -9,7 +9,7 @@ from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.exchanges import FAR, exchanged_photos, flying_height
 from musatpy.blunders.revisions import FEET
 from musatpy.blunders.scene import Scene
-from musatpy.model import Block, Cause, CauseKind, CoordinateSystem
+from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial
 from musatpy.units import DEGREE
 
 _TURNED = 10.0 * DEGREE  # farther than any start value that serves
@@ -48,7 +48,7 @@ def misplaced(block: Block, scene: Scene, state: State) -> list[list[Cause]]:
             groups.append([_labels(ids, "station cards", (station, "ATT")), _labels(ids, "plate cards", ("PLT",))])
     worst = np.maximum(far, turned / _TURNED)
     for photo in np.argsort(-worst, kind="stable").tolist():
-        if worst[photo] > 1.0 and photo not in exchanged:
+        if worst[photo] > 1.0 and photo not in exchanged and block.options.initial is not Initial.COMPUTE:
             groups.append([_start(str(photos.ids[photo]), shift[photo], turn[photo], far[photo] > 1.0, station)])
     return groups
 

@@ -11,7 +11,10 @@ from musatpy.arrays import IntArray
 from musatpy.model import Block, CauseKind, CoordinateSystem
 
 FEET = 3.2808  # in a metre
-CONTROL, STATIONS = 0, 1  # whose unit of length is wrong
+CONTROL, STATIONS, PLATES_TO_FOCAL_LENGTH, HEIGHTS = range(4)  # whose unit of length is wrong; heights of control
+Y_REVERSED, X_REVERSED, EXCHANGED, CONTROL_EXCHANGED, HEIGHTS_NEGATED = range(
+    5
+)  # axes of the plates, of the control
 PLATES, CARDS = 0, 1  # that bear exchanged labels: plate cards, or station cards
 
 
@@ -56,8 +59,7 @@ def revised(block: Block, revision: Revision) -> Block:
             point = _exchanged(block.control.point, np.array(revision.point, dtype=int))
             return replace(block, control=replace(block.control, point=point))
         case CauseKind.AXES:
-            xy = block.plates.xy[:, ::-1]
-            return replace(block, plates=replace(block.plates, xy=xy))
+            return _with_other_axes(block, revision.member)
         case CauseKind.UNIT:
             return _rescaled(block, revision)
     raise ValueError(f"no revision of {revision.kind}")
@@ -68,12 +70,26 @@ def _exchanged(link: IntArray, pair: IntArray) -> IntArray:
     return np.where(link == first, second, np.where(link == second, first, link))
 
 
+def _with_other_axes(block: Block, member: int) -> Block:
+    """Return the block with its plate axes, or those of its control, reversed or exchanged."""
+    if member in (CONTROL_EXCHANGED, HEIGHTS_NEGATED):
+        position = block.control.position
+        position = position[:, [1, 0, 2]] if member == CONTROL_EXCHANGED else position * np.array([1.0, 1.0, -1.0])
+        return replace(block, control=replace(block.control, position=position))
+    xy = block.plates.xy
+    xy = xy[:, ::-1] if member == EXCHANGED else xy * np.where(member == X_REVERSED, [-1.0, 1.0], [1.0, -1.0])
+    return replace(block, plates=replace(block.plates, xy=xy))
+
+
 def _rescaled(block: Block, revision: Revision) -> Block:
-    axes = slice(0, 3) if block.options.system is CoordinateSystem.LOCAL else slice(2, 3)
-    table = block.control if revision.member == CONTROL else block.photos
+    if revision.member == PLATES_TO_FOCAL_LENGTH:
+        return replace(block, plates=replace(block.plates, xy=block.plates.xy / revision.value))
+    of_all = block.options.system is CoordinateSystem.LOCAL and revision.member != HEIGHTS
+    axes = slice(0, 3) if of_all else slice(2, 3)
+    table = block.photos if revision.member == STATIONS else block.control
     position = table.position.copy()
     position[:, axes] /= revision.value
-    if revision.member == CONTROL:
+    if revision.member != STATIONS:
         return replace(block, control=replace(block.control, position=position))
     return replace(block, photos=replace(block.photos, position=position))
 

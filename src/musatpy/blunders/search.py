@@ -76,17 +76,21 @@ class Search:
     renamings: tuple[Renaming, ...]
     flags: tuple[WrongFlag, ...]
     common: tuple[Hypothesis, ...]  # what is wrong with many observations at once, as revised
-    alike_labels: tuple[Hypothesis, ...]  # exchanges of labels that explain what those of `common` do
+    alike_revisions: tuple[
+        Hypothesis, ...
+    ]  # exchanges of labels, or revisions of all, that explain what those of `common` do
 
 
-def search(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Search:
-    """Return what is wrong with a block, whose rays the waves of a `sea` may refract.
+def search(
+    block: Block, progress: Progress | None = None, sea: Sea | None = None, *, suspect: bool = False
+) -> Search:
+    """Return what is wrong with a block, whose rays the waves of a `sea` may refract, `suspect` by its run.
 
     Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError`, and `SearchLimitError`.
     """
     effort = Effort(left=_EFFORT + _FOR_PHOTO * len(block.photos.ids))
     begin(progress, "search for blunders: robust weights")
-    start = best_start(block, progress, sea, effort)
+    start = best_start(block, progress, sea, effort, suspect=suspect)
     best = _begun(start, sea)
     if best.common or (best.last.judgement.out.any() and not single_images(best.last)):
         best = _with_exchanges(block, _cheaper(best, sea), sea)
@@ -113,7 +117,7 @@ def search(block: Block, progress: Progress | None = None, sea: Sea | None = Non
         renamings=renamings,
         flags=flags,
         common=best.common,
-        alike_labels=best.alike,
+        alike_revisions=(*start.alike, *best.alike),
     )
 
 
@@ -125,7 +129,7 @@ class _Explained:
     block: Block
     common: tuple[Hypothesis, ...]
     cost: float
-    alike: tuple[Hypothesis, ...] = ()  # exchanged labels, all that explain about the same
+    alike: tuple[Hypothesis, ...] = ()  # exchanged labels, or revisions of all, that explain about the same
 
 
 def _begun(start: Start, sea: Sea | None) -> _Explained:

@@ -1,13 +1,13 @@
 """Where the search starts: the block as it is given, or, where that leads nowhere, under an error of all of it.
 
-Stations far from their places, lengths in feet and exchanged plate axes leave nothing that robust weights could
-hold on to. Each is tried only where the block as given does not fit.
+Stations far from their places, lengths in feet and mirrored plates leave nothing that robust weights could hold on
+to. They are tried where the block as given does not fit, or stands where no block does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -17,16 +17,19 @@ from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.blunders.factors import taking_part, weights
 from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.revisions import CONTROL, FEET, STATIONS, revised
+from musatpy.blunders.revisions import revised
 from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, SearchLimitError, sizes, staged
+from musatpy.blunders.whole_block import MIRRORED, doubts, likely, part_of
 from musatpy.errors import AdjustmentError
-from musatpy.model import Block, CauseKind, CoordinateSystem, Initial, ObservationKind, Photos
-from musatpy.model.progress import Progress
+from musatpy.model import Block, CauseKind, Initial, ObservationKind, Photos
+from musatpy.model.progress import Progress, begin
 
 _LOST = 6.0  # sigmas beyond which an observation counts as this
 _FITS = 2.5  # mean of the squares so cut: one observation in 20 may be lost
 _MOST = 0.5  # of the images of a photo, beyond 6 sigmas: its place is wrong
+_FEW, _MUCH = 3, 0.25  # control points beyond 6 sigmas, and share of them: no single cards
 _BETTER = 0.5  # of that of the block as given, for another start to be taken
+_TRIED = 4  # revisions of the whole block that are adjusted
 
 _K = ObservationKind
 
@@ -40,37 +43,81 @@ class Start:
     scene: Scene
     state: State
     misfit: float
+    alike: tuple[Hypothesis, ...] = ()  # revisions of the whole block that explain the same as that of `common`
 
 
-def best_start(block: Block, progress: Progress | None, sea: Sea | None, effort: Effort) -> Start:
-    """Return the start that fits best; one under a revision only where it fits, and the block as given does not.
+def best_start(
+    block: Block, progress: Progress | None, sea: Sea | None, effort: Effort, *, suspect: bool = False
+) -> Start:
+    """Return the start that fits best; one under a revision of the whole block where nothing speaks against that.
 
+    `suspect`: its run says that something is wrong, whether robust weights fit or not.
     Raises `AdjustmentError`, `SingularNormalsError` or `SearchLimitError` where the block as given does and no
     other one helps.
     """
     failure: AdjustmentError | SingularNormalsError | SearchLimitError | None = None
     given: Start | None = None
+    sound = False
     try:
         given = _start(block, (), progress, sea, effort)
-        if _fits(given):
+        sound = _fits(given) and not doubts(block, given.scene, given.state).any
+        if sound and not suspect:
             return given
     except (AdjustmentError, *GIVEN_UP) as error:
         failure = error
-    best = given
-    for revision in (None, *_revisions(block)):
+    begin(progress, "search for blunders: axes and units of the whole block")
+    best, alike = given, _explaining(part_of(block), sea, effort)
+    for revision in (*alike[:1], None):
+        if revision is None and best is not None and _fits(best):
+            break
         try:
-            start = _restarted(block, revision, sea, effort)
+            start = _computed(revised(block, revision) if revision else block, alike[:1], sea, effort)
         except (AdjustmentError, *GIVEN_UP):
             continue
-        least = np.inf if best is None else best.misfit * (_BETTER if best is given else 1.0)
-        if start.misfit < least and (revision is None or _fits(start)):
-            best = start
-        if best is not None and best is not given and _fits(best):
-            break
+        better = not sound or given is None or start.misfit < _BETTER * given.misfit
+        if revision is not None and _fits(start) and better:
+            return replace(start, alike=alike)
+        if revision is None and start.misfit < (np.inf if best is None else best.misfit * _BETTER):
+            best = replace(start, common=())
     if best is None:
         assert failure is not None  # nothing else leaves no start
         raise failure
     return best
+
+
+def _explaining(block: Block, sea: Sea | None, effort: Effort) -> tuple[Hypothesis, ...]:
+    """Return the revisions of a part of a block under which it fits and nothing speaks against it.
+
+    None where it does so as it is. Of a class that only cards tell apart, all where these tell nothing.
+    """
+    start = _tried(block, None, sea, effort)
+    against = doubts(block, start.scene, start.state) if start else None
+    if against and not against.any:
+        return ()
+    explaining: list[Hypothesis] = []
+    try:
+        for revision in islice(likely(block, against), _TRIED):
+            members = MIRRORED if revision.kind is CauseKind.AXES and revision.member in MIRRORED else ()
+            same = [replace(revision, member=member) for member in members] or [revision]
+            trials = [(one, _tried(block, one, sea, effort)) for one in same]
+            found = [(one, doubts(revised(block, one), trial.scene, trial.state)) for one, trial in trials if trial]
+            found = [(one, doubt) for one, doubt in found if not (doubt.reversed or doubt.water)]
+            agree = [one for one, doubt in found if not doubt.cards]
+            explaining += agree or [one for one, _ in found if members]
+            if members and explaining:
+                break
+    except (AdjustmentError, *GIVEN_UP):
+        pass  # what has been found by then stands
+    return tuple(explaining)
+
+
+def _tried(block: Block, revision: Hypothesis | None, sea: Sea | None, effort: Effort) -> Start | None:
+    """Return the start of a block under a revision, None where it does not fit."""
+    try:
+        start = _computed(revised(block, revision) if revision else block, (), sea, effort)
+    except (AdjustmentError, *GIVEN_UP):
+        return None
+    return start if _fits(start) else None
 
 
 def _start(
@@ -88,34 +135,15 @@ def _misfit(scene: Scene, state: State) -> float:
 
 
 def _fits(start: Start) -> bool:
-    """Return whether a start is one to search from: no photo has lost most of its images."""
-    network, used = start.scene.network, taking_part(start.scene.network)
-    size = np.nan_to_num(sizes(start.scene, start.state)[_K.PLATE], nan=2.0 * _LOST)
-    lost = used & (np.maximum(*np.abs(size.T)) > _LOST)
-    share = np.bincount(network.photo[lost], minlength=network.photos)
+    """Return whether a start is one to search from: no photo has lost most of its images, nor it much control."""
+    network, used, size = start.scene.network, taking_part(start.scene.network), sizes(start.scene, start.state)
+    lost, gone = (~(np.abs(size[kind]) <= _LOST).all(axis=1) for kind in (_K.PLATE, _K.CONTROL))
+    share = np.bincount(network.photo[lost & used], minlength=network.photos)
     some = bool((share > _MOST * np.bincount(network.photo[used], minlength=network.photos)).any())
-    return start.misfit <= _FITS and not some
-
-
-def _revisions(block: Block) -> Iterator[Hypothesis]:
-    """Yield what may be wrong with the block as a whole, the likeliest first."""
-    of_all = Hypothesis(kind=CauseKind.AXES, squares=np.nan, error=np.zeros(1), sigma=np.zeros(1))
-    if block.options.system is not CoordinateSystem.GEOCENTRIC:
-        observed = np.isfinite(block.photos.position_sigma).any()
-        for whose in (CONTROL, STATIONS) if observed else (CONTROL,):
-            for value in (FEET, 1.0 / FEET):
-                error = np.array([1.0 - 1.0 / value])
-                yield replace(of_all, kind=CauseKind.UNIT, member=whose, value=value, error=error)
-    yield of_all
-
-
-def _restarted(block: Block, revision: Hypothesis | None, sea: Sea | None, effort: Effort) -> Start:
-    """Return the start under a revision; without one, and with exchanged axes, stations are found anew."""
-    if revision is None:
-        return _computed(block, (), sea, effort)
-    if revision.kind is CauseKind.AXES:
-        return _computed(revised(block, revision), (revision,), sea, effort)
-    return _start(revised(block, revision), (revision,), None, sea, effort)
+    much = np.count_nonzero(gone) >= max(
+        _FEW, _MUCH * np.count_nonzero(start.scene.block.control.known.any(axis=1))
+    )
+    return start.misfit <= _FITS and not some and not much
 
 
 def _computed(block: Block, common: tuple[Hypothesis, ...], sea: Sea | None, effort: Effort) -> Start:

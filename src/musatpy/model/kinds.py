@@ -122,6 +122,6 @@ class CauseKind(StrEnum):
     FLAG = "flag of a submerged point"  # m
     NAME = "name of an image"  # no size
     EXCHANGED_IMAGES = "exchanged images of a point"  # no size
-    AXES = "exchanged plate axes"  # no size
+    AXES = "axes"  # of the plates or the control, reversed or exchanged; no size
     IMAGE = "image"  # x, y um
     IMAGES = "all images of a point"  # no size
