@@ -121,6 +121,8 @@ def test_how_far_residuals_could_bring_a_point_is_the_largest_in_sigmas_of_its_h
     weight = 1.0 / np.square(readings.sigma.reshape(-1, 4).T)
     with np.errstate(all="ignore"):
         points = described(exact, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
+        as_they_are = described(errors, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
+    np.testing.assert_array_equal(as_they_are.kink, points.kink)  # residuals say nothing of errors common to all
     sigmas = np.sqrt(np.max(np.square(points.residual) * weight, axis=0))
     known = np.isfinite(X).all(axis=0)
     assert known.sum() > 20 and sigmas[known].max() > 1.5
