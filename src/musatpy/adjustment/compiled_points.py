@@ -140,6 +140,7 @@ class CompiledRows:
         return self.sequence.last_seen.made(
             lambda: (self.measured(state.ground), self.stations(state), self.water(state, state.ground)),
             *(network.xy, network.weight, network.refracted, network.water, network.axes),
+            *(network.focal_length, network.principal_point),
             *(state.position, state.attitude, state.ground, state.tide, state.tilt, state.index),
         )
 
@@ -160,9 +161,8 @@ class CompiledRows:
         """Return the photos where they are; not to be changed, as what is `seen`."""
         return self.sequence.last_stations.made(
             lambda: stations_of(self.kernels, self.network, state),
-            self.network.axes,
-            state.position,
-            state.attitude,
+            *(self.network.axes, self.network.focal_length, self.network.principal_point),
+            *(state.position, state.attitude),
         )
 
     def water(self, state: State, ground: FloatArray) -> points.Water:

@@ -54,10 +54,16 @@ class Precision:
     depths: FloatArray  # (p,) m2, variance of the water over a submerged point minus its height, NaN likewise
     observed: Observations
     diagonal: Diagonal
-    considered: ConsideredWater | None
+    full: Factor  # of the normal equations by full weights
+    wide: Considered | None
     pairs: StationPairs
     levels: LevelPairs | None  # None: no photo has a level of its own as an unknown
     water: WaterPrecision | None
+
+    @property
+    def considered(self) -> ConsideredWater | None:
+        """The considered parameters."""
+        return None if self.wide is None else self.wide.parameters
 
 
 def factor_of(matrix: NormalMatrix) -> Factor:
@@ -130,7 +136,8 @@ def precision(
         depths=depths,
         observed=observed,
         diagonal=spread.diagonal,
-        considered=considered.parameters if considered else None,
+        full=full,
+        wide=considered,
         pairs=_pairs(unknowns),
         levels=_level_pairs(unknowns),
         water=_water_precision(network, estimated, considered),

@@ -12,6 +12,7 @@ from musatpy.adjustment import kernels, sightings
 from musatpy.adjustment.bathymetric import bathymetric_points
 from musatpy.adjustment.dependence import dependence
 from musatpy.adjustment.ground import point_squares
+from musatpy.adjustment.held_parameters import held_parameters
 from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.kinds.water_level import level_corrections
@@ -67,23 +68,21 @@ def solution(
     free: Freedom | None = None,  # None: nothing may be free
     crests: OtherCrests | None = None,  # None: no unknown waves, or nobody has looked for other crests of them
 ) -> Solution:
-    """Return the Solution at `state`.
+    """Return the Solution at `state`: residuals of `network`, in which WATPT has straightened the rays.
 
-    Residuals are those of `network`, in which WATPT has straightened the rays. Errors are propagated through
-    `refracted`, the same network with its true rays: straight ones would make depths look n times as sure.
+    Errors go through `refracted`, its true rays: straight ones would make depths look n times as sure.
     """
     line = problem(network, state).linearise(state)
     bent = line if refracted is network else problem(refracted, state).linearise(state)
     factor = factor_of(bent.matrix)
     idle = _idle_photos(network, part)
-    counts = count(network, len(idle), free.count if free else 0)
-    dof = counts.degrees_of_freedom
+    dof = (counts := count(network, len(idle), free.count if free else 0)).degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
     part, state = _without_unmet(network, part, state, sigma0)
     warnings += _weakness(block, network, state, bent.matrix, factor)
     warnings += _what_is_odd(block, network, state, idle, free, dof)
-    plates, squares = _plate_residuals(network, measured, state, part), line.objective
-    known = precision(block, refracted, state, part, factor, free, plates.residual, squares, dof)
+    plates = _plate_residuals(network, measured, state, part)
+    known = precision(block, refracted, state, part, factor, free, plates.residual, line.objective, dof)
     points = _points_of(refracted, state, part, known.points)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
     found = Solution(
@@ -95,7 +94,7 @@ def solution(
         passes=passes,
         sigma0=sigma0,
         degrees_of_freedom=dof,
-        sum_of_squares=squares,
+        sum_of_squares=line.objective,
         observations=counts.observations,
         unknowns=counts.unknowns,
         stations=stations,
@@ -113,6 +112,7 @@ def solution(
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
         dependence=_dependence(block, refracted, known),
+        held=None if reason else held_parameters(block, refracted, state, part, known, bent, free),
     )
     exact = refracted is network or reason
     return found if exact else with_departure(found, refracted, bent, factor, state, left_out(refracted, part))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.frames import Frame
 from musatpy.model import Block, Program, Treatment, WaterLevel
 
@@ -75,6 +76,19 @@ def _level_groups(block: Block, mode: WaterLevel) -> tuple[IntArray, TextArray]:
     group = np.full(n, -1)
     group[belongs] = number
     return group, ids
+
+
+def tide_groups(block: Block, known: BoolArray) -> Iterator[tuple[str, IntArray]]:
+    """Yield the names and the photos of all, of the groups and of the days, where they are more than one."""
+    photos = block.photos
+    everyone = np.flatnonzero(known)
+    if len(everyone) > 1:
+        yield "", everyone
+    for what, label in (("group", photos.tide_group), ("day", photos.tide_day)):
+        for name in np.unique(label[known & (label != "")]).tolist():
+            photo = np.flatnonzero(known & (label == name))
+            if 1 < len(photo) < len(everyone):
+                yield f"{what} {name}", photo
 
 
 def is_considered(block: Block, water: WaterKnowledge) -> bool:

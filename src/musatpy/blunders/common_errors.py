@@ -15,8 +15,8 @@ import numpy as np
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.adjustment.unknowns import LEVEL, State
+from musatpy.adjustment.water_surface import tide_groups
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.blunders.tides import tide_groups
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from musatpy.adjustment.kinds.water_level import level_corrections
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.unknowns import LEVEL, State
+from musatpy.adjustment.water_surface import tide_groups
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.model import Block
 
@@ -49,16 +50,3 @@ def common_tides(
             yield CommonTide(
                 name=name, photo=photo, test=abs(pull) / np.sqrt(checked) / sigma0, size=-pull / checked
             )
-
-
-def tide_groups(block: Block, known: BoolArray) -> Iterator[tuple[str, IntArray]]:
-    """Yield the names and the photos of all, of the groups and of the days, where they are more than one."""
-    photos = block.photos
-    everyone = np.flatnonzero(known)
-    if len(everyone) > 1:
-        yield "", everyone
-    for what, label in (("group", photos.tide_group), ("day", photos.tide_day)):
-        for name in np.unique(label[known & (label != "")]).tolist():
-            photo = np.flatnonzero(known & (label == name))
-            if 1 < len(photo) < len(everyone):
-                yield f"{what} {name}", photo

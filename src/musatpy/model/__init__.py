@@ -41,7 +41,7 @@ from musatpy.model.reduction import (
     ReseauCrosses,
     Transformation,
 )
-from musatpy.model.reliability import ConsideredWater, Dependence, Observations
+from musatpy.model.reliability import ConsideredWater, Dependence, HeldParameters, Observations
 from musatpy.model.solution import (
     AdjustedStations,
     AdjustedWater,
@@ -99,6 +99,7 @@ __all__ = [
     "Grade",
     "GroundPoints",
     "HeightDifferences",
+    "HeldParameters",
     "Initial",
     "Iteration",
     "Lenses",

@@ -69,3 +69,28 @@ class Dependence(Table):
     first: TextArray = per_row(rows="pairs")  # (c,) names of correlated unknowns, the most correlated ones first
     second: TextArray = per_row(rows="pairs")  # (c,)
     correlation: FloatArray = per_row(rows="pairs")  # (c,)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldParameters(Table):
+    """The h parameters that an adjustment holds and that many observations have in common, each with what it does.
+
+    An error e of one (given minus true) adds c e to the residuals, of which the adjustment leaves r e: c'Pc is the
+    `whole` column, r'Pr its `redundant` part, v'Pr the `pull` of the residuals v. What moves most in its own sigmas
+    goes by `shift` metres and `sigmas` for an error of one unit: of the stations, the points, the depths; -1, and
+    NaN, where nothing has a sigma.
+    """
+
+    names: TextArray = per_row()  # (h,)
+    units: TextArray = per_row()  # (h,) of the errors: mm, m, or none
+    reference: FloatArray = per_row()  # (h,) error by which movements are stated
+    limit: FloatArray = per_row()  # (h,) error beyond which nobody believes the parameter
+    pull: FloatArray = per_row()
+    redundant: FloatArray = per_row()
+    whole: FloatArray = per_row()
+    considered: FloatArray = per_row()  # (h,) variance of the pull from considered parameters
+    moved: IntArray = per_row(3)  # (h, 3) links to photos, points, points
+    shift: FloatArray = per_row(3)  # (h, 3) m
+    sigmas: FloatArray = per_row(3)  # (h, 3)
+    adjusted: int  # parameters of the kind that are unknowns
+    known_with_sigma: int  # those that are considered

@@ -15,7 +15,7 @@ from musatpy.model.block import Block
 from musatpy.model.construction import freeze
 from musatpy.model.findings import Cause, Finding
 from musatpy.model.kinds import ObservationKind
-from musatpy.model.reliability import ConsideredWater, Dependence, Observations
+from musatpy.model.reliability import ConsideredWater, Dependence, HeldParameters, Observations
 from musatpy.model.tables import Table, per_row
 
 if TYPE_CHECKING:
@@ -208,6 +208,7 @@ class Solution:
     observed: Observations | None = None  # None: the solution was not built by an adjustment
     dependence: Dependence | None = None  # likewise
     departure: Departure | None = None  # None: its rays are refracted, or there are none, or it has not converged
+    held: HeldParameters | None = None  # None: not converged, or likewise
     findings: tuple[Finding, ...] = ()  # of the search for blunders, where one was asked for
     causes: tuple[Cause, ...] = ()  # that explain what does not fit, ranked; of a search that was asked for or not
     unedited: str = ""  # why EDIT has edited nothing; empty where it has, or was not asked to

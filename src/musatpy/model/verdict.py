@@ -33,6 +33,7 @@ class Concern(StrEnum):
     REDUNDANCY = "redundancy"
     OBSERVATION = "single observations"
     CONTROL = "control"
+    COMMON = "errors common to all"
     CHECK_POINTS = "check points"
     GIVEN_STATIONS = "given stations"
     UNIT = "units"

@@ -16,6 +16,7 @@ from musatpy.reports import (
     adjusted_water,
     answer,
     bathymetric,
+    common_errors,
     constraints,
     control,
     echo,
@@ -182,6 +183,13 @@ OBSERVATIONS = (
         heads={"": "Limit"},
         note="By an error of one image or control component which its own test does not find.",
     ),
+    Shown(
+        report=common_errors.TESTS,
+        folded=False,
+        heads={"": "Test"},
+        note="Movements are those by the reference error; no test: residuals show no error that may be.",
+    ),
+    Shown(report=common_errors.HIDDEN),
 )
 RESULTS = (
     Shown(report=stations.POSITIONS, badness=by_size("position_sigma", 3), listed=PHOTOS),

@@ -13,6 +13,7 @@ from musatpy.arrays import IntArray
 from musatpy.model import Editing, Grade
 from musatpy.reports import observation_record, pages, quality_record
 from musatpy.reports.blunders import FINDING
+from musatpy.reports.common_errors import MOVED, moved_names
 from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
@@ -23,7 +24,7 @@ from musatpy.reports.titles import REFRACTION, SYSTEMS
 from musatpy.statistics import Statistics, metric_components
 from musatpy.statistics.hidden import FAR
 from musatpy.statistics.quality import ChiSquare
-from musatpy.statistics.verdict import sigma0_doubt, tests_sigma0
+from musatpy.statistics.verdict import COMMON_ERRORS, sigma0_doubt, tests_sigma0
 from musatpy.units import MICROMETRE
 
 INDEX = "Index Of Pages"
@@ -244,7 +245,24 @@ def _quality(answer: _Answer) -> Section:
             f"an undetected error may move them by more than {FAR:.0f} sigmas{where}"
         )
     lines["Blunders"] = _blunder_count(answer)
-    return Section(title="Quality In Short", lines=_printed(labelled(lines)))
+    return Section(title="Quality In Short", lines=_printed([*labelled(lines), *_untested(answer)]))
+
+
+def _untested(answer: _Answer) -> list[str]:
+    """Return the lines that name the parameters without a test, and what moves most by the worst of them."""
+    errors = answer.statistics.common_errors
+    if errors is None or not len(errors.untested):
+        return []
+    row, *others = errors.untested.tolist()
+    held, kind = errors.held, int(np.nanargmax(errors.reference_sigmas[row]))
+    size = f"{number_text('F12.4', held.reference[row])} {held.units[row]}".rstrip()
+    shift, sigmas = (values[row, kind] for values in (errors.reference_shift, errors.reference_sigmas))
+    moved = f"{MOVED[kind]} {moved_names(answer.statistics, kind)[row]}"
+    text = f"{held.names[row]}: {size} moves {moved} by {number_text('F12.3', shift)} m, "
+    text += f"{number_text('F12.1', sigmas)} sigmas{answer.reference(COMMON_ERRORS)}"
+    if others:
+        text += f"; also {'; '.join(held.names[others].tolist())}"
+    return wrapped([text], lead=labelled({"Common errors without test": ""})[0])
 
 
 def _sigma0(statistics: Statistics) -> str:

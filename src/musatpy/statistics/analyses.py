@@ -19,6 +19,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
 from musatpy.model.ranking import falling, largest
+from musatpy.statistics.common_errors import CommonErrors, common_errors
 from musatpy.statistics.hidden import HiddenErrors, hidden_errors
 from musatpy.statistics.quality import TEST_DECIMALS, CheckTest, Ellipses, Quality, check_test, ellipses
 from musatpy.statistics.words import Words, words_of
@@ -189,6 +190,11 @@ class Statistics:
     def hidden(self) -> HiddenErrors:
         """How far errors that no test finds may move the points."""
         return hidden_errors(self)
+
+    @cached_property
+    def common_errors(self) -> CommonErrors | None:
+        """The tests of the parameters that are held; None where the solution says nothing of them."""
+        return common_errors(self)
 
     @cached_property
     def verdict(self) -> Verdict:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import (
     Concern,
     Editing,
@@ -28,6 +28,7 @@ from musatpy.model.cameras import other_focal_length
 from musatpy.model.ranking import falling, largest
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import probability_beyond, quantile
+from musatpy.statistics.common_errors import CommonErrors
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import test_limit
@@ -42,6 +43,7 @@ BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are roundi
 _SAME_SCALE = 0.03  # relative difference of scales that are the same
 _LISTED = 3  # observations by name
 _OBSERVATIONS = "Statistics: Observations, The Worst First"
+COMMON_ERRORS = "Errors Common To All"
 _SIGMA0 = "Statistics: Sigma0 And Variance Components"
 _STATION_ANALYSIS = "Camera Station Position Analysis"
 
@@ -59,6 +61,7 @@ def verdict_of(statistics: Statistics) -> Verdict:
         *blunders(statistics),
         *sigma0(statistics),
         *observations(statistics),
+        *common(statistics),
         *check_points(statistics),
         *given_stations(statistics),
         *waves(statistics),
@@ -159,6 +162,24 @@ def observations(statistics: Statistics) -> Iterator[Reason]:
             )
 
 
+def common(statistics: Statistics) -> Iterator[Reason]:
+    """Yield the parameters beyond their tests: held ones, an error of which many observations have in common."""
+    errors = statistics.common_errors
+    if errors is None or not len(errors.beyond):
+        return
+    names = "; or ".join(_common_error(errors, row) for row in errors.beyond[:_LISTED].tolist())
+    more = f" and {len(errors.beyond) - _LISTED} more" if len(errors.beyond) > _LISTED else ""
+    text = f"an error common to all (limit {errors.limit:.1f}): {names}{more}"
+    yield _doubtful(Concern.COMMON, text, COMMON_ERRORS)
+
+
+def _common_error(errors: CommonErrors, row: int) -> str:
+    """Return a parameter in words: `focal length of RC8, test 12.3, in error by about 3.050 mm`."""
+    unit = f" {errors.held.units[row]}".rstrip()
+    error = _number(float(errors.estimated[row]))
+    return f"{errors.held.names[row]}, test {abs(errors.test[row]):.1f}, in error by about {error}{unit}"
+
+
 def normal_tests(statistics: Statistics) -> FloatArray:
     """Return the test values (o,) of the observations as normal variables, NaN where nothing checks them.
 
@@ -172,12 +193,23 @@ def normal_tests(statistics: Statistics) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         share = np.sqrt(np.where(quality.testable, observed.share, np.nan))
         baarda = observed.residual / (observed.sigma * share)
+    return by_sigma0(statistics, baarda, observed.kind == ObservationKind.PLATE)
+
+
+def by_sigma0(statistics: Statistics, baarda: FloatArray, images: BoolArray) -> FloatArray:
+    """Return test values (o,) with the a priori sigma as `normal_tests` are; which are of `images` (o,)."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         student = _as_normal(baarda / max(statistics.solution.unit_sigma, BEST_SIGMA0), statistics)
     if not tests_sigma0(statistics):
         return student
     if statistics.solution.unit_sigma < 1.0:
-        student = np.where(observed.kind == ObservationKind.PLATE, student, baarda)
+        student = np.where(images, student, baarda)
     return np.where(np.abs(student) > np.abs(baarda), student, baarda)
+
+
+def sigma_of_tests(statistics: Statistics) -> float:
+    """Return the sigma0 of the errors that these tests find: 1 but where the plate sigma is a guess."""
+    return 1.0 if tests_sigma0(statistics) else max(statistics.solution.unit_sigma, BEST_SIGMA0)
 
 
 def _as_normal(tau: FloatArray, statistics: Statistics) -> FloatArray:

@@ -1,0 +1,380 @@
+"""What errors would do that many observations have in common: of cameras, water, control and observed stations.
+
+Such a parameter is no unknown, and nothing that is printed of single observations speaks of it. An error e of it
+(given minus true) adds c e to the residuals. The adjustment, which does not know it, leaves r e of these, and moves
+stations and points: external reliability (Baarda 1968). With the weights P and the residuals v of the solution
+
+    r = c + A ds + B dX,   w = v'Pr / sqrt(r'Pr),   e = v'Pr / r'Pr,
+
+w is normal where the parameter is right, and r'Pr = c'P Qvv P c. Movements and r come from the adjustment itself:
+its right side with the parameter changed by a hundredth of its reference error, one solution by the factor of its
+normals, and the points following. So they are those of every program, refraction and kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from musatpy.adjustment.collinear import eliminate
+from musatpy.adjustment.datum import NOTHING_FREE, Freedom
+from musatpy.adjustment.direct import direct_rows, state_after
+from musatpy.adjustment.ground import hold, prior_rows
+from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.network import Network, Participation
+from musatpy.adjustment.precision import Precision, left_out
+from musatpy.adjustment.rank import point_motions
+from musatpy.adjustment.sightings import all_residuals
+from musatpy.adjustment.simultaneous import Simultaneous
+from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.water_surface import tide_groups, water_heights
+from musatpy.arrays import BoolArray, FloatArray, finite_rows
+from musatpy.model import Block, HeldParameters
+from musatpy.model.ranking import falling
+
+FOCAL_LENGTH, PRINCIPAL_POINT, INDEX, HEIGHT, SCALE = (
+    1e-3,
+    0.02,
+    0.005,
+    0.1,
+    1e-4,
+)  # reference errors: 1, mm, 1, m, 1
+MOST_CAMERA, MOST_INDEX, MOST_HEIGHT, MOST_SCALE = 0.02, 0.02, 5.0, 0.01  # of focal lengths, 1, m, 1
+TIDES, CONTROL_HEIGHTS = "tides", "heights of control"
+_STEP = 0.01  # of the reference error: rounding leaves six digits of the differences, curvature four
+_DECIMALS = 1  # of sigmas, as they are printed
+_NOTHING = (-1, np.nan, np.nan)  # has a sigma
+
+Altered = tuple[Network, State]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Parameter:
+    """A parameter that is held: `altered` returns network and state with an error of a `size`."""
+
+    name: str
+    unit: str
+    reference: float
+    limit: float
+    altered: Callable[..., Altered]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Begun:
+    """A solution with an error of a parameter: its normal equations, and all residuals before they are solved."""
+
+    network: Network
+    state: State
+    line: Linearisation
+    residual: FloatArray  # (o,)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _AtRest:
+    """A solution at rest with the factor of its normal equations, of full weights."""
+
+    block: Block
+    network: Network
+    state: State
+    part: Participation
+    known: Precision
+    line: Linearisation
+    free: Freedom
+
+    @cached_property
+    def weight(self) -> FloatArray:
+        """The weights (o,) of all observations, 0 of the images that took no part."""
+        network, state = self.network, self.state
+        of_points = [
+            prior_rows(network, state, group.point, state.ground[group.point]).weight
+            for group in (*network.control_groups, *network.kept_groups)
+        ]
+        direct = [rows.weight for _, rows in direct_rows(network, state)]
+        images = network.weight * self.part.used[:, None]
+        return np.concatenate([part.reshape(-1) for part in (images, *of_points, *direct)])
+
+    def residuals(self, network: Network, state: State) -> FloatArray:
+        """Return the residuals (o,) of the images, of what is known of points, and of all others."""
+        of_points = [
+            -prior_rows(network, state, group.point, state.ground[group.point]).deviation
+            for group in (*network.control_groups, *network.kept_groups)
+        ]
+        direct = [rows.residual for _, rows in direct_rows(network, state)]
+        images = all_residuals(network, state, self.part.used)
+        images[~self.part.used] = 0.0
+        return np.concatenate([part.reshape(-1) for part in (images, *of_points, *direct)])
+
+    def begun(self, network: Network, state: State) -> _Begun:
+        """Return the solution where its parameters are those of a network and state."""
+        held = np.flatnonzero(network.priors.held.any(axis=1) & finite_rows(state.ground))
+        if len(held):  # they are where the cards put them
+            ground = state.ground.copy()
+            ground[held] = hold(network, held, ground[held])
+            state = replace(state, ground=ground)
+        problem = Simultaneous(network=network, options=self.block.options, held=self.free.held)
+        line = problem.renewed(state, self.line)
+        return _Begun(network=network, state=state, line=line, residual=self.residuals(network, state))
+
+    def after(self, begun: _Begun, step: FloatArray) -> State:
+        """Return the state after a step (u,), which all points follow."""
+        network, state, ground = begun.network, begun.state, begun.state.ground.copy()
+        for follow in begun.line.context:
+            follow.move(network, state, step, ground)
+        for group in left_out(network, self.part):
+            eliminate(network, state, group).follow(group).move(network, state, step, ground)
+        return replace(state_after(network, state, step), ground=ground)
+
+    def about_their_points(self, state: State, ground: FloatArray) -> State:
+        """Return a state of a free network moved as its inner constraints ask for: its points about `ground`."""
+        if not self.free.count:
+            return state
+        G = point_motions(self.network, self.free.centre, ground) @ self.free.motions
+        known = np.isin(np.arange(len(ground)), self.network.point[self.part.used])
+        gap = (ground - state.ground)[known].reshape(-1)
+        t, *_ = np.linalg.lstsq(G[known].reshape(len(gap), -1), gap, rcond=None)
+        moved = state_after(self.network, state, self.free.directions @ t)
+        return replace(moved, ground=state.ground + G @ t)
+
+    def places(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return stations (n, 3), points (p, 3), and depths (p, 1) m below the mean water at their photos."""
+        network, wet = self.network, self.block.points.bathymetric & finite_rows(self.state.ground)
+        rays = np.flatnonzero(wet[network.point])
+        point, tide = network.point[rays], state.tide[network.photo[rays]]
+        water = water_heights(network.slope(state.tilt), tide, state.ground[point])
+        sums, count = np.bincount(point, water, len(wet)), np.bincount(point, minlength=len(wet))
+        depth = np.full((len(wet), 1), np.nan)
+        depth[wet, 0] = sums[wet] / count[wet] - network.frame.height(state.ground[wet])
+        return state.position, state.ground, depth
+
+    def of_considered(self, altered: Callable[[Network, State], Altered], moved: State) -> FloatArray:
+        """Return the right side (c,) of the considered parameters with what is left of an error."""
+        wide = self.known.wide
+        if wide is None:
+            return np.zeros(0)
+        network, _ = altered(wide.network, wide.state)
+        state = replace(moved, waves=wide.state.waves)
+        rhs = Simultaneous(network=network, options=self.block.options).renewed(state, self.line).rhs
+        return rhs[network.pattern.order :][~wide.free] * wide.parameters.sigma
+
+
+def held_parameters(
+    block: Block,
+    network: Network,
+    state: State,
+    part: Participation,
+    known: Precision,
+    line: Linearisation,
+    free: Freedom | None,
+) -> HeldParameters:
+    """Return what errors of the parameters do that a solution at `state` holds; `line` are its normal equations.
+
+    The residuals tested are those that a last step leaves: of WATPT, those of refracted rays.
+    """
+    rest = _AtRest(
+        block=block, network=network, state=state, part=part, known=known, line=line, free=free or NOTHING_FREE
+    )
+    held = tuple(_parameters(block, network, part))
+    errors = [partial(parameter.altered, size=_STEP * parameter.reference) for parameter in held]
+    runs = [rest.begun(network, state), *(rest.begun(*altered(network, state)) for altered in errors)]
+    scale = known.full.scale[:, None]
+    steps = known.full.solve_scaled(np.stack([run.line.rhs for run in runs], axis=1) * scale) * scale
+    base, *others = runs
+    resting = rest.after(base, steps[:, 0])
+    left = rest.residuals(network, resting)
+    none = rest.of_considered(lambda *both: both, resting)
+    sizes, numbers = np.array([_STEP * parameter.reference for parameter in held]), np.zeros((len(held), 4))
+    worst = _Worst(rest=rest, state=resting)
+    for row, (run, altered) in enumerate(zip(others, errors, strict=True)):
+        moved = rest.after(run, steps[:, 1 + row])
+        c, r = run.residual - base.residual, rest.residuals(run.network, moved) - left
+        Pr, of_considered = rest.weight * r, rest.of_considered(altered, moved) - none
+        numbers[row] = Pr @ left * sizes[row], Pr @ r, c @ (rest.weight * c), of_considered @ of_considered
+        worst.add(rest.about_their_points(moved, resting.ground), sizes[row], held[row].reference)
+    moves = np.array(worst.found).reshape(-1, 3, 3)
+    pull, redundant, whole, considered = (numbers / np.square(sizes)[:, None]).T
+    return HeldParameters(
+        names=np.array([parameter.name for parameter in held], dtype=np.str_),
+        units=np.array([parameter.unit for parameter in held], dtype=np.str_),
+        reference=np.array([parameter.reference for parameter in held]),
+        limit=np.array([parameter.limit for parameter in held]),
+        pull=pull,
+        redundant=redundant,
+        whole=whole,
+        considered=considered,
+        moved=moves[..., 0].astype(int),
+        shift=moves[..., 1],
+        sigmas=moves[..., 2],
+        adjusted=int(network.water.index_unknown) + int((network.water.group >= 0).any()),
+        known_with_sigma=int(_index_considered(block, network)) + int(_tides_considered(block, network).any()),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Worst:
+    """What moves most in its own sigmas, of the stations, the points and the depths, error by error of one unit."""
+
+    rest: _AtRest
+    state: State
+    found: list[list[tuple[int, float, float]]] = field(default_factory=list)  # row, m, sigmas of each kind
+
+    @cached_property
+    def _before(self) -> tuple[tuple[FloatArray, FloatArray | None, FloatArray], ...]:
+        """Places, their axes east, north, up, and sigmas along these, of stations, points and depths."""
+        network, known = self.rest.network, self.rest.known
+        axes = (network.axes, network.frame.axes(self.state.ground), None)
+        of_stations = np.einsum("nii->ni", known.unknowns.of_single_photos())[:, :3]
+        variances = (of_stations, np.einsum("kii->ki", known.points), known.depths[:, None])
+        sigmas = [np.sqrt(np.maximum(variance, 0.0)) for variance in variances]
+        return tuple(zip(self.rest.places(self.state), axes, sigmas, strict=True))
+
+    def add(self, state: State, size: float, reference: float) -> None:
+        """Add what an error of so many units does, that leads to a state; it is ordered by the reference error.
+
+        Sigmas of what is held are zero: it moves with its card.
+        """
+        found = []
+        for place, (before, axes, sigma) in zip(self.rest.places(state), self._before, strict=True):
+            move = (place - before) / size
+            move = move if axes is None else (axes @ move[..., None])[..., 0]
+            relative = np.full(sigma.shape, np.nan)
+            np.divide(np.abs(move), sigma, out=relative, where=sigma > 0.0)
+            most = np.fmax.reduce(relative, axis=1)
+            row = int(falling(most * reference, _DECIMALS)[0])
+            known = np.isfinite(most[row])
+            found.append((row, float(np.linalg.norm(move[row])), float(most[row])) if known else _NOTHING)
+        self.found.append(found)
+
+
+def _parameters(block: Block, network: Network, part: Participation) -> Iterator[Parameter]:
+    """Yield the parameters that are held, neither adjusted nor considered."""
+    for camera in np.unique(block.photos.camera[network.photo[part.used]]).tolist():
+        yield from _of_camera(block, camera)
+    priors, stations = network.priors, network.position_weight > 0.0
+    bound = np.zeros(network.points, dtype=bool)
+    for group in (*network.control_groups, *network.kept_groups):
+        bound[group.point] = True
+    control = priors.known & bound[:, None]
+    tides: tuple[Parameter, ...] = ()
+    if bool((network.refracted & part.used).any()):
+        if not network.water.index_unknown and not _index_considered(block, network):
+            yield Parameter(name="refractive index", unit="", reference=INDEX, limit=MOST_INDEX, altered=_index)
+        tides = tuple(_tides(block, network, part))
+    # where nothing else holds the heights of a block, that of all of it is nobody's error: water and control differ
+    together = bool(tides) and control[:, 2].any() and not stations[:, 2].any()
+    together = together and tides[0].name == TIDES and not _tides_unknown(block, network).any()
+    if together:
+        tides = (replace(tides[0], name=f"{TIDES} less {CONTROL_HEIGHTS}"), *tides[1:])
+    yield from tides
+    if control[:, 2].any() and not together:
+        yield _height(CONTROL_HEIGHTS, partial(_control, control[:, 2], _raised))
+    if np.count_nonzero(control[:, 0]) > 1:
+        yield _scale("scale of control", partial(_control, control[:, 0], _enlarged))
+    if stations[:, 2].any():
+        yield _height("heights of stations", partial(_stations, stations[:, 2], _raised))
+    if np.count_nonzero(stations[:, 0]) > 1:
+        yield _scale("scale of stations", partial(_stations, stations[:, 0], _enlarged))
+
+
+def _height(name: str, altered: Callable[..., Altered]) -> Parameter:
+    return Parameter(name=name, unit="m", reference=HEIGHT, limit=MOST_HEIGHT, altered=altered)
+
+
+def _scale(name: str, altered: Callable[..., Altered]) -> Parameter:
+    return Parameter(name=name, unit="", reference=SCALE, limit=MOST_SCALE, altered=altered)
+
+
+def _of_camera(block: Block, camera: int) -> Iterator[Parameter]:
+    """Yield focal length and principal point of a camera."""
+    focal, name = float(block.cameras.focal_length[camera]), block.cameras.ids[camera]
+    on, most = block.photos.camera == camera, MOST_CAMERA * focal
+
+    def focal_length(network: Network, state: State, size: float) -> Altered:
+        return replace(network, focal_length=network.focal_length + size * on), state
+
+    def principal_point(axis: int, network: Network, state: State, size: float) -> Altered:
+        xy = network.principal_point + size * on[:, None] * np.eye(2)[axis]
+        return replace(network, principal_point=xy), state
+
+    yield Parameter(
+        name=f"focal length of {name}", unit="mm", reference=FOCAL_LENGTH * focal, limit=most, altered=focal_length
+    )
+    for axis, letter in enumerate("xy"):
+        yield Parameter(
+            name=f"principal point {letter}, {name}",
+            unit="mm",
+            reference=PRINCIPAL_POINT,
+            limit=most,
+            altered=partial(principal_point, axis),
+        )
+
+
+def _index_considered(block: Block, network: Network) -> bool:
+    return block.water is not None and bool(block.water.sigma) and not network.water.index_unknown
+
+
+def _tides_considered(block: Block, network: Network) -> BoolArray:
+    return (network.water.group < 0) & (block.photos.tide_sigma > 0.0)
+
+
+def _tides_unknown(block: Block, network: Network) -> BoolArray:
+    """Return which tides (n,) are adjusted or considered."""
+    return (network.water.group >= 0) | _tides_considered(block, network)
+
+
+def _index(network: Network, state: State, size: float) -> Altered:
+    water = replace(network.water, index=network.water.index + size)
+    return replace(network, water=water), replace(state, index=state.index + size)
+
+
+def _tides(block: Block, network: Network, part: Participation) -> Iterator[Parameter]:
+    """Yield the tides of all photos of refracted images, of groups, and of days: as far as they are held."""
+    seen = np.zeros(network.photos, dtype=bool)
+    seen[network.photo[network.refracted & part.used]] = True
+    known = seen & ~_tides_unknown(block, network)
+    groups = tuple(tide_groups(block, known)) or ((("", np.flatnonzero(known)),) if known.any() else ())
+    for name, photos in groups:
+        on = np.isin(np.arange(network.photos), photos)
+        yield _height(f"{TIDES} of {name}" if name else TIDES, partial(_tide, on))
+
+
+def _tide(on: BoolArray, network: Network, state: State, size: float) -> Altered:
+    water = replace(network.water, tide=network.water.tide + size * on)
+    return replace(network, water=water), replace(state, tide=state.tide + size * on)
+
+
+def _control(
+    chosen: BoolArray,
+    changed: Callable[[Network, FloatArray, float], FloatArray],
+    network: Network,
+    state: State,
+    size: float,
+) -> Altered:
+    given = network.priors.given.copy()
+    given[chosen] = changed(network, given[chosen], size)
+    return replace(network, priors=replace(network.priors, given=given)), state
+
+
+def _stations(
+    chosen: BoolArray,
+    changed: Callable[[Network, FloatArray, float], FloatArray],
+    network: Network,
+    state: State,
+    size: float,
+) -> Altered:
+    position = network.position.copy()
+    level = changed(network, network.frame.level(position[chosen]), size)
+    position[chosen] = network.frame.from_level(level)
+    return replace(network, position=position), state
+
+
+def _raised(network: Network, level: FloatArray, size: float) -> FloatArray:
+    """Return level coordinates (k, 3) higher by `size` m."""
+    return level + size * np.array([0.0, 0.0, 1.0])
+
+
+def _enlarged(network: Network, level: FloatArray, size: float) -> FloatArray:
+    """Return level coordinates (k, 3) with their plan larger by a share `size`, about its middle."""
+    return level + size * np.array([1.0, 1.0, 0.0]) * (level - level.mean(axis=0))

@@ -1,0 +1,151 @@
+"""Errors common to all: tests of the parameters that are held, and what errors of them move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.reports.editing import number_text
+from musatpy.reports.fields import Field, Group, Rows
+from musatpy.reports.origin import Origin
+from musatpy.reports.pages import Section
+from musatpy.reports.table import Column, Report, key
+from musatpy.reports.text import wrapped
+from musatpy.statistics import Statistics
+from musatpy.statistics.common_errors import CommonErrors
+from musatpy.statistics.quality import BETA, FAMILY_RISK
+from musatpy.statistics.verdict import COMMON_ERRORS
+
+MOVED = ("station", "point", "depth")  # what an error moves
+
+
+def moved_names(statistics: Statistics, kind: int) -> list[str]:
+    """Return which station, point or depth every parameter moves most; empty where nothing has a sigma."""
+    ids = statistics.block.photos.ids if kind == 0 else statistics.block.points.ids
+    rows: IntArray = _errors(statistics).held.moved[:, kind]
+    return [str(ids[row]) if row >= 0 else "" for row in rows.tolist()]
+
+
+def _errors(statistics: Statistics) -> CommonErrors:
+    errors = statistics.common_errors
+    if errors is None:
+        raise ValueError("the solution says nothing of the parameters that it holds")
+    return errors
+
+
+def _moves(kind: int) -> tuple[Field[Statistics], ...]:
+    """Return what the record says of the worst station, point or depth."""
+    noun = MOVED[kind]
+
+    def by(values: Callable[[CommonErrors], FloatArray]) -> Callable[[Statistics], FloatArray]:
+        return lambda s: values(_errors(s))[:, kind]
+
+    return (
+        Field(noun, "string", f"{noun} that moves most in its sigmas", lambda s: moved_names(s, kind)),
+        Field(f"{noun}_shift", "number?", "by the reference error", by(lambda e: e.reference_shift), "m"),
+        Field(f"{noun}_sigmas", "number?", "the same in sigmas", by(lambda e: e.reference_sigmas)),
+        Field(f"{noun}_hidden", "number?", "by the smallest error found", by(lambda e: e.smallest_shift), "m"),
+        Field(f"{noun}_hidden_sigmas", "number?", "the same in sigmas", by(lambda e: e.smallest_sigmas)),
+    )
+
+
+PARAMETERS = Rows[Statistics, Statistics](
+    "parameters",
+    "one row per parameter that is held",
+    lambda s: s,
+    (
+        Field("parameter", "string", "name", lambda s: _errors(s).held.names),
+        Field("unit", "enum", "of its errors", lambda s: _errors(s).held.units, choices=("mm", "m", "")),
+        Field("tested", "boolean", "residuals show an error that may be", lambda s: _errors(s).tested),
+        Field("test", "number?", "test value", lambda s: _errors(s).test),
+        Field("estimated", "number?", "error, given minus true", lambda s: _errors(s).estimated),
+        Field("smallest", "number?", "error found with a power of 0.80", lambda s: _errors(s).smallest),
+        Field("reference", "number", "error by which movements are stated", lambda s: _errors(s).held.reference),
+        *_moves(0),
+        *_moves(1),
+        *_moves(2),
+    ),
+)
+_ERRORS = Group[Statistics, Statistics](
+    "common_errors",
+    "parameters that are held and common to many observations; null where the run did not converge",
+    lambda s: None if s.common_errors is None else s,
+    (
+        Field("limit", "number", "of the test values", lambda s: _errors(s).limit),
+        Field("adjusted", "integer", "left out as they are adjusted", lambda s: _errors(s).held.adjusted),
+        Field(
+            "considered", "integer", "left out as they are considered", lambda s: _errors(s).held.known_with_sigma
+        ),
+        PARAMETERS,
+    ),
+    optional=True,
+)
+
+
+def _columns(kind: int, suffix: str, ids: bool) -> tuple[Column[Statistics], ...]:
+    noun = MOVED[kind]
+    name = (Column[Statistics](noun.capitalize(), "A8", shows=noun),) if ids else ()
+    head = "" if ids else noun.capitalize()
+    return (
+        *name,
+        Column(f"{head}\nm", "F9.3", shows=f"{noun}_{suffix.format('shift', '')}".rstrip("_")),
+        Column(f"{head}\nsigmas", "F7.1", shows=f"{noun}_{suffix.format('sigmas', '_sigmas')}"),
+    )
+
+
+TESTS: Report[Statistics] = Report(
+    title=COMMON_ERRORS,
+    table=PARAMETERS,
+    path="common_errors.parameters",
+    columns=(
+        key("Parameter", "A30", "parameter"),
+        Column("Unit", "A4", shows="unit"),
+        Column("Test\nvalue", "F7.2", shows="test"),
+        Column(
+            "", "A7", lambda s: np.where(_errors(s).tested, "", "no test"), Origin(field="tested", false="no test")
+        ),
+        Column("Smallest\nfound", "F9.4", shows="smallest"),
+        Column("Reference\nerror", "F9.4", shows="reference"),
+        *(column for kind in range(3) for column in _columns(kind, "{0}", ids=False)),
+    ),
+)
+HIDDEN: Report[Statistics] = Report(
+    title=f"{COMMON_ERRORS}: What Moves Most, By The Smallest Error Found",
+    table=PARAMETERS,
+    path="common_errors.parameters",
+    rows=lambda s: np.flatnonzero(_errors(s).tested),
+    some=True,
+    columns=(
+        key("Parameter", "A30", "parameter"),
+        *(column for kind in range(3) for column in _columns(kind, "hidden{1}", ids=True)),
+    ),
+)
+RECORD, STATED = (_ERRORS,), (TESTS, HIDDEN)
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return both tables; nothing for a solution that says nothing of them."""
+    errors = statistics.common_errors
+    if errors is None:
+        return []
+    tested = int(errors.tested.sum())
+    note = (
+        "Parameters that are held, and common to many observations. An error of one moves stations, points and "
+        "depths, those most in their sigmas by the figures above where it is as large as the reference error. "
+        f"The limit of the {tested} test values is {number_text('F6.2', errors.limit)} (risk of all together "
+        f"{number_text('F6.3', FAMILY_RISK)}); the smallest error found is that with a probability of "
+        f"{number_text('F5.2', BETA)}. No test: no error that anybody would believe shows in the residuals."
+    )
+    left = [
+        f"{count} {what}"
+        for count, what in ((errors.held.adjusted, "adjusted"), (errors.held.known_with_sigma, "considered"))
+        if count
+    ]
+    if left:
+        note += f" Left out, as their errors are in the sigmas: {' and '.join(left)}."
+    return [
+        TESTS.section(statistics, ["", *wrapped([note])], new_page=True),
+        *([HIDDEN.section(statistics)] if tested else []),
+    ]

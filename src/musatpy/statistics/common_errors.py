@@ -1,0 +1,120 @@
+"""Errors common to all: the test of every parameter that is held, and what an error that it does not find does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.model import HeldParameters
+from musatpy.model.ranking import falling
+from musatpy.model.tables import Table, per_row
+from musatpy.statistics.quality import POWER, TEST_DECIMALS, test_limit
+
+if TYPE_CHECKING:
+    from musatpy.statistics.analyses import Statistics
+
+SEEN = 1e-8  # of the squares of a column: what the residuals show below is rounding
+_DECIMALS = 1  # of sigmas, as they are printed
+_ONE = 1.0  # sigma: an error that moves nothing by more is nobody's concern
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommonErrors(Table):
+    """The tests of h parameters that are held; NaN where there is none."""
+
+    held: HeldParameters
+    limit: float  # of the tests, together at the level of `quality.FAMILY_RISK`
+    test: FloatArray = per_row()  # (h,) normal
+    estimated: FloatArray = per_row()  # (h,) given minus true, in its unit
+    smallest: FloatArray = per_row()  # (h,) error that the test finds with the power `quality.BETA`
+
+    @property
+    def tested(self) -> BoolArray:
+        """(h,) True where there is a test."""
+        return ~np.isnan(self.smallest)
+
+    @property
+    def beyond(self) -> IntArray:
+        """The parameters beyond their tests, the worst first."""
+        size = np.nan_to_num(np.abs(self.test))
+        return falling(size, TEST_DECIMALS)[: np.count_nonzero(size > self.limit)]
+
+    @property
+    def reference_shift(self) -> FloatArray:
+        """(h, 3) m, by which the reference error moves what it moves most in its sigmas."""
+        return self.held.shift * self.held.reference[:, None]
+
+    @property
+    def smallest_shift(self) -> FloatArray:
+        """(h, 3) m, and the smallest error found."""
+        return self.held.shift * self.smallest[:, None]
+
+    @property
+    def reference_sigmas(self) -> FloatArray:
+        """(h, 3) the same of the reference error in sigmas."""
+        return self.held.sigmas * self.held.reference[:, None]
+
+    @property
+    def smallest_sigmas(self) -> FloatArray:
+        """(h, 3) and of the smallest error found."""
+        return self.held.sigmas * self.smallest[:, None]
+
+    @property
+    def untested(self) -> IntArray:
+        """The parameters without a test whose reference error moves something by more than a sigma.
+
+        By falling sigmas.
+        """
+        most = np.nan_to_num(self.reference_sigmas).max(axis=1, initial=0.0)
+        most = np.where(self.tested, 0.0, most)
+        return falling(most, _DECIMALS)[: np.count_nonzero(most > _ONE)]
+
+
+def common_errors(statistics: Statistics) -> CommonErrors | None:
+    """Return the tests of the parameters of a solution that are held, None where it says nothing of them.
+
+    A parameter has no test where residuals show less than `SEEN` of its error, or none that is smaller than what
+    anybody would believe of it. The limit is that of those that have one.
+    """
+    from musatpy.statistics.verdict import by_sigma0, sigma_of_tests  # which read these statistics
+
+    held = statistics.solution.held
+    if held is None:
+        return None
+    seen = (
+        (held.redundant >= SEEN * held.whole)
+        & (held.redundant > 0.0)
+        & (statistics.solution.degrees_of_freedom > 0)
+    )
+    redundant = np.where(seen, held.redundant, np.nan)
+    deviation = np.sqrt(redundant + held.considered)  # of the pull
+    sigma = sigma_of_tests(statistics) * deviation / redundant
+    count = _tests(sigma / held.limit)
+    limit = test_limit(count)
+    smallest = (limit + POWER) * sigma
+    with np.errstate(invalid="ignore"):
+        smallest = np.where(smallest <= held.limit, smallest, np.nan)
+    test = np.where(np.isnan(smallest), np.nan, held.pull / deviation)
+    return CommonErrors(
+        held=held,
+        limit=limit,
+        test=by_sigma0(statistics, test, np.zeros(len(test), dtype=bool)),
+        estimated=np.where(np.isnan(smallest), np.nan, held.pull / redundant),
+        smallest=smallest,
+    )
+
+
+def _tests(sigma: FloatArray) -> int:
+    """Return how many tests there are: the most that find errors within the range of their parameters.
+
+    `sigma` (h,) are those of the estimated errors, in these ranges, NaN where nothing shows; more tests have a
+    higher limit.
+    """
+    ordered = np.sort(sigma)  # NaN last
+    counts = [
+        count for count in range(1, len(sigma) + 1) if (test_limit(count) + POWER) * ordered[count - 1] <= 1.0
+    ]
+    return max(counts, default=0)
