@@ -23,6 +23,7 @@ from typing import Any
 
 from click.testing import CliRunner
 
+from fuzzing import cpu_limit
 from musatpy.cli.main import main
 from musatpy.runs import run_deck
 
@@ -118,6 +119,7 @@ def targets(made: Path) -> list[Target]:
     clouds = [made / f"cloud.{kind}" for kind in ("las", "laz")] if _clouds(made) else []
     own = tuple(sorted((ROOT / "card_formats/musat").glob("*.toml")))
     harbour = tuple(sorted((FIXTURES / "own_formats/harbour").glob("*.toml")))
+    bay = FIXTURES / "st_thomas_as11/st_thomas_as11.crd"
     manifest = made / "strips.toml"
     manifest.write_text(f'out = "here"\nbrief = true\n[[job]]\ndeck = "{deck}"\npunch = "result"\n')
     index = Target(
@@ -217,6 +219,20 @@ def targets(made: Path) -> list[Target]:
             for name in ("patb.im", "patb.ori", "giant.cnt", "giant.img")
             if (made / name).exists()
         ),
+        Target(
+            name="stages", source=bay, command=("as11", "compile", str(record), "{}", "-o", "{out}"), weight=6
+        ),
+        Target(
+            name="soundings",
+            source=bay.with_name("soundings.csv"),
+            command=("as11", "compare-soundings", str(record), str(bay), "{}", "-o", "{out}", "--plan-sigma", "1"),
+            weight=4,
+        ),
+        Target(
+            name="orientation", source=FIXTURES / "orientation/tank.crd", command=("orient", "{}", "-o", "{out}")
+        ),
+        Target(name="inquiry", source=record, command=("explain", "206", "{}")),
+        Target(name="page", source=record, command=("report", "{}", "-o", "{out}/o.html"), weight=3),
         Target(name="manifest", source=manifest, command=("batch", "-q", "-j", "1", "{}"), weight=1),
         index,
     ]  # fmt: skip
@@ -336,8 +352,14 @@ def _node(data: bytes, rng: random.Random) -> bytes:
 # --- what comes of it ---
 
 
-def fuzz(count: int, seed: int, only: tuple[str, ...] = (), tell: Callable[[str], None] = print) -> Tally:
-    """Return what came of so many cases."""
+def fuzz(
+    count: int,
+    seed: int,
+    only: tuple[str, ...] = (),
+    tell: Callable[[str], None] = print,
+    begun: Callable[[int], None] = lambda case: None,
+) -> Tally:
+    """Return what came of so many cases; `begun` is told of each before."""
     tally = Tally()
     with TemporaryDirectory() as folder:
         made = Path(folder) / "made"
@@ -346,6 +368,7 @@ def fuzz(count: int, seed: int, only: tuple[str, ...] = (), tell: Callable[[str]
         rng = random.Random(seed)
         for case in range(count):
             target = rng.choices(known, [one.weight for one in known])[0]
+            begun(seed * 1_000_000 + case)
             fault = _case(target, Path(folder) / "case", seed * 1_000_000 + case, tally)
             if fault:
                 tally.failures.append((target.name, seed * 1_000_000 + case, fault))
@@ -387,7 +410,8 @@ def _limited(seconds: float) -> Iterator[None]:
     signal.signal(signal.SIGPROF, end)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
-        yield
+        with cpu_limit(2.0 * seconds):  # what is at work outside Python hears of no signal
+            yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from click.testing import CliRunner
 
+from fuzzing import cpu_limit
 from musatpy.cli.main import main as musat
 from record_rows import read_rows
 
@@ -89,6 +90,13 @@ def decks() -> dict[str, Cards]:
         "local simultaneous": _deck("verdict/iiia_false_minimum.crd"),
         "in feet": _deck("verdict/control_in_feet.crd"),
     }
+
+
+@cache
+def large_decks() -> dict[str, Cards]:
+    """Return decks that are checked only: other cards, more of them, and what they warn of."""
+    names = ("cayman/cayman_modified", "cayman/cayman_standard", "bad_decks/many_errors", "orientation/strip")
+    return {name: _deck(f"{name}.crd") for name in names}
 
 
 def _places(cards: Cards, rng: np.random.Generator, pattern: str = r"\S+") -> tuple[int, int, int]:
@@ -289,13 +297,13 @@ class Run:
 
 
 def mutated(seed: int) -> tuple[str, tuple[str, ...], bytes]:
-    """Return the name of a deck, the mutations done to it, most often one, and its cards then."""
+    """Return the name of a deck, small or large, the mutations done to it, most often one, and its cards then."""
     rng = np.random.default_rng(seed)
-    names = list(decks())
-    name = names[int(rng.integers(len(names)))]
+    known = decks() | large_decks()
+    name = list(known)[int(rng.integers(len(known)))]
     weights = np.array([weight for _, weight in MUTATIONS.values()])
     kinds = rng.choice(list(MUTATIONS), size=int(rng.choice([1, 1, 1, 2, 3])), p=weights / weights.sum())
-    cards = decks()[name]
+    cards = known[name]
     for kind in kinds:
         try:
             cards = MUTATIONS[str(kind)][0](cards, rng)
@@ -305,7 +313,7 @@ def mutated(seed: int) -> tuple[str, tuple[str, ...], bytes]:
 
 
 def run(seed: int, folder: Path) -> Run:
-    """Return what becomes of the deck of a seed, run in `folder`."""
+    """Return what becomes of the deck of a seed, checked, and run if it is small, in `folder`."""
     name, kinds, cards = mutated(seed)
     path = folder / "job.crd"
     path.write_bytes(cards)
@@ -315,11 +323,20 @@ def run(seed: int, folder: Path) -> Run:
     signal.setitimer(signal.ITIMER_VIRTUAL, _PATIENCE)
     start = time.process_time()
     try:
-        result = CliRunner().invoke(musat, ["run", str(path)])
+        with cpu_limit(2.0 * _PATIENCE):  # what is at work outside Python hears of no signal
+            checked = CliRunner().invoke(musat, ["check", str(path)])
+            runs = name in decks()
+            result = CliRunner().invoke(musat, ["run", str(path)]) if runs else checked
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
     seconds = time.process_time() - start
-    faults = [f"says {text}: {_line(result.output, text)}" for text in _RAW_TEXTS if text in result.output]
+    faults = []
+    if runs and checked.exit_code == 1 and result.exit_code != 1:
+        faults.append(f"has errors by check, and runs with status {result.exit_code}")
+    faults += [f"check says {text}: {_line(checked.output, text)}" for text in _RAW_TEXTS if text in checked.output]
+    if checked.exit_code not in (0, 1):
+        faults.append(f"check ends with {checked.exit_code}, {checked.exception!r}")
+    faults += [f"says {text}: {_line(result.output, text)}" for text in _RAW_TEXTS if text in result.output]
     if result.exit_code not in range(5) or (result.exception and not isinstance(result.exception, SystemExit)):
         faults.append(f"ends with {result.exit_code}, {result.exception!r}")
     record = folder / "job.json"

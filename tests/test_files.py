@@ -69,6 +69,17 @@ def test_a_lock_is_no_link(tmp_path):
     assert precious.read_text() == "of somebody" and not (tmp_path / "a.lst").exists()
 
 
+def test_a_lock_that_a_killed_process_left_is_removed(tmp_path):
+    (lock := tmp_path / ".a.lst.lock").write_bytes(b"")
+    remove_leftovers([tmp_path / "a.lst"])
+    assert not lock.exists()
+    with together():
+        write_files({tmp_path / "a.lst": b"1", tmp_path / "a.json": b"1"})
+        remove_leftovers([tmp_path / "a.lst"])
+        assert lock.exists()  # it is held
+    assert not lock.exists()
+
+
 WRITER = """
 import sys
 import time
@@ -82,6 +93,7 @@ for n in range(60):
 """
 
 
+@pytest.mark.slow
 def test_two_processes_do_not_mix_their_files(tmp_path):
     """While nobody is at work, what stands there is of one of them."""
     writers = [subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), mark]) for mark in "AB"]
@@ -106,7 +118,7 @@ def test_who_waits_for_a_lock_has_that_of_the_file_there(tmp_path):
         write_files(files)
         assert (tmp_path / ".a.lst.lock").exists()
         waiting = subprocess.Popen([sys.executable, "-c", WRITER.replace("60", "1"), str(tmp_path), "W"])
-        time.sleep(1.0)
+        time.sleep(0.5)
         assert waiting.poll() is None and (tmp_path / "a.json").read_bytes() == b"1"
     assert waiting.wait(60) == 0
     assert (tmp_path / "a.json").read_bytes() == b"W" and not (tmp_path / ".a.lst.lock").exists()

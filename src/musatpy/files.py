@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+_LOCK = ".lock"
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 
 
@@ -112,7 +113,7 @@ def _lock(path: Path) -> None:
         import fcntl
     except ImportError:  # Windows
         return
-    place = real_path(path.parent) / f".{path.name}.lock"
+    place = real_path(path.parent) / f".{path.name}{_LOCK}"
     assert _held.fds is not None
     while place not in _held.fds:
         fd = os.open(place, os.O_RDONLY | os.O_CREAT | NO_LINK, 0o666)
@@ -178,6 +179,21 @@ def remove_leftovers(paths: Iterable[Path]) -> None:
             parts = re.fullmatch(r"\.(.+)\.(\d+)\.[0-9a-f]{16}", name) if name[0] == "." else None
             if parts and parts[1] in names and not is_alive(int(parts[2])):
                 _remove(folder / name)
+            elif name[0] == "." and name.endswith(_LOCK) and name[1 : -len(_LOCK)] in names:
+                _remove_lock(folder / name)
+
+
+def _remove_lock(path: Path) -> None:
+    """Remove the file of a lock that nobody holds."""
+    with suppress(OSError, ImportError):
+        import fcntl
+
+        fd = os.open(path, os.O_RDONLY | NO_LINK)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+        finally:
+            os.close(fd)
 
 
 def _remove(left: Path) -> None:

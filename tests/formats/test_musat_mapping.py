@@ -100,6 +100,7 @@ def test_the_texts_of_the_cards_are_those_of_the_model() -> None:
         ("stx", '"photos.camera"', '"photos.tide"', "STX has no target photos.camera"),
         ("plt", '"plates.xy[0]"', '"plates.uv[0]"', "expected one of plates.photo, plates.point, plates.xy"),
         ("wtr", '"water.sigma"', '"water.conditions"', "'water.conditions' is not in the model"),
+        ("red", '"reduction.side"', '"reduction.side"\nunit = "um"', "RED.side: unit: 'um', of a field of letters"),
         ("tid", '"photos.time"', '"photos.position"', "target photos.position: 1 components, expected 3"),
         (
             "tid",

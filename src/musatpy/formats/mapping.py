@@ -148,6 +148,8 @@ def _slot(spec: Layout, path: str, component: int | None, parts: dict[str, Field
     table, _, name = path.partition(".")
     unit = columns(TABLES[table])[name].unit if name else ""
     for field in parts.values():
+        if field.unit and not field.edit.is_number:
+            raise CardFormatError(f"{spec.mnemonic}.{field.name}: unit: '{field.unit}', of a field of letters")
         if field.unit and unit in _DIMENSIONS and field.unit not in _DIMENSIONS[unit]:
             wrong = f"{spec.mnemonic}.{field.name}: unit: '{field.unit}', expected {' or '.join(_DIMENSIONS[unit])}"
             raise CardFormatError(f"{wrong}: {path} is in {unit}")
