@@ -52,6 +52,8 @@ class Answer(Placement):
     @property
     def summary(self) -> str:
         """The plane of water in a few words."""
+        if self.scene.dry:
+            return "no point under water: straight rays"
         plane, share = self.plane
         return f"plane of water {plane} ({share:.3g} of the depth)"
 
@@ -114,7 +116,8 @@ class Answer(Placement):
     @cached_property
     def water(self) -> FloatArray:
         """(4,) slopes towards X and Y, level at the origin of the axes (m), index."""
-        return self.oriented.at.vector[-WATER:]
+        water = self.oriented.at.vector[-WATER:]
+        return np.full_like(water, np.nan) if self.scene.dry else water
 
     @property
     def water_sigma(self) -> FloatArray:
@@ -130,7 +133,8 @@ class Answer(Placement):
     def depth(self) -> FloatArray:
         """(p,) m, of the points below the water; negative above it."""
         points = self.oriented.points
-        return self.oriented.at.water_at(points[:, :2]) - points[:, 2]
+        depth = self.oriented.at.water_at(points[:, :2]) - points[:, 2]
+        return np.full_like(depth, np.nan) if self.scene.dry else depth
 
     @cached_property
     def point_sigma(self) -> FloatArray:
@@ -198,6 +202,13 @@ class Answer(Placement):
                 f"{self.scene.spec.limit:g}); depths and heights are not to be used"
             )
             reasons.append(doubt(Concern.STATION, text))
+        if not oriented.adjusted.converged[0]:
+            words = oriented.weakest[0].words
+            text = (
+                f"not determined: the adjustment does not come to rest, and the images fit all along {words}; "
+                "points above the water, or a tide and a tilt that are known, hold it"
+            )
+            reasons.append(Reason(grade=Grade.REJECTED, concern=Concern.CONVERGENCE, text=text, section=""))
         for direction in oriented.free:
             grade = Grade.REJECTED if direction.moves_photos else Grade.DOUBTFUL
             text = f"nothing determines {direction.words}: other values fit as well"

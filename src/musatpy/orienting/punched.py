@@ -36,7 +36,8 @@ def punched(answer: Placement) -> Block:
     rise = 0.0 if scene.plane.rise is None else scene.plane.rise
     slope = answer.at.slope
     tide[scene.photos] = float(answer.at.level) + middle @ slope + rise
-    assert water is not None  # there are submerged points
+    if answer.scene.dry:
+        tide = photos.tide
     tilted = scene.spec.plane is PlaneTreatment.ADJUST or slope.any()
     east, north = (float(part) if tilted else None for part in slope)
     result = replace(
@@ -44,7 +45,7 @@ def punched(answer: Placement) -> Block:
         options=_options(answer),
         orientation=None,
         photos=replace(photos, position=position, attitude=attitude, tide=tide),
-        water=replace(water, tilt_east=east, tilt_north=north),
+        water=water if answer.scene.dry or water is None else replace(water, tilt_east=east, tilt_north=north),
     )
     if not scene.in_model:
         return result

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.frames import Frame, LocalFrame
 from musatpy.jobs.plan_positions import frame_of
-from musatpy.model import Block, CoordinateSystem, OrientationMethod, OrientationSpec, Treatment
+from musatpy.model import (
+    Block,
+    CoordinateSystem,
+    OrientationMethod,
+    OrientationSpec,
+    PlaneTreatment,
+    Treatment,
+)
 from musatpy.orientation.twomedia.combined import COMBINED
 from musatpy.orientation.twomedia.oriented import OrientationError
 from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, PAIR_SUCCESSIVE
@@ -22,6 +29,8 @@ METHODS: dict[OrientationMethod, Method] = {
     OrientationMethod(method.name): method
     for method in (SINGLE_RAY, SINGLE_FERMAT, PAIR_INDEPENDENT, PAIR_SUCCESSIVE, COMBINED, TRIPLET)
 } | {OrientationMethod.STRIP: TRIPLET}
+_DRY = (OrientationMethod.PAIR_INDEPENDENT, OrientationMethod.PAIR_SUCCESSIVE)  # of straight rays alone too
+_NO_WATER = Plane(treatment=PlaneTreatment.KNOWN, index=1.0)
 NO_CARD = "no ORI card says what is to be oriented, and by which method"
 NO_CONTROL = "no two components of it are known: a single photo gives it no place"
 ONE_PHOTO = "only one of the photos shows it"
@@ -76,6 +85,11 @@ class Scene:
     left_out: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
 
+    @property
+    def dry(self) -> bool:
+        """Whether no point is under water: the plane is none, and rays are straight."""
+        return not self.sights.wet.any()
+
 
 def scene_of(block: Block) -> Scene:
     """Return the scene of a block with refined plates. Raises `OrientationError` where there is none."""
@@ -109,16 +123,18 @@ def scene_of(block: Block) -> Scene:
     if not len(point):
         reasons = ", or ".join(sorted({reason for _, reason in left_out}))
         raise OrientationError(f"{method.name}: no point can be used: {reasons}")
-    if not sights.wet.any():
+    dry = not sights.wet.any()
+    if dry and spec.method not in _DRY:
         raise OrientationError(
-            "no point is flagged submerged: musat run orients photos without water (OP2 COMPUTE)"
+            f"no point is flagged submerged: of dry points {' and '.join(_DRY)} are the relative orientation, and "
+            "musat run orients photos by control (OP2 COMPUTE)"
         )
     return Scene(
         block=block,
-        spec=spec,
+        spec=replace(spec, plane=PlaneTreatment.KNOWN) if dry else spec,
         method=method,
         sights=sights,
-        plane=_plane(block, spec, photos, in_model),
+        plane=_NO_WATER if dry else _plane(block, spec, photos, in_model),
         axes=axes,
         in_model=in_model,
         base=_base(block, photos) or 1.0,

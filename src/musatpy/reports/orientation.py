@@ -69,8 +69,8 @@ FIT: Group[Answer, Answer] = Group(
 )
 PLANE: Group[Answer, Answer] = Group(
     "plane",
-    "the plane of water Z = level + slope . (X, Y), about the middle of the axes",
-    same,
+    "the plane of water Z = level + slope . (X, Y), about the middle of the axes; null where no point is under it",
+    lambda a: None if a.scene.dry else a,
     (
         Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
         Field(
@@ -89,6 +89,7 @@ PLANE: Group[Answer, Answer] = Group(
         Field("paper", "4 number", "a, b, d and N of the paper", lambda a: a.paper[-4:]),
         Field("paper_sigma", "4 number?", "", lambda a: a.paper_sigma[-4:]),
     ),
+    optional=True,
 )
 STATIONS: Rows[Answer, Answer] = Rows(
     "stations",
@@ -296,10 +297,11 @@ def listing_of(
 
 def sections_of(answer: Answer) -> list[Section]:
     """Return what the listing says, section by section."""
+    plane = [*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])]
     return [
         verdict_section(answer),
         Section(title="Orientation In Short", lines=labelled(_short(answer))),
-        Section(title="Plane Of Water", lines=[*labelled(_plane(answer)), "", *wrapped([_plane_note(answer)])]),
+        *([] if answer.scene.dry else [Section(title="Plane Of Water", lines=plane)]),
         STATION_TABLE.section(answer),
         ATTITUDE_TABLE.section(answer),
         *([ROOT_TABLE.section(answer)] if len(answer.roots.level) else []),

@@ -44,7 +44,7 @@ def block_of(scene: Scene, sights: Sights, start: Orientation) -> model.Block:
             attitude=start.attitude,
             tide=np.full(m, float(start.level + start.station[:, :2].mean(axis=0) @ start.slope)),
         ),
-        points=replace(bare.points, ids=sights.points, bathymetric=sights.wet),
+        points=model.Points(ids=sights.points, bathymetric=sights.wet),
         plates=replace(
             bare.plates,
             photo=sights.photo,

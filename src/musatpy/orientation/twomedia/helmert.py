@@ -21,7 +21,7 @@ from musatpy.orientation.twomedia.rays import IMAGE, PHOTO, WATER, Orientation, 
 Condition = Callable[[Rays, FloatArray, Orientation], Misclosure]
 
 _STEPS = 60  # of Levenberg and Marquardt
-_LAST_STEPS = 25  # at the adjusted values
+_LAST_STEPS = 200  # at the adjusted values; from the air each may leave .8 of what the one before has left
 _SAME = 1e-7  # of its sigma, by which an unknown or an image may change in the last step
 _ROUNDING = 1e-13  # of its size, by which it changes without end
 _GAIN = 1e-5  # relative decrease of the squares that ends the first phase

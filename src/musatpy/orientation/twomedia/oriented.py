@@ -201,6 +201,8 @@ class Oriented:
         """
         if not self.problem.unknown[-WATER:-1].any():
             return Verdict.HELD, 0.0
+        if not self.adjusted.converged[0]:
+            return Verdict.NOT, np.inf
         share = np.inf if _of_water(self.free) else self._level_share(self.covariance)
         if not np.isfinite(self.problem.prior).any():
             share = max(share, self._dry_share())
@@ -319,7 +321,26 @@ def _oriented(sights: Sights, method: Method, plane: Plane, base: float, equal: 
         if (solution := _fitting(sights, method, problem, adjust(problem, starts[order[:count]]))) is not None:
             return solution
     tested = outlying(sights, method, plane, starts[order])
-    return _without_outliers(sights, method, plane, equal, tested)
+    try:
+        return _without_outliers(sights, method, plane, equal, tested)
+    except NotConvergedError:
+        if (solution := _adrift(sights, method, problem, adjust(problem, starts[order]))) is None:
+            raise
+        return solution
+
+
+def _adrift(sights: Sights, method: Method, problem: Problem, adjusted: Adjusted) -> Oriented | None:
+    """Return the best place that an adjustment has come to which fits though it does not come to rest there.
+
+    What the images do not determine goes on and on, and they fit as well: None where they do not.
+    """
+    anywhere = replace(adjusted, converged=np.isfinite(adjusted.squares))
+    best = _best(problem, anywhere)
+    if best is None:
+        return None
+    nowhere = replace(best, converged=np.zeros(1, dtype=bool))
+    solution = _described(sights, method, problem, nowhere, np.zeros(len(sights.points), dtype=bool))
+    return solution if solution.fits and solution.redundancy else None
 
 
 def settled(
@@ -399,7 +420,10 @@ def _without_outliers(
             return _described(left, method, problem, adjusted, outliers)
     fault = f"{method.name}: the adjustment does not converge from any start"
     if _in_line(sights, method):
-        fault += ": the points lie on a line, about which photos and water may turn; points off it hold them"
+        fault += (
+            ": the points lie on a line, about which photos and water may turn, not determined; points off it hold "
+            "them"
+        )
     raise NotConvergedError(fault)
 
 

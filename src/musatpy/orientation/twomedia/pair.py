@@ -76,10 +76,10 @@ def _planes(
 
     Of a plane that is not to be adjusted the one that is given.
     """
+    if not wet.any():  # no ray meets it: as far below the lowest point as the stations are above
+        return [(np.zeros(2), float(2.0 * X[:, 2].min() - station[:, 2].max()))]
     if plane.treatment is PlaneTreatment.KNOWN:
         return [(np.array(plane.slope), plane.level or 0.0)]
-    if not wet.any():
-        return [(np.zeros(2), float(X[:, 2].min()))]
     centred = X - X.mean(axis=0)
     bottom = np.linalg.eigh(centred.T @ centred)[1][:, 0]
     bottom = bottom * np.sign(bottom @ axes)
