@@ -450,8 +450,8 @@ def test_hidden_errors_against_the_definition() -> None:
 DECKS = {
     "cameras_underground": (Grade.REJECTED, "camera below its ground"),
     "control_in_feet": (Grade.DOUBTFUL, "control in feet"),
-    "iia_same_deck": (Grade.ACCEPTED, ""),
-    "iiia_false_minimum": (Grade.ACCEPTED, ""),
+    "iia_same_deck": (Grade.DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
+    "iiia_false_minimum": (Grade.DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
     "point_at_4e15_converged": (Grade.REJECTED, ""),
     "sigma0_inf_converged": (Grade.FAILED, "sigma0 is not finite"),
 }

@@ -12,7 +12,7 @@ from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Cause, Editing, Finding, Order, Solution
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.model.progress import Progress
-from musatpy.model.verdict import NO_CARD_EXPLAINS
+from musatpy.model.verdict import NO_CARD_EXPLAINS, OF_FLAGS
 from musatpy.statistics.verdict import verdict
 
 
@@ -47,14 +47,20 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
             for cause in _causes_or_none(block, sea, progress)
         ]
         raise AdjustmentError([*error.problems, *notes]) from error
+    from musatpy.blunders.other_flags import flag_causes, with_other_flags
+
+    solution = with_other_flags(solution, progress, sea)
+    causes = tuple(flag_causes(solution))
     if not doubtful(solution):
-        return solution
+        return replace(solution, causes=causes)
     from musatpy.adjustment.plate_sigma import with_plate_sigmas  # most runs are accepted
     from musatpy.blunders.check_points import check_point_causes
 
     if solution.plate_factor != 1.0:
         block = with_plate_sigmas(block, solution.plate_factor)
-    return replace(solution, causes=_causes_or_none(block, sea, progress) or tuple(check_point_causes(solution)))
+    others = _causes_or_none(block, sea, progress) or tuple(check_point_causes(solution))
+    others = tuple(replace(cause, group=cause.group + bool(causes)) for cause in others)
+    return replace(solution, causes=causes + others)
 
 
 def causes_of(block: Block, sea: Sea | None = None, progress: Progress | None = None) -> tuple[Cause, ...]:
@@ -85,13 +91,14 @@ def _causes_or_none(block: Block, sea: Sea | None, progress: Progress | None) ->
 def doubtful(solution: Solution) -> bool:
     """Return whether a run is not accepted, and there is something by which a cause could show."""
     against = {reason.concern for reason in verdict(solution).reasons}
-    return solution.degrees_of_freedom > 0 and bool(against - NO_CARD_EXPLAINS)
+    return solution.degrees_of_freedom > 0 and bool(against - NO_CARD_EXPLAINS - OF_FLAGS)
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
     from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.edits import edited, lost_points, unedited, without_positions
     from musatpy.blunders.finding_list import findings
+    from musatpy.blunders.other_flags import with_other_flags
     from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import search
 
@@ -128,6 +135,7 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         raise AdjustmentError(
             [*problems, *(Problem(message=message, severity="warning") for message in sentences)]
         ) from error
+    solution = with_other_flags(solution, progress, sea)
     warnings = solution.warnings
     if not result.last.rest:
         warnings += ("the search for blunders did not come to rest: look for more after editing",)

@@ -22,7 +22,7 @@ from musatpy.adjustment.precision import Precision, factor_of, left_out, precisi
 from musatpy.adjustment.propagation import count
 from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
-from musatpy.adjustment.waterline import heights_and_water
+from musatpy.adjustment.waterline import heights_and_water, water_over
 from musatpy.adjustment.watpt import refraction_displacement
 from musatpy.adjustment.watpt_distance import with_departure
 from musatpy.arrays import FloatArray, IntArray, finite_rows
@@ -83,7 +83,7 @@ def solution(
     warnings += _what_is_odd(block, network, state, idle, free, dof)
     plates = _plate_residuals(network, measured, state, part)
     known = precision(block, refracted, state, part, factor, free, plates.residual, line.objective, dof)
-    points = _points_of(refracted, state, part, known.points)
+    points = _points_of(block, refracted, state, part, known)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
     found = Solution(
         block=block,
@@ -254,12 +254,12 @@ def _stations(block: Block, network: Network, state: State, known: Precision, id
     )
 
 
-def _points_of(network: Network, state: State, part: Participation, covariance: FloatArray) -> GroundPoints:
-    """Return the points with their covariances (p, 3, 3)."""
+def _points_of(block: Block, network: Network, state: State, part: Participation, known: Precision) -> GroundPoints:
+    """Return the points with their covariances (p, 3, 3), and the water over them."""
     rays = np.zeros(network.points, dtype=int)
     for group in (*network.groups, *left_out(network, part)):
         rays[group.point] = group.rays.shape[1]
-    covariance = covariance.copy()
+    covariance, water_sigma = known.points.copy(), np.full(network.points, np.nan)
     status, reasons = part.status.copy(), dict(part.reasons)
     lost = ~finite_rows(state.ground) & (status == PointStatus.INTERSECTED)
     status[lost] = PointStatus.NOT_DETERMINED
@@ -270,13 +270,32 @@ def _points_of(network: Network, state: State, part: Participation, covariance: 
     position = np.full((network.points, 3), np.nan)
     position[determined] = network.frame.system(state.ground[determined])
     covariance[~determined] = np.nan
+    water = water_over(network, state)
+    np.fmax.at(water_sigma, network.point, _tide_sigmas(block, network, known)[network.photo])
+    lowest, highest = np.full((2, network.points), np.nan)
+    np.fmin.at(lowest, network.point, water)
+    np.fmax.at(highest, network.point, water)
     return GroundPoints(
         position=position,
         covariance=covariance,
         status=status,
         rays=np.where(determined, rays, 0),
+        water=np.stack([lowest, highest], axis=1),
+        water_sigma=water_sigma,
         reasons=reasons,
     )
+
+
+def _tide_sigmas(block: Block, network: Network, known: Precision) -> FloatArray:
+    """Return the sigmas (n,) m of the tides, adjusted or of the cards, 0 without error; NaN without a tide."""
+    group, sigma = network.water.group, np.nan_to_num(block.photos.tide_sigma)
+    if network.water.per_photo:
+        levels = np.sqrt(known.unknowns.of_single_photos()[:, LEVEL, LEVEL])
+        sigma = np.where(group >= 0, levels, sigma)
+    elif (group >= 0).any():
+        levels = np.sqrt(np.diagonal(known.unknowns.corner))[network.border.at(ObservationKind.WATER_LEVEL)]
+        sigma = np.where(group >= 0, levels[group], sigma)
+    return np.where(np.isnan(block.photos.tide), np.nan, sigma)
 
 
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:

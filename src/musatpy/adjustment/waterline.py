@@ -297,3 +297,13 @@ def heights_and_water(
     height[rays] = network.frame.height(ground)
     water[rays] = water_heights(network.slope(state.tilt), state.tide.take(network.photo.take(rays)), ground)
     return height, water
+
+
+def water_over(network: Network, state: State) -> FloatArray:
+    """Return (m,) the height of the water over the point of each measurement, its waves too; NaN where unknown."""
+    _, water = heights_and_water(network, state)
+    if network.sea is not None:
+        rays = np.flatnonzero(np.isfinite(water))
+        photo, ground = network.photo[rays], state.ground[network.point[rays]]
+        water[rays] += network.sea.at(state.waves).elevations(photo, ground)
+    return water

@@ -191,6 +191,12 @@ class WorkingSea:
             place=place,
         )
 
+    def elevations(self, photo: IntArray, ground: FloatArray) -> FloatArray:
+        """Return how high (N,) m the waves stand above the tides, straight over ground points (N, 3)."""
+        R, lift = self._local(ground)
+        xy = self._place(R, lift, ground, ground)[:, :2]
+        return self.sea.surface.relief(xy, self.sea.time[photo]).height
+
     def _by_waves(self, bent: WaveIncidence, xy: FloatArray, time: FloatArray) -> FloatArray:
         """Return the partials (N, 3, w) of incidence points at places (N, 2) by the unknown parameters, local axes.
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from musatpy.arrays import BoolArray, TextArray
 from musatpy.model.tables import Table, per_row
 
@@ -21,3 +23,8 @@ class Points(Table):
         super().__post_init__()
         if (self.bathymetric & self.dry).any():
             raise ValueError("points that are submerged and dry")
+
+    @property
+    def letters(self) -> TextArray:
+        """(p,) the flags as cards have them: B submerged, D dry for certain, blank neither."""
+        return np.where(self.bathymetric, "B", np.where(self.dry, "D", ""))

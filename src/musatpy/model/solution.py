@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.adjusted_waves import AdjustedWaves
@@ -113,7 +115,19 @@ class GroundPoints(Table):
     covariance: FloatArray = per_row(3, 3)  # (p, 3, 3) m2, east north up (X, Y, Z in local jobs), a posteriori
     status: IntArray = per_row()  # (p,) PointStatus
     rays: IntArray = per_row()  # (p,) number of plate measurements used for the position
+    water: FloatArray = per_row(2, blank=np.nan)  # (p, 2) m, lowest and highest over it, of its photos with a tide
+    water_sigma: FloatArray = per_row(blank=np.nan)  # (p,) m, the largest of these tides, 0 without error
     reasons: dict[int, str]  # point link -> why it has no position, or took no part
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OtherFlags(Table):
+    """d points whose heights contradict their flags, as they are when all of them have the other one."""
+
+    point: IntArray = per_row(link="points")  # (d,)
+    height: FloatArray = per_row()  # (d,) m, NaN where it was not to be had
+    sum_of_squares: float  # weighted, of the adjustment with these flags
+    consistent: bool  # no height contradicts its flag in it, and it fits as well
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -213,6 +227,7 @@ class Solution:
     causes: tuple[Cause, ...] = ()  # that explain what does not fit, ranked; of a search that was asked for or not
     unedited: str = ""  # why EDIT has edited nothing; empty where it has, or was not asked to
     edited: Block | None = None  # the block without what was found; None: no search
+    other_flags: OtherFlags | None = None  # None: no height contradicts its flag
     reduced: Reduced | None = None  # what the reduction of its plates did; None: they came refined
     plate_factor: float = 1.0  # by which a guessed plate sigma was multiplied: the block has the product
     start: str = ""  # of two starts of IIIA, from which one it came, and how the other one ended; empty of one

@@ -20,6 +20,7 @@ from musatpy.reports import (
     constraints,
     control,
     echo,
+    flags,
     ground_points,
     iterations,
     plate_rms,
@@ -152,6 +153,7 @@ CAMERA = (
     *(Shown(report=report) for report in (echo.DISTORTION, echo.LENSES, echo.FIDUCIALS, echo.MARK_DISTANCES)),
 )
 WATER = (
+    Shown(report=flags.TABLE, folded=False),
     Shown(report=adjusted_water.CORRECTIONS, listed=PHOTOS, badness=by_size("correction")),
     Shown(report=adjusted_water.CONSIDERED, folded=False),
     Shown(report=waves_page.SEA),

@@ -69,6 +69,7 @@ _QUALITY = {
 }
 _RUN = {
     "Photos, points, images, submerged points": Origin(count=True, field="stations", then=("points", "plates")),
+    "Points flagged D, dry for certain": Origin(count=True, field="points", where="dry"),
     "Iterations": Origin(count=True, field="iterations", then=("water_passes",)),
 }
 BLUNDERS: Report[Statistics] = Report(
@@ -362,6 +363,7 @@ def _run(statistics: Statistics) -> Section:
         **dict(zip(_TITLES, block.titles, strict=False)),
         "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
         "Photos, points, images, submerged points": ", ".join(map(str, counts)),
+        **({"Points flagged D, dry for certain": str(dry)} if (dry := int(block.points.dry.sum())) else {}),
         "Iterations": f"{len(solution.iterations)}{passes}",
         "Coordinate system": f"{options.system}  {SYSTEMS[options.system]}",
     }

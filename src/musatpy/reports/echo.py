@@ -182,7 +182,7 @@ PLATES: Report[Statistics] = Report(
         _PHOTO,
         key("Point", "A8", "point"),
         *_MEASURED,
-        Column("Bath", "A4", lambda s: s.flag_letters[s.block.plates.point]),
+        Column("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point]),
         Column("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
     ),
 )
@@ -253,7 +253,7 @@ CONTROL = _echo(
     key("Point", "A8", "point"),
     key("Kind", "A10", "kind"),
     Column("Fixed", "A5", shows=Origin(field="fixed", true="X")),
-    Column("Bath", "A4", lambda s: s.flag_letters[s.block.control.point]),
+    Column("Bath", "A4", lambda s: s.block.points.letters[s.block.control.point]),
     _places("given_position", lambda s: _block(s).control.position),
     _sigmas("given_sigma", lambda s: _block(s).control.sigma),
 )

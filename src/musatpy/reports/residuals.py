@@ -33,7 +33,7 @@ RESIDUALS: Report[Statistics] = Report(
         *vector(("Sigma x\num", "Sigma y\num"), ("F8.2", "F8.2"), shows="sigma"),
         Column("Refr. x\num", "F9.2", lambda s: _refraction(s, 0), Origin(field="refraction[0]", blank=True)),
         Column("Refr. y\num", "F9.2", lambda s: _refraction(s, 1), Origin(field="refraction[1]", blank=True)),
-        Column("Bath", "A4", lambda s: s.flag_letters[s.block.plates.point[s.plate_order]]),
+        Column("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point[s.plate_order]]),
         Column("Trig", "A4", shows=Origin(field="triangulated", false="N")),
         Column("Large", "A5", lambda s: np.where(s.large_residuals[s.plate_order], "*", "")),
     ),

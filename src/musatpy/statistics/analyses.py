@@ -20,6 +20,7 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
 from musatpy.model.ranking import falling, largest
 from musatpy.statistics.common_errors import CommonErrors, common_errors
+from musatpy.statistics.flags import FlagTests, flag_tests
 from musatpy.statistics.hidden import HiddenErrors, hidden_errors
 from musatpy.statistics.quality import TEST_DECIMALS, CheckTest, Ellipses, Quality, check_test, ellipses
 from musatpy.statistics.words import Words, words_of
@@ -247,10 +248,9 @@ class Statistics:
         return self.block.points.bathymetric[self.block.plates.point]
 
     @cached_property
-    def flag_letters(self) -> TextArray:
-        """(p,) the flags of the points as cards have them: B submerged, D dry for certain, blank neither."""
-        points = self.block.points
-        return np.where(points.bathymetric, "B", np.where(points.dry, "D", ""))
+    def flags(self) -> FlagTests:
+        """The flags of the points against their heights."""
+        return flag_tests(self)
 
     @cached_property
     def plate_order(self) -> IntArray:

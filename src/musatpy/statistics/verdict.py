@@ -29,6 +29,7 @@ from musatpy.model.ranking import falling, largest
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.common_errors import CommonErrors
+from musatpy.statistics.flag_reasons import flag_notes, flags, straight
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import test_limit
@@ -58,6 +59,8 @@ def verdict_of(statistics: Statistics) -> Verdict:
     reasons = [
         *convergence(statistics),
         *gates(statistics),
+        *flags(statistics),
+        *straight(statistics),
         *blunders(statistics),
         *sigma0(statistics),
         *observations(statistics),
@@ -340,6 +343,7 @@ def notes(statistics: Statistics) -> Iterator[str]:
         given = um / statistics.solution.plate_factor
         made = f"its variance component makes it {um:.1f} um"
         yield f"the plate sigma is a guess of {given:.1f} um: {made}, by which the job is adjusted and tested"
+    yield from flag_notes(statistics)
 
 
 def _observation(statistics: Statistics, row: int, test: float) -> str:
