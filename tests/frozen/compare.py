@@ -1,9 +1,10 @@
 """Whether two versions of the program say and write the same, on decks of all kinds.
 
 `python tests/frozen/compare.py COMMIT [COMMIT]` (the second one is HEAD where it is not given) checks both out,
-makes the decks by the first, runs both versions on them on this machine, and prints every output that differs with
-the first lines that do. Exit status: 0 nothing differs, 1 something does. `--keep DIR` keeps all files, and takes
-decks and outputs of a commit that are there already.
+makes the decks by the first, runs both versions on them and on the examples of the first one's manual on this
+machine, and prints every output that differs with the first lines that do; of records the fields, by the names of
+fields.toml. Exit status: 0 nothing differs, 1 something does. `--keep DIR` keeps all files, and takes decks and
+outputs of a commit that are there already.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ import tempfile
 from collections.abc import Iterator
 from itertools import takewhile
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from frozen.records import differences
 
 ROOT = Path(__file__).resolve().parents[2]
 _LINES = 3  # of a difference, of both versions
@@ -90,9 +94,24 @@ def _differences(before: Path, after: Path) -> Iterator[str]:
         pair = before / name, after / name
         if not all(path.exists() for path in pair):
             yield f"only {'before' if pair[0].exists() else 'after'}: {name}"
-        elif not filecmp.cmp(*pair, shallow=False):
+        elif filecmp.cmp(*pair, shallow=False):
+            continue
+        elif (lines := _record_changes(*pair)) is not None:
+            if lines:
+                yield f"{name}\n    " + "\n    ".join(lines)
+        else:
             texts = [path.read_text(encoding="utf-8", errors="replace").splitlines() for path in pair]
             yield f"{name}\n    " + "\n    ".join(_first_changes(*texts))
+
+
+def _record_changes(before: Path, after: Path) -> list[str] | None:
+    """Return the fields that differ of two records, by their names; None of other files."""
+    if before.suffix != ".json":
+        return None
+    try:
+        return differences(before.read_text(encoding="utf-8"), after.read_text(encoding="utf-8"))
+    except ValueError:
+        return None
 
 
 def _first_changes(before: list[str], after: list[str]) -> list[str]:

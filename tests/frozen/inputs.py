@@ -1,7 +1,8 @@
 """The decks on which two versions of the program are compared.
 
 `python -m frozen.inputs DIR`, with src and tests on PYTHONPATH, writes them: those of the fixtures, the bad ones of
-the tests of the checks, jobs in other coordinate systems, raw plates, and simulated blocks.
+the tests of the checks, jobs in other coordinate systems, raw plates, and simulated blocks; and the pages of the
+manual of that version, whose examples are run.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import musatpy
+from frozen import manual
 from frozen.specs import spec, toml
 from musatpy.errors import MusatError
 from musatpy.formats import musat
@@ -26,6 +29,7 @@ def main(out: Path) -> None:
     _bad(out / "bad")
     _stated(out / "stated")
     _simulated(out / "simulated")
+    manual.copied(Path(musatpy.__file__).parents[2], out / "pages")
 
 
 def _fixtures(out: Path) -> None:

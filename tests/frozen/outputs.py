@@ -14,6 +14,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 
+from frozen import manual
 from musatpy import __version__
 from musatpy.cli.main import main as musat
 
@@ -26,6 +27,8 @@ def main(decks: Path, out: Path) -> None:
     out.mkdir(parents=True)
     shutil.copytree(decks, out / "decks")
     os.chdir(out)
+    manual.run(Path("decks/pages").resolve(), Path("manual").resolve())
+    shutil.rmtree("decks/pages")
     paths = sorted(Path("decks").rglob("*.crd"))
     for deck in paths:
         _deck(deck)

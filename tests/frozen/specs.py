@@ -46,6 +46,10 @@ def spec(seed: int) -> dict[str, Any]:
     if seed % 8 == 5:
         tables["blunders"] = {"number": 2}
         tables["options"]["editing"] = rng.choice(["LIST", "EDIT"])
+    if program == "IIA":
+        tables["options"]["weights"] = {3: "DIAGONAL", 7: "EQUAL"}.get(seed % 13, "FULL")
+    if refraction == "WATPT" and seed % 3 == 1:
+        tables["options"]["refraction"] = "LEGACY"
     if submerged:
         tables["shoal"] = [{"share": 0.5, "depth": [0.5, 12.0]}]
         tables["water"] = _water(seed, tables["options"])
