@@ -18,14 +18,7 @@ from musatpy.formats import raw_stages
 from musatpy.formats.cards.deck import CardDeck, CardTable
 from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
 from musatpy.formats.musat import card_family
-from musatpy.model.compilation import (
-    ContourSpec,
-    GridSpecs,
-    ProfileSpecs,
-    SoundingDatum,
-    StageReadings,
-    StereomodelSpecs,
-)
+from musatpy.model import compilation
 from musatpy.model.tables import columns
 
 OF_RUN = ("ELL", "WTR")  # cards that say again what the run says, and must agree
@@ -36,8 +29,9 @@ READINGS = ("STG", "MPT")
 CORNERS = ("first_1", "first_2", "second_1", "second_2")
 LEVELS = tuple(f"level_{number}" for number in range(1, 9))
 _TABLES = {
-    "models": StereomodelSpecs, "stages": StageReadings, "profiles": ProfileSpecs, "grids": GridSpecs,
-    "datum": SoundingDatum, "contours": ContourSpec,
+    "models": compilation.StereomodelSpecs, "stages": compilation.StageReadings,
+    "profiles": compilation.ProfileSpecs, "grids": compilation.GridSpecs,
+    "datum": compilation.SoundingDatum, "contours": compilation.ContourSpec,
 }  # fmt: skip
 _CHOICES = ("contours.of", "contours.listed_of", "stages.first")  # of which contours or readings a card speaks
 _MICRONS = ("models.pointing", "models.limit", "stages.sigma", "stages.parallax")

@@ -420,10 +420,7 @@ def _without_outliers(
             return _described(left, method, problem, adjusted, outliers)
     fault = f"{method.name}: the adjustment does not converge from any start"
     if _in_line(sights, method):
-        fault += (
-            ": the points lie on a line, about which photos and water may turn, not determined; points off it hold "
-            "them"
-        )
+        fault += ": the points lie on a line, about which all else may turn: not determined; points off it hold it"
     raise NotConvergedError(fault)
 
 
