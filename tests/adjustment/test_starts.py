@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from adjustment.oblique_blocks import Oblique, drawn, make_oblique
-from altered import with_options
+from altered import altered, with_options
 from musatpy import listing, read_deck, verdict
 from musatpy.adjustment import adjust
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.starts import straight_start
 from musatpy.model import Grade, Program, Solution
 from musatpy.units import DEGREE
+from reference.wave_scenes import scene
 
 PAIR = Path(__file__).parent / "starts" / "oblique_pair.crd"
 
@@ -68,3 +69,15 @@ def test_drawn_oblique_blocks_converge(seed: int) -> None:
     assert started.converged, started.reason
     assert started.sum_of_squares == pytest.approx(true.sum_of_squares, rel=1e-4)
     assert started.unit_sigma < 1.6  # of 20 and more degrees of freedom
+
+
+@pytest.mark.slow
+def test_waves_given_far_too_high_are_found_from_half_their_heights() -> None:
+    made = scene(74)
+    cards = made.block.waves
+    high = made.waves.values[:, 0] + 2.6 * cards.height_sigma
+    solution = adjust(altered(made.block, waves={"height": high}))
+    assert solution.converged
+    assert solution.start.startswith("the points where straight rays meet")
+    assert solution.unit_sigma < 1.3
+    np.testing.assert_allclose(solution.water.waves.value[:, 0], made.waves.values[:, 0], rtol=0.05)

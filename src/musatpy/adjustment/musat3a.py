@@ -143,7 +143,7 @@ class _Run:
     def at_rest_in_water(self, state: State, line: WaterLine, given: bool) -> tuple[Network, WaterLine, Outcome]:
         """Return network, line and outcome with every ray on the side of the water where its point comes to rest.
 
-        Waves stay as `given` at first: poor points, on level ground, would lead them astray.
+        Waves stay as `given`, in the state, at first: poor points, on level ground, would lead them astray.
         """
         job, measured = self.job, self.job.network
         near: Near | None = None
@@ -152,7 +152,7 @@ class _Run:
         short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
         for number in itertools.count(passes + 1):
             network, state = refracted(measured, line, state)
-            network = network.with_known_waves() if given else network
+            network = network.with_known_waves(state.waves) if given else network
             state = self.problem(network, NOTHING_FREE).with_squares(state, before)
             before = network if measured.sea is None else None
             free = self.freedom(network, state)

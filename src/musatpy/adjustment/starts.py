@@ -24,6 +24,7 @@ from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.simultaneous import sum_of_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, every_ray_wet
+from musatpy.adjustment.wavy_water import HEIGHT
 from musatpy.errors import AdjustmentError
 from musatpy.model import Iteration, Options, PlateSigma
 
@@ -95,7 +96,8 @@ def best_of_starts(job: Job, adjust: Callable[[State, WaterLine], Adjusted], sta
 def straight_start(network: Network, state: State) -> State:
     """Return the state with points where their straight rays meet, as `state` has them, those apart that do not.
 
-    They start at the distance of the known points, along their rays, on the average.
+    They start at the distance of the known points, along their rays, on the average. Unknown waves start half as
+    high as given: a block that is held to steeper ones than there are bends to them, and stays in that.
     """
     ground, known = state.ground.copy(), np.asarray(network.priors.known.all(axis=1))
     middle = np.nanmedian(state.ground[known] if known.any() else state.ground, axis=0)
@@ -107,7 +109,10 @@ def straight_start(network: Network, state: State) -> State:
         meets = np.all((share > 1.0 / _FAR) & (share < _FAR), axis=1) | known[group.point]
         usually = np.mean(origin + usual[..., None] * direction, axis=1)
         ground[group.point] = np.where(meets[:, None], ground[group.point], usually)
-    return replace(state, ground=ground)
+    waves, sea = state.waves.copy(), network.sea
+    if len(waves) and sea is not None:
+        waves[sea.sea.unknown[:, HEIGHT], HEIGHT] *= 0.5
+    return replace(state, ground=ground, waves=waves)
 
 
 def _end(attempt: Attempt | AdjustmentError) -> str:
