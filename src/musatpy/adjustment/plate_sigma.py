@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.model import Block, ObservationKind, Solution
 
-_ADJUSTMENTS = 20  # at most: plates that check themselves take three to six
+_ADJUSTMENTS = 20  # at most: plates that check themselves take three to five
 _AT_REST = 1e-4  # of the plate sigma: a hundredth of what a million images tell of it
 _CHECKED = 1.0  # redundancy of all plates together, below which they say nothing of their sigma
 _FINEST = 1e-5  # mm: coordinates of six decimals without error have residuals below
