@@ -31,9 +31,8 @@ from musatpy.adjustment.sightings import all_residuals
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import tide_groups, water_heights
-from musatpy.arrays import BoolArray, FloatArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.model import Block, HeldParameters
-from musatpy.model.ranking import falling
 
 FOCAL_LENGTH, PRINCIPAL_POINT, INDEX, HEIGHT, SCALE = (
     1e-3,
@@ -85,6 +84,11 @@ class _AtRest:
     free: Freedom
 
     @cached_property
+    def unused(self) -> IntArray:
+        """The measurements (k,) that took no part."""
+        return np.flatnonzero(~self.part.used)
+
+    @cached_property
     def weight(self) -> FloatArray:
         """The weights (o,) of all observations, 0 of the images that took no part."""
         network, state = self.network, self.state
@@ -104,7 +108,7 @@ class _AtRest:
         ]
         direct = [rows.residual for _, rows in direct_rows(network, state)]
         images = all_residuals(network, state, self.part.used)
-        images[~self.part.used] = 0.0
+        images[self.unused] = 0.0
         return np.concatenate([part.reshape(-1) for part in (images, *of_points, *direct)])
 
     def begun(self, network: Network, state: State) -> _Begun:
@@ -242,7 +246,7 @@ class _Worst:
             relative = np.full(sigma.shape, np.nan)
             np.divide(np.abs(move), sigma, out=relative, where=sigma > 0.0)
             most = np.fmax.reduce(relative, axis=1)
-            row = int(falling(most * reference, _DECIMALS)[0])
+            row = int(np.argmax(np.round(np.nan_to_num(most, nan=-np.inf) * reference, _DECIMALS)))  # as they print
             known = np.isfinite(most[row])
             found.append((row, float(np.linalg.norm(move[row])), float(most[row])) if known else _NOTHING)
         self.found.append(found)
