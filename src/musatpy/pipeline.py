@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy.adjustment import programs
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
-from musatpy.model import Block, Cause, Editing, Finding, Order, Solution
+from musatpy.model import Block, Cause, CauseSearch, Editing, Finding, Initial, Order, Solution
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.model.progress import Progress
 from musatpy.model.verdict import NO_CARD_EXPLAINS, OF_FLAGS
 from musatpy.statistics.verdict import verdict
 
+if TYPE_CHECKING:
+    from musatpy.blunders.scene import Effort
 
-def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
+
+_FAILED, _AROUND = 20, 6  # steps that a run without solution counts for, and start and covariances of another one
+_STOPPED = "search stopped: the causes named are those found by then; --causes all looks four times as far"
+
+
+def adjust(
+    block: Block,
+    progress: Progress | None = None,
+    sea: Sea | None = None,
+    causes: CauseSearch = CauseSearch.USUAL,
+) -> Solution:
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
     A block of raw plates is reduced first: the block of the solution has their refined coordinates. Where the rows
     are to be in the order of the identifiers (OP2), the block of the solution has them so. `progress` is
-    called after every iteration; with a `sea`, rays are refracted by its waves. Raises `AdjustmentError` with every
+    called after every iteration; with a `sea`, rays are refracted by its waves. `causes` says how far those of a
+    run that is not accepted are looked for. Raises `AdjustmentError` with every
     reason where the block cannot be adjusted, as it is or edited, `PlatesError` where plates are refused, and
     `DeckError` where calibrations cannot be used.
     """
@@ -32,7 +47,7 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
 
         block, reduced = reduce(block)
         try:
-            return replace(adjust(block, progress, sea), reduced=reduced)
+            return replace(adjust(block, progress, sea, causes), reduced=reduced)
         except AdjustmentError as error:
             without = (f"photo {photo} was left out: {why}" for photo, why in reduced.refusals.items())
             notes = [Problem(message=message, severity="warning") for message in without]
@@ -42,32 +57,40 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     try:
         solution = programs.adjust(block, progress, sea)
     except AdjustmentError as error:
-        notes = [
-            Problem(message=f"possible cause: {cause}", severity="warning")
-            for cause in _causes_or_none(block, sea, progress)
-        ]
-        raise AdjustmentError([*error.problems, *notes]) from error
+        found, stopped = _causes(block, sea, progress, causes, None)
+        texts = (*(f"possible cause: {cause}" for cause in found), *stopped)
+        raise AdjustmentError(
+            [*error.problems, *(Problem(message=text, severity="warning") for text in texts)]
+        ) from error
     from musatpy.blunders.other_flags import flag_causes, with_other_flags
 
     solution = with_other_flags(solution, progress, sea)
-    causes = tuple(flag_causes(solution))
+    of_flags = () if causes is CauseSearch.NONE else tuple(flag_causes(solution))
     if not doubtful(solution):
-        return replace(solution, causes=causes)
+        return replace(solution, causes=of_flags)
     from musatpy.adjustment.plate_sigma import with_plate_sigmas  # most runs are accepted
     from musatpy.blunders.check_points import check_point_causes
 
     if solution.plate_factor != 1.0:
         block = with_plate_sigmas(block, solution.plate_factor)
-    others = _causes_or_none(block, sea, progress) or tuple(check_point_causes(solution))
-    others = tuple(replace(cause, group=cause.group + bool(causes)) for cause in others)
-    return replace(solution, causes=causes + others)
+    found, stopped = _causes(block, sea, progress, causes, solution)
+    if not found and causes is not CauseSearch.NONE:
+        found = tuple(check_point_causes(solution))
+    parts = (
+        (found, of_flags) if found and np.isnan(found[0].drop) else (of_flags, found)
+    )  # the whole before its parts
+    after = max((cause.group for cause in parts[0]), default=0)
+    last = tuple(replace(cause, group=cause.group + after) for cause in parts[1])
+    return replace(solution, causes=parts[0] + last, warnings=(*solution.warnings, *stopped))
 
 
-def causes_of(block: Block, sea: Sea | None = None, progress: Progress | None = None) -> tuple[Cause, ...]:
+def causes_of(
+    block: Block, sea: Sea | None = None, progress: Progress | None = None, effort: Effort | None = None
+) -> tuple[Cause, ...]:
     """Return the ranked causes of what does not fit in a block, without changing anything.
 
-    The limit is the `Effort` of the search. With unknown waves there is no search, and no cause. Raises
-    `AdjustmentError` and `scene.GIVEN_UP` where the block cannot be adjusted even by robust weights.
+    The limit is the `effort`, or that of an explicit search. With unknown waves there is no search, and no cause.
+    Raises `AdjustmentError` and `scene.GIVEN_UP` where the block cannot be adjusted even by robust weights.
     """
     from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.search import search
@@ -76,16 +99,32 @@ def causes_of(block: Block, sea: Sea | None = None, progress: Progress | None = 
     if waves is not None and waves.unknown.any():
         return ()
     with numerics("causes"), np.errstate(all="ignore"):  # wild points are met, and given up
-        return causes(search(block, progress, sea, suspect=True), sea)
+        return causes(search(block, progress, sea, suspect=True, effort=effort), sea)
 
 
-def _causes_or_none(block: Block, sea: Sea | None, progress: Progress | None) -> tuple[Cause, ...]:
-    from musatpy.blunders.scene import GIVEN_UP
+def _causes(
+    block: Block, sea: Sea | None, progress: Progress | None, causes: CauseSearch, solution: Solution | None
+) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    """Return the causes of a run that is not accepted, or has no solution, and that their search was stopped."""
+    from musatpy.blunders.first_look import first_look  # most runs are accepted
+    from musatpy.blunders.scene import COMPUTED, GIVEN_UP, Effort, SearchLimitError
+    from musatpy.blunders.search import LEAST
 
-    try:
-        return causes_of(block, sea, progress)
-    except (AdjustmentError, *GIVEN_UP):
-        return ()  # nothing holds the block well enough to tell; the run itself says what is free
+    if causes is CauseSearch.NONE:
+        return (), ()
+    steps = _FAILED if solution is None else len(solution.iterations) + _AROUND
+    steps += COMPUTED if block.options.initial is Initial.COMPUTE else 0
+    times = {CauseSearch.USUAL: 1.0, CauseSearch.ALL: 4.0}[causes]
+    effort = Effort(left=times * max(LEAST, 2.0 * steps * len(block.plates.point)))
+    found: tuple[Cause, ...] = ()
+    with suppress(AdjustmentError, *GIVEN_UP):  # nothing holds the block well enough to tell
+        try:
+            found = causes_of(block, sea, progress, effort)
+        except SearchLimitError:
+            if solution is not None:
+                with numerics("causes"), np.errstate(all="ignore"):
+                    found = first_look(solution, sea)
+    return found, (_STOPPED,) if effort.left <= 0 else ()
 
 
 def doubtful(solution: Solution) -> bool:

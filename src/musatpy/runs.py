@@ -15,7 +15,7 @@ from musatpy.errors import MusatError, PlatesError, Problem, ProblemsError, nume
 from musatpy.files import real_path, write_files
 from musatpy.formats.musat import CheckedDeck, checked_deck, deck_bytes, read_deck
 from musatpy.memory import give_back
-from musatpy.model import Block, Grade, RecordContent, Solution, Verdict
+from musatpy.model import Block, CauseSearch, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
 from musatpy.reports.listing import printed, sections_of
@@ -87,6 +87,7 @@ def run_deck(
     on_read: Callable[[Block], None] | None = None,
     settings: Sequence[Setting] = (),
     record: RecordContent = RecordContent.FULL,
+    causes: CauseSearch = CauseSearch.USUAL,
 ) -> RunResult:
     """Run one deck and write `NAME.lst` and `NAME.json` beside it, or in `out_dir` (made where it is missing).
 
@@ -95,7 +96,8 @@ def run_deck(
     files of `punch_family` that hold as much of it as they can.
     `csv` writes the tables of the listing too, in the folder `NAME_tables`. `record` says what the record has: with
     `NONE` there is none, nor one of an earlier run. `brief` leaves the echo of the input and the residuals out of
-    the listing; `strict` makes the status of a doubtful answer that of a rejected one.
+    the listing; `strict` makes the status of a doubtful answer that of a rejected one. `causes` says how far those
+    of a run that is not accepted are looked for.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
     `Watcher`; `family` and `settings` are those of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where
@@ -109,7 +111,7 @@ def run_deck(
         return _unusable(deck, checked.problems)
     if on_read is not None:
         on_read(block)
-    solution, problems = _adjusted(checked, block, progress)
+    solution, problems = _adjusted(checked, block, progress, causes)
     if solution is None:
         return _unusable(deck, problems)
     listing, place = output_paths(deck, out_dir)
@@ -162,13 +164,13 @@ def _tables(sections: Iterable[Section], folder: Path) -> dict[Path, bytes]:
 
 
 def _adjusted(
-    deck: CheckedDeck, block: Block, progress: Progress | None
+    deck: CheckedDeck, block: Block, progress: Progress | None, causes: CauseSearch
 ) -> tuple[Solution | None, tuple[Problem, ...]]:
     """Return the solution of the block of a deck, None where there is none, and all problems, those of it first."""
     give_back()
     try:
         with numerics("the job"):
-            solution = adjust(block, progress)
+            solution = adjust(block, progress, causes=causes)
     except PlatesError as error:
         return None, (*deck.plate_problems(error.refusals, error.by_heights), *deck.problems)
     except ProblemsError as error:

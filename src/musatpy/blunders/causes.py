@@ -97,7 +97,8 @@ def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
     """Return the causes, `MOST` at most: the group that explains most first, its equal explanations together."""
     ranked: dict[int, list[Cause]] = {}
     for rival in rivals(search, sea, MOST):
-        ranked.setdefault(rival.group, []).append(_cause(search, rival))
+        cause = cause_of(search.block, search.last.judgement.sigma0, rival)
+        ranked.setdefault(rival.group, []).append(cause)
     groups = [
         *ranked.values(),
         *([cause] for cause in _named(search)),
@@ -145,11 +146,11 @@ def _named(search: Search) -> Iterator[Cause]:
         )
 
 
-def _cause(search: Search, rival: Rival) -> Cause:
-    hypothesis, block = rival.hypothesis, search.block
+def cause_of(block: Block, sigma0: float, rival: Rival) -> Cause:
+    """Return a hypothesis in words."""
+    hypothesis = rival.hypothesis
     unit = "" if hypothesis.kind in _NO_UNIT + _NO_SIZE else _UNITS.get(hypothesis.kind, "m")
     scale = {"um": MICROMETRE, "arc sec": ARC_SECOND}.get(unit, 1.0)
-    sigma0 = search.last.judgement.sigma0
     size, sigma = hypothesis.error / scale, hypothesis.sigma * sigma0 / scale
     if hypothesis.kind in _NO_SIZE:
         size = sigma = np.zeros(0)

@@ -201,7 +201,7 @@ def _at_minimum(case: Case, model: LinearModel, variance: float) -> Case:
     scene, network, kept = case.scene, model.network, model.kept
     start, length = model.state, np.inf
     if kept and network.sea is None and sensible_water(network, model.minimum) and scene.effort.left:
-        scene.effort.spend(1)
+        scene.effort.spend_steps(network)
         state = ground_points.settle(network, model.minimum)
         step = float(np.sqrt(max(float(kept.line.rhs @ model.step), 0.0)))
         fall = sum_of_squares(network, model.state) - sum_of_squares(network, state)

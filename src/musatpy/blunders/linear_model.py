@@ -30,6 +30,7 @@ from musatpy.blunders.factors import Factors
 from musatpy.blunders.scene import Scene
 
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
+_STEPS = 4  # of an adjustment, that it takes as much as
 _MEETS = 40.0  # squares for each of its images that say that these meet: stations need not be exact
 
 
@@ -85,6 +86,7 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
 
     Raises `SingularNormalsError`.
     """
+    scene.effort.spend_steps(scene.network, _STEPS)
     problem = scene.problem(factors)
     network = problem.network
     state = by_images(network, ground_points.settle(network, state))

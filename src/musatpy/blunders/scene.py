@@ -28,6 +28,7 @@ from musatpy.blunders.factors import Factors, deviations, weighted, weights
 from musatpy.model import (
     Block,
     Datum,
+    Initial,
     ObservationKind,
     Program,
     Refraction,
@@ -43,6 +44,8 @@ _HELD = 0.1  # of the ground sigma of an image, for what the job holds without e
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
 _REMEMBERED = 3  # states, whose residuals are asked for again: where trials begin, and where the last one has ended
+_STEP = 500  # images that a step takes as much as, however few there are
+COMPUTED, FOR_PHOTO = 25, 3000  # likewise of computed starts: times the images, and for each photo
 _WAVES = 8  # times the effort of a step on a plane
 
 
@@ -56,15 +59,23 @@ GIVEN_UP = (SingularNormalsError, SearchLimitError)  # why a trial of the search
 
 @dataclass(kw_only=True, eq=False)
 class Effort:
-    """What a search may still spend on steps of its adjustments; a deck beyond repair would take minutes."""
+    """What a search may still spend, in images that are evaluated; a deck beyond repair would take minutes.
 
-    left: int
+    Work is counted, never timed: every machine stops at the same place.
+    """
 
-    def spend(self, steps: int) -> None:
-        """Take steps off. Raises `SearchLimitError` where none are left."""
-        if self.left <= 0:
+    left: float
+
+    def spend(self, work: float) -> None:
+        """Take work off. Raises `SearchLimitError` where less than that is left, and nothing is from then on."""
+        if self.left < work:
+            self.left = 0.0
             raise SearchLimitError
-        self.left -= steps
+        self.left -= work
+
+    def spend_steps(self, network: Network, steps: float = 1.0) -> None:
+        """Take steps of an adjustment off. Raises `SearchLimitError`."""
+        self.spend(steps * (_STEP + len(network.photo) * (1 if network.sea is None else _WAVES)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +86,7 @@ class Limited(Simultaneous):
 
     def apply(self, state: State, step: FloatArray, context: list[Follow]) -> State:
         """Return what `Simultaneous.apply` does. Raises `SearchLimitError`."""
-        self.effort.spend(1 if self.network.sea is None else _WAVES)
+        self.effort.spend_steps(self.network)
         return super().apply(state, step, context)
 
 
@@ -151,6 +162,8 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Eff
 
     Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError` and `SearchLimitError`.
     """
+    images, photos = int(np.count_nonzero(block.plates.triangulated)), len(block.photos.ids)
+    effort.spend(images if block.options.initial is Initial.GIVEN else COMPUTED * images + FOR_PHOTO * photos)
     job, state = prepared(search_block(block, sea), progress, sea)
     scene = scene_of(job, state, effort)
     state = ground_points.level_start(scene.network.with_unknown_points(), state)  # no wrong control puts any

@@ -40,7 +40,8 @@ from musatpy.blunders.starts import Start, best_start
 from musatpy.model import Block, Initial, ObservationKind
 from musatpy.model.progress import Progress, begin
 
-_EFFORT, _FOR_PHOTO = 200, 10  # steps of its adjustments; where something simple is wrong, 10 to 150 do
+_EFFORT, _FOR_PHOTO = 400, 20  # steps of its adjustments; where something simple is wrong, 20 to 300 do
+LEAST = 6e5  # images evaluated, that any search may spend: some seconds
 _REVISIONS = 3  # of names and flags, at most
 _HOPELESS = 10.0  # times the cost of the best explanation: what snooping cannot mend
 _PLATE = ObservationKind.PLATE
@@ -82,13 +83,20 @@ class Search:
 
 
 def search(
-    block: Block, progress: Progress | None = None, sea: Sea | None = None, *, suspect: bool = False
+    block: Block,
+    progress: Progress | None = None,
+    sea: Sea | None = None,
+    *,
+    suspect: bool = False,
+    effort: Effort | None = None,
 ) -> Search:
     """Return what is wrong with a block, whose rays the waves of a `sea` may refract, `suspect` by its run.
 
+    Without an `effort` it is that of an explicit search.
+
     Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError`, and `SearchLimitError`.
     """
-    effort = Effort(left=_EFFORT + _FOR_PHOTO * len(block.photos.ids))
+    effort = effort or explicit_effort(block)
     begin(progress, "search for blunders: robust weights")
     start = best_start(block, progress, sea, effort, suspect=suspect)
     best = _begun(start, sea)
@@ -119,6 +127,11 @@ def search(
         common=best.common,
         alike_revisions=(*start.alike, *best.alike),
     )
+
+
+def explicit_effort(block: Block) -> Effort:
+    """Return what a search may spend that is asked for: some hundred steps of an adjustment."""
+    return Effort(left=LEAST + (_EFFORT + _FOR_PHOTO * len(block.photos.ids)) * len(block.plates.point))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

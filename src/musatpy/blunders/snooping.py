@@ -42,6 +42,7 @@ _BEST = 0.2  # sigma0 that nothing is better than
 _PULL = 1e3  # sigmas up to which what is out keeps that weight: kilometres would still bend the block by it
 _TAKEN = 1e-6  # of its weight is left to an observation that is out
 _UP = 2  # component
+_STEPS = 2  # of an adjustment, that the tests of all observations take as much as
 
 _K = ObservationKind
 
@@ -344,6 +345,7 @@ def judged(
 
     `normals` are those there, if they are known. Raises `SingularNormalsError`.
     """
+    scene.effort.spend_steps(scene.network, _STEPS)
     problem = scene.problem(factors)
     if normals is None:
         line = problem.linearise(problem.with_squares(state))

@@ -71,7 +71,11 @@ def best_start(
         if revision is None and best is not None and _fits(best):
             break
         try:
-            start = _computed(revised(block, revision) if revision else block, alike[:1], sea, effort)
+            if revision and block.options.initial is Initial.GIVEN:  # which its cards suit, or it is no explanation
+                start = _start(revised(block, revision), alike[:1], None, sea, effort)
+                start = start if _fits(start) else _computed(revised(block, revision), alike[:1], sea, effort)
+            else:
+                start = _computed(revised(block, revision) if revision else block, alike[:1], sea, effort)
         except (AdjustmentError, *GIVEN_UP):
             continue
         better = not sound or given is None or start.misfit < _BETTER * given.misfit
@@ -96,7 +100,7 @@ def _explaining(block: Block, sea: Sea | None, effort: Effort) -> tuple[Hypothes
         return ()
     explaining: list[Hypothesis] = []
     try:
-        for revision in islice(likely(block, against), _TRIED):
+        for revision in islice(likely(block, against, effort), _TRIED):
             members = MIRRORED if revision.kind is CauseKind.AXES and revision.member in MIRRORED else ()
             same = [replace(revision, member=member) for member in members] or [revision]
             trials = [(one, _tried(block, one, sea, effort)) for one in same]

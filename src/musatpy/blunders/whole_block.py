@@ -20,7 +20,7 @@ from musatpy.arrays import BoolArray, FloatArray, finite_rows
 from musatpy.blunders import revisions
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import revised
-from musatpy.blunders.scene import Scene, sees_water
+from musatpy.blunders.scene import Effort, Scene, sees_water
 from musatpy.geometry.frames import Frame
 from musatpy.jobs.extract import extracted
 from musatpy.model import Block, CauseKind, CoordinateSystem, Initial
@@ -33,7 +33,9 @@ MIRRORED = (  # one class, the cheapest to check first
     revisions.CONTROL_EXCHANGED,
 )
 _FACTORS = (revisions.FEET, 1.0 / revisions.FEET, 1e3, 1e-3, 10.0, 0.1, 100.0, 0.01, 1.0936, 0.9144)
-_PART = 10  # photos of the part that is tried
+_PART = 10  # photos of the part that is tried, and
+_POINTS = 100  # of its points, besides the control
+_MODELS, _FOR_PHOTO = 20, 500  # times its images that its models take as much as, and for each photo
 _FAR = 0.2  # flying heights from the card of a station, and
 _TURNED = 30.0 * DEGREE  # from that of its attitude: not where it should be
 _MOSTLY = 0.5  # of the photos, or points, that speak against a block
@@ -93,7 +95,7 @@ def part_of(block: Block) -> Block:
     """Return a connected part of a block: the photo with most control, and those that share most points with it."""
     n = len(block.photos.ids)
     if n <= _PART:
-        return block
+        return _thinned(block)
     shown = np.zeros((n, len(block.points.ids)), dtype=bool)
     shown[block.plates.photo, block.plates.point] = block.plates.triangulated
     control = shown[:, block.control.point[block.control.known.any(axis=1)]]
@@ -106,10 +108,19 @@ def part_of(block: Block) -> Block:
         if not value.any():
             break
         chosen[int(value.argmax())] = True
-    return extracted(block, chosen, drop_single=True).block
+    return _thinned(extracted(block, chosen, drop_single=True).block)
 
 
-def likely(block: Block, found: Doubts | None) -> Iterator[Hypothesis]:
+def _thinned(block: Block) -> Block:
+    """Return a block with some of its points alone, and its control."""
+    count = len(block.points.ids)
+    stays = np.arange(count) % -(-count // _POINTS) == 0
+    stays[block.control.point] = True
+    triangulated = block.plates.triangulated & stays[block.plates.point]
+    return replace(block, plates=replace(block.plates, triangulated=triangulated))
+
+
+def likely(block: Block, found: Doubts | None, effort: Effort) -> Iterator[Hypothesis]:
     """Yield the revisions of a block that suit plates, control, cards and tides, the likeliest first.
 
     Each is tried by models of its plates, placed on its control. Mirrored plates stand for all of their class;
@@ -121,11 +132,15 @@ def likely(block: Block, found: Doubts | None) -> Iterator[Hypothesis]:
     nothing = np.full((len(counts), 3), np.nan)
     alone = replace(block, photos=replace(block.photos, position_sigma=nothing, attitude_sigma=nothing))
     sights = sights_of(alone)
+    models_cost = _MODELS * len(sights.point) + _FOR_PHOTO * len(counts)
+    effort.spend(models_cost)
     models = models_of(alone, sights)
     scored: list[tuple[int, float, int, Hypothesis]] = []
     for revision in _revisions(block, found, cards=bool(counts.any())):
         other, seen, joined = revised(alone, revision), sights, models
+        effort.spend(len(sights.point))
         if other.plates is not alone.plates:
+            effort.spend(models_cost)
             seen = sights_of(other)
             joined = models_of(other, seen)
         place = placed(other, seen, joined, MODEL)

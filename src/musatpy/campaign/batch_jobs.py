@@ -15,7 +15,7 @@ import musatpy
 from musatpy.campaign.program import sources_sha256
 from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
-from musatpy.model import Grade, RecordContent
+from musatpy.model import CauseSearch, Grade, RecordContent
 from musatpy.runs import ExitStatus, output_paths
 from musatpy.specs import key, require
 
@@ -71,6 +71,7 @@ class JobOptions:
     brief: bool = key(False)
     html: bool = key(False)
     record: str | None = key(None, "`full`, `tables` or `none`")
+    causes: str | None = key(None, "`usual`, `all` or `none`")
     punch_edits: bool = key(False)
     punch: str | None = key(None, "`restart` or `result`")
     punch_family: str | None = key(None)
@@ -134,6 +135,7 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         "carriage_control": options.carriage_control,
         "brief": options.brief,
         "record": _content(options),
+        "causes": _search(options),
         "punch_edits": options.punch_edits,
         "punch": punch,
         "punch_family": other,
@@ -145,6 +147,13 @@ def _content(options: JobOptions) -> RecordContent:
     if options.record not in (None, *RecordContent):
         raise MusatError(f"record is one of {', '.join(RecordContent)}, not '{options.record}'")
     return RecordContent(options.record or RecordContent.FULL)
+
+
+def _search(options: JobOptions) -> CauseSearch:
+    """Return how far causes are looked for."""
+    if options.causes not in (None, *CauseSearch):
+        raise MusatError(f"causes is one of {', '.join(CauseSearch)}, not '{options.causes}'")
+    return CauseSearch(options.causes or CauseSearch.USUAL)
 
 
 def _punch(options: JobOptions) -> Any:

@@ -15,6 +15,7 @@ import click
 from musatpy.cli.messages import complain, complain_of, name_of, tell
 from musatpy.cli.options import (
     NamedPath,
+    causes_option,
     formats_option,
     out_option,
     processes_option,
@@ -42,6 +43,7 @@ _IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the sa
     help="Run the jobs by the workers of a Dask scheduler, such as tcp://host:8786.",
 )
 @record_option
+@causes_option
 @click.option("--html", is_flag=True, help="A page of each job too, and an index page of all (musat-batch.html).")
 @click.option("--again", is_flag=True, help="Run finished jobs again too.")
 @strict_option
@@ -56,6 +58,7 @@ def command(
     processes: int | None,
     address: str | None,
     record: str | None,
+    causes: str | None,
     html: bool,
     again: bool,
     strict: bool,
@@ -77,7 +80,7 @@ def command(
     if address is not None and processes is not None:
         raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
     try:
-        options = JobOptions(formats=formats_dir, settings=settings, record=record, html=html)
+        options = JobOptions(formats=formats_dir, settings=settings, record=record, causes=causes, html=html)
         plan = plan_of(sources, out_dir, options)
     except ManifestError:
         raise

@@ -177,6 +177,12 @@ record_option = click.option(
     type=click.Choice(["full", "tables", "none"]),
     help="NAME.json: full where not given, tables without those of images, or none.",
 )
+causes_option = click.option(
+    "--causes",
+    type=click.Choice(["usual", "all", "none"]),
+    help="How far a run that is not accepted looks for its causes: usual twice the work of its adjustment, all "
+    "eight times.",
+)
 processes_option = click.option(
     "-j",
     "--jobs",

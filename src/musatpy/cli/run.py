@@ -26,6 +26,7 @@ from musatpy.cli.messages import (
 )
 from musatpy.cli.options import (
     carriage_control_option,
+    causes_option,
     csv_option,
     date_option,
     decks_argument,
@@ -60,6 +61,7 @@ _FAST = "pip install 'musatpy[fast]'"
 @carriage_control_option
 @click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
 @record_option
+@causes_option
 @csv_option
 @shown_options
 @strict_option
@@ -78,6 +80,7 @@ def command(
     dated: bool,
     punch_edits: bool,
     record: str | None,
+    causes: str | None,
     **given: Any,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
@@ -86,7 +89,7 @@ def command(
     all accepted or doubtful, 1 a deck or its data cannot be used, 3 a run did not converge, 4 an answer is rejected
     (with --strict: or doubtful).
     """
-    from musatpy.model import RecordContent
+    from musatpy.model import CauseSearch, RecordContent
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
     wanted = shown_of(given)
@@ -109,6 +112,7 @@ def command(
         punch=punch,
         punch_family=punch_family,
         record=RecordContent(record or "full"),
+        causes=CauseSearch(causes or "usual"),
         **{name: given[name] for name in ("carriage_control", "brief", "csv", "strict")},
     )
     statuses = [

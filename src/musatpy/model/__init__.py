@@ -8,6 +8,7 @@ from musatpy.model.findings import Action, Cause, Finding
 from musatpy.model.kinds import Blunder, CauseKind, ObservationKind
 from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
+    CauseSearch,
     CoordinateSystem,
     Datum,
     Editing,
@@ -77,6 +78,7 @@ __all__ = [
     "Cameras",
     "Cause",
     "CauseKind",
+    "CauseSearch",
     "ComparatorSpec",
     "Concern",
     "ConsideredWater",

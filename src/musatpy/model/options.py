@@ -80,6 +80,14 @@ class Editing(StrEnum):
     EDIT = "EDIT"  # they are found, listed and taken out
 
 
+class CauseSearch(StrEnum):
+    """How far a run that is not accepted looks for its causes, by the counted work of its adjustment."""
+
+    NONE = "none"
+    USUAL = "usual"  # twice
+    ALL = "all"  # eight times
+
+
 class Order(StrEnum):
     """Order of the rows of stations, points, control and residuals."""
 
