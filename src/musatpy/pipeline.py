@@ -78,7 +78,7 @@ def adjust(
         found = tuple(check_point_causes(solution))
     parts = (
         (found, of_flags) if found and np.isnan(found[0].drop) else (of_flags, found)
-    )  # the whole before its parts
+    )  # all of it first
     after = max((cause.group for cause in parts[0]), default=0)
     last = tuple(replace(cause, group=cause.group + after) for cause in parts[1])
     return replace(solution, causes=parts[0] + last, warnings=(*solution.warnings, *stopped))
