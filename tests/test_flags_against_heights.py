@@ -12,10 +12,12 @@ import pytest
 from altered import altered, put, with_options
 from musatpy import adjust, read_deck, verdict
 from musatpy.model import (
+    Action,
     Block,
     CauseKind,
     Concern,
     ControlKind,
+    Editing,
     Grade,
     Program,
     Reason,
@@ -288,3 +290,28 @@ def test_listing_and_record_have_each_point_in_doubt() -> None:
             if line.strip()
         )
     assert "has the flag D" in part
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("editing", [Editing.LIST, Editing.EDIT])
+def test_a_search_that_names_the_flag_is_not_contradicted(editing: Editing) -> None:
+    solution = adjust(with_options(with_flags(st_thomas(), False, "212"), editing=editing))
+    reasons = verdict(solution).reasons
+    if any(finding.action is Action.FLAGGED for finding in solution.findings) and editing is Editing.EDIT:
+        assert not reasons  # the flag is set
+    else:
+        assert reasons[0].concern is Concern.FLAGS
+        flags = [cause for cause in solution.causes if cause.kind is CauseKind.FLAG]
+        assert [cause.points for cause in flags] == [("212",)] and solution.causes[0] is flags[0]
+
+
+def test_control_held_below_the_water_is_doubted_without_its_flag() -> None:
+    block = st_thomas()
+    row = int(np.flatnonzero(block.control.kind == ControlKind.VERTICAL)[0])
+    drowned = altered(
+        block,
+        control={"position": put((row, 2), -3.0), "fixed": put(row, True)},
+        photos={"tide": np.full(3, -2.5)},
+    )
+    reasons = of_flags(adjust(drowned))
+    assert reasons and "point 105 is not flagged as submerged (B), and up to 0.50 m" in reasons[0].text

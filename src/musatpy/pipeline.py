@@ -15,6 +15,7 @@ from musatpy.model import Block, Cause, CauseSearch, Editing, Finding, Initial, 
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.model.progress import Progress
 from musatpy.model.verdict import NO_CARD_EXPLAINS, OF_FLAGS
+from musatpy.statistics import Statistics
 from musatpy.statistics.verdict import verdict
 
 if TYPE_CHECKING:
@@ -62,10 +63,12 @@ def adjust(
         raise AdjustmentError(
             [*error.problems, *(Problem(message=text, severity="warning") for text in texts)]
         ) from error
-    from musatpy.blunders.other_flags import flag_causes, with_other_flags
+    of_flags: tuple[Cause, ...] = ()
+    if len(Statistics(solution).flags.doubted):
+        from musatpy.blunders.other_flags import flag_causes, with_other_flags  # few heights contradict flags
 
-    solution = with_other_flags(solution, progress, sea)
-    of_flags = () if causes is CauseSearch.NONE else tuple(flag_causes(solution))
+        solution = with_other_flags(solution, progress, sea)
+        of_flags = () if causes is CauseSearch.NONE else tuple(flag_causes(solution))
     if not doubtful(solution):
         return replace(solution, causes=of_flags)
     from musatpy.adjustment.plate_sigma import with_plate_sigmas  # most runs are accepted
@@ -76,9 +79,7 @@ def adjust(
     found, stopped = _causes(block, sea, progress, causes, solution)
     if not found and causes is not CauseSearch.NONE:
         found = tuple(check_point_causes(solution))
-    parts = (
-        (found, of_flags) if found and np.isnan(found[0].drop) else (of_flags, found)
-    )  # all of it first
+    parts = (found, of_flags) if found and np.isnan(found[0].drop) else (of_flags, found)  # all of it first
     after = max((cause.group for cause in parts[0]), default=0)
     last = tuple(replace(cause, group=cause.group + after) for cause in parts[1])
     return replace(solution, causes=parts[0] + last, warnings=(*solution.warnings, *stopped))
