@@ -180,7 +180,8 @@ class Outcome:
     @property
     def told(self) -> bool:
         """True where page 1 names the very parameter as one without test."""
-        return any(self.mistake.word in line and "no test" in line for line in self.page.splitlines()[1:])
+        _, _, named = self.page.partition("Common errors without test")
+        return self.mistake.word in named.partition("\n\n")[0]
 
     @property
     def quiet(self) -> bool:

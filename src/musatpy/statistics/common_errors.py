@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SEEN = 1e-8  # of the squares of a column: what the residuals show below is rounding
 _DECIMALS = 1  # of sigmas, as they are printed
-_ONE = 1.0  # sigma: an error that moves nothing by more is nobody's concern
+_FAR = 4.0  # sigmas: no error that one may believe moves anything by more
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,13 +64,14 @@ class CommonErrors(Table):
 
     @property
     def untested(self) -> IntArray:
-        """The parameters without a test whose reference error moves something by more than a sigma.
+        """The parameters without a test an error of which may move something by more than `_FAR` of its sigmas.
 
-        By falling sigmas.
+        Those first whose reference error moves most.
         """
-        most = np.nan_to_num(self.reference_sigmas).max(axis=1, initial=0.0)
-        most = np.where(self.tested, 0.0, most)
-        return falling(most, _DECIMALS)[: np.count_nonzero(most > _ONE)]
+        reference = np.nan_to_num(self.reference_sigmas).max(axis=1, initial=0.0)
+        most = reference / self.held.reference * self.held.limit
+        named = ~self.tested & (most > _FAR)
+        return falling(np.where(named, reference, -1.0), _DECIMALS)[: np.count_nonzero(named)]
 
 
 def common_errors(statistics: Statistics) -> CommonErrors | None:
