@@ -100,7 +100,7 @@ def causes_of(
     if waves is not None and waves.unknown.any():
         return ()
     with numerics("causes"), np.errstate(all="ignore"):  # wild points are met, and given up
-        return causes(search(block, progress, sea, suspect=True, effort=effort), sea)
+        return causes(search(block, progress, sea, effort), sea)
 
 
 def _causes(

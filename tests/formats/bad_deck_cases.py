@@ -39,6 +39,16 @@ def warning(line: int | None, where: str, found: str, message: str) -> Expected:
 LOCAL = musat.deck_bytes(in_system(CoordinateSystem.LOCAL)).decode().splitlines()
 GEOCENTRIC = musat.deck_bytes(in_system(CoordinateSystem.GEOCENTRIC)).decode().splitlines()
 
+
+def plates_a_thousandth(lines: list[str]) -> list[str]:
+    """Return the deck with its plates in metres, as if these were millimetres."""
+
+    def smaller(text: str) -> str:
+        return f"{float(text[21:33]) / 1e3:12.7f}{float(text[33:45]) / 1e3:12.7f}"
+
+    return [text[:21] + smaller(text) + text[45:] if text[:3] == "PLT" else text for text in lines]
+
+
 STA = "STA 841     RC8  19 21  0.00000 -81 18 36.00000 1500.0000"
 STX = "STX 844     RC8      1000.0000      100.0000    1500.0000"
 
@@ -300,6 +310,17 @@ CASES: list[Case] = [
     (
         deck(replace(15, " -71.9650000", "-171.9650000")),
         [warning(15, "PLT.y", "-171.9650000", "y = -171.965 mm lies outside the format of 230 mm of camera RC8")],
+    ),
+    (
+        deck(plates_a_thousandth),
+        [
+            warning(
+                15,
+                "PLT",
+                "-0.0045140  -0.0719650",
+                "lie within a hundredth of its format: are they in millimetres?",
+            )
+        ],
     ),
     (
         deck(replace(15, " -71.9650000", "-719.6500000")),

@@ -83,14 +83,9 @@ class Search:
 
 
 def search(
-    block: Block,
-    progress: Progress | None = None,
-    sea: Sea | None = None,
-    *,
-    suspect: bool = False,
-    effort: Effort | None = None,
+    block: Block, progress: Progress | None = None, sea: Sea | None = None, effort: Effort | None = None
 ) -> Search:
-    """Return what is wrong with a block, whose rays the waves of a `sea` may refract, `suspect` by its run.
+    """Return what is wrong with a block, whose rays the waves of a `sea` may refract.
 
     Without an `effort` it is that of an explicit search.
 
@@ -98,7 +93,7 @@ def search(
     """
     effort = effort or explicit_effort(block)
     begin(progress, "search for blunders: robust weights")
-    start = best_start(block, progress, sea, effort, suspect=suspect)
+    start = best_start(block, progress, sea, effort)
     best = _begun(start, sea)
     if best.common or (best.last.judgement.out.any() and not single_images(best.last)):
         best = _with_exchanges(block, _cheaper(best, sea), sea)

@@ -46,22 +46,17 @@ class Start:
     alike: tuple[Hypothesis, ...] = ()  # revisions of the whole block that explain the same as that of `common`
 
 
-def best_start(
-    block: Block, progress: Progress | None, sea: Sea | None, effort: Effort, *, suspect: bool = False
-) -> Start:
+def best_start(block: Block, progress: Progress | None, sea: Sea | None, effort: Effort) -> Start:
     """Return the start that fits best; one under a revision of the whole block where nothing speaks against that.
 
-    `suspect`: its run says that something is wrong, whether robust weights fit or not.
     Raises `AdjustmentError`, `SingularNormalsError` or `SearchLimitError` where the block as given does and no
     other one helps.
     """
     failure: AdjustmentError | SingularNormalsError | SearchLimitError | None = None
     given: Start | None = None
-    sound = False
     try:
         given = _start(block, (), progress, sea, effort)
-        sound = _fits(given) and not doubts(block, given.scene, given.state).any
-        if sound and not suspect:
+        if _fits(given) and not doubts(block, given.scene, given.state).any:
             return given
     except (AdjustmentError, *GIVEN_UP) as error:
         failure = error
@@ -78,8 +73,7 @@ def best_start(
                 start = _computed(revised(block, revision) if revision else block, alike[:1], sea, effort)
         except (AdjustmentError, *GIVEN_UP):
             continue
-        better = not sound or given is None or start.misfit < _BETTER * given.misfit
-        if revision is not None and _fits(start) and better:
+        if revision is not None and _fits(start):
             return replace(start, alike=alike)
         if revision is None and start.misfit < (np.inf if best is None else best.misfit * _BETTER):
             best = replace(start, common=())

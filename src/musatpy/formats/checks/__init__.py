@@ -59,6 +59,7 @@ CHECKS: tuple[Check, ...] = (
     values.two_ends,
     values.ellipsoid,
     values.plate_coordinates,
+    values.small_plates,
     zeros.plates,
     zeros.marks,
     zeros.positions,

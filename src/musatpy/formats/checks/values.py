@@ -17,6 +17,7 @@ from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, DEGREE
 
 _FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
+_SOME, _SMALL = 3, 0.01  # images of a camera, and the share of its format in which all of them do not lie
 _LIMIT, _SCALE, _LENGTH = (f"a {what} must be greater than zero" for what in ("limit", "scale", "length"))
 _BEYOND = {">": np.less_equal, ">=": np.less, "<=": np.greater}
 _COUNT, _CROSS = "at least 1 is needed, not {:g}", "rows and columns of a reseau count from 1"
@@ -269,6 +270,24 @@ def plate_coordinates(draft: Draft) -> Iterator[Problem]:
                 component=component,
                 severity="error" if far[row, component] else "warning",
             )
+
+
+def small_plates(draft: Draft) -> Iterator[Problem]:
+    """Yield the first image of each camera all of whose images lie near the middle of its format: another unit."""
+    if draft.raw:
+        return
+    cameras, links = draft.rows["cameras"], draft.camera["cameras"]
+    camera = np.append(draft.camera_of_photo, -1)[draft.photo["plates"]]
+    xy = np.abs(draft.rows["plates"]["plates.xy"])
+    for card in np.flatnonzero(links >= 0).tolist():
+        rows = np.flatnonzero((camera == links[card]) & np.isfinite(xy).all(axis=1))
+        size = cameras["cameras.format_size"][card]
+        if len(rows) >= _SOME and (xy[rows] <= _SMALL * size).all() and xy[rows].any():
+            message = (
+                f"all {len(rows)} images of camera {draft.camera_ids[links[card]]} lie within a hundredth of its "
+                "format: are they in millimetres?"
+            )
+            yield draft.problem("plates", int(rows[0]), message, path="plates.xy", severity="warning")
 
 
 def control_components(draft: Draft) -> Iterator[Problem]:
