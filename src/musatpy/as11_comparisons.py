@@ -91,7 +91,8 @@ def compare_soundings(
         title = f"{source.name} and the bottom of {bottom.name}"
         files[outputs.picture] = difference_picture(compared.differences, compared.xy, title)
     write_files(files)
-    return compared, list(_warnings(compared, read))
+    far = of.compiled.far_datum(how.datum) if of.compiled and (how.datum or of.compiled.deck.datum) else ()
+    return compared, [*far, *_warnings(compared, read)]
 
 
 def compare_contours(

@@ -187,3 +187,18 @@ def test_a_local_job_has_no_grid_of_heights() -> None:
     bad = compilation_bytes(replace(deck, datum=SoundingDatum(name="A", geoid="any.gtx")))
     with pytest.raises(Exception, match=r"VDT.geoid: the run is a local job"):
         read_compilation(bad, pair(3000.0, 1810.0).block)
+
+
+@pytest.mark.parametrize(
+    ("height", "side"), [(-0.15, ""), (19.0, ""), (21.0, "20.8 m above"), (-42.0, "42.2 m below")]
+)
+def test_a_sounding_datum_far_from_the_water_is_told(st_thomas: Triangulation, height: float, side: str) -> None:
+    result = compiled(st_thomas, with_datum(SoundingDatum(name="MLLW", height=height)))
+    told = [text for text in result.warnings() if text.startswith("the sounding datum is")]
+    assert len(told) == bool(side)
+    assert side in "".join(told)
+
+
+def test_the_height_0_of_a_job_is_no_sounding_datum(st_thomas: Triangulation) -> None:
+    result = compiled(st_thomas, with_datum(None))
+    assert not any("sounding datum" in text for text in result.warnings())

@@ -175,3 +175,12 @@ def test_soundings_that_meet_nothing(
     result = compared(run, tmp_path, text, *options)
     assert result.exit_code == 1 and message in " ".join(result.output.split())
     assert not (tmp_path / "s.soundings.lst").exists()
+
+
+def test_a_datum_far_from_the_water_is_told(run: Path, tmp_path: Path) -> None:
+    """Depths below an ellipsoid 36 m off look like soundings, and are none."""
+    far = compared(run, tmp_path, scaled(1.0, 36.0), "--datum", "-36.0")
+    assert far.exit_code == 0, far.output
+    assert "the sounding datum is 35.6 m above the water, more than 20 m" in far.stderr
+    near = compared(run, tmp_path, scaled(1.0, 2.0), "--datum", "-2.0")
+    assert "the sounding datum is" not in near.stderr

@@ -9,7 +9,7 @@ import pytest
 from formats import bad_system_cases, bad_wave_cases
 from formats.bad_deck_cases import CASES as DECK_CASES
 from formats.bad_deck_cases import GEOCENTRIC, LOCAL, Case
-from formats.deck_edits import GOOD, add, deck
+from formats.deck_edits import FOLDER, GOOD, add, deck
 from formats.raw_deck_cases import RAW, RAW_CASES
 from musatpy.errors import DeckError
 from musatpy.formats import musat
@@ -84,3 +84,14 @@ def test_a_photo_that_is_wholly_observed_needs_no_other_datum() -> None:
     assert block is None
     found = "photo 841 has 1 usable ray (8 measured) and 3 of its six parameters observed"
     assert any(found in problem.message for problem in problems)
+
+
+def test_control_through_water_shows_no_other_camera() -> None:
+    """It stands 0.78 times as wide on the photo as by straight rays: 1.28 times nearer, by refraction."""
+    deck_of_control = FOLDER.parent / "verdict/focal_length_through_water.crd"
+    assert musat.check_deck(deck_of_control)[1] == ()
+    dry = (
+        deck_of_control.read_bytes().replace(b"                B  ", b"                   ").replace(b"FXB", b"FX ")
+    )
+    (problem,) = musat.check_deck(dry)[1]
+    assert "as with a focal length of 210 mm" in problem.message

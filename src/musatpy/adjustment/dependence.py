@@ -69,11 +69,12 @@ def dependence(
     # the water levels of single photos stand with the six unknowns of their photos
     level = np.arange(n * q).reshape(n, q)[:, 6:][np.isfinite(inflation[:, 6:])]
     numbers = np.concatenate([level, n * q + np.arange(network.border.size)])
+    factors = np.concatenate([inflation.reshape(-1)[level], border * diagonal.border])
     return Dependence(
         station_inflation=inflation[:, :6],
         names=np.array([name(int(i)) for i in numbers], dtype=str),
-        sigma=np.sqrt(np.maximum(covariances.diagonal()[numbers], 0.0)),
-        inflation=np.concatenate([inflation.reshape(-1)[level], border * diagonal.border]),
+        sigma=np.where(factors > 0.0, np.sqrt(np.maximum(covariances.diagonal()[numbers], 0.0)), np.nan),
+        inflation=np.where(factors > 0.0, factors, np.nan),  # 0 is of what no observation touches
         first=np.array([name(int(i)) for i in first], dtype=str),
         second=np.array([name(int(i)) for i in second], dtype=str),
         correlation=value,

@@ -44,7 +44,12 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     known = np.concatenate([np.zeros(0, dtype=np.int64), *(g.point for g in control)])  # of others nothing is
     grouped = known[priors.group[known] >= 0]
     points = sum(len(g.point) for g in network.groups)
-    of_water = sum(network.border.count(kind.observed) for kind in WATER)
+    wet = any(network.refracted[group.rays].any() for group in network.groups)
+    of_water = sum(
+        network.border.count(kind.observed)
+        for kind in WATER
+        if kind.observed is not ObservationKind.WATER_LEVEL and (wet or kind.weight(network).any())
+    )
     levels = int(np.count_nonzero(_sees_water(network) | (water.level_weight > 0.0)))
     observations = {
         "plate coordinates, pass points": 2 * sum(g.rays.size for g in network.pass_groups),
@@ -64,8 +69,8 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     further["water"] = sum(int(np.count_nonzero(kind.weight(network))) for kind in WATER)
     further["inner constraints"] = free_motions
     observations |= {kind: number for kind, number in further.items() if number}
-    if water.unknown or network.border.count(ObservationKind.WAVE):
-        unknowns["water"] = levels + of_water - network.border.count(ObservationKind.WATER_LEVEL)
+    if levels + of_water:
+        unknowns["water"] = levels + of_water
     return Counts(observations=observations, unknowns=unknowns)
 
 

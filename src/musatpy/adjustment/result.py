@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,10 +17,17 @@ from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.kinds.water_level import level_corrections
 from musatpy.adjustment.network import Network, Participation
-from musatpy.adjustment.normals import ILL_DETERMINED, Cofactors, Factor, NormalMatrix
+from musatpy.adjustment.normals import ILL_DETERMINED, Factor, NormalMatrix
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
 from musatpy.adjustment.propagation import count
 from musatpy.adjustment.rank import describe_weakness, unknown_name
+from musatpy.adjustment.undetermined import (
+    Reach,
+    limits_of_water,
+    reach_of,
+    undetermined_points,
+    undetermined_water,
+)
 from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water, water_over
 from musatpy.adjustment.watpt import refraction_displacement
@@ -83,13 +90,14 @@ def solution(
     warnings += _what_is_odd(block, network, state, idle, free, dof)
     plates = _plate_residuals(network, measured, state, part)
     known = precision(block, refracted, state, part, factor, free, plates.residual, line.objective, dof)
-    points = _points_of(block, refracted, state, part, known)
+    reach = reach_of(network, state, part)
+    stated, points = _points_of(block, refracted, state, part, known, reach)
     waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
     found = Solution(
         block=block,
         converged=not reason,
         reason=reason,
-        warnings=(*warnings, *_stranded(block, network, state, points), *(waves.warnings if waves else ())),
+        warnings=(*warnings, *_stranded(block, network, stated, points), *(waves.warnings if waves else ())),
         iterations=iterations,
         passes=passes,
         sigma0=sigma0,
@@ -100,11 +108,11 @@ def solution(
         stations=stations,
         points=points,
         plates=plates,
-        bathymetric=_bathymetric(block, measured, state, part, known),
+        bathymetric=_bathymetric(block, measured, stated, part, known),
         levels=state.levels,
         level_sigmas=_level_sigmas(network, state, known),
         measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
-        water=None if block.water is None else _water(refracted, state, known.unknowns, waves),
+        water=None if block.water is None else _water(block, refracted, state, part, known, reach.height, waves),
         observed=known.observed,
         pairs=known.pairs,
         level_pairs=known.levels,
@@ -114,8 +122,7 @@ def solution(
         dependence=_dependence(block, refracted, known),
         held=None if reason else held_parameters(block, refracted, state, part, known, bent, free),
     )
-    exact = refracted is network or reason
-    return found if exact else with_departure(found, refracted, bent, factor, state, left_out(refracted, part))
+    return with_departure(found, network, refracted, bent, factor, state, left_out(refracted, part))
 
 
 def _without_unmet(
@@ -125,16 +132,21 @@ def _without_unmet(
 
     Nothing says where they are.
     """
-    unmet = [np.zeros(0, dtype=int)]
+    chosen = [np.zeros(0, dtype=int)]
     for group in left_out(network, part):
         squares = point_squares(network, state, group, state.ground[group.point])
         known = finite_rows(state.ground[group.point])
-        unmet.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
-    points = np.concatenate(unmet)
-    reasons = {**part.reasons, **dict.fromkeys(points.tolist(), NOT_MET)}
+        chosen.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
+    points = np.concatenate(chosen)
+    unmet = dict.fromkeys(points.tolist(), NOT_MET)
+    return replace(part, reasons=part.reasons | unmet), _without(state, unmet)
+
+
+def _without(state: State, points: Iterable[int]) -> State:
+    """Return the state without positions of points."""
     ground = state.ground.copy()
-    ground[points] = np.nan
-    return replace(part, reasons=reasons), replace(state, ground=ground)
+    ground[list(points)] = np.nan
+    return replace(state, ground=ground)
 
 
 def _waves(
@@ -148,25 +160,41 @@ def _waves(
     return swell.adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
 
 
-def _water(network: Network, state: State, covariances: Cofactors, waves: AdjustedWaves | None) -> AdjustedWater:
-    knowledge, border = network.water, network.border
-    sigma = np.sqrt(np.diagonal(covariances.corner))
+def _water(
+    block: Block,
+    network: Network,
+    state: State,
+    part: Participation,
+    known: Precision,
+    height: float,
+    waves: AdjustedWaves | None,
+) -> AdjustedWater:
+    """Return the water: what is not determined has no sigma, and a level of that kind no number."""
+    knowledge, border, diagonal = network.water, network.border, known.diagonal
+    sigma = np.where(diagonal.border > 0.0, np.sqrt(np.diagonal(known.unknowns.corner)), np.nan)
     levels, tilt, index = (
         sigma[border.at(kind)]
         for kind in (ObservationKind.WATER_LEVEL, ObservationKind.WATER_TILT, ObservationKind.WATER_INDEX)
     )
+    adjusted = np.ones(len(levels), dtype=bool)
     if knowledge.per_photo:
-        levels = np.sqrt(covariances.of_single_photos()[:, LEVEL, LEVEL])
-        levels = np.where(knowledge.group >= 0, levels, np.nan)
+        adjusted = knowledge.group >= 0
+        levels = np.sqrt(known.unknowns.of_single_photos()[:, LEVEL, LEVEL])
+        levels = np.where(adjusted & (diagonal.stations[:, LEVEL] > 0.0), levels, np.nan)
+    sigmas = {"level": levels, "tilt": tilt, "index": index}
+    limits = limits_of_water(block, height)
+    sigmas = {of: np.where(values <= limits[of], values, np.nan) for of, values in sigmas.items()}
+    loose = adjusted & np.isnan(sigmas["level"])
     return AdjustedWater(
         tide=state.tide,
-        correction=level_corrections(network, state),
+        correction=np.where(loose, np.nan, level_corrections(network, state)),
         correction_ids=knowledge.ids,
-        correction_sigma=levels,
+        correction_sigma=sigmas["level"],
         tilt=state.tilt,
-        tilt_sigma=tilt if len(tilt) else np.full(2, np.nan),
+        tilt_sigma=sigmas["tilt"] if len(tilt) else np.full(2, np.nan),
         index=state.index,
-        index_sigma=float(index[0]) if len(index) else np.nan,
+        index_sigma=float(sigmas["index"][0]) if len(index) else np.nan,
+        undetermined=undetermined_water(block, network, part, loose, sigmas),
         waves=waves,
     )
 
@@ -254,18 +282,22 @@ def _stations(block: Block, network: Network, state: State, known: Precision, id
     )
 
 
-def _points_of(block: Block, network: Network, state: State, part: Participation, known: Precision) -> GroundPoints:
-    """Return the points with their covariances (p, 3, 3), and the water over them."""
+def _points_of(
+    block: Block, network: Network, state: State, part: Participation, known: Precision, reach: Reach
+) -> tuple[State, GroundPoints]:
+    """Return the points, and the water over them, and the state without those that have no number."""
+    unstated = undetermined_points(network, state, reach, known.points, left_out(network, part))
+    state = _without(state, unstated)
     rays = np.zeros(network.points, dtype=int)
     for group in (*network.groups, *left_out(network, part)):
         rays[group.point] = group.rays.shape[1]
     covariance, water_sigma = known.points.copy(), np.full(network.points, np.nan)
-    status, reasons = part.status.copy(), dict(part.reasons)
+    status, reasons = part.status.copy(), part.reasons | unstated
     lost = ~finite_rows(state.ground) & (status == PointStatus.INTERSECTED)
-    status[lost] = PointStatus.NOT_DETERMINED
-    for point in np.flatnonzero(lost):
-        if reasons.get(int(point)) != NOT_MET:
-            reasons[int(point)] = "its rays are parallel"
+    for point in np.flatnonzero(lost).tolist():
+        if point not in unstated and reasons.get(point) != NOT_MET:
+            reasons[point] = "its rays are parallel"
+    status[lost] = status[list(unstated)] = PointStatus.NOT_DETERMINED
     determined = status != PointStatus.NOT_DETERMINED
     position = np.full((network.points, 3), np.nan)
     position[determined] = network.frame.system(state.ground[determined])
@@ -275,7 +307,7 @@ def _points_of(block: Block, network: Network, state: State, part: Participation
     lowest, highest = np.full((2, network.points), np.nan)
     np.fmin.at(lowest, network.point, water)
     np.fmax.at(highest, network.point, water)
-    return GroundPoints(
+    points = GroundPoints(
         position=position,
         covariance=covariance,
         status=status,
@@ -283,7 +315,9 @@ def _points_of(block: Block, network: Network, state: State, part: Participation
         water=np.stack([lowest, highest], axis=1),
         water_sigma=water_sigma,
         reasons=reasons,
+        lost=tuple(point for point in unstated if part.status[point] == PointStatus.TRIANGULATED),
     )
+    return state, points
 
 
 def _tide_sigmas(block: Block, network: Network, known: Precision) -> FloatArray:

@@ -20,6 +20,7 @@ _LEAST_SIGMA0 = 0.1  # images that fit better than that are made, without errors
 
 def with_departure(
     solution: Solution,
+    network: Network,
     refracted: Network,
     line: Linearisation,
     factor: Factor,
@@ -29,9 +30,12 @@ def with_departure(
     """Return a result of WATPT that says how far it is from that of RIGOROUS, with a warning beyond `FAR`.
 
     By a step of the normals (`line`, `factor`) of the `refracted` network at `state`; all points follow.
+    One that has not converged, or whose own `network` has refracted rays, is left as it is.
     The sigmas are those of the result. A second step would change next to nothing: what the first one leaves is of
     second order.
     """
+    if refracted is network or not solution.converged:
+        return solution
     block, step = solution.block, factor.solve(line.rhs)
     of_stations = step[: refracted.pattern.order].reshape(refracted.photos, -1)[:, :6]
     of_points = np.zeros((refracted.points, 3))

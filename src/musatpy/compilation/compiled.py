@@ -23,6 +23,7 @@ from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, TruePoints, true_points
 from musatpy.compilation.views_of_points import MISSED, in_models, incidences, remarks
 from musatpy.errors import CompilationError, Problem
+from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN, RECOVERABLE, SHORE, Compilation, Mode, StageReadings
 from musatpy.model.reduced import Reduced
 
@@ -35,6 +36,7 @@ NEARLY_PARALLEL = "its rays are nearly parallel: the sigma of its height is more
 NO_TIDE = "it is submerged, and the tide of a photo is not given"
 _ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
 _NAMED = 10  # points of a kind of warning that are named, the worst
+_FARTHEST, _PART_OF_HEIGHT = 20.0, 0.1  # m, or of the flying height in local jobs, of a datum from the water
 _OFF = 0.001  # m by which points without y-parallax may be off before it is told
 
 
@@ -193,6 +195,8 @@ class Compiled:
         beyond = np.isfinite(self.height) & np.isnan(self.datum_depth[0])
         if beyond.any():
             yield f"{np.count_nonzero(beyond)} points lie outside the grid of the datum {self.datum.name}"
+        if self.deck.datum is not None:
+            yield from self.far_datum()
         yield from self._worst(
             np.where(test > MISSED, test, np.nan),
             lambda row: f"has a y-parallax of {parallax[row]:.1f} um, {test[row]:.1f} sigmas",
@@ -209,6 +213,21 @@ class Compiled:
             np.where(self.on_shore & (np.abs(over) > MISSED), np.abs(over), np.nan),
             lambda row: f"is on the shoreline and {self.over_water[row]:+.2f} m off the water",
         )
+
+    def far_datum(self, below: float = 0.0) -> Iterator[str]:
+        """Yield that a datum so far (m) `below` that of the bottom is farther from the water than any tide."""
+        gap = self.datum_depth[0] - below + self.over_water
+        if not np.isfinite(gap).any():
+            return
+        middle, farthest = float(np.nanmedian(gap)), _FARTHEST
+        if self.run.block.options.system is CoordinateSystem.LOCAL:
+            farthest = _PART_OF_HEIGHT * float(np.median([model.stereo.height for model in self.models]))
+        if abs(middle) > farthest:
+            side = "above" if middle > 0.0 else "below"
+            yield (
+                f"the sounding datum is {abs(middle):.1f} m {side} the water, more than {farthest:.3g} m: "
+                "one of both may be a height above the ellipsoid, and the other above mean sea level"
+            )
 
     def slips(self) -> Iterator[tuple[int, str]]:
         """Yield the models (rows) most of whose readings make no points, and what would."""

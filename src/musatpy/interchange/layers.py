@@ -108,7 +108,10 @@ def _as_numbers(column: Column) -> Column:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lines(Layer):
-    """n lines; one that is closed does not repeat its first vertex."""
+    """n lines; one that is closed does not repeat its first vertex.
+
+    Longitudes of a line across the meridian of 180 degrees go on beyond it: it stays as short as it is.
+    """
 
     vertices: Sequence[FloatArray]  # n of (k, 3)
     closed: BoolArray  # (n,)
@@ -122,6 +125,8 @@ class Lines(Layer):
         if len(self.closed) != len(self.vertices):
             raise ValueError(f"{len(self.closed)} lines are closed or not, and {len(self.vertices)} have vertices")
         _require_length(self.columns, len(self.vertices))
+        if self.crs is not None and self.crs.is_geographic:
+            object.__setattr__(self, "vertices", [_continuous(line) for line in self.vertices])
 
     @classmethod
     def of_paths(cls, paths: Sequence[FloatArray], **others: Any) -> Lines:
@@ -145,8 +150,17 @@ class Polygons(Lines):
     @classmethod
     def of_outlines(cls, outlines: Sequence[FloatArray], **others: Any) -> Polygons:
         """Return the areas in outlines (k, 3), whose vertices are put counterclockwise, as RFC 7946 wants them."""
-        turned = [outline if _signed_area(outline) > 0.0 else outline[::-1] for outline in outlines]
-        return cls(vertices=turned, closed=np.ones(len(turned), dtype=bool), **others)
+        areas = cls(vertices=outlines, closed=np.ones(len(outlines), dtype=bool), **others)
+        turned = [outline if _signed_area(outline) > 0.0 else outline[::-1] for outline in areas.vertices]
+        return replace(areas, vertices=turned)
+
+
+def _continuous(line: FloatArray) -> FloatArray:
+    """Return the vertices of a line (k, 3) in degrees without a jump of a whole turn at 180 degrees."""
+    if np.ptp(line[:, 0]) <= 180.0:
+        return line
+    turns = np.rint((line[:, 0] - line[0, 0]) / 360.0)
+    return line - 360.0 * turns[:, None] * np.array([1.0, 0.0, 0.0])
 
 
 def _signed_area(outline: FloatArray) -> float:

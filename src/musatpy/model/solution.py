@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -118,6 +118,7 @@ class GroundPoints(Table):
     water: FloatArray = per_row(2, blank=np.nan)  # (p, 2) m, lowest and highest over it, of its photos with a tide
     water_sigma: FloatArray = per_row(blank=np.nan)  # (p,) m, the largest of these tides, 0 without error
     reasons: dict[int, str]  # point link -> why it has no position, or took no part
+    lost: tuple[int, ...] = ()  # links of those that took part, and that their rays do not determine
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,7 +167,11 @@ class BathymetricPoints(Table):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AdjustedWater(Table):
-    """The water surface after the adjustment; sigmas are NaN for what was known. In IIA all of it is."""
+    """The water surface after the adjustment; sigmas are NaN for what was known, and for what is not determined.
+
+    In IIA all of it is known. A level that is not determined has no correction either; its tide is the
+    given one, or where the adjustment has left it.
+    """
 
     tide: FloatArray = per_row()  # (n,) m, height of the water at each photo
     correction: FloatArray = per_row(rows="corrections")  # (c,) m, of tides, one for each group of photos
@@ -177,6 +182,7 @@ class AdjustedWater(Table):
     index: float
     index_sigma: float
     waves: AdjustedWaves | None = None  # None: there are none, or they were known
+    undetermined: Mapping[str, bool] = field(default_factory=dict)  # name of an unknown -> whether images need it
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,13 +39,16 @@ class Concern(StrEnum):
     UNIT = "units"
     CAMERA = "camera"
     WAVES = "waves"
+    UNDETERMINED = "what is not determined"
     BLUNDERS = "blunders"
     FLAGS = "flags of points"
     DATUM = "heights of water and control"
     REFRACTION = "refraction"
 
 
-NO_CARD_EXPLAINS = frozenset({Concern.REFRACTION})  # no error is behind them: the reason says what to do
+NO_CARD_EXPLAINS = frozenset(
+    {Concern.REFRACTION, Concern.UNDETERMINED}
+)  # no error is behind them: the reason says what to do
 
 OF_FLAGS = frozenset({Concern.FLAGS, Concern.DATUM})  # whose causes stand with them: v'Pv does not show them
 

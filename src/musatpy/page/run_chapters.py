@@ -136,8 +136,11 @@ def _camera(tables: Tables) -> Iterator[Part]:
 
 
 def _water_facts(tables: Tables) -> list[Fact]:
-    facts = []
+    facts, undetermined = [], " ".join(tables["adjusted_water"].get("undetermined") or ())
     for label, values in labels_of(adjusted_water.SURFACE, tables).items():
+        if label.split()[0].lower() in undetermined:  # tilt, refractive
+            facts.append(Fact(label=label, value="not determined", detail=""))
+            continue
         unit = "" if label == "Refractive index" else " ″"
         sigma = f"sigma {significant(values[1])}{unit}" if len(values) > 1 else "known"
         facts.append(Fact(label=label, value=f"{significant(values[0])}{unit}", detail=sigma))

@@ -24,8 +24,10 @@ def sections(statistics: Statistics) -> list[Section]:
     if water is None:
         return []
     lines = labelled(_lines(water))
+    text = "Blank: not determined by the images, if any depend on it."
+    note = ["", text] if any(name.startswith("the level") for name in water.undetermined) else []
     return [
-        *([CORRECTIONS.section(statistics)] if len(water.correction) else []),
+        *([CORRECTIONS.section(statistics, note)] if len(water.correction) else []),
         *([Section(title=SURFACE.title, lines=lines)] if lines else []),
         *([] if water.waves is None else _waves(water.waves)),
         *_not_adjusted(statistics),
@@ -165,6 +167,9 @@ def _waves(waves: AdjustedWaves) -> list[Section]:
 
 def _lines(water: AdjustedWater) -> dict[str, str]:
     lines = {}
+    for label in SURFACE.columns:
+        if label.split()[0].lower() in " ".join(water.undetermined):  # tilt, refractive
+            lines[label] = "not determined"
     if np.isfinite(water.tilt_sigma).all():
         for name, value, sigma in zip(("east", "north"), water.tilt, water.tilt_sigma, strict=True):
             numbers = [number_text("F12.3", angle / ARC_SECOND) for angle in (value, sigma)]

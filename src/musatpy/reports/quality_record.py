@@ -146,7 +146,7 @@ CORRECTIONS = Rows[Statistics, AdjustedWater](
     _water,
     (
         Field("group", "string", "photo, group or day; empty for all photos", lambda w: w.correction_ids),
-        Field("correction", "number", "to be added to the given tides", unit="m"),
+        Field("correction", "number?", "to be added to the given tides; null: not determined", unit="m"),
         Field("correction_sigma", "number?", "of the correction", unit="m"),
     ),
 )
@@ -172,9 +172,9 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
         Field("tide", "* number?", "height of the water at each photo", lambda s: _water(s).tide, "m"),
         CORRECTIONS,
         Field("tilt", "* number", "slopes towards east and north", lambda s: _water(s).tilt, "rad"),
-        Field("tilt_sigma", "* number?", "null where the tilt was known", lambda s: _water(s).tilt_sigma, "rad"),
+        Field("tilt_sigma", "* number?", "null: known, or not determined", lambda s: _water(s).tilt_sigma, "rad"),
         Field("index", "number", "refractive index", lambda s: _water(s).index),
-        Field("index_sigma", "number?", "null where the index was known", lambda s: _water(s).index_sigma),
+        Field("index_sigma", "number?", "null: known, or not determined", lambda s: _water(s).index_sigma),
         Group[Statistics, AdjustedWaves](
             "waves",
             "waves whose parameters were unknown; null without such",
@@ -183,6 +183,10 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
             optional=True,
         ),
         CONSIDERED,
+        Field(
+            "undetermined", "* string", "unknown water that no observation determines, in words: it has no sigma",
+            lambda s: list(_water(s).undetermined),
+        ),
         Field(
             "without_error", "* string", "water that was known without a sigma, in words",
             lambda s: exact_water(s.block),
@@ -304,8 +308,8 @@ GLOBALS = Rows[Statistics, Dependence](
     _dependence,
     (
         Field("unknown", "string", "name", lambda d: d.names),
-        Field("sigma", "number", "a posteriori"),
-        Field("inflation", "number", "variance inflation factor"),
+        Field("sigma", "number?", "a posteriori; null: nothing observes it"),
+        Field("inflation", "number?", "variance inflation factor"),
     ),
 )
 CORRELATIONS = Rows[Statistics, Dependence](

@@ -69,6 +69,7 @@ def verdict_of(statistics: Statistics) -> Verdict:
         *given_stations(statistics),
         *waves(statistics),
         *departure(statistics),
+        *undetermined(statistics),
     ]
     ranked = sorted(reasons, key=lambda reason: -reason.grade.rank)
     return Verdict(reasons=tuple(ranked), notes=tuple(notes(statistics)))
@@ -304,6 +305,27 @@ def departure(statistics: Statistics) -> Iterator[Reason]:
         yield _doubtful(Concern.REFRACTION, text, "Warnings")
 
 
+def undetermined(statistics: Statistics) -> Iterator[Reason]:
+    """Yield the water that images depend on, and the points of the adjustment, that nothing determines."""
+    solution = statistics.solution
+    water = {} if solution.water is None else solution.water.undetermined
+    if names := [name for name, needed in water.items() if needed]:
+        text = (
+            f"{_listing(names)}: the images that depend on it do not determine it: hold it (OP2), or give a sigma"
+        )
+        yield _doubtful(Concern.UNDETERMINED, text, "Water")
+    if solution.points.lost:
+        points = named("point", statistics.block.points.ids[list(solution.points.lost)])
+        text = f"{points}: not determined by the rays, and not stated; more rays are needed, or other ones"
+        yield _doubtful(Concern.UNDETERMINED, text, "Points That Took No Part")
+
+
+def _listing(names: list[str]) -> str:
+    """Return names in a row: a few, and the number of the others."""
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"{', '.join(names[:_LISTED])}{more}"
+
+
 def _scale_of_stations(statistics: Statistics) -> float:
     """Return how many times as far from their middle the adjusted stations are as the given ones; NaN of one."""
     block = statistics.block
@@ -338,6 +360,9 @@ def notes(statistics: Statistics) -> Iterator[str]:
         limit = float(np.sqrt(test.low if low else test.high))
         text = f"sigma0 {_number(statistics.solution.unit_sigma)} is {side} its limit {limit:.2f} of 95 %"
         yield f"{text}: the sigmas given may be {why} than the errors"
+    water = statistics.solution.water
+    if water is not None and (names := [name for name, needed in water.undetermined.items() if not needed]):
+        yield f"{_listing(names)}: not determined, and no image depends on it"
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
         um = statistics.block.options.plate_sigma / MICROMETRE
         given = um / statistics.solution.plate_factor

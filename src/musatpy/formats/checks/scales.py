@@ -83,9 +83,13 @@ def _ratios(draft: Draft) -> FloatArray:
 
 
 def _control(draft: Draft) -> FloatArray:
-    """Return (points + 1, 3) positions of full control, NaN for all others and for the last: no point."""
+    """Return (points + 1, 3) positions of full control, NaN for all others and for the last: no point.
+
+    Of control on land: through the water photos show it nearer, and another camera would explain that as well.
+    """
     rows, links = draft.rows["control"], draft.point["control"]
     position = np.full((len(draft.point_ids) + 1, 3), np.nan)
-    full = (rows["control.kind"] == ControlKind.FULL) & (links >= 0)
+    dry = np.append(~draft.bathymetric, False)
+    full = (rows["control.kind"] == ControlKind.FULL) & (links >= 0) & dry[links]
     position[links[full]] = rows["control.position"][full]
     return position
