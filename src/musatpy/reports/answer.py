@@ -49,6 +49,7 @@ _FLOORS = (6, 4, 3, 3)  # lines of reasons, causes, blunders and warnings at lea
 _LEAST = 1  # ... unless all else leaves no room even for that
 
 _CAUSES = "Blunders: Causes"
+UNSETTLED = "nothing has converged: what is blamed here may itself be carried away by what is wrong"
 
 _CHECK_ORIGIN = Origin(
     field="analyses.check_point[0].rms", then=("analyses.check_point[1].rms", "analyses.check_point[2].rms")
@@ -324,6 +325,8 @@ def _causes(answer: _Answer) -> tuple[Section, list[list[str]]] | None:
     if not causes or not answer.statistics.verdict.reasons:
         return None
     blocks, groups = [], set()
+    if answer.statistics.verdict.grade is Grade.FAILED and np.isfinite(causes[0].drop):
+        blocks.append(_wrapped(UNSETTLED, lead=_NOTE))
     for cause in causes:
         lead = "  or " if cause.group in groups else "- "
         groups.add(cause.group)
