@@ -25,7 +25,7 @@ from musatpy.reports import contour_comparison
 from musatpy.reports import soundings as report
 from musatpy.reports.record import dumps
 from musatpy.soundings.contour_files import read_contours
-from musatpy.soundings.differences import scale_warning
+from musatpy.soundings.differences import likeness_warning
 from musatpy.soundings.pictures import difference_picture
 from musatpy.soundings.sounding_files import Soundings, read_soundings
 
@@ -149,7 +149,7 @@ def _bottom(run: Path, bottom: Path, anyway: bool) -> _Bottom:
 
 def _warnings(compared: Sounded, soundings: Soundings) -> Iterator[str]:
     """Yield what is odd about soundings: a scale, and those that are there twice."""
-    if warning := scale_warning(compared.differences):
+    if warning := likeness_warning(compared.differences):
         yield warning
     rows = np.column_stack([soundings.place, soundings.depth])
     _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,28 @@ def test_soundings_in_feet_are_named(run: Path, tmp_path: Path) -> None:
     assert "they look like feet" in (tmp_path / "s.soundings.lst").read_text()
 
 
+def test_soundings_in_centimetres_are_named(run: Path, tmp_path: Path) -> None:
+    result = compared(run, tmp_path, scaled(100.0))
+    assert result.exit_code == 0 and "they look like centimetres: divide them by 100" in result.output
+
+
+@pytest.mark.parametrize(("shift", "words", "datum"), [(2.5, "deeper", -2.5), (-2.5, "less deep", 2.5)])
+def test_a_constant_offset_is_named_with_the_datum_that_takes_it_away(
+    run: Path, tmp_path: Path, shift: float, words: str, datum: float
+) -> None:
+    result = compared(run, tmp_path, scaled(1.0, shift))
+    told = re.search(rf"all soundings are (\S+) m {words} than the bottom.* add (\S+) to --datum", result.output)
+    assert result.exit_code == 0 and told and float(told[1]) == pytest.approx(2.5, abs=0.2)
+    assert float(told[2]) == pytest.approx(datum, abs=0.2)
+    right = compared(run, tmp_path, scaled(1.0, shift), "--datum", told[2])
+    assert right.exit_code == 0 and "than the bottom" not in right.output
+
+
+def west_positive() -> str:
+    """Return the soundings with longitudes that are positive to the west."""
+    return stage_readings.soundings().replace(",-64.", ",64.")
+
+
 def exchanged() -> str:
     """Return the soundings with latitudes for longitudes."""
     return stage_readings.soundings().replace("name,lat,lon", "name,lon,lat", 1)
@@ -165,6 +188,16 @@ def test_soundings_that_are_there_twice_are_told(run: Path, tmp_path: Path) -> N
     [
         ("x,y,depth\n1,2,3\n", (), "give the soundings in these, or name the system of x and y (--crs"),
         (exchanged(), (), "of them would with lat and lon exchanged"),
+        (
+            west_positive(),
+            (),
+            "with the other sign of lon: they look like longitudes that are positive to the west",
+        ),
+        (
+            west_positive().replace("lat,lon", "lon,lat"),
+            (),
+            "lat and lon exchanged, and the other sign of lon: they",
+        ),
         ("lat,lon,depth\n10,20,3\n", (), "no sounding meets the bottom: outside the surface"),
         (stage_readings.soundings(), ("--steepest", "0"), "the bottom is steeper there than the limit"),
     ],

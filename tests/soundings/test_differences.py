@@ -9,11 +9,11 @@ from musatpy.arrays import FloatArray
 from musatpy.refraction.flat import air_tangent
 from musatpy.soundings.differences import (
     Differences,
+    likeness_warning,
     median_and_spread,
     order_shares,
     regression,
     samples,
-    scale_warning,
 )
 from musatpy.soundings.s44 import orders_met, source, survey_orders
 
@@ -154,18 +154,54 @@ def test_an_order_asks_for_95_percent(within: int, met: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("scale", "words"), [(3.2808, "feet"), (0.5468, "fathoms"), (-1.0, "positive up"), (1.0, "")]
+    ("scale", "words"),
+    [
+        (3.2808, "feet"),
+        (0.5468, "fathoms"),
+        (-1.0, "positive up"),
+        (10.0, "decimetres"),
+        (100.0, "cent"),
+        (1.0, ""),
+    ],
 )
 def test_soundings_in_another_unit_are_named(scale: float, words: str) -> None:
     depth, compiled = soundings()
-    warning = scale_warning(differences(compiled, scale * depth))
+    warning = likeness_warning(differences(compiled, scale * depth))
     assert (words in warning) if words else not warning
+
+
+def test_a_unit_is_named_over_a_level_bottom() -> None:
+    """Depths that do not go with each other have no slope, and their ratio is 100."""
+    draws = np.random.default_rng(5)
+    compiled, sounded = 8.0 + 0.1 * draws.normal(size=(2, 60))
+    assert "centimetres" in likeness_warning(differences(compiled, 100.0 * sounded))
+    assert not likeness_warning(differences(compiled, sounded))
+
+
+@pytest.mark.parametrize(
+    ("offset", "spread", "sigma", "named"),
+    [
+        (0.4, 0.1, 0.1, True),
+        (-0.4, 0.1, 0.1, True),
+        (0.25, 0.1, 0.1, False),
+        (0.4, 0.1, 0.2, False),
+        (0.4, 0.2, 0.1, False),
+    ],
+)
+def test_an_offset_is_one_beyond_the_sigma_and_the_spread_of_a_difference(
+    offset: float, spread: float, sigma: float, named: bool
+) -> None:
+    depth, compiled = soundings(2000, spread)
+    warning = likeness_warning(differences(compiled + offset, depth, sigma))
+    assert bool(warning) == named
+    if named:
+        assert ("less deep" if offset > 0.0 else "deeper") in warning and f"add {offset:.1f}"[:-1] in warning
 
 
 @pytest.mark.parametrize(("share", "named"), [(0.96, True), (1.04, True), (0.93, False), (1.07, False)])
 def test_a_unit_is_named_where_the_slope_is_within_a_twentieth_of_it(share: float, named: bool) -> None:
     depth, _ = soundings()
-    assert bool(scale_warning(differences(depth, share * 3.281 * depth))) == named
+    assert bool(likeness_warning(differences(depth, share * 3.281 * depth))) == named
 
 
 @pytest.mark.parametrize(("noise", "named"), [(8.0, True), (18.0, False)])
@@ -175,4 +211,4 @@ def test_a_unit_is_named_where_depths_go_with_each_other(noise: float, named: bo
     sounded = 3.281 * depth + noise * np.random.default_rng(2).normal(size=4000)
     correlation = np.corrcoef(depth, sounded)[0, 1]
     assert correlation == pytest.approx(0.963 if named else 0.845, abs=0.015)
-    assert bool(scale_warning(differences(depth, sounded))) == named
+    assert bool(likeness_warning(differences(depth, sounded))) == named

@@ -21,6 +21,7 @@ from musatpy.surfaces.tin import EMPTY, FEW, INSIDE, LAND, LONG_EDGE, OUTSIDE, R
 STEEP = "the bottom is steeper there than the limit"
 DRY = "dry: the bottom there is above the water"
 UNDATED = "its date is not known"
+_WEST = ": they look like longitudes that are positive to the west; give them positive to the east"
 _DRY = len(REASONS) + 1
 _RANK = np.argsort(
     [OUTSIDE, EMPTY, FEW, LONG_EDGE, LAND, _DRY, INSIDE]
@@ -136,13 +137,19 @@ def _of(at: SurfaceValues) -> _Bottoms:
 
 
 def nowhere(surfaces: Sequence[Surface | RasterBottom], soundings: Soundings, compared: Sounded) -> SoundingError:
-    """Return the error of soundings none of which meets the bottom: why, and whether they would with x for y."""
+    """Return the error of soundings none of which meets the bottom: why, and with which other places they would."""
     why = next(iter(compared.reasons.values()), "there is no bottom")
-    turned, exchanged = replace(soundings, place=soundings.place[:, ::-1]), 0
-    with suppress(SystemsError):  # where a system does not reach
-        exchanged = len(sounded(surfaces, turned, Matching()).rows)
     names = "lat and lon" if soundings.angular else "x and y"
-    hint = f". {exchanged} of them would with {names} exchanged" if exchanged else ""
+    place = soundings.place
+    others = {f"{names} exchanged": place[:, ::-1], f"the other sign of {names.split()[2]}": place * (1.0, -1.0)}
+    if soundings.angular:
+        others |= {"lat and lon exchanged, and the other sign of lon": place[:, ::-1] * (1.0, -1.0)}
+    hint = ""
+    for how, places in others.items():
+        met = 0
+        with suppress(SystemsError):  # where a system does not reach
+            met = len(sounded(surfaces, replace(soundings, place=places), Matching()).rows)
+        hint += f". {met} of them would with {how}{_WEST if how.endswith('sign of lon') else ''}" if met else ""
     return SoundingError([Problem(message=f"no sounding meets the bottom: {why}{hint}")])
 
 

@@ -21,7 +21,7 @@ from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, text
 from musatpy.reports import soundings
 from musatpy.reports.answer import USE
 from musatpy.reports.table import Column, Report, key
-from musatpy.soundings.differences import Differences, order_shares, scale_warning
+from musatpy.soundings.differences import Differences, likeness_warning, order_shares
 from musatpy.soundings.s44 import source
 
 COMPARED = "COMPARED"
@@ -86,7 +86,7 @@ def soundings_page(tables: Tables, files: Mapping[str, str]) -> Page:
     except NothingToShowError as error:
         raise MusatError(f"the record has nothing to show: {error}") from error
     pictures, tables = pictures_chapter(PICTURES, tables), in_columns(tables)
-    warning = scale_warning(differences)
+    warning = likeness_warning(differences)
     chapters = [
         Chapter(title=title, anchor=anchor_of(title), parts=list(parts))
         for title, parts in (

@@ -16,10 +16,10 @@ from musatpy.soundings.differences import (
     OrderShare,
     Regression,
     Sample,
+    likeness_warning,
     order_shares,
     regression,
     samples,
-    scale_warning,
 )
 from musatpy.soundings.s44 import source
 
@@ -185,7 +185,7 @@ def point_orders(compiled: Compiled) -> dict[str, int]:
 
 def sections_of(compared: Sounded, compiled: Compiled | None) -> list[Section]:
     """Return what the listing says, section by section; `compiled` is None for a raster."""
-    line, warning = regression(compared.differences), scale_warning(compared.differences)
+    line, warning = regression(compared.differences), likeness_warning(compared.differences)
     blunders = compared.differences.part(compared.differences.blunders)
     named = [
         f"{name}: compiled {of:.2f} m, sounded {read:.2f} m"

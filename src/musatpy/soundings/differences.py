@@ -16,7 +16,14 @@ _NORMAL = 1.4826  # sigma of a normal distribution over its median absolute devi
 _BLUNDER = 3.29  # of that, 99.9 %
 _ROUNDS = 10
 _SHARE = 0.95  # of differences that an order asks for
-_SCALES = {-1.0: "heights, positive up", 3.281: "feet", 0.5468: "fathoms"}
+_SCALES = {
+    -1.0: ("heights, positive up", "call the column height"),
+    1.0 / 0.3048: ("feet", "multiply them by 0.3048"),
+    1.0 / 1.8288: ("fathoms", "multiply them by 1.8288"),
+    10.0: ("decimetres", "divide them by 10"),
+    100.0: ("centimetres", "divide them by 100"),
+}
+_ROUNDED = 0.01  # m, of depths in files
 _LIKE = 0.05  # relative, of a slope
 _LEAST = 0.9  # correlation of depths that differ by a scale
 
@@ -152,18 +159,28 @@ def order_shares(differences: Differences) -> list[OrderShare]:
     ]
 
 
-def scale_warning(differences: Differences) -> str:
-    """Return what soundings look like that differ from compiled depths by a scale or a sign; empty if by none."""
-    if (
-        len(differences.sounded) < 3
-        or not np.ptp(differences.sounded) > 0.0
-        or not np.ptp(differences.compiled) > 0.0
-    ):
+def likeness_warning(differences: Differences) -> str:
+    """Return what soundings look like that differ from compiled depths by a scale, a sign or a constant; or ''.
+
+    A constant is beyond 3.29 sigmas of a single difference: errors of a bottom may be common to all its places.
+    """
+    compiled, depth = differences.compiled, differences.sounded
+    if len(depth) < 3:
         return ""
-    if abs(float(np.corrcoef(differences.compiled, differences.sounded)[0, 1])) < _LEAST:
+    ratios = depth / np.where(compiled == 0.0, np.nan, compiled)
+    slope, spread = median_and_spread(ratios[np.isfinite(ratios)])
+    told = spread < _LIKE * abs(slope)  # also over a level bottom
+    if np.ptp(depth) > 0.0 and np.ptp(compiled) > 0.0 and abs(np.corrcoef(compiled, depth)[0, 1]) >= _LEAST:
+        slope, told = float(np.polyfit(compiled, depth, 1)[0]), True
+    for scale, (unit, advice) in _SCALES.items():
+        if told and abs(slope / scale - 1.0) < _LIKE:
+            return f"the soundings grow with {slope:.4g} times the compiled depths: they look like {unit}: {advice}"
+    offset, spread = median_and_spread(differences.difference)
+    sigma = differences.sigma[np.isfinite(differences.sigma)]
+    if abs(offset) <= _BLUNDER * max(float(np.median(sigma)) if len(sigma) else 0.0, spread, _ROUNDED):
         return ""
-    slope = float(np.polyfit(differences.compiled, differences.sounded, 1)[0])
-    for scale, unit in _SCALES.items():
-        if abs(slope / scale - 1.0) < _LIKE:
-            return f"the soundings grow with {slope:.4g} times the compiled depths: they look like {unit}"
-    return ""
+    return (
+        f"all soundings are {abs(offset):.2f} m {'less deep' if offset > 0.0 else 'deeper'} than the bottom, with "
+        f"a spread of {spread:.2f} m only: they look like soundings below another datum, or without their tide; "
+        f"add {offset:.2f} to --datum if that is so"
+    )
