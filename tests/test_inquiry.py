@@ -240,7 +240,7 @@ def test_a_screen_says_what_was_asked_for():
         assert line in text.splitlines(), line
     check = inquiry_text(said, inquire(said, "106")[0])
     assert (
-        "  check point, adjusted minus given: East .018, North -.037, Up .338 m; as much by chance: .2917" in check
+        "  check point, adjusted minus given: East .018, North -.037, Up .338 m; as much by chance: .3516" in check
     )
     photo = inquiry_text(said, next(one for one in inquire(said, "22") if one.is_photo))
     assert "Without this photo 11 points would have no position: ROCK, 203, 209," in photo

@@ -47,7 +47,7 @@ SINCE = """
 # What records of rows did not have, and what has another scale since: check points are held against sigma0 or 1.
 [[rule]]
 name = "new fields"
-column = "^(liquid|dry)$"
+column = "^(liquid|dry|undetermined)$"
 skip = true
 
 [[rule]]

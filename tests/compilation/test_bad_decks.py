@@ -161,7 +161,7 @@ def test_a_slip_may_be_compiled_anyway_and_is_a_warning_then(run: Path, tmp_path
     kept = [line for line in in_model(lambda xy: xy[::-1]).decode().splitlines() if line[:3] not in ("CIN", "GRD")]
     deck.write_text("\n".join(kept) + "\n")
     result = compiled(run, deck, "--anyway")
-    assert result.exit_code == 0 and "left and right were exchanged" in (tmp_path / "slip.lst").read_text()
+    assert result.exit_code == 4 and "left and right were exchanged" in (tmp_path / "slip.lst").read_text()
     assert "slip.crd:8 cols 25-68 STG: warning: point 102 of model 2122 has no position: " in result.output
     assert "and 247 readings more without a position" in result.output
 

@@ -223,7 +223,7 @@ def test_what_python_prints_is_short():
     for shown in (solution, solution.block, block, failed):
         assert len(repr(shown)) <= 1000
     assert "sigma0=0.9361" in repr(solution) and "photos=3" in repr(solution) and "not converged" in repr(failed)
-    assert repr(solution.block.points) == "Points(22: ids, bathymetric)"
+    assert repr(solution.block.points) == "Points(22: ids, bathymetric, dry)"
 
 
 def test_no_table_prints_its_numbers():

@@ -95,15 +95,16 @@ WORST: Report[Statistics] = Report(
         in_unit("Estimated error", "F15.3", "estimated_error", lambda s: _worst_rows(s)),
     ),
 )
+VERDICT = Mapped(
+    title="Verdict",
+    layout="texts",
+    table="verdict",
+    ids={"Grade": "grade"},
+    also=("verdict.reasons", "verdict.notes"),
+    words={"grade": {grade.value: f"{grade}: {use}" for grade, use in USE.items()}},
+)
 STATED = (
-    Mapped(
-        title="Verdict",
-        layout="texts",
-        table="verdict",
-        ids={"Grade": "grade"},
-        also=("verdict.reasons", "verdict.notes"),
-        words={"grade": {grade.value: f"{grade}: {use}" for grade, use in USE.items()}},
-    ),
+    VERDICT,
     Mapped(title="Quality In Short", layout="labels", columns=_QUALITY),
     BLUNDERS,
     Mapped(title="Warnings In Short", layout="texts", table="solution.warnings"),
@@ -261,9 +262,10 @@ def _untested(answer: _Answer) -> list[str]:
     shift, sigmas = (values[row, kind] for values in (errors.reference_shift, errors.reference_sigmas))
     moved = f"{MOVED[kind]} {moved_names(answer.statistics, kind)[row]}"
     text = f"{held.names[row]}: {size} moves {moved} by {number_text('F12.3', shift)} m, "
-    text += f"{number_text('F12.1', sigmas)} sigmas{answer.reference(COMMON_ERRORS)}"
+    text += f"{number_text('F12.1', sigmas)} sigmas"
     if others:
         text += f"; also {'; '.join(held.names[others].tolist())}"
+    text += answer.reference(COMMON_ERRORS)
     return wrapped([text], lead=labelled({"Common errors without test": ""})[0])
 
 

@@ -90,8 +90,8 @@ def _columns(kind: int, suffix: str, ids: bool) -> tuple[Column[Statistics], ...
     head = "" if ids else noun.capitalize()
     return (
         *name,
-        Column(f"{head}\nm", "F9.3", shows=f"{noun}_{suffix.format('shift', '')}".rstrip("_")),
-        Column(f"{head}\nsigmas", "F7.1", shows=f"{noun}_{suffix.format('sigmas', '_sigmas')}"),
+        Column(f"{head}\nm", "F8.3", shows=f"{noun}_{suffix.format('shift', '')}".rstrip("_")),
+        Column(f"{head}\nsigmas", "F6.1", shows=f"{noun}_{suffix.format('sigmas', '_sigmas')}"),
     )
 
 
@@ -100,7 +100,7 @@ TESTS: Report[Statistics] = Report(
     table=PARAMETERS,
     path="common_errors.parameters",
     columns=(
-        key("Parameter", "A30", "parameter"),
+        key("Parameter", "A29", "parameter"),
         Column("Unit", "A4", shows="unit"),
         Column("Test\nvalue", "F7.2", shows="test"),
         Column(
@@ -118,7 +118,7 @@ HIDDEN: Report[Statistics] = Report(
     rows=lambda s: np.flatnonzero(_errors(s).tested),
     some=True,
     columns=(
-        key("Parameter", "A30", "parameter"),
+        key("Parameter", "A29", "parameter"),
         *(column for kind in range(3) for column in _columns(kind, "hidden{1}", ids=True)),
     ),
 )

@@ -319,16 +319,8 @@ SHORE_TABLE: Report[Any] = Report(
         Column("Largest\nm", "F8.3", shows="largest"),
     ),
 )
-WORTH = Mapped(
-    title="Verdict",
-    layout="texts",
-    table="verdict",
-    ids={"Grade": "grade"},
-    also=("verdict.reasons", "verdict.notes"),
-    words={"grade": {grade.value: f"{grade}: {use}" for grade, use in USE.items()}},
-)
 WARNINGS = Mapped(title="Warnings Of Run And Readings", layout="texts", table="warnings")
-STATED = (WORTH, WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
+STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
 
 
 def sections_of(
@@ -345,7 +337,7 @@ def sections_of(
     reasons = [f"Point {point} of model {model}: {reason}." for point, model, reason in names if reason]
     against_it = wrapped([reason.text for reason in verdict.reasons], lead="- ")
     return [
-        Section(title=WORTH.title, lines=[f"{verdict.grade}: {USE[verdict.grade]}", *against_it]),
+        Section(title="Verdict", lines=[f"{verdict.grade}: {USE[verdict.grade]}", *against_it]),
         *model_sections(compiled, against, warnings),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
         *compilation_points.sections_of(compiled),

@@ -37,7 +37,7 @@ GROUND_POINTS: Report[Statistics] = Report(
     columns=(
         key("Point", "A8", "point"),
         Column("Bath", "A4", shows=Origin(field="bathymetric", true="B")),
-        Choice(((), (_DRY,)), lambda s: (_DRY,) if s.block.points.dry.any() else ()),
+        Choice(((_DRY,),), lambda s: (_DRY,) if s.block.points.dry.any() else ()),
         Column("Status", "A14", shows="status"),
         Column("Rays", "I4", shows="rays"),
         replace(_POSITION, of=lambda s: _in_words(s, _POSITION, 0)),
