@@ -18,6 +18,7 @@ from musatpy.memory import give_back
 from musatpy.model import Block, CauseSearch, Grade, RecordContent, Solution, Verdict
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
+from musatpy.point_flags import PointFlags, flags_set
 from musatpy.reports.listing import printed, sections_of
 from musatpy.reports.record import record_of, texts_of
 from musatpy.statistics import Statistics
@@ -86,6 +87,7 @@ def run_deck(
     punch_family: FormatFamily | None = None,
     on_read: Callable[[Block], None] | None = None,
     settings: Sequence[Setting] = (),
+    flags: PointFlags | None = None,
     record: RecordContent = RecordContent.FULL,
     causes: CauseSearch = CauseSearch.USUAL,
 ) -> RunResult:
@@ -100,13 +102,13 @@ def run_deck(
     of a run that is not accepted are looked for.
     A deck that cannot be read or adjusted leaves no files; every reason is in `problems`. `on_read` is called with
     the block before it is adjusted, `progress` after each iteration, and as each phase begins where it is a
-    `Watcher`; `family` and `settings` are those of `musatpy.formats.musat.checked_deck`. Raises `MusatError` where
-    the results would overwrite the deck, and `OSError` where they cannot be written.
+    `Watcher`; `family` and `settings` are those of `musatpy.formats.musat.checked_deck`, `flags` stand beside those
+    of the cards. Raises `MusatError` where the results would overwrite what is read, and `OSError`.
     """
-    deck = Path(deck)
-    check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
+    deck, punching = Path(deck), punch is not None
+    check_outputs([deck], out_dir, punch_edits=punch_edits, punch=punching, punch_family=punch_family, flags=flags)
     begin(progress, "reading")
-    checked = _checked(deck, family, settings)
+    checked = _checked(deck, family, settings, flags)
     if (block := checked.block) is None:
         return _unusable(deck, checked.problems)
     if on_read is not None:
@@ -115,16 +117,15 @@ def run_deck(
     if solution is None:
         return _unusable(deck, problems)
     listing, place = output_paths(deck, out_dir)
-    folder = listing.parent
-    edited, notes = _edited_deck(solution, folder / f"{deck.stem}.edited.crd", family) if punch_edits else ({}, ())
-    punched, more = _punched(solution, punch, folder / f"{deck.stem}.pun", family, punch_family)
+    edited, notes = _edited_deck(solution, listing.with_suffix(".edited.crd"), family) if punch_edits else ({}, ())
+    punched, more = _punched(solution, punch, listing.with_suffix(".pun"), family, punch_family)
     try:
         with numerics("the statistics of the solution"):
             begin(progress, "statistics")
             statistics = Statistics(solution)
             sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
             pages = map(str.encode, printed(statistics, sections, carriage_control=carriage_control, date=date))
-            tables = _tables(sections, folder / f"{deck.stem}_tables") if csv else {}
+            tables = _tables(sections, listing.with_name(f"{deck.stem}_tables")) if csv else {}
             del sections  # they are gone when they are printed
         begin(progress, "record")
         recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
@@ -146,9 +147,20 @@ def run_deck(
     )
 
 
-def _checked(deck: Path, family: Family | None, settings: Sequence[Setting]) -> CheckedDeck:
+def _checked(
+    deck: Path, family: Family | None, settings: Sequence[Setting], wanted: PointFlags | None
+) -> CheckedDeck:
     """Return a deck with its problems; its cards only where the reduction of raw plates may have more to say."""
     checked = checked_deck(deck, family, settings=settings)
+    if checked.block is not None and wanted not in (None, PointFlags()):
+        try:
+            more = flags_set(checked.block, wanted)
+        except ProblemsError as error:
+            return CheckedDeck(block=None, problems=(*error.problems, *checked.problems))
+        checked = checked_deck(deck, family, settings=settings, flags=more.flags)
+        if checked.block is not None:
+            block = replace(checked.block, settings=(*checked.block.settings, *more.settings))
+            checked = replace(checked, block=block, problems=(*checked.problems, *_warnings(deck, *more.undecided)))
     return checked if checked.block is None or checked.block.raw else replace(checked, draft=None)
 
 
@@ -290,16 +302,18 @@ def check_outputs(
     punch_edits: bool = False,
     punch: bool = False,
     punch_family: FormatFamily | None = None,
+    flags: PointFlags | None = None,
 ) -> None:
-    """Raise `MusatError` where two decks would write the same file, or one would overwrite a deck."""
+    """Raise `MusatError` where two decks would write the same file, or one would overwrite what is read."""
     decks = list(decks)
-    sources = {real_path(deck): deck for deck in decks}
+    sources = {real_path(deck): f"the deck {deck}" for deck in decks}
+    sources |= {real_path(path): f"{path}, which is read" for path in (flags or PointFlags()).files.values()}
     written: dict[Path, Path] = {}
     for deck in decks:
         for path in output_paths(deck, out_dir, punch_edits=punch_edits, punch=punch, punch_family=punch_family):
             place = real_path(path)
             if place in sources:
-                raise MusatError(f"the results of {deck} would overwrite the deck {sources[place]}")
+                raise MusatError(f"the results of {deck} would overwrite {sources[place]}")
             if place in written:
                 raise MusatError(f"the results of {written[place]} and {deck} would both go to {path}")
             written[place] = deck

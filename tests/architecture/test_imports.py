@@ -43,7 +43,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "adjustment": {"model", "geometry", "refraction", "orientation", "sea"},  # of the sea, the waves of a deck
     "blunders": {"model", "geometry", "adjustment", "statistics", "jobs"},
     "pipeline": {"model", "reduction", "blunders", "adjustment", "statistics"},
-    "formats": {"model", "geometry", "refraction", "systems", "sea"},
+    "formats": {"model", "geometry", "refraction", "systems", "sea", "statistics"},
     "systems": {"model", "geometry"},
     "statistics": {"model", "geometry", "systems"},
     "comparison": {"model", "geometry"},
@@ -84,7 +84,19 @@ MAY_IMPORT: dict[str, set[str]] = {
     "jobs": {"model", "geometry"},
     "depth": {"model", "geometry", "refraction", "systems", "pointfiles"},
     "sea": {"model", "geometry", "refraction", "systems", "depth", "pointfiles"},
-    "runs": {"memory", "model", "formats", "pipeline", "statistics", "comparison", "inquiry", "reports", "jobs"},
+    "point_flags": {"model", "formats", "jobs", "adjustment", "reduction", "statistics"},
+    "runs": {
+        "memory",
+        "model",
+        "formats",
+        "pipeline",
+        "point_flags",
+        "statistics",
+        "comparison",
+        "inquiry",
+        "reports",
+        "jobs",
+    },
     "as11_corrections": {"model", "as11_runs", "compilation", "geometry", "interchange"},
     "as11_comparisons": {"as11_runs", "compilation", "geometry", "reports", "soundings"},
     "as11_runs": {"model", "formats", "compilation", "interchange", "plots", "reports", "runs"},
@@ -103,13 +115,25 @@ MAY_IMPORT: dict[str, set[str]] = {
     "shown_runs": {"runs", "reports", "statistics", "geometry", "interchange", "plots", "gis", "page"},
     "listings": {"reports", "geometry"},
     "examples": set(),
-    "campaign": {"memory", "model", "formats", "jobs", "runs", "as11_runs", "listings", "page", "shown_runs"},
+    "campaign": {
+        "memory",
+        "model",
+        "formats",
+        "jobs",
+        "point_flags",
+        "runs",
+        "as11_runs",
+        "listings",
+        "page",
+        "shown_runs",
+    },
     "cli": {
         "memory",
         "campaign",
         "examples",
         "model",
         "formats",
+        "point_flags",
         "runs",
         "orient_runs",
         "as11_corrections",
@@ -132,8 +156,9 @@ MAY_IMPORT: dict[str, set[str]] = {
 }
 # (room, other room) -> the only modules of the other that it may import.
 ONLY = {
-    ("simulation", "formats"): {"musatpy.formats.refractive_index"}
-}  # the refractive index of what a WTC card says
+    ("simulation", "formats"): {"musatpy.formats.refractive_index"},  # the refractive index of what a WTC card says
+    ("formats", "statistics"): {"musatpy.statistics.flags"},  # when a height contradicts a flag
+}
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its
 # version, because importing it loads nothing (a test below).
 FRONT_DOOR = "__init__"

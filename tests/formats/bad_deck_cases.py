@@ -466,6 +466,23 @@ CASES: list[Case] = [
             Expected(
                 44, "CTG.bathymetric", "B", "point 1105 is flagged bathymetric here, and is not on its first card"
             ),
+            warning(
+                44,
+                "CTG.height",
+                "14.0384",
+                "14.0384 m: 13.74 m (137.4 sigmas) above the water of all its photos, and flagged as submerged",
+            ),
+        ],
+    ),
+    (
+        deck(replace(43, "   17.0386", "   -0.2010")),
+        [
+            warning(
+                43,
+                "CTG.height",
+                "-0.2010",
+                "point 1103, -0.201 m: 0.40 m (4.0 sigmas) below the water of all its photos, and not flagged as",
+            )
         ],
     ),
     (

@@ -159,7 +159,10 @@ CASES: list[Case] = [
     ),
     (
         sea(wave(period=SWELL), edits=(flagged(),)),
-        [warning(50, "WAV", "", "waves, and no submerged point is measured: they take no part")],
+        [
+            warning(12, "TID", "", "3 TID cards, and no point is flagged as submerged: nothing is refracted"),
+            warning(50, "WAV", "", "waves, and no submerged point is measured: they take no part"),
+        ],
     ),
     (
         sea(

@@ -16,6 +16,7 @@ from musatpy.campaign.program import sources_sha256
 from musatpy.errors import MusatError, Problem
 from musatpy.files import real_path
 from musatpy.model import CauseSearch, Grade, RecordContent
+from musatpy.point_flags import PointFlags
 from musatpy.runs import ExitStatus, output_paths
 from musatpy.specs import key, require
 
@@ -67,6 +68,8 @@ class JobOptions:
 
     formats: Path | None = key(None, "folder of card formats", convert=path_of)
     settings: tuple[str, ...] = key((), "fields of cards, as `--set` has them", name="set")
+    dry: Path | None = key(None, "a polygon in which points are dry for certain, as of `--dry`", convert=path_of)
+    submerged: Path | None = key(None, "a list or a polygon of submerged points, or `BELOW`", convert=path_of)
     carriage_control: bool = key(False)
     brief: bool = key(False)
     html: bool = key(False)
@@ -80,6 +83,11 @@ class JobOptions:
     punch_sigmas: bool | None = key(None)
     punch_plates: bool | None = key(None)
 
+    @property
+    def flags(self) -> PointFlags:
+        """The flags of points that are set besides those of the deck."""
+        return PointFlags(dry=self.dry, submerged=self.submerged)
+
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `musatpy.runs.run_deck`; raises `MusatError` for options that contradict."""
         return dict(_arguments(self))
@@ -91,7 +99,9 @@ class JobOptions:
             key: value for key, value in values.items() if value not in (None, False, ()) or key in _THREE_WAY
         }
         return {
-            key: str(value) if key == "formats" else value for key, value in values.items() if value is not None
+            key: str(value) if isinstance(value, Path) else value
+            for key, value in values.items()
+            if value is not None
         }
 
 
@@ -99,6 +109,7 @@ _THREE_WAY = ("punch_sigmas", "punch_plates")  # false is not the same as not sa
 OUT_OF_MEMORY = "memory ran out; fewer --jobs need less"
 _FORMATS = "formats/"  # before the names of card formats among the inputs of a job
 _RUN = "run/"  # before that of the deck of its triangulation
+_POINTS = "points/"  # before those of lists and polygons of points
 
 
 @cache
@@ -134,6 +145,7 @@ def _arguments(options: JobOptions) -> dict[str, Any]:
         "settings": settings_of(options.settings, family),
         "carriage_control": options.carriage_control,
         "brief": options.brief,
+        "flags": options.flags,
         "record": _content(options),
         "causes": _search(options),
         "punch_edits": options.punch_edits,
@@ -207,15 +219,17 @@ class Job:
         return (*paths, self.folder / f"{self.deck.stem}.html") if self.options.html else paths
 
     def inputs(self, names: Iterable[str] = ()) -> dict[str, str]:
-        """Return the hashes of what is read besides the deck: its card formats, and geoid models by these names.
+        """Return the hashes of what is read besides the deck: card formats, points, geoid models by these names.
 
         Of a compilation deck also that of its triangulation, but for line ends. Names may be those of an earlier
         answer. Raises `OSError`, and `MusatError` where there is no such model.
         """
         from musatpy.formats.musat import geoid_file
 
-        grids = [name for name in names if not name.startswith((_FORMATS, _RUN))]
+        grids = [name for name in names if not name.startswith((_FORMATS, _RUN, _POINTS))]
         hashes = {} if self.options.formats is None else _formats_now(self.options.formats)
+        for option, path in self.options.flags.files.items():
+            hashes[f"{_POINTS}{option}/{path.name}"] = sha256_of(path)
         if self.run is not None:
             cards = self.run.read_bytes().replace(b"\r\n", b"\n")
             hashes[f"{_RUN}{self.run.name}"] = hashlib.sha256(cards).hexdigest()
@@ -229,7 +243,8 @@ class Job:
     def fingerprint(self, deck_sha256: str, inputs: dict[str, str]) -> str:
         """Return what the results depend on, as one hash: the deck's bytes, other inputs, program, options."""
         options = self.options.as_data()
-        options.pop("formats", None)  # their content counts, which is among the inputs, and not their place
+        for name in ("formats", *self.options.flags.files):  # their content counts, which is among the inputs
+            options.pop(name, None)
         what = [deck_sha256, inputs, musatpy.__version__, sources_sha256(), self.deck.stem, options]
         return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
 

@@ -36,6 +36,7 @@ class Parcel:
     job: Job
     deck: bytes
     formats: tuple[tuple[str, bytes], ...]  # names and contents of its card formats
+    points: tuple[tuple[str, str, bytes], ...]  # lists and polygons of points: option, name, content
     program: str  # version and hash of the program here
 
 
@@ -48,6 +49,7 @@ def parcel_of(job: Job) -> Parcel:
         job=job,
         deck=job.deck.read_bytes(),
         formats=tuple((path.name, path.read_bytes()) for path in paths),
+        points=tuple((name, path.name, path.read_bytes()) for name, path in job.options.flags.files.items()),
         program=program(),
     )
 
@@ -61,8 +63,14 @@ def run_parcel(parcel: Parcel) -> tuple[Outcome, dict[str, bytes]]:
         warnings.simplefilter("ignore", RuntimeWarning)
         deck, out = Path(folder) / parcel.job.deck.name, Path(folder) / "out"
         deck.write_bytes(parcel.deck)
-        formats = parcel.job.options.formats and _formats(parcel.job.options.formats.name, parcel.formats)
-        outcome = run_job(Job(deck=deck, out=out, options=replace(parcel.job.options, formats=formats)))
+        given = parcel.job.options
+        formats = given.formats and _formats(given.formats.name, parcel.formats)
+        points = {option: Path(folder, option, name) for option, name, _ in parcel.points}
+        write_files({points[option]: content for option, _, content in parcel.points})
+        options = replace(
+            given, formats=formats, dry=points.get("dry"), submerged=points.get("submerged", given.submerged)
+        )
+        outcome = run_job(Job(deck=deck, out=out, options=options))
         files = {name: (out / name).read_bytes() for name in outcome.outputs}
     return _renamed(outcome, str(deck), str(parcel.job.deck)), files
 

@@ -199,7 +199,8 @@ def _of_manifest(path: Path) -> Plan:
 def _jobs(job: _DeckKeys, folder: Path, where: str, reader: Reader) -> list[Job]:
     """Return the jobs of one table, whose paths are seen from a folder."""
     values = {option.name: getattr(job, option.name) for option in fields(JobOptions)}
-    options = JobOptions(**values | {"formats": job.formats and folder / job.formats})
+    paths = {"formats": job.formats, **job.flags.files}
+    options = JobOptions(**values | {name: path and folder / path for name, path in paths.items()})
     try:
         decks = [deck for source in job.deck for deck in decks_of(Path(source), folder)]
     except MusatError as error:

@@ -16,12 +16,14 @@ from musatpy.cli.messages import complain, complain_of, name_of, tell
 from musatpy.cli.options import (
     NamedPath,
     causes_option,
+    dry_option,
     formats_option,
     out_option,
     processes_option,
     record_option,
     set_option,
     strict_option,
+    submerged_option,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +37,8 @@ _IMPATIENCE = 3.0  # seconds in which an interruption that comes again is the sa
 @out_option
 @formats_option
 @set_option
+@dry_option
+@submerged_option
 @processes_option
 @click.option(
     "--cluster",
@@ -55,6 +59,8 @@ def command(
     out_dir: Path | None,
     formats_dir: Path | None,
     settings: tuple[str, ...],
+    dry: Path | None,
+    submerged: Path | None,
     processes: int | None,
     address: str | None,
     record: str | None,
@@ -80,7 +86,15 @@ def command(
     if address is not None and processes is not None:
         raise click.UsageError("-j is of this machine: how many jobs a cluster runs at a time its workers say")
     try:
-        options = JobOptions(formats=formats_dir, settings=settings, record=record, causes=causes, html=html)
+        options = JobOptions(
+            formats=formats_dir,
+            settings=settings,
+            dry=dry,
+            submerged=submerged,
+            record=record,
+            causes=causes,
+            html=html,
+        )
         plan = plan_of(sources, out_dir, options)
     except ManifestError:
         raise

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from musatpy.cli.messages import complain_of, name_of, tell
-from musatpy.cli.options import family_named, refuse_overwriting
+from musatpy.cli.options import family_named, refuse_overwriting, submerged_option
+from musatpy.errors import Problem
 
 if TYPE_CHECKING:
     from musatpy.formats.families import FormatFamily
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="A deck, which need not be whole, for what FROM does not hold: camera, options, water.",
 )
+@submerged_option
 @click.option(
     "--formats",
     "own",
@@ -38,6 +40,7 @@ def command(
     source_name: str | None,
     target_name: str | None,
     deck: Path | None,
+    submerged: Path | None,
     own: Path | None,
 ) -> None:
     """Convert the job FROM to TO, and say what TO cannot hold.
@@ -60,6 +63,14 @@ def command(
     _check_overwriting(from_family, source, to_family, target, stem)
     parts, warnings = from_family.read(source, {} if deck is None else deck_parts(deck))
     complain_of(warnings)
+    if submerged is not None:
+        from musatpy.formats.draft import with_flags
+        from musatpy.point_flags import PointFlags, flags_of_parts
+
+        more = flags_of_parts(parts, PointFlags(submerged=submerged))
+        parts = {role: with_flags(role, table, more.flags) for role, table in parts.items()}
+        tell(more.settings[0])
+        complain_of(Problem(message=note, severity="warning") for note in more.undecided)
     rendered = to_family.render(parts, target, stem)
     write_files(rendered.contents)
     for file in rendered.contents:

@@ -83,11 +83,6 @@ def write_edited(block: Block, titles: tuple[str, ...], path: Path, family: Fami
         complain(f"{problem.headline()}: it cannot be run yet")
 
 
-def text_of(path: Path) -> str:
-    """Return what a file of names or corners says; bytes that are no UTF-8 stand as escapes, and fit no name."""
-    return path.read_text(encoding="utf-8", errors="backslashreplace")
-
-
 def _once_each(problems: Iterable[Problem]) -> list[Problem]:
     """Return one problem of each value that does not fit its field, however many cards have it."""
     first: dict[str | None, Problem] = {}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.decks import read_for_editing, text_of, write_edited
+from musatpy.cli.decks import read_for_editing, write_edited
 from musatpy.cli.options import deck_option, formats_option, refuse_overwriting, titles_option
 
 if TYPE_CHECKING:
@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 )
 @click.option("--box", metavar="W,S,E,N", help="Photos in a box: X and Y of local jobs, else degrees.")
 @click.option(
-    "--area", type=click.Path(path_type=Path), metavar="FILE", help="Photos in a polygon: lines of east and north."
+    "--area",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Photos in a polygon: GeoJSON, or lines of east and north.",
 )
 @click.option(
     "--by",
@@ -76,14 +79,14 @@ def command(
 
 def _wanted(photos: str | None, photos_from: Path | None) -> list[str]:
     """Return the names and ranges of photos that the options list."""
-    lines = photos.split(",") if photos else []
-    if photos_from:
-        text = text_of(photos_from)
-        lines += [name for line in text.splitlines() for name in line.partition("#")[0].split(",")]
-    return [name.strip() for name in lines if name.strip()]
+    from musatpy.jobs.naming import names_of, text_of
+
+    named = [name.strip() for name in (photos or "").split(",") if name.strip()]
+    return named + (names_of(text_of(photos_from)) if photos_from else [])
 
 
 def _areas(block: Block, box: str | None, area: Path | None) -> list[Area]:
+    from musatpy.jobs.naming import text_of
     from musatpy.jobs.plan_positions import Area, area_of
     from musatpy.model import CoordinateSystem
 

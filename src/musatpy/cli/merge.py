@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.decks import read_for_editing, text_of, write_edited
+from musatpy.cli.decks import read_for_editing, write_edited
 from musatpy.cli.options import deck_option, decks_argument, formats_option, refuse_overwriting, titles_option
 from musatpy.errors import DeckError
 
@@ -121,7 +121,7 @@ def _renamed(
 ) -> tuple[list[Part], list[dict[Kind, dict[str, str]]]]:
     """Return the parts with their new names, and these."""
     from musatpy.jobs.agreement import Part
-    from musatpy.jobs.naming import assigned, new_names, prefixed, renamed
+    from musatpy.jobs.naming import assigned, new_names, prefixed, renamed, text_of
 
     lines = [line for path in renames for line in new_names(text_of(path), str(path))]
     names = assigned(lines, list(zip(files, blocks, strict=True)))

@@ -156,6 +156,19 @@ set_option = click.option(
     help="A field of a card that decks have once, in place of what it says there, as OP2.water_level=ONE; "
     "'musat card' lists cards and fields.",
 )
+dry_option = click.option(
+    "--dry",
+    metavar="POLYGON",
+    type=NamedPath(),
+    help="Points in the polygon of a file (GeoJSON, or lines of east and north) are dry for certain, as by flag D.",
+)
+submerged_option = click.option(
+    "--submerged",
+    metavar="LIST|POLYGON|BELOW",
+    type=NamedPath(),
+    help="Flag as submerged, as by B, the points of a list, those in a polygon (*.geojson, *.json, *.csv), or "
+    "BELOW: those that a first adjustment finds below the water of all their photos.",
+)
 deck_option = click.option(
     "-o",
     "--out",

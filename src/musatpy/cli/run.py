@@ -30,12 +30,14 @@ from musatpy.cli.options import (
     csv_option,
     date_option,
     decks_argument,
+    dry_option,
     formats_option,
     out_option,
     record_option,
     set_option,
     settings_for,
     strict_option,
+    submerged_option,
 )
 from musatpy.cli.punching import punch_of, punch_options, run_cards
 from musatpy.cli.shown import show, shown_of, shown_options
@@ -57,6 +59,8 @@ _FAST = "pip install 'musatpy[fast]'"
 @out_option
 @formats_option
 @set_option
+@dry_option
+@submerged_option
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no summary; messages of errors only.")
 @carriage_control_option
 @click.option("--brief", is_flag=True, help="A listing without echo of the input and residuals: 40 pages at most.")
@@ -81,6 +85,8 @@ def command(
     punch_edits: bool,
     record: str | None,
     causes: str | None,
+    dry: Path | None,
+    submerged: Path | None,
     **given: Any,
 ) -> None:
     """Adjust each DECK and write its listing NAME.lst and its record NAME.json.
@@ -90,6 +96,7 @@ def command(
     (with --strict: or doubtful).
     """
     from musatpy.model import CauseSearch, RecordContent
+    from musatpy.point_flags import PointFlags
     from musatpy.runs import ExitStatus, check_outputs, run_deck
 
     wanted = shown_of(given)
@@ -97,8 +104,11 @@ def command(
     more = punch_edits or given["csv"] or punch or wanted.anything
     if STREAM in decks and out_dir is None and (len(decks) > 1 or more):
         raise click.UsageError("- with other decks, or with files besides the listing, needs -o")
+    flags, punching = PointFlags(dry=dry, submerged=submerged), punch is not None
     try:
-        check_outputs(decks, out_dir, punch_edits=punch_edits, punch=punch is not None, punch_family=punch_family)
+        check_outputs(
+            decks, out_dir, punch_edits=punch_edits, punch=punching, punch_family=punch_family, flags=flags
+        )
     except MusatError as error:
         raise click.UsageError(str(error)) from error
     family = run_cards(formats_dir, punch_family)
@@ -108,6 +118,7 @@ def command(
         date=datetime.date.today() if dated else None,
         family=family,
         settings=settings_for(settings, family),
+        flags=flags,
         punch_edits=punch_edits,
         punch=punch,
         punch_family=punch_family,

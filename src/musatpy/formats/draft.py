@@ -53,6 +53,9 @@ OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wa
 # Of points, on the cards of their images and of control.
 POINT_FLAGS = ("points.bathymetric", "points.dry")
 
+Flags = Mapping[str, list[str]]
+"""Of `POINT_FLAGS`, the points that have it."""
+
 # The order in which cards name cameras, photos and points, where it is not that of the roles.
 _FIRST = ("cameras", "stations", "attitudes", "matrices", "tides", "fiducial_measurements", "cross_measurements")
 
@@ -264,13 +267,20 @@ class Draft:
         )
 
 
+def with_flags(role: str, table: dict[str, NDArray[Any]], flags: Flags) -> dict[str, NDArray[Any]]:
+    """Return a table in which every plate or control row of some points has flags besides its own."""
+    more = {flag: ids for flag, ids in flags.items() if ids and role in ("plates", "control")}
+    columns = {flag: np.isin(table[f"{role}.point"], ids) for flag, ids in more.items()}
+    return table | {flag: table[flag].astype(bool) | named for flag, named in columns.items()}
+
+
 def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slot]:
     slots = [slot for slot in mapping.slots(spec) if slot.path == path]
     return [slot for slot in slots if component is None or slot.component in (component, None)]
 
 
-def draft_of(deck: CardDeck, family: Family) -> Draft:
-    """Return the draft of a deck, whatever is wrong with it."""
+def draft_of(deck: CardDeck, family: Family, flags: Flags | None = None) -> Draft:
+    """Return the draft of a deck, whatever is wrong with it; its points have `flags` besides those of the cards."""
     roles = roles_of(family)
     statements = {role: _rows(role, roles.get(role, ()), deck) for role in system_rows.STATING}
     given_in, _ = _statements(statements)
@@ -279,6 +289,8 @@ def draft_of(deck: CardDeck, family: Family) -> Draft:
     rows = statements | others
     if len(rows["matrices"]) and not len(rows["attitudes"]):
         rows["attitudes"] = _by_matrices(rows["attitudes"], rows["matrices"])
+    if flags:
+        rows = {role: replace(one, values=with_flags(role, one.values, flags)) for role, one in rows.items()}
     return draft_of_rows(rows, deck)
 
 

@@ -18,7 +18,7 @@ from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
 from musatpy.formats.cards.settings import Setting, deck_with
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.checks import check_entered, cross_check
-from musatpy.formats.draft import Draft, draft_of, roles_of
+from musatpy.formats.draft import Draft, Flags, draft_of, roles_of
 from musatpy.formats.statements import answer_problems, entered_draft
 
 PATTERNS = ("*.crd",)
@@ -109,11 +109,13 @@ def checked_deck(
     *,
     for_run: bool = True,
     settings: Sequence[Setting] = (),
+    flags: Flags | None = None,
 ) -> CheckedDeck:
     """Return a deck with every problem of its cards and between them.
 
     `source` is a path, or the bytes of a deck. A file that cannot be read is a problem like any other. A deck that
-    is not to be run as it is may lack measurements and a datum. `settings` stand in place of what its cards say.
+    is not to be run as it is may lack measurements and a datum. `settings` stand in place of what its cards say,
+    `flags` beside those of its cards.
     """
     family = family or card_family()
     try:
@@ -123,7 +125,7 @@ def checked_deck(
         return CheckedDeck(block=None, problems=(problem,))
     if not deck.tables:
         return CheckedDeck(block=None, problems=deck.problems)
-    draft = draft_of(deck, family)
+    draft = draft_of(deck, family, flags)
     no_plates = [spec.mnemonic for spec in draft.rows["plates"].specs] if not for_run else []
     problems = [one for one in deck.problems if one.line is not None or one.card not in no_plates]
     problems += cross_check(draft, for_run=for_run)

@@ -19,7 +19,16 @@ from musatpy.errors import DeckError, Problem
 from musatpy.formats import assembly, mapping, system_rows
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.spec import Family
-from musatpy.formats.draft import POINT_FLAGS, ROLES, Rows, attributes, draft_of, draft_of_rows, roles_of
+from musatpy.formats.draft import (
+    POINT_FLAGS,
+    ROLES,
+    Rows,
+    attributes,
+    draft_of,
+    draft_of_rows,
+    roles_of,
+    with_flags,
+)
 from musatpy.formats.musat import card_family
 from musatpy.formats.statements import entered_draft, statement_problems
 from musatpy.model.tables import columns
@@ -289,16 +298,12 @@ def _add_cameras(parts: Parts) -> None:
 
 def _add_flags(parts: Parts, given: Parts) -> None:
     """Flag the points that the given deck flags, on every row of theirs."""
-    for flag in POINT_FLAGS:
-        flagged: set[str] = set()
-        for source in (given, parts):
-            for role in ("plates", "control"):
-                if role in source:
-                    table = source[role]
-                    flagged.update(table[f"{role}.point"][table[flag].astype(bool)].tolist())
+    flags: dict[str, list[str]] = {flag: [] for flag in POINT_FLAGS}
+    for source in (given, parts):
         for role in ("plates", "control"):
-            if role in parts and flagged:
-                parts[role] = parts[role] | {flag: np.isin(parts[role][f"{role}.point"], sorted(flagged))}
+            for flag, ids in flags.items() if role in source else ():
+                ids.extend(source[role][f"{role}.point"][source[role][flag].astype(bool)].tolist())
+    parts.update({role: with_flags(role, table, flags) for role, table in parts.items()})
 
 
 def role_of(path: str, paths: Iterable[str]) -> str:

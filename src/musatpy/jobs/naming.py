@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,17 @@ from musatpy.errors import DeckError, Problem
 from musatpy.model import Block
 
 EVERY_DECK = "*"
+
+
+def text_of(path: Path) -> str:
+    """Return what a file of names or corners says; bytes that are no UTF-8 stand as escapes, and fit no name."""
+    return path.read_text(encoding="utf-8", errors="backslashreplace")
+
+
+def names_of(text: str) -> list[str]:
+    """Return the names on the lines of a text, # before a comment; commas may part them."""
+    names = (name.strip() for line in text.splitlines() for name in line.partition("#")[0].split(","))
+    return [name for name in names if name]
 
 
 class Kind(StrEnum):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 LEAST_LIMIT = 4.0  # sigmas
 FEW = 3  # flagged points that say less together than each
 NO_BETTER = 16.0  # of v'Pv over sigma0 squared: smaller differences choose no flag
-_FINEST = 0.001  # m, sigma of heights that are without error: no card gives more
+FINEST = 0.001  # m, sigma of heights that are without error: no card gives more
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,9 +116,9 @@ def flag_tests(statistics: Statistics) -> FlagTests:
         mixed=~wet[rows] & (height[rows] + sigma[rows] < highest) & (height[rows] >= lowest),
         shore=np.isin(rows, block.equal_elevations.point),
         straight=straight[rows],
-        sigma=np.maximum(sigma[rows], _FINEST),
+        sigma=np.maximum(sigma[rows], FINEST),
         other_height=other[rows],
-        limit=max(LEAST_LIMIT, test_limit(len(rows))),
+        limit=flag_limit(len(rows)),
     )
 
 
@@ -126,6 +126,11 @@ def squares_choose(solution: Solution) -> bool:
     """Return whether the other flags make v'Pv larger or smaller by more than chance does."""
     other = solution.other_flags
     return other is not None and abs(other.sum_of_squares - solution.sum_of_squares) > NO_BETTER
+
+
+def flag_limit(count: int) -> float:
+    """Return how many sigmas on the wrong side of the water contradict a flag, where `count` points are tested."""
+    return max(LEAST_LIMIT, test_limit(count))
 
 
 def refracts(block: Block) -> bool:

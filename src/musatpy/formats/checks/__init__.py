@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from musatpy.errors import Problem
 from musatpy.formats.checks import (
     datum,
+    flag_heights,
     headings,
     identities,
     orientation_card,
@@ -79,6 +80,8 @@ CHECKS: tuple[Check, ...] = (
     water_cards.water_card,
     water_cards.tides,
     water_cards.levels,
+    flag_heights.tides_without_flags,
+    flag_heights.control,
     wave_cards.sigmas,
     wave_cards.origin,
     wave_cards.parameters,
@@ -114,11 +117,15 @@ OF_A_RUN = frozenset(
     {
         *(raw.calibrations, raw.unmeasured_marks, raw.unmeasured_crosses, raw.heights),
         *(datum.single_rays, datum.photo_rays, datum.parts, headings.headings, scales.scales),
+        *(flag_heights.tides_without_flags, flag_heights.control),
     }
 )
 # What looks at coordinates and attitudes in the words of the adjustment.
 OF_THE_JOB = frozenset(
-    {values.attitudes, water_cards.levels, wave_cards.submerged, headings.headings, scales.scales}
+    {
+        *(values.attitudes, water_cards.levels, flag_heights.control, wave_cards.submerged),
+        *(headings.headings, scales.scales),
+    }
 )
 # What looks at one card, whatever the others say.
 OF_A_CARD = frozenset(
