@@ -69,6 +69,19 @@ def test_jobs_that_are_carried_leave_and_say_what_those_of_this_machine_do(tmp_p
     assert sum(outcome.kept for outcome in again.outcomes) == 1
 
 
+def test_lists_and_polygons_of_points_are_carried(tmp_path):
+    decks_in(tmp_path, small=1)
+    wet, land = tmp_path / "wet.txt", tmp_path / "land.csv"
+    wet.write_text("203\n206\n")
+    land.write_text("-64.93 18.34\n-64.91 18.34\n-64.91 18.36\n-64.93 18.36\n")
+    for name, executor in (("local", None), ("carried", Here())):
+        options = JobOptions(submerged=wet, dry=land)
+        run_batch(plan_of([tmp_path / "small0.crd"], tmp_path / name, options), executor=executor)
+    assert "dry=land.csv (" in (tmp_path / "local/small0.lst").read_text()
+    assert results(tmp_path / "local") == results(tmp_path / "carried") != {}
+    assert told(tmp_path / "local") == told(tmp_path / "carried")
+
+
 def test_a_job_that_an_engine_loses_stops_no_other(tmp_path):
     decks_in(tmp_path, small=3)
     result = run_batch(plan_of([tmp_path]), executor=Here({"small1": RuntimeError("no worker left")}))
