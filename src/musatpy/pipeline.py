@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.adjustment import programs
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
-from musatpy.model import Block, Cause, CauseSearch, Editing, Finding, Initial, Order, Solution
+from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Initial, Order, Solution
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.model.progress import Progress
 from musatpy.model.verdict import NO_CARD_EXPLAINS, OF_FLAGS
@@ -79,6 +79,8 @@ def adjust(
     found, stopped = _causes(block, sea, progress, causes, solution)
     if not found and causes is not CauseSearch.NONE:
         found = tuple(check_point_causes(solution))
+    if found and found[0].kind in (CauseKind.AXES, CauseKind.UNIT):
+        of_flags = ()  # heights contradict them because the whole block does
     parts = (found, of_flags) if found and np.isnan(found[0].drop) else (of_flags, found)  # all of it first
     after = max((cause.group for cause in parts[0]), default=0)
     last = tuple(replace(cause, group=cause.group + after) for cause in parts[1])

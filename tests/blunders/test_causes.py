@@ -15,7 +15,7 @@ from blunders import study
 from blunders.study import Trial, edited, strip
 from musatpy import adjust, read_deck
 from musatpy.cli.main import main
-from musatpy.model import CauseKind, Initial, PointStatus
+from musatpy.model import Cause, CauseKind, Initial, PointStatus
 from musatpy.pipeline import causes_of, doubtful
 
 FINDS = Path(__file__).parents[2] / "fixtures/verdict"
@@ -116,13 +116,34 @@ def test_decks_that_showed_a_defect_have_their_cause_named(
     [
         ("images_y_down", ["axes y of the plates"]),
         ("control_x_y_exchanged", ["axes plan of the control"]),
-        ("control_in_km", ["unit of length control, off by 0.001"]),
+        ("control_in_km", ["unit of length: control in kilometres, stations and tides in metres"]),
     ],
 )
-def test_what_is_wrong_with_the_whole_block_is_named_first(deck: str, first: list[str]) -> None:
-    """The station cards tell them from the others of their class."""
-    causes = causes_of(read_deck(FINDS / f"{deck}.crd"))
-    assert [str(cause).partition(":")[0] for cause in causes if cause.group == 1] == first
+def test_what_is_wrong_with_the_whole_block_is_named_alone(deck: str, first: list[str]) -> None:
+    """The station cards tell them from the others of their class; flags contradicted by it are no cause."""
+    causes = adjust(read_deck(FINDS / f"{deck}.crd")).causes
+    assert [str(cause) for cause in causes if cause.kind in (CauseKind.AXES, CauseKind.UNIT)] == [
+        cause for cause in map(str, causes) if cause.startswith(first[0])
+    ]
+    assert str(causes[0]).startswith(first[0])
+    assert not any(cause.kind is CauseKind.FLAG for cause in causes)
+    told = "the station cards agree with this one" in causes[0].advice
+    assert told == (causes[0].kind is CauseKind.AXES)
+
+
+def test_an_offset_of_all_tides_is_named_alone() -> None:
+    """Flags that contradict the heights because two datums are mixed are no cause of their own."""
+    deck = Path(__file__).parents[2] / "fixtures/trust/tides_msl_control_ellipsoidal.crd"
+    assert [cause.kind for cause in adjust(read_deck(deck)).causes] == [CauseKind.TIDES]
+
+
+def test_a_cause_of_many_points_names_five() -> None:
+    points = tuple(str(number) for number in range(1, 32))
+    flags = Cause(kind=CauseKind.FLAG, cards=("PLT",), points=points, size=(2.0,), unit="m", advice="look")
+    assert str(flags) == "flags of points 1, 2, 3, 4, 5 and 26 more, off by 2.000 m: look"
+    assert str(replace(flags, points=("7",))) == "flag of point 7, off by 2.000 m: look"
+    focal = replace(flags, kind=CauseKind.FOCAL_LENGTH, points=(), component="focal length", unit="mm")
+    assert str(focal) == "focal length, off by 2.000 mm: look"
 
 
 @pytest.mark.slow

@@ -81,6 +81,8 @@ _WHOSE = {  # whose unit is wrong, and to what
     revisions.PLATES_TO_FOCAL_LENGTH: ("plate coordinates", "the focal length"),
     revisions.HEIGHTS: ("heights of the control", "its plan"),
 }
+_UNITS_OF_GROUND = {1e-3: "kilometres", 1e2: "centimetres", 1e3: "millimetres"}
+_UNITS_OF_PLATES = {1e-3: "metres", 0.1: "centimetres", 1e3: "micrometres"}
 _COMPONENTS = {
     _C.VERTICAL: "height",
     _C.HORIZONTAL: "position",
@@ -220,7 +222,7 @@ def _component(block: Block, hypothesis: Hypothesis) -> str:
 
 def _advice(hypothesis: Hypothesis) -> str:
     if hypothesis.kind is _C.AXES:
-        return _AXES[hypothesis.member][1]
+        return f"{_AXES[hypothesis.member][1]}{f'; {hypothesis.name}' if hypothesis.name else ''}"
     if hypothesis.kind is _C.UNIT:
         whose, others = _WHOSE[hypothesis.member]
         factor = 1.0 / (1.0 - float(hypothesis.error[0]))
@@ -229,8 +231,14 @@ def _advice(hypothesis: Hypothesis) -> str:
         near = abs(factor / revisions.FEET**power - 1.0) < UNIT and hypothesis.member in (
             revisions.CONTROL, revisions.STATIONS, revisions.HEIGHTS,
         )  # fmt: skip
+        if near and power in feet:
+            return f"{feet[power]}: read the unit again"
+        of_plates = hypothesis.member == revisions.PLATES_TO_FOCAL_LENGTH
+        for value, unit in (_UNITS_OF_PLATES if of_plates else _UNITS_OF_GROUND).items():
+            if abs(factor / value - 1.0) < UNIT:
+                return f"{whose} in {unit}, {others} in {'millimetres' if of_plates else 'metres'}: read the unit again"
         times = f"{whose} {factor:.5g} times what {others} want{'s' if others.startswith('the') else ''}"
-        return f"{feet.get(power, times) if near else times}: read the unit again"
+        return f"{times}: read both units again"
     if hypothesis.kind is _C.LABELS:
         which = "station cards" if hypothesis.member == CARDS else "plate cards"
         return f"exchange the photo ids on the {which} of the two photos"

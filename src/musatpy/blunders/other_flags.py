@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.adjustment import programs
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import IntArray
-from musatpy.blunders.causes import ADVICE, MOST
+from musatpy.blunders.causes import ADVICE
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, OtherFlags, Solution
 from musatpy.model.progress import Progress
@@ -59,7 +59,7 @@ def _with_flags_turned(block: Block, points: IntArray) -> Block:
 def flag_causes(solution: Solution) -> Iterator[Cause]:
     """Yield what explains heights that contradict flags: the flags, and an offset of the water where one does.
 
-    The first is the likelier: the offset, where so many contradict their flags that other ones do not end it.
+    The flags are the likelier; the offset alone, where so many contradict theirs that other ones do not end it.
     """
     statistics = Statistics(solution)
     tests, points = statistics.flags, solution.block.points
@@ -69,7 +69,7 @@ def flag_causes(solution: Solution) -> Iterator[Cause]:
     flags = Cause(
         kind=CauseKind.FLAG,
         cards=("PLT",),
-        points=tuple(points.ids[tests.point[rows[:MOST]]].tolist()),
+        points=tuple(points.ids[tests.point[rows]].tolist()),
         size=(float(tests.wrong_side[rows[0]]),),
         sigma=(float(tests.sigma[rows[0]]),),
         unit="m",
@@ -84,4 +84,4 @@ def flag_causes(solution: Solution) -> Iterator[Cause]:
     sigma = (0.5 * (most - least) / tests.limit,)
     kind = CauseKind.TIDES
     tides = replace(flags, kind=kind, cards=("TID",), points=(), size=size, sigma=sigma, advice=ADVICE[kind])
-    yield from (tides, flags) if tests.is_of_the_whole(solution.other_flags) else (flags, tides)
+    yield from (tides,) if tests.is_of_the_whole(solution.other_flags) else (flags, tides)

@@ -101,6 +101,8 @@ def _explaining(block: Block, sea: Sea | None, effort: Effort) -> tuple[Hypothes
             found = [(one, doubts(revised(block, one), trial.scene, trial.state)) for one, trial in trials if trial]
             found = [(one, doubt) for one, doubt in found if not (doubt.reversed or doubt.water)]
             agree = [one for one, doubt in found if not doubt.cards]
+            if 0 < len(agree) < len(found):
+                agree = [replace(one, name="the station cards agree with this one") for one in agree]
             explaining += agree or [one for one, _ in found if members]
             if members and explaining:
                 break

@@ -8,6 +8,8 @@ from enum import StrEnum
 
 from musatpy.model.kinds import Blunder, CauseKind
 
+_SHOWN = 5  # ids of one cause
+
 
 class Action(StrEnum):
     """What was done, or with LIST would be done."""
@@ -58,8 +60,17 @@ class Cause:
     advice: str  # what to check
 
     def __str__(self) -> str:
-        owner = [*(f"photo {photo}" for photo in self.photos), *(f"point {point}" for point in self.points)]
-        name = " ".join(part for part in (self.kind, self.component, *owner) if part)
-        known = [f"{value:.3f}" for value in self.size if math.isfinite(value)]
+        owner = [text for text in (_named("photo", self.photos), _named("point", self.points)) if text]
+        component = "" if self.kind is CauseKind.UNIT or self.component in self.kind else self.component
+        name = " ".join(part for part in (self.kind, component, *owner) if part)
+        if self.kind is CauseKind.FLAG:
+            name = f"flag{'s' if len(self.points) > 1 else ''} of {owner[-1]}"
+        known = [f"{value:.3f}" for value in self.size if math.isfinite(value) and self.kind is not CauseKind.UNIT]
         size = f", off by {', '.join(known)} {self.unit}".rstrip() if known else ""
         return f"{name}{size}: {self.advice}"
+
+
+def _named(what: str, ids: tuple[str, ...]) -> str:
+    """Return ids in words: a few, and the number of the others."""
+    more = f" and {len(ids) - _SHOWN} more" if len(ids) > _SHOWN else ""
+    return f"{what}{'s' if len(ids) > 1 else ''} {', '.join(ids[:_SHOWN])}{more}" if ids else ""
