@@ -94,14 +94,15 @@ def read_record(
     """Return what is needed of the record of a run, where it is as its schema says: tables as columns.
 
     A table has a list for each of its fields, with one entry per row; in records of schema 1, which have a list of
-    rows, it is turned into these. What is `optional` may be missing, as in records of earlier versions. Raises
-    `RecordError` with the places where it is not as it should be, `OSError`.
+    rows, it is turned into these. What is `optional` may be missing, as in records of earlier versions: a table,
+    or fields of a needed one. Raises `RecordError` with the places where it is not as it should be, `OSError`.
     `schema`: that of the record of something else than a run, whose first field is its version, and `what` that is.
     """
     record = read_json_file(path)
     schema = _schema() if schema is None else schema
     by_rows = _is_by_rows(record, schema, path, what)
-    wanted = _narrowed(schema, {**needs, **(optional or {})}, required=list(needs))
+    later = optional or {}
+    wanted = _narrowed(schema, {**later, **needs}, required=list(needs), later=later)
     record = _together(record, wanted, schema, path)
     return _wanted_of(record, wanted, schema, path, by_rows=by_rows)
 
@@ -227,18 +228,22 @@ def _schema() -> Schema:
     return schema
 
 
-def _narrowed(schema: Schema, needs: Needs, required: Sequence[str]) -> Schema:
-    """Return what a schema says of the fields that are needed."""
-    properties = {name: _of_fields(_resolved(schema["properties"][name]), needs[name]) for name in needs}
+def _narrowed(schema: Schema, needs: Needs, required: Sequence[str], later: Needs | None = None) -> Schema:
+    """Return what a schema says of the fields that are needed, and of those that `later` versions have."""
+    properties = {
+        name: _of_fields(_resolved(schema["properties"][name]), needs[name], (later or {}).get(name, ()))
+        for name in needs
+    }
     return {"type": "object", "required": required, "properties": properties}
 
 
-def _of_fields(schema: Schema, fields: Sequence[str]) -> Schema:
+def _of_fields(schema: Schema, fields: Sequence[str], later: Sequence[str]) -> Schema:
     if not fields:
         return schema
     if "items" in schema:
-        return {**schema, "items": _of_fields(schema["items"], fields)}
-    return {**schema, "required": fields, "properties": {name: schema["properties"][name] for name in fields}}
+        return {**schema, "items": _of_fields(schema["items"], fields, later)}
+    known = {name: schema["properties"][name] for name in (*fields, *later)}
+    return {**schema, "required": fields, "properties": known}
 
 
 def _resolved(schema: Schema) -> Schema:

@@ -179,6 +179,8 @@ def _adjusted(
     deck: CheckedDeck, block: Block, progress: Progress | None, causes: CauseSearch
 ) -> tuple[Solution | None, tuple[Problem, ...]]:
     """Return the solution of the block of a deck, None where there is none, and all problems, those of it first."""
+    if causes is not CauseSearch.USUAL:
+        block = replace(block, settings=(*block.settings, f"causes={causes}"))
     give_back()
     try:
         with numerics("the job"):

@@ -41,6 +41,18 @@ def test_a_run_with_settings_is_that_of_a_deck_that_says_so(deck, tmp_path):
     assert "settings" not in without and with_settings == without
 
 
+def test_how_far_causes_are_searched_is_said_where_it_is_not_usual(deck):
+    said = []
+    for options in (("--causes", "none", *IIIA), ("--causes", "usual", *IIIA)):
+        assert musat("run", deck, *options, "--html").exit_code == 0
+        said.append([deck.with_suffix(kind).read_text() for kind in (".lst", ".json", ".html")])
+    (listing, record, page), usual = said
+    assert json.loads(record)["settings"] == ["OPT.program=IIIA", "OP2.water_level=ONE", "causes=none"]
+    assert f"{'Set for this run ':.<50} OPT.program=IIIA, OP2.water_level=ONE, causes=none" in listing
+    assert "Set for this run: OPT.program=IIIA, OP2.water_level=ONE, causes=none." in page
+    assert not any("causes=" in text for text in usual)
+
+
 def test_many_settings_stay_on_the_paper(deck):
     settings = ["max_iterations=30", "max_passes=30", "rotation_limit=.2", "translation_limit=.002", "weights=FULL"]
     assert musat("run", deck, *(word for text in settings for word in ("--set", f"OPT.{text}"))).exit_code == 0

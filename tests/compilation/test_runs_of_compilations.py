@@ -86,6 +86,28 @@ def test_a_verdict_against_the_run_is_said_on_every_page(runs: Path, tmp_path: P
     assert all(page.splitlines()[1] == f"*** THE RUN IS {grade} ***" for page in listing)
 
 
+def test_a_record_without_the_fields_of_later_versions_compiles_as_before(runs: Path, tmp_path: Path) -> None:
+    """Fields that came after schema 2.0 was there have their defaults; what is there is held against the schema."""
+    record = json.loads((runs / "st_thomas.json").read_bytes())
+    for table, field in (("water", "liquid"), ("points", "dry"), ("adjusted_water", "undetermined")):
+        del record[table][field]
+    del record["common_errors"], record["flags_against_heights"]
+    earlier = tmp_path / "earlier/st_thomas.json"
+    earlier.parent.mkdir()
+    earlier.write_text(json.dumps(record))
+    for name, run in (("now", runs / "st_thomas.json"), ("then", earlier)):
+        assert invoked("as11", "compile", run, stage_readings.DECK, "-o", tmp_path / name).exit_code == 0
+    now, then = ((tmp_path / name / "st_thomas_as11.lst").read_bytes() for name in ("now", "then"))
+    assert now == then
+    (tmp_path / "apparent.csv").write_text("name,x,y,z\nA,-64.936,18.330,-9.5\n")
+    words = ("depth", "correct", tmp_path / "apparent.csv", "-o", tmp_path / "true.csv", "--cameras", earlier)
+    assert invoked(*words).exit_code == 0
+    record["water"]["liquid"] = 7
+    earlier.write_text(json.dumps(record))
+    refused = invoked("as11", "compile", earlier, stage_readings.DECK, "-o", tmp_path / "no")
+    assert refused.exit_code == 1 and "water.liquid: expected text, found 7" in refused.output
+
+
 def test_a_run_that_has_converged_has_no_word_of_it(runs: Path, tmp_path: Path) -> None:
     words = ("as11", "compile", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
     assert invoked(*words, "--anyway").exit_code == 0

@@ -52,7 +52,7 @@ _NEEDS = {
     "solution": ("converged", "reason", "unit_sigma", "degrees_of_freedom"),
     "options": ("program", "system", "plate_sigma", "submerged_factor", "water_level", "water_tilt", "water_index"),
     "ellipsoid": (),
-    "water": (),
+    "water": ("index", "sigma", "tilt_sigma"),
     "waves": (
         "wave", "shape", "depth", "given_period", "given_length", "given_speed", "height", "azimuth", "crest",
         "height_sigma", "length_sigma", "azimuth_sigma", "crest_sigma",
@@ -76,6 +76,7 @@ _NEEDS = {
 }  # fmt: skip
 
 _OF_LATER = {  # fields that older records lack
+    "water": ("liquid",),
     "level_pairs": ("photos", "of_first", "of_second", "level"),
     "verdict": ("grade", "reasons"),
 }
@@ -173,7 +174,7 @@ def _block(record: Any, water: tuple[float, FloatArray] | None) -> Block:
     deck = None
     if given is not None:
         known = {key: given[key] for key in ("index", "sigma", "tilt_sigma")}
-        deck = Water(**known, liquid=given.get("liquid", ""))  # which older records lack
+        deck = Water(**known, liquid=given.get("liquid", ""))
     return Block(
         titles=(),
         options=Options(

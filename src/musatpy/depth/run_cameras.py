@@ -72,7 +72,7 @@ def read_record(path: Path, needs: Needs) -> dict[str, Any]:
     With what tells its system. Raises `DepthError` where it is none, and `OSError`.
     """
     try:
-        return json_files.read_record(path, needs, {"stated": ("answer",), "ellipsoid": (), "water": ()})
+        return json_files.read_record(path, needs, {"stated": ("answer",), "ellipsoid": (), "water": ("index",)})
     except RecordError as error:
         raise DepthError(error.problems) from error
 

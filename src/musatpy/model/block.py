@@ -67,7 +67,7 @@ class Block:
     wave_origin: WaveOrigin | None = None  # None: no card
     given_in: SystemSpec | None = None  # how the deck states all this; None: as it stands here
     stated_in: SystemSpec | None = None  # how the answer is stated; None: as the deck is
-    settings: tuple[str, ...] = ()  # what was set for a run in place of its cards: `OP2.water_level=ONE`
+    settings: tuple[str, ...] = ()  # what was set for a run: `OP2.water_level=ONE` of its cards, `causes=all`
 
     @property
     def answer_in(self) -> SystemSpec | None:

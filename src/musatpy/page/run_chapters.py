@@ -161,7 +161,7 @@ def _results(tables: Tables) -> Iterator[Part]:
 
 def _computed(tables: Tables) -> Iterator[Part]:
     if settings := tables.get("settings"):
-        yield Texts(texts=[f"Set for this run in place of what the cards say: {', '.join(settings)}."])
+        yield Texts(texts=[f"Set for this run: {', '.join(settings)}."])
     yield _options(tables)
     for layout in analyses.LAYOUTS:
         table = analysis_table(tables, f"analyses.{layout.table}", layout.title, layout.row)

@@ -61,7 +61,7 @@ _TABLES: tuple[Node[Statistics], ...] = (
     ),
     Field("titles", "* string", "title cards", lambda s: s.block.titles),
     Field(
-        "settings", "* string", "what was set for the run in place of what its cards say: `OP2.water_level=ONE`",
+        "settings", "* string", "what was set for the run: `OP2.water_level=ONE` of its cards, `causes=all`",
         lambda s: s.block.settings, seldom=True,
     ),
     job_record.OPTIONS,

@@ -128,7 +128,7 @@ def _options(block: Block) -> dict[str, str]:
 
 
 def _settings(block: Block) -> list[str]:
-    """Return what was set for the run in place of the cards, which the lines above have already."""
+    """Return what was set for the run: of its cards, which the lines above have already, and its options."""
     (lead,) = labelled({"Set for this run": ""})
     return wrapped([", ".join(block.settings)], lead=lead) if block.settings else []
 
