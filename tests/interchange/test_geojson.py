@@ -157,10 +157,52 @@ def test_where_the_globe_ends(tmp_path: Path, place: tuple[float, float], on_glo
         geojson.read(tmp_path / "a.geojson")
 
 
-def test_the_antimeridian_is_not_crossed(tmp_path: Path) -> None:
-    degrees = replace(points(SPACE), xyz=np.array([[179.9, 18.3, 0.0], [-179.9, 18.2, 0.0]]), columns={})
-    with pytest.raises(InterchangeError, match="antimeridian"):
-        geojson.write(tmp_path / "a.geojson", degrees)
+def geometries(path: Path, layer: Points | Lines) -> list[dict[str, Any]]:
+    geojson.write(path, layer)
+    return [each["geometry"] for each in json.loads(path.read_text())["features"]]
+
+
+def test_points_on_both_sides_of_the_antimeridian(tmp_path: Path) -> None:
+    degrees = replace(points(SPACE), xyz=np.array([[179.9, 18.3, 0.0], [180.1, 18.2, 0.0]]), columns={})
+    places = [geometry["coordinates"] for geometry in geometries(tmp_path / "a.geojson", degrees)]
+    assert places == [[179.9, 18.3, 0.0], [-179.9, 18.2, 0.0]]
+
+
+@pytest.mark.parametrize("end", [180.3, -179.7])
+def test_a_line_is_cut_at_the_antimeridian(tmp_path: Path, end: float) -> None:
+    """As RFC 7946, 3.1.9, shows; latitude and height of the cut stand where a third of the way is done."""
+    there = np.array([[179.9, 18.0, 3.0], [179.95, 18.0, 3.0], [end, 18.7, 10.0]])
+    back = np.array([[-179.9, 18.0, 3.0], [179.9, 18.2, 3.0], [-179.9, 18.4, 3.0]])
+    lines = Lines.of_paths([there, back, there[:2]], crs=SPACE, heights="")
+    cut, twice, whole = geometries(tmp_path / "a.geojson", lines)
+    assert cut["type"] == twice["type"] == "MultiLineString" and whole["type"] == "LineString"
+    assert cut["coordinates"] == [
+        [[179.9, 18.0, 3.0], [179.95, 18.0, 3.0], [180.0, 18.1, 4.0]],
+        [[-180.0, 18.1, 4.0], [-179.7, 18.7, 10.0]],
+    ]
+    assert [part[0][:2] for part in twice["coordinates"]] == [[-179.9, 18.0], [180.0, 18.1], [-180.0, 18.3]]
+    assert [part[-1][:2] for part in twice["coordinates"]] == [[-180.0, 18.1], [180.0, 18.3], [-179.9, 18.4]]
+
+
+@pytest.mark.parametrize("start", [0, 1, 2, 3])
+def test_an_area_is_cut_at_the_antimeridian(tmp_path: Path, start: int) -> None:
+    """Its two parts have its area together, and go counterclockwise from whatever corner it begins."""
+    square = np.roll([[179.9, 18.0, 0.0], [-179.8, 18.0, 0.0], [-179.8, 18.1, 0.0], [179.9, 18.1, 0.0]], start, 0)
+    (area,) = geometries(tmp_path / "a.geojson", Polygons.of_outlines([square], crs=SPACE, heights=""))
+    assert area["type"] == "MultiPolygon"
+    rings = sorted((np.array(part[0])[:, :2] for part in area["coordinates"]), key=lambda ring: -ring[0, 0])
+    assert all((ring[0] == ring[-1]).all() for ring in rings)
+    sizes = [0.5 * float(np.sum(r[:-1, 0] * r[1:, 1] - r[1:, 0] * r[:-1, 1])) for r in rings]
+    np.testing.assert_allclose(sizes, [0.01, 0.02], atol=1e-9)
+    assert [(ring[:, 0].min(), ring[:, 0].max()) for ring in rings] == [(179.9, 180.0), (-180.0, -179.8)]
+
+
+def test_an_area_that_touches_the_antimeridian_is_whole(tmp_path: Path) -> None:
+    square = np.array([[180.0, 18.0, 0.0], [-179.8, 18.0, 0.0], [-179.8, 18.1, 0.0], [180.0, 18.1, 0.0]])
+    (area,) = geometries(tmp_path / "a.geojson", Polygons.of_outlines([square], crs=SPACE, heights=""))
+    assert area["type"] == "Polygon"
+    ring = np.array(area["coordinates"][0])
+    assert (ring[:, 0].min(), ring[:, 0].max()) == (-180.0, -179.8)
 
 
 def feature(kind: str, coordinates: Any, **properties: Any) -> dict[str, Any]:

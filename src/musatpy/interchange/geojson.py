@@ -1,6 +1,7 @@
 """GeoJSON (RFC 7946): points, lines and areas in longitude and latitude of WGS 84, and in no other system.
 
-A layer is written only where PROJ has a transformation of its datum to WGS 84; the file names it. Third coordinates
+A layer is written only where PROJ has a transformation of its datum to WGS 84; the file names it. What crosses the
+meridian of 180 degrees is cut there. Third coordinates
 are heights above the ellipsoid of WGS 84, of layers whose system has them. Heights of other layers are a property
 `z` of points, and of lines at one height; the members `heights` and `units` say in words what these are above, and
 the units of properties.
@@ -12,6 +13,7 @@ import json
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import InterchangeError
 from musatpy.files import write_file
 from musatpy.geometry.projected import no_network
-from musatpy.interchange.layers import Column, Lines, Points, Polygons
+from musatpy.interchange.layers import Column, Lines, Points, Polygons, continuous
 from musatpy.interchange.packages import fault, refuse, require_content, upsets
 
 _PLAN, _SPACE = "OGC:CRS84", "EPSG:4979"
@@ -56,7 +58,7 @@ def write(path: Path, layer: Points | Lines) -> None:
     features = (
         {
             "type": "Feature",
-            "geometry": _geometry(vertices.tolist(), layer),
+            "geometry": _geometry(vertices, layer),
             "properties": {name: values[i] for name, values in properties.items()},
         }
         for i, vertices in enumerate(drawn[: len(paths)])
@@ -140,21 +142,23 @@ def _to_wgs84(path: Path, layer: Points | Lines, xyz: FloatArray) -> tuple[Float
             raise refuse(path, "", f"{crs.name} does not reach the coordinates ({error})", wanted) from error
     rounded = [np.round(axis, decimals) + 0.0 for axis, decimals in zip(positions.T, _DECIMALS, strict=False)]
     positions = np.column_stack(rounded)  # + 0.0: no zero has a sign
-    if np.ptp(positions[:, 0]) > 180.0:
-        raise refuse(path, "", "longitudes from -180 to 180 degrees: the antimeridian is between them", wanted)
     accuracy = f"{way.accuracy:g} m" if way.accuracy >= 0.0 else "unknown"
     members = {"transformation": f"{way.description}; accuracy {accuracy}"}
     return positions, members | ({} if in_space or not layer.heights else {"heights": layer.heights})
 
 
 def _area(crs: pyproj.CRS, xyz: FloatArray) -> AreaOfInterest:
-    """Return the bounds of coordinates by longitude and latitude of their own datum. Raises `ProjError`."""
+    """Return the bounds of coordinates by longitude and latitude of their own datum. Raises `ProjError`.
+
+    Across the antimeridian west is greater than east.
+    """
     geodetic = crs.geodetic_crs
     if geodetic is None:
         raise ProjError("it stands nowhere on the ellipsoid")
     plan = pyproj.Transformer.from_crs(crs, GeographicCRS(datum=geodetic.datum), always_xy=True)
-    degrees = _transformed(plan, xyz[:, : len(crs.axis_info)])
-    return AreaOfInterest(*degrees[:, :2].min(axis=0).tolist(), *degrees[:, :2].max(axis=0).tolist())
+    degrees = continuous(_transformed(plan, xyz[:, : len(crs.axis_info)]))
+    (west, south), (east, north) = degrees[:, :2].min(axis=0), degrees[:, :2].max(axis=0)
+    return AreaOfInterest((west + 180.0) % 360.0 - 180.0, south, (east + 180.0) % 360.0 - 180.0, north)
 
 
 def _transformed(way: pyproj.Transformer, coordinates: FloatArray) -> FloatArray:
@@ -171,12 +175,43 @@ def _line_height(path: Path, position: int, heights: FloatArray) -> float:
     return float(np.round(heights[0], _DECIMALS[2]) + 0.0)
 
 
-def _geometry(vertices: list[list[float]], layer: Points | Lines) -> dict[str, Any]:
+def _geometry(vertices: FloatArray, layer: Points | Lines) -> dict[str, Any]:
+    """Return vertices (k, 2 or 3) as a geometry, of several parts where the antimeridian cuts it."""
+    is_area = isinstance(layer, Polygons)
+    parts = [part.tolist() for part in _parts(vertices, is_area)]
     if isinstance(layer, Points):
-        return {"type": _POINT, "coordinates": vertices[0]}
-    if isinstance(layer, Polygons):
-        return {"type": _AREA, "coordinates": [vertices]}
-    return {"type": _LINE, "coordinates": vertices}
+        return {"type": _POINT, "coordinates": parts[0][0]}
+    coordinates = [[part] for part in parts] if is_area else parts
+    kind = _AREA if is_area else _LINE
+    if len(parts) > 1:
+        return {"type": f"Multi{kind}", "coordinates": coordinates}
+    return {"type": kind, "coordinates": coordinates[0]}
+
+
+def _parts(path: FloatArray, is_area: bool) -> list[FloatArray]:
+    """Return a line, a ring or a point (k, 2 or 3) cut at 180 degrees, longitudes within them (RFC 7946, 3.1.9).
+
+    A ring that crosses the meridian again and again keeps one part on each side of it.
+    """
+    turn = 360.0 * np.eye(1, path.shape[1])
+    path = continuous(path)
+    path = path + turn * (path[:, 0].min() < -180.0)
+    beyond = path[:, 0] > 180.0
+    at = np.flatnonzero(beyond[1:] != beyond[:-1])
+    if not len(at):
+        return [path - turn * beyond[0]]
+    step = path[at + 1] - path[at]
+    cuts = path[at] + (180.0 - path[at, :1]) / step[:, :1] * step
+    cuts = np.column_stack([np.full(len(at), 180.0), *map(np.round, cuts.T[1:], _DECIMALS[1:])])
+    whole = np.insert(path, at + 1, cuts, axis=0)
+    if is_area:
+        sides = [whole[whole[:, 0] <= 180.0], whole[whole[:, 0] >= 180.0]]
+        parts = [side if (side[0] == side[-1]).all() else np.concatenate([side, side[:1]]) for side in sides]
+    else:
+        ends = [0, *(at + 1 + np.arange(len(at))).tolist(), len(whole) - 1]
+        parts = [whole[first : last + 1] for first, last in pairwise(ends)]
+    extended = [part for part in parts if np.ptp(part[:, : 1 if is_area else 2], axis=0).any()]
+    return [part - turn * (part[:, 0].max() > 180.0) for part in extended]
 
 
 def _values(column: Column) -> list[Any]:

@@ -126,7 +126,7 @@ class Lines(Layer):
             raise ValueError(f"{len(self.closed)} lines are closed or not, and {len(self.vertices)} have vertices")
         _require_length(self.columns, len(self.vertices))
         if self.crs is not None and self.crs.is_geographic:
-            object.__setattr__(self, "vertices", [_continuous(line) for line in self.vertices])
+            object.__setattr__(self, "vertices", [continuous(line) for line in self.vertices])
 
     @classmethod
     def of_paths(cls, paths: Sequence[FloatArray], **others: Any) -> Lines:
@@ -155,12 +155,12 @@ class Polygons(Lines):
         return replace(areas, vertices=turned)
 
 
-def _continuous(line: FloatArray) -> FloatArray:
-    """Return the vertices of a line (k, 3) in degrees without a jump of a whole turn at 180 degrees."""
+def continuous(line: FloatArray) -> FloatArray:
+    """Return the vertices of a line (k, 2 or 3) in degrees without a jump of a whole turn at 180 degrees."""
     if np.ptp(line[:, 0]) <= 180.0:
         return line
     turns = np.rint((line[:, 0] - line[0, 0]) / 360.0)
-    return line - 360.0 * turns[:, None] * np.array([1.0, 0.0, 0.0])
+    return line - 360.0 * turns[:, None] * np.eye(1, line.shape[1])
 
 
 def _signed_area(outline: FloatArray) -> float:
