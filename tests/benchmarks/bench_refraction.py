@@ -6,7 +6,6 @@ per second.
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from pathlib import Path
@@ -14,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from musatpy.compiling import NUMBA, NUMPY, VARIABLE
 from musatpy.refraction.flat import air_tangent, incidence, water_vector
 from refraction.bisection import incidence_distance
 
@@ -63,13 +61,10 @@ def main() -> None:
     ground = np.stack([D, 0.0 * D, -h], axis=-1)
     up = np.broadcast_to(np.array([0.0, 0.0, 1.0]), ground.shape)
     loop, _ = rates(1e-2)
-    for function, kind, words in (
-        (incidence, NUMPY, "with all partial derivatives, numpy"),
-        (incidence, NUMBA, "with all partial derivatives, numba"),
-        (water_vector, NUMPY, "without partial derivatives"),
+    for function, words in (
+        (incidence, "with all partial derivatives"),
+        (water_vector, "without partial derivatives"),
     ):
-        os.environ[VARIABLE] = kind
-        function(camera[:1], ground[:1], up[:1], h[:1], 1.34)  # loads what it needs
         full = rate(lambda function=function: function(camera, ground, up, h, 1.34), POINTS)
         print(f"incidence points {words}: {full:,.0f}/s; of the loop to 0.01 m {full / loop:.0f}")
 

@@ -17,11 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.compiling import compiled_kernels
 from musatpy.refraction.snell import water_tangent_ratio
 
-LARGE = 3_000_000  # rays, from which on numba is worth its loading
-_COMPILED = "musatpy.refraction.compiled_flat"
 _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the second-level cache
 _MAX_STEPS = 60
 Value = TypeVar("Value", float, FloatArray)
@@ -126,7 +123,6 @@ def incidence(
     """
     rays, shape = _rays(camera, ground, up, depth, index, wet)
     r = len(rays.depth)
-    kernels = compiled_kernels(_COMPILED, worth=r > LARGE)
     out = Incidence(
         v=np.empty((r, 3)),
         by_camera=np.empty((r, 3, 3)),
@@ -134,14 +130,9 @@ def incidence(
         by_level=np.empty((r, 3)),
         by_index=np.empty((r, 3)),
     )
-    chunk = _CHUNK if kernels is None else kernels.CHUNK
-    for start in range(0, r, chunk):
-        part = slice(start, start + chunk)
-        if kernels is None:
-            _set_incidence(rays.part(part), out, part)
-        else:
-            to = (out.v[part], out.by_camera[part], out.by_ground[part], out.by_level[part], out.by_index[part])
-            kernels.set_incidence(rays.part(part), *to)
+    for start in range(0, r, _CHUNK):
+        part = slice(start, start + _CHUNK)
+        _set_incidence(rays.part(part), out, part)
     return Incidence(
         v=out.v.reshape(*shape, 3),
         by_camera=out.by_camera.reshape(*shape, 3, 3),
