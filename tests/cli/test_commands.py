@@ -15,6 +15,8 @@ import pytest
 
 import musatpy
 from cli.commands import musat
+from musatpy.campaign.batch import BatchResult
+from musatpy.cli.batch import tell_of_trouble
 from musatpy.cli.main import COMMANDS
 from musatpy.formats.musat import deck_bytes, read_deck
 
@@ -235,6 +237,22 @@ def test_of_a_kind_a_hundred_problems_are_printed(command, deck):
     output = musat(command, deck).output
     assert output.count("is not F12.7") == 100
     assert "PLT.x: ... and 1,220 more of this kind" in output
+
+
+def test_of_a_kind_a_hundred_notes_of_a_batch_are_printed(capsys):
+    notes = tuple(f"job_{n}.crd: the lock of process {n} was taken over" for n in range(1320))
+    tell_of_trouble(BatchResult(jobs=(), outcomes=(), seconds=0.0, summary=None, notes=(*notes, "another")))
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 102 and lines[99] == "musat: job_99.crd: the lock of process 99 was taken over"
+    assert lines[100:] == ["musat: ... and 1,220 more of this kind", "musat: another"]
+
+
+def test_reasons_and_notes_of_a_run_are_no_more_than_a_hundred_of_a_kind(deck, monkeypatch):
+    texts = [f"point {n} is odd" for n in range(130)]
+    monkeypatch.setattr("musatpy.statistics.verdict.notes", lambda _: iter(texts))
+    told = musat("run", deck).stderr
+    assert told.count(": note: point ") == 100 and "note: ... and 30 more" not in told
+    assert "job.crd: ... and 30 more of this kind" in told
 
 
 def test_check_of_a_good_deck_says_what_is_in_it():

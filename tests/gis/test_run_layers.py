@@ -55,6 +55,19 @@ def test_a_geographic_job_is_in_degrees_on_its_ellipsoid(tmp_path: Path) -> None
     assert depths == dict(zip(wet["point"], wet["depth"], strict=True)) and fields["submerged"].sum() == 8
 
 
+def test_points_that_are_dry_for_certain_are_marked(tmp_path: Path) -> None:
+    lines = ST_THOMAS.read_text().splitlines()
+    for row, line in enumerate(lines):
+        if line[:3] == "PLT" and line[13:21].strip() == "204":
+            lines[row] = f"{line[:61]}D{line[62:]}"
+    deck = tmp_path / "dry.crd"
+    deck.write_text("\n".join([*lines, ""]))
+    assert run(deck, tmp_path).exit_code == 0
+    _, _, fields = layer(tmp_path, "points")
+    dry = fields["dry"] == 1
+    assert fields["point"][dry].tolist() == ["204"] and not fields["submerged"][dry].any()
+
+
 def test_all_layers_have_rows(tmp_path: Path) -> None:
     run(ST_THOMAS, tmp_path)
     names = [str(name) for name, _ in pyogrio.list_layers(tmp_path / "st_thomas.gpkg")]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, complain_of, name_of, tell
+from musatpy.cli.messages import complain, complain_of, complain_of_each, name_of, tell
 from musatpy.cli.options import (
     NamedPath,
     causes_option,
@@ -149,8 +149,7 @@ def tell_of_trouble(result: BatchResult, expected: Container[int] = (), *, resum
         complain_of(outcome.problems)
         if outcome.message:
             complain(f"{name_of(job.deck)}: {outcome.state}: {outcome.message}")
-    for note in result.notes:
-        complain(note)
+    complain_of_each(None, result.notes)
     if result.interrupted:
         kept = "; what is finished is kept, and the same command goes on from there" if resumable else ""
         complain(f"interrupted{kept}")

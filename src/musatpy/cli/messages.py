@@ -37,10 +37,11 @@ def complain(message: str) -> None:
     click.echo(f"musat: {printable(shortened(' '.join(message.split())))}", err=True)
 
 
-def complain_of_each(file: Path, texts: Iterable[str]) -> None:
-    """Print what is said of a file to stderr, each as one line; of a kind a hundred."""
+def complain_of_each(file: Path | None, texts: Iterable[str]) -> None:
+    """Print what is said of a file, or of several, to stderr, each as one line; of a kind a hundred."""
+    of = "" if file is None else f"{name_of(file)}: "
     for problem in of_each_kind(Problem(message=text) for text in texts):
-        complain(f"{name_of(file)}: {problem.message}")
+        complain(f"{of}{problem.message}")
 
 
 def complain_of(problems: Iterable[Problem]) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from musatpy.cli.messages import complain, complain_of, complain_of_error, count_of, name_of, tell
+from musatpy.cli.messages import complain, complain_of, complain_of_each, complain_of_error, count_of, name_of, tell
 from musatpy.cli.options import (
     carriage_control_option,
     csv_option,
@@ -87,8 +87,7 @@ def _tell(result: OrientResult, quiet: bool) -> None:
         errors = sum(problem.severity == "error" for problem in result.problems)
         complain(f"{name}: not oriented, {count_of(errors, 'error')}")
         return
-    for reason in answer.verdict.reasons:
-        complain(f"{name}: {reason.grade.lower()}: {reason.text}")
+    complain_of_each(result.deck, (f"{reason.grade.lower()}: {reason.text}" for reason in answer.verdict.reasons))
     if not quiet:
         photos = answer.photos.tolist()
         of = ", ".join(photos) if len(photos) <= 3 else f"{len(photos)} photos"

@@ -18,6 +18,7 @@ from musatpy.cli.live_line import LiveLine
 from musatpy.cli.messages import (
     complain,
     complain_of,
+    complain_of_each,
     complain_of_error,
     count_of,
     name_of,
@@ -187,13 +188,11 @@ def _tell(result: RunResult, quiet: bool, *, err: bool = False) -> None:
         errors = sum(problem.severity == "error" for problem in result.problems)
         complain(f"{name_of(result.deck)}: not run, {count_of(errors, 'error')}")
         return
-    for reason in verdict.reasons:
-        complain(f"{name_of(result.deck)}: {reason.grade.lower()}: {reason.text}")
+    complain_of_each(result.deck, (f"{reason.grade.lower()}: {reason.text}" for reason in verdict.reasons))
     for cause in solution.causes[:_CAUSES] if verdict.reasons else ():
         complain(f"{name_of(result.deck)}: possible cause: {cause}")
     if not quiet:
-        for note in verdict.notes:
-            complain(f"{name_of(result.deck)}: note: {note}")
+        complain_of_each(result.deck, (f"note: {note}" for note in verdict.notes))
         if _would_gain(solution):
             complain(f"{name_of(result.deck)}: note: with numba such blocks take half the time: {_FAST}")
         click.echo(

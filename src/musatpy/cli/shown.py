@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from musatpy.cli.messages import complain, complain_of_error, count_of, name_of, tell
+from musatpy.cli.messages import complain, complain_of_each, complain_of_error, count_of, name_of, tell
 from musatpy.cli.options import options_of
 from musatpy.errors import MusatError, ProblemsError
 
@@ -47,8 +47,7 @@ def show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
     try:
         if wanted.plots:
             drawn = draw_run(result)
-            for picture, reason in drawn.reasons.items():
-                complain(f"{name}: no {picture}: {reason}")
+            complain_of_each(result.deck, (f"no {picture}: {why}" for picture, why in drawn.reasons.items()))
             if drawn.files and not quiet:
                 tell(f"{name}: {count_of(len(drawn.files), 'picture')}, {name_of(drawn.files[0])} the first")
         if wanted.html:
@@ -57,13 +56,11 @@ def show(result: RunResult, wanted: Shown, quiet: bool) -> bool:
                 tell(f"{name}: page {name_of(page)}")
         if wanted.gis:
             files, refused = write_layers(result, wanted.crs)
-            for reason in refused:
-                complain(f"{name}: {reason}")
+            complain_of_each(result.deck, refused)
             if not quiet:
                 tell(f"{name}: layers {', '.join(name_of(file) for file in files)}")
     except ProblemsError as error:
-        for problem in error.problems:
-            complain(f"{name}: {problem.message}")
+        complain_of_each(result.deck, (problem.message for problem in error.problems))
         done = False
     except (OSError, MusatError) as error:
         complain_of_error(error)

@@ -25,7 +25,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "stations": ("photo", "camera", "position", "position_sigma", "attitude", "attitude_sigma"),
     "cameras": ("camera", "focal_length", "principal_point", "format_size"),
     "plates": ("photo", "xy"),
-    "points": ("point", "bathymetric", "status", "reason", "rays", "position", "sigma"),
+    "points": ("point", "bathymetric", "dry", "status", "reason", "rays", "position", "sigma"),
     "bathymetric_points": ("point", "water_level", "depth", "depth_sigma", "depth_no_refraction"),
     "control": ("point", "kind", "difference"),
     "observations": ("kind", "of", "component", "residual", "sigma", "redundancy", "standardised"),
@@ -98,6 +98,7 @@ def _of_points(tables: Tables) -> dict[str, Column]:
     return {
         "point": Column.of(ids),
         "submerged": Column.of(flags(points, "bathymetric").astype(np.int64)),
+        "dry": Column.of(flags(points, "dry").astype(np.int64)),
         "status": Column.of(texts(points, "status")),
         "reason": Column.of(texts(points, "reason")),
         "rays": Column.of(np.nan_to_num(numbers(points, "rays")).astype(np.int64)),
