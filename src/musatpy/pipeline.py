@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 _FAILED, _AROUND = 20, 6  # steps that a run without solution counts for, and start and covariances of another one
+_OF_ALL = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX)  # heights bend under them
 _STOPPED = "search stopped: the causes named are those found by then; --causes all looks four times as far"
 
 
@@ -81,7 +82,8 @@ def adjust(
         found = tuple(check_point_causes(solution))
     if found and found[0].kind in (CauseKind.AXES, CauseKind.UNIT):
         of_flags = ()  # heights contradict them because the whole block does
-    parts = (found, of_flags) if found and np.isnan(found[0].drop) else (of_flags, found)  # all of it first
+    whole = bool(found) and (np.isnan(found[0].drop) or found[0].kind in _OF_ALL)
+    parts = (found, of_flags) if whole else (of_flags, found)
     after = max((cause.group for cause in parts[0]), default=0)
     last = tuple(replace(cause, group=cause.group + after) for cause in parts[1])
     return replace(solution, causes=parts[0] + last, warnings=(*solution.warnings, *stopped))

@@ -236,7 +236,8 @@ def _advice(hypothesis: Hypothesis) -> str:
         of_plates = hypothesis.member == revisions.PLATES_TO_FOCAL_LENGTH
         for value, unit in (_UNITS_OF_PLATES if of_plates else _UNITS_OF_GROUND).items():
             if abs(factor / value - 1.0) < UNIT:
-                return f"{whose} in {unit}, {others} in {'millimetres' if of_plates else 'metres'}: read the unit again"
+                right = "millimetres" if of_plates else "metres"
+                return f"{whose} in {unit}, {others} in {right}: read the unit again"
         times = f"{whose} {factor:.5g} times what {others} want{'s' if others.startswith('the') else ''}"
         return f"{times}: read both units again"
     if hypothesis.kind is _C.LABELS:

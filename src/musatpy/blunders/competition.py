@@ -28,7 +28,14 @@ from musatpy.blunders.explanation import (
     with_revision,
 )
 from musatpy.blunders.factors import Factors, taking_part
-from musatpy.blunders.hypotheses import PENALTY, GivenUp, Hypothesis, hypotheses, of_taken_images
+from musatpy.blunders.hypotheses import (
+    PENALTY,
+    GivenUp,
+    Hypothesis,
+    common_errors,
+    hypotheses,
+    of_taken_images,
+)
 from musatpy.blunders.neighbours import Origin, at_rest
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
@@ -81,13 +88,25 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
             out += [Rival(hypothesis=other, drop=other.squares, group=number, rank=1) for other in alike]
         else:
             few = COMPETITORS if number <= GROUPS else 0
-            out += _ranked(case, rest, member, final, variance, few, number, sea)
+            out += _ranked(case, rest, _size_at_rest(rest, member), final, variance, few, number, sea)
     return out
 
 
+def _size_at_rest(rest: Origin | None, member: Hypothesis) -> Hypothesis:
+    """Return what is revised with its size where the search has come to rest: what is left of it there is added."""
+    left = common_errors(rest.model) if rest and not member.given_up else ()
+    return next(
+        (replace(member, error=member.error + one.error, sigma=one.sigma) for one in left if one.key == member.key),
+        member,
+    )
+
+
 def _rest(last: Snooped, found: list[Hypothesis]) -> Origin | None:
-    """Return the linear model of the search at rest, None where nothing was found of points, or it is singular."""
-    if any(member.point for member in found):
+    """Return the linear model of the search at rest, None where nothing of points or common to many was found.
+
+    Also where it is singular.
+    """
+    if any(member.point or member.kind in SENSIBLE for member in found):
         with suppress(*GIVEN_UP):
             return at_rest(last)
     return None
@@ -230,6 +249,8 @@ def _ranked(
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     first = next((option for option in options if option.key == member.key), None)
     first = first or replace(member, squares=max(readjusted(case).squares - final, 0.0))
+    if not first.given_up:  # the model without it is far from the minimum: so is its size
+        first = replace(first, error=member.error, sigma=member.sigma)
     others = [
         option
         for option in options
