@@ -97,7 +97,10 @@ def _explaining(block: Block, sea: Sea | None, effort: Effort) -> tuple[Hypothes
         for revision in islice(likely(block, against, effort), _TRIED):
             members = MIRRORED if revision.kind is CauseKind.AXES and revision.member in MIRRORED else ()
             same = [replace(revision, member=member) for member in members] or [revision]
-            trials = [(one, _tried(block, one, sea, effort)) for one in same]
+            first = _tried(block, same[0], sea, effort)
+            if first is None:
+                continue  # nor does any other of its class fit: images cannot tell them apart
+            trials = [(same[0], first), *((one, _tried(block, one, sea, effort)) for one in same[1:])]
             found = [(one, doubts(revised(block, one), trial.scene, trial.state)) for one, trial in trials if trial]
             found = [(one, doubt) for one, doubt in found if not (doubt.reversed or doubt.water)]
             agree = [one for one, doubt in found if not doubt.cards]
