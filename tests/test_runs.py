@@ -95,7 +95,7 @@ def test_a_missing_deck_is_a_problem(tmp_path):
 def test_what_the_adjustment_refuses_is_a_problem(deck, monkeypatch):
     problem = musatpy.errors.Problem(message="no datum")
 
-    def refuse(block, progress):
+    def refuse(block, progress, causes):
         raise musatpy.errors.AdjustmentError([problem])
 
     monkeypatch.setattr("musatpy.runs.adjust", refuse)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from functools import lru_cache
 
@@ -34,7 +35,7 @@ def wrong() -> Case:
     block = altered(
         block, control={"position": added(1, SHIFT)}, cameras={"focal_length": block.cameras.focal_length + 0.05}
     )
-    scene, state = staged(block, None, None, Effort(left=1000))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
     nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     return first_case(block, scene, state, nothing)
 
@@ -78,7 +79,7 @@ def test_compiled_kernels_and_numpy_check_points_alike(wet: float, monkeypatch: 
     """
     pytest.importorskip("numba")
     block = altered(strip(6, wet=wet), plates={"xy": added((40, 0), 10.0)})
-    scene, state = staged(block, None, None, Effort(left=1000))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
     factors = {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
     seen = np.bincount(block.plates.point)[block.plates.point]
     factors[ObservationKind.PLATE][np.flatnonzero(seen > 2)[::17]] = 1e-6
@@ -109,7 +110,7 @@ def test_compiled_kernels_and_numpy_find_the_same_hypotheses(wet: float, monkeyp
     """Squares of points and what their images explain, and all that explains a share of the most."""
     pytest.importorskip("numba")
     block = altered(strip(6, wet=wet), plates={"xy": added((40, 0), 0.5)})
-    scene, state = staged(block, None, None, Effort(left=1000))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
     factors = {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
     numpy = linear_model(scene, factors, state)
     monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
@@ -152,7 +153,7 @@ def test_compiled_kernels_and_numpy_have_the_same_common_errors(
     cameras = {one.name: np.repeat(getattr(block.cameras, one.name), 2, axis=0) for one in fields(block.cameras)}
     cameras |= {"ids": np.array(["A", "B"]), "focal_length": cameras["focal_length"] + [0.0, 0.02]}
     block = altered(block, cameras=cameras, photos={"camera": np.array([0, 1, 0, 0, 1, 1])})
-    scene, state = staged(block, None, None, Effort(left=1000))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
     factors = {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
     numpy = linear_model(scene, factors, state)
     monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)

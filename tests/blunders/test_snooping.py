@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -40,7 +41,7 @@ def land_block(photos: int = 8) -> Block:
 
 def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple[Scene, Judgement]:
     """Return the tests with some rows of the tables out."""
-    scene, state = staged(block, None, None, Effort(left=1000))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
     out = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     for kind, row in rows:
         out[kind][row] = 1.0
@@ -76,7 +77,7 @@ def test_the_tests_of_a_sound_block_are_those_of_its_solution() -> None:
 
 def test_the_residuals_of_all_kinds_are_those_of_the_solution() -> None:
     block = land_block()
-    scene, state = staged(block, None, None, Effort(left=1000))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
     found = snooped(scene, state)
     residual, weight = deviations(scene.network, scene.block, found.state), weights(scene.network, scene.block)
     observed = adjust(block).observed
@@ -115,7 +116,7 @@ def test_a_wrong_control_card_has_no_say_in_which_image_of_its_point_is_wrong() 
         control={"point": put(0, point), "position": put(0, position)},
         plates={"xy": added(wrong, (2.0, 0.0))},
     )
-    scene, state = staged(spoilt, None, None, Effort(left=1000))
+    scene, state = staged(spoilt, None, None, Effort(left=math.inf))
     first = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
     first[K.CONTROL][0] = first[K.PLATE][wrong] = 1.0
     found = snooped(scene, state, first, False)
@@ -126,7 +127,7 @@ def test_a_wrong_control_card_has_no_say_in_which_image_of_its_point_is_wrong() 
 def test_an_explanation_by_other_images_leaves_the_choices_of_other_points(monkeypatch: pytest.MonkeyPatch) -> None:
     """One image of a control point, where two are out: its images are chosen as before. Control bends the block."""
     spoilt, _ = with_plate_blunders(simulated(20, seed=2)[0], 0.03, np.random.default_rng(5))
-    last = snooped(*staged(spoilt, None, None, Effort(left=1000)))
+    last = snooped(*staged(spoilt, None, None, Effort(left=math.inf)))
     scene, asked, choose = last.scene, list[IntArray](), snooping.wrong_images
     wrong = np.flatnonzero(last.rows_out(K.PLATE))
 
@@ -176,7 +177,7 @@ def test_the_error_of_an_image_that_is_out_is_that_of_a_refit_without_it() -> No
 def test_both_kernels_judge_alike(monkeypatch: pytest.MonkeyPatch, submerged: float) -> None:
     """Images, weighted control, stations, tides and air bases, some of each out."""
     block = land_block() if not submerged else simulated(12, submerged=submerged, seed=5)[0]
-    scene, state = staged(block, None, None, Effort(left=1000))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
     units = units_of(scene)
     out = np.zeros(units.count, dtype=bool)
     out[units.unit[units.row == 1]] = True
@@ -198,7 +199,7 @@ def test_both_kernels_judge_alike(monkeypatch: pytest.MonkeyPatch, submerged: fl
 def test_a_common_error_of_the_tides_is_estimated_as_an_unknown_level_is() -> None:
     block, _ = simulated(12, submerged=0.4, seed=5, depth=40.0)
     block = altered(block, photos={"tide": block.photos.tide + 8.0})
-    scene, state = staged(block, None, None, Effort(left=1000))
+    scene, state = staged(block, None, None, Effort(left=math.inf))
     (common,) = snooped(scene, state).tides
     water = adjust(altered(block, options={"water_level": WaterLevel.ONE})).water
     # the search holds control by a small sigma and each tide by centimetres; the estimate has a sigma of decimetres

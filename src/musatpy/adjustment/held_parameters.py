@@ -380,5 +380,9 @@ def _raised(network: Network, level: FloatArray, size: float) -> FloatArray:
 
 
 def _enlarged(network: Network, level: FloatArray, size: float) -> FloatArray:
-    """Return level coordinates (k, 3) with their plan larger by a share `size`, about its middle."""
-    return level + size * np.array([1.0, 1.0, 0.0]) * (level - level.mean(axis=0))
+    """Return level coordinates (k, 3) with their plan larger by a share `size`, about its middle.
+
+    Heights may be NaN: of control that has none.
+    """
+    plan = level[:, :2]
+    return np.column_stack([plan + size * (plan - plan.mean(axis=0)), level[:, 2]])
