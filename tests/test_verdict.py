@@ -380,6 +380,34 @@ def test_stations_far_from_given_positions() -> None:
     assert Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=Initial.COMPUTE))
 
 
+def turned_card(found: Solution, axis: int, degrees: float) -> Solution:
+    """Return the solution with the attitude card of the first photo turned from its answer."""
+    attitude = found.stations.attitude.copy()
+    attitude[0, axis] += np.deg2rad(degrees)
+    return altered(found, block={"photos": replace(found.block.photos, attitude=attitude)})
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_photos_turned_from_their_attitude_cards(axis: int, sign: float) -> None:
+    good = solution()
+    assert Concern.GIVEN_STATIONS not in concerns(turned_card(good, axis, sign * 11.2))
+    far = turned_card(good, axis, sign * 11.5)
+    (reason,) = (one for one in verdict(far).reasons if one.concern is Concern.GIVEN_STATIONS)
+    assert reason.grade is Grade.DOUBTFUL
+    assert reason.text.startswith("photo ")
+    assert "turned by up to 11.5 degrees from the given attitude (limit 11.3)" in reason.text
+    assert "as with plates" not in reason.text
+    assert Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=Initial.COMPUTE))
+
+
+@pytest.mark.parametrize(("degrees", "turns"), [(90.0, "90"), (-90.0, "90"), (180.0, "180")])
+def test_a_turned_plate_is_named(degrees: float, turns: str) -> None:
+    texts = {axis: str(verdict(turned_card(solution(), axis, degrees)).reasons) for axis in (1, 2)}
+    assert f"as with plates turned by {turns} degrees" in texts[2]
+    assert "as with plates" not in texts[1]
+
+
 def test_a_focal_length_of_another_camera() -> None:
     good = solution()
     heights = good.stations.position[:, 2]

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import (
     Concern,
     Editing,
@@ -34,7 +35,7 @@ from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import test_limit
 from musatpy.statistics.student import as_normal
-from musatpy.units import FOOT, MICROMETRE
+from musatpy.units import DEGREE, FOOT, MICROMETRE
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
@@ -67,6 +68,7 @@ def verdict_of(statistics: Statistics) -> Verdict:
         *common(statistics),
         *check_points(statistics),
         *given_stations(statistics),
+        *given_attitudes(statistics),
         *waves(statistics),
         *departure(statistics),
         *undetermined(statistics),
@@ -262,6 +264,36 @@ def given_stations(statistics: Statistics) -> Iterator[Reason]:
     )
     yield _doubtful(Concern.GIVEN_STATIONS, text, _STATION_ANALYSIS)
     yield from units(statistics)
+
+
+def given_attitudes(statistics: Statistics) -> Iterator[Reason]:
+    """Yield the photos turned far from their attitude cards, and that turned plates would explain it.
+
+    The limit is the angle that moves the ground below by the limit of stations.
+    """
+    block, options = statistics.block, statistics.block.options
+    if options.initial is Initial.COMPUTE:
+        return
+    limit = np.arctan(options.station_limit)
+    given = attitude_matrix(block.photos.attitude)
+    turn = attitude_matrix(statistics.solution.stations.attitude) @ np.swapaxes(given, 1, 2)
+    with np.errstate(invalid="ignore"):
+        angle = np.arccos(np.clip(0.5 * (np.trace(turn, axis1=1, axis2=2) - 1.0), -1.0, 1.0))
+        far = np.flatnonzero(angle > limit)
+    if not len(far):
+        return
+    worst = far[falling(angle[far], 2)]
+    text = (
+        f"{named('photo', block.photos.ids[worst])}: turned by up to {angle[worst[0]] / DEGREE:.1f} degrees "
+        f"from the given attitude (limit {limit / DEGREE:.1f})"
+    )
+    kappa = np.arctan2(turn[far, 0, 1], turn[far, 0, 0])
+    quarters = np.abs(np.rint(kappa / (90.0 * DEGREE)))
+    own_axis = turn[far, 2, 2] > np.cos(limit)  # the tilt is as given
+    if own_axis.all() and quarters.all() and (np.abs(np.abs(kappa) - quarters * 90.0 * DEGREE) < limit).all():
+        turns = " or ".join(f"{90 * quarter:.0f}" for quarter in np.unique(quarters))
+        text += f", as with plates turned by {turns} degrees: compare kappa with the axes of the plates"
+    yield _doubtful(Concern.GIVEN_STATIONS, text, "Camera Station Attitude Analysis")
 
 
 def units(statistics: Statistics) -> Iterator[Reason]:
