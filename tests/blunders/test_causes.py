@@ -16,6 +16,7 @@ from blunders.study import Trial, edited, strip
 from common_mistakes import simulated
 from musatpy import adjust, read_deck
 from musatpy.cli.main import main
+from musatpy.formats.musat import check_deck
 from musatpy.model import Cause, CauseKind, Initial, PointStatus
 from musatpy.pipeline import causes_of, doubtful
 
@@ -142,6 +143,21 @@ def test_the_size_of_a_focal_length_is_that_at_rest(factor: float) -> None:
     assert causes[0].kind is CauseKind.FOCAL_LENGTH
     assert causes[0].size[0] == pytest.approx((factor - 1.0) * right, abs=4.0 * causes[0].sigma[0])
     assert causes[0].sigma[0] < 0.01
+
+
+@pytest.mark.slow
+def test_one_wrong_image_is_not_told_as_a_unit_of_length() -> None:
+    """Photo 21 sees little control: heights times 1.0936 bend the block to it, and leave control 103 wrong."""
+    deck = Path(__file__).parents[2] / "fixtures/st_thomas/st_thomas.crd"
+    card = b"PLT 21       103       55.0170000"
+    text = deck.read_bytes()
+    assert card in text
+    block, _ = check_deck(text.replace(card, card.replace(b"55.", b"54.")))
+    causes = adjust(block).causes
+    assert not any(cause.kind is CauseKind.UNIT for cause in causes)
+    assert {cause.points for cause in causes if cause.group == 1} == {("103",)}
+    image = next(cause for cause in causes if cause.kind is CauseKind.IMAGE)
+    assert image.size[0] == pytest.approx(-1000.0, abs=4.0 * image.sigma[0])
 
 
 def test_an_offset_of_all_tides_is_named_alone() -> None:

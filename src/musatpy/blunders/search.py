@@ -97,6 +97,8 @@ def search(
     best = _begun(start, sea)
     if best.common or (best.last.judgement.out.any() and not single_images(best.last)):
         best = _with_exchanges(block, _cheaper(best, sea), sea)
+    if start.given and best.last.judgement.out.any():
+        best = _or_as_given(best, start.given, sea, effort)
     last, revised = best.last, best.block
     renamings: tuple[Renaming, ...] = ()
     flags: tuple[WrongFlag, ...] = ()
@@ -154,6 +156,25 @@ def _begun(start: Start, sea: Sea | None) -> _Explained:
         return _at_rest(explained(case, 1.0, sea), 1.0)
     price = cost(last.scene, last.out(), last.state, len(common), last.judgement.sigma0**2)
     return _Explained(last=last, block=start.block, common=common, cost=price)
+
+
+def _or_as_given(best: _Explained, given: Start, sea: Sea | None, effort: Effort) -> _Explained:
+    """Return the explanation under a revision of the whole block, or the cheaper one of the block as `given`.
+
+    What explains everything leaves nothing to explain; where it does, half of the effort goes to what is simpler.
+    """
+    share = Effort(left=0.5 * effort.left)
+    effort.left -= share.left
+    try:
+        other = _begun(replace(given, scene=replace(given.scene, effort=share)), sea)
+        other = _cheaper(other, sea)
+    except GIVEN_UP:
+        return best
+    variance = min(one.last.judgement.sigma0 for one in (best, other)) ** 2
+    prices = [
+        cost(one.last.scene, one.last.out(), one.last.state, len(one.common), variance) for one in (best, other)
+    ]
+    return other if prices[1] < prices[0] else best
 
 
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:

@@ -44,6 +44,7 @@ class Start:
     state: State
     misfit: float
     alike: tuple[Hypothesis, ...] = ()  # revisions of the whole block that explain the same as that of `common`
+    given: Start | None = None  # that of the block as it is given, where this one is under a revision
 
 
 def best_start(block: Block, progress: Progress | None, sea: Sea | None, effort: Effort) -> Start:
@@ -74,7 +75,7 @@ def best_start(block: Block, progress: Progress | None, sea: Sea | None, effort:
         except (AdjustmentError, *GIVEN_UP):
             continue
         if revision is not None and _fits(start):
-            return replace(start, alike=alike)
+            return replace(start, alike=alike, given=given)
         if revision is None and start.misfit < (np.inf if best is None else best.misfit * _BETTER):
             best = replace(start, common=())
     if best is None:
