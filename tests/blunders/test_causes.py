@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from altered import added, altered
 from blunders import study
 from blunders.study import Trial, edited, strip
-from common_mistakes import simulated
+from common_mistakes import MISTAKES, outcome, simulated
 from musatpy import adjust, read_deck
 from musatpy.cli.main import main
 from musatpy.formats.musat import check_deck
@@ -143,6 +143,13 @@ def test_the_size_of_a_focal_length_is_that_at_rest(factor: float) -> None:
     assert causes[0].kind is CauseKind.FOCAL_LENGTH
     assert causes[0].size[0] == pytest.approx((factor - 1.0) * right, abs=4.0 * causes[0].sigma[0])
     assert causes[0].sigma[0] < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["focal a tenth", "control in km"])
+def test_a_factor_is_named_first_with_observed_stations(name: str) -> None:
+    """Trials that lead nowhere leave effort for the search from the one that fits."""
+    assert outcome("iiia", 1, next(one for one in MISTAKES if one.name == name)).named
 
 
 @pytest.mark.slow
