@@ -62,9 +62,9 @@ def best_start(block: Block, progress: Progress | None, sea: Sea | None, effort:
     except (AdjustmentError, *GIVEN_UP) as error:
         failure = error
     begin(progress, "search for blunders: axes and units of the whole block")
-    share = Effort(left=0.5 * effort.left)  # the other half searches from what is found
+    share = Effort(left=0.75 * effort.left)  # the rest searches from what is found
     best, alike = given, _explaining(part_of(block), sea, share)
-    effort.left -= 0.5 * effort.left - share.left
+    effort.left -= 0.75 * effort.left - share.left
     for revision in (*alike[:1], None):
         if revision is None and best is not None and _fits(best):
             break
