@@ -83,6 +83,10 @@ def adjust(
     if found and found[0].kind in (CauseKind.AXES, CauseKind.UNIT):
         of_flags = ()  # heights contradict them because the whole block does
     whole = bool(found) and (np.isnan(found[0].drop) or found[0].kind in _OF_ALL)
+    if found and of_flags and of_flags[0].points and not set(found[0].points) & set(of_flags[0].points):
+        # heights bend under an error elsewhere that explains more than other flags do
+        other = solution.other_flags
+        whole = whole or other is None or not found[0].drop < solution.sum_of_squares - other.sum_of_squares
     parts = (found, of_flags) if whole else (of_flags, found)
     after = max((cause.group for cause in parts[0]), default=0)
     last = tuple(replace(cause, group=cause.group + after) for cause in parts[1])
