@@ -34,13 +34,8 @@ from musatpy.adjustment.water_surface import tide_groups, water_heights
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.model import Block, HeldParameters
 
-FOCAL_LENGTH, PRINCIPAL_POINT, INDEX, HEIGHT, SCALE = (
-    1e-3,
-    0.02,
-    0.005,
-    0.1,
-    1e-4,
-)  # reference errors: 1, mm, 1, m, 1
+# Reference errors: a share, mm, 1, m, a share
+FOCAL_LENGTH, PRINCIPAL_POINT, INDEX, HEIGHT, SCALE = 1e-3, 0.02, 0.005, 0.1, 1e-4
 MOST_CAMERA, MOST_INDEX, MOST_HEIGHT, MOST_SCALE = 0.02, 0.02, 5.0, 0.01  # of focal lengths, 1, m, 1
 TIDES, CONTROL_HEIGHTS = "tides", "heights of control"
 _STEP = 0.01  # of the reference error: rounding leaves six digits of the differences, curvature four

@@ -107,8 +107,11 @@ def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
         *misplaced(search.block, search.last.scene, search.last.state),
     ]
     groups.sort(key=lambda group: -max(_weight(cause) for cause in group))
-    numbered = [replace(cause, group=number) for number, group in enumerate(groups, 1) for cause in group]
-    return tuple(numbered[:MOST])
+    said: dict[str, Cause] = {}  # the whole and its parts may say the same
+    for number, group in enumerate(groups, 1):
+        for cause in group:
+            said.setdefault(str(cause), replace(cause, group=number))
+    return tuple(said.values())[:MOST]
 
 
 def _weight(cause: Cause) -> float:
