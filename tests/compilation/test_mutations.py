@@ -163,7 +163,7 @@ MUTATIONS = [
     ("soundings/differences.py", "correlation = Q[0, 1]", "correlation = -Q[0, 1]", DIFFERENCES),
     ("soundings/differences.py", "_SHARE = 0.95", "_SHARE = 0.90", DIFFERENCES),
     ("soundings/differences.py", "size <= order.vertical", "size >= order.vertical", DIFFERENCES),
-    ("soundings/differences.py", "3.281: ", "3.9: ", DIFFERENCES),
+    ("soundings/differences.py", "1.0 / 0.3048: ", "3.9: ", DIFFERENCES),
     ("soundings/s44.py", "1.960, 2.448", "1.960, 1.960", DIFFERENCES),
     ("soundings/s44.py", "1.960, 2.448", "1.645, 2.448", DIFFERENCES),
     ("soundings/s44.py", "np.hypot(self.a, self.b", "np.hypot(self.b, self.a", DIFFERENCES),
