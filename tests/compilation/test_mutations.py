@@ -51,7 +51,7 @@ MUTATIONS = [
     ("compilation/true_points.py", "participation(block), run.sea", "participation(block), None", WAVES),
     ("compilation/triangulation.py", "and self.sea.considered", "and not self.sea.considered", WAVES),
     ("compilation/run_records.py", "given | dict(zip", "dict(zip", WAVES),
-    ("compilation/correcting.py", "xy[active] = np.nan", "xy[active] *= 1.0", LOST),
+    ("compilation/correcting.py", "xy[left > _STILL] = np.nan", "xy[left > _STILL] *= 1.0", LOST),
     ("compilation/stereomodels.py", "np.cross(up, x)", "np.cross(x, up)", LOOP),
     ("compilation/stereomodels.py", "self.run.block.photos.tide[list(self.photos)]",
      "self.run.block.photos.tide[list(self.photos)][::-1]", LOOP),
