@@ -183,8 +183,8 @@ def test_a_mistaken_name_is_put_right(known: bool) -> None:
         name = int(np.flatnonzero(~there & (rays(block) >= 4))[0])
     else:
         name = len(block.points.ids)
-        ids, bathymetric = np.append(block.points.ids, "TYPO"), np.append(block.points.bathymetric, False)
-        block = altered(block, points={"ids": ids, "bathymetric": bathymetric})
+        flags = {flag: np.append(getattr(block.points, flag), False) for flag in ("bathymetric", "dry")}
+        block = altered(block, points={"ids": np.append(block.points.ids, "TYPO"), **flags})
     solution = edited(gross_errors.with_names(block, {row: name}))
     (found,) = solution.findings
     assert found.blunder is Blunder.MISNAMED

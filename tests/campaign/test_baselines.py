@@ -71,7 +71,7 @@ def test_what_is_kept(saved):
     assert files["east/small0.json"] == expected(ST_THOMAS)[".json"]
     index = json.loads(files[INDEX])
     assert (index["decks_in"], index["formats"], index["records"]) == ("../decks", None, True)
-    assert set(index["decks"]["east/small0.crd"]) == {"deck_sha256", "version", "status", "state"}
+    assert set(index["decks"]["east/small0.crd"]) == {"deck_sha256", "version", "status", "state", "sources"}
 
 
 @pytest.mark.slow
