@@ -153,7 +153,7 @@ def test_tides_without_prior_start_as_adjusted(level: WaterLevel) -> None:
 @pytest.mark.slow
 def test_water_without_prior_starts_as_adjusted() -> None:
     block = sea_block(water_index=Treatment.ADJUST, water_tilt=Treatment.ADJUST)
-    block = reread(replace(block, water=replace(block.water, sigma=None, tilt_sigma=None)))
+    block = reread(replace(block, water=replace(block.water, sigma=None, tilt_sigma=None, liquid="SPIRIT")))
     solution = solved(block)
     assert solution.water is not None
     water = restart(solution)[0].water
