@@ -477,7 +477,7 @@ def test_hidden_errors_against_the_definition() -> None:
 
 DECKS = {
     "cameras_underground": (Grade.REJECTED, "camera below its ground"),
-    "control_in_feet": (Grade.DOUBTFUL, "up to 0.68 flying heights"),
+    "control_in_feet": (Grade.DOUBTFUL, "control in feet"),
     "iia_same_deck": (Grade.DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
     "iiia_false_minimum": (Grade.DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
     "point_at_4e15_converged": (Grade.REJECTED, ""),

@@ -150,7 +150,9 @@ def test_the_focal_length_of_a_job_without_observed_stations_has_no_test_and_pag
     statistics = Statistics(solution)
     errors = statistics.common_errors
     assert errors.held.names[errors.untested[0]] == "focal length of RC8"
-    assert not errors.tested[0] and np.isnan(errors.test[0]) and np.isnan(errors.smallest_sigmas[0]).all()
+    assert (
+        not errors.tested[0] and np.isnan(errors.test[0]) and np.isnan(errors.moved_by(errors.smallest)[1][0]).all()
+    )
     line = next(line for line in listing(solution).split("\n") if line.startswith("Common errors without test"))
     assert "focal length of RC8" in line
 

@@ -66,7 +66,7 @@ def test_doubtful_and_rejected_jobs(tmp_path):
         "cameras_underground": ("rejected", 4),
     }
     for stream in (ran.stdout, ran.stderr):  # the table, and what is wrong
-        assert "0.68 flying heights" in stream and "camera below its ground" in stream
+        assert "as with control in feet" in stream and "camera below its ground" in stream
     (tmp_path / "cameras_underground.crd").unlink()
     assert musat("batch", ".", cwd=tmp_path).returncode == ExitStatus.DONE
     assert musat("batch", ".", "--strict", cwd=tmp_path).returncode == ExitStatus.REJECTED

@@ -43,6 +43,7 @@ _DECIMALS = 1  # of sigmas, as they are printed
 _NOTHING = (-1, np.nan, np.nan)  # has a sigma
 
 Altered = tuple[Network, State]
+Changed = Callable[[Network, FloatArray, float], FloatArray]  # level coordinates (k, 3), with an error of a size
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -344,25 +345,13 @@ def _tide(on: BoolArray, network: Network, state: State, size: float) -> Altered
     return replace(network, water=water), replace(state, tide=state.tide + size * on)
 
 
-def _control(
-    chosen: BoolArray,
-    changed: Callable[[Network, FloatArray, float], FloatArray],
-    network: Network,
-    state: State,
-    size: float,
-) -> Altered:
+def _control(chosen: BoolArray, changed: Changed, network: Network, state: State, size: float) -> Altered:
     given = network.priors.given.copy()
     given[chosen] = changed(network, given[chosen], size)
     return replace(network, priors=replace(network.priors, given=given)), state
 
 
-def _stations(
-    chosen: BoolArray,
-    changed: Callable[[Network, FloatArray, float], FloatArray],
-    network: Network,
-    state: State,
-    size: float,
-) -> Altered:
+def _stations(chosen: BoolArray, changed: Changed, network: Network, state: State, size: float) -> Altered:
     position = network.position.copy()
     level = changed(network, network.frame.level(position[chosen]), size)
     position[chosen] = network.frame.from_level(level)

@@ -257,9 +257,11 @@ def _untested(answer: _Answer) -> list[str]:
     if errors is None or not len(errors.untested):
         return []
     row, *others = errors.untested.tolist()
-    held, kind = errors.held, int(np.nanargmax(errors.reference_sigmas[row]))
+    held = errors.held
+    shifts, all_sigmas = errors.moved_by(held.reference)
+    kind = int(np.nanargmax(all_sigmas[row]))
     size = f"{number_text('F12.4', held.reference[row])} {held.units[row]}".rstrip()
-    shift, sigmas = (values[row, kind] for values in (errors.reference_shift, errors.reference_sigmas))
+    shift, sigmas = shifts[row, kind], all_sigmas[row, kind]
     moved = f"{MOVED[kind]} {moved_names(answer.statistics, kind)[row]}"
     text = f"{held.names[row]}: {size} moves {moved} by {number_text('F12.3', shift)} m, "
     text += f"{number_text('F12.1', sigmas)} sigmas"

@@ -39,15 +39,16 @@ def _moves(kind: int) -> tuple[Field[Statistics], ...]:
     """Return what the record says of the worst station, point or depth."""
     noun = MOVED[kind]
 
-    def by(values: Callable[[CommonErrors], FloatArray]) -> Callable[[Statistics], FloatArray]:
-        return lambda s: values(_errors(s))[:, kind]
+    def by(errors: Callable[[CommonErrors], FloatArray], part: int) -> Callable[[Statistics], FloatArray]:
+        return lambda s: _errors(s).moved_by(errors(_errors(s)))[part][:, kind]
 
+    reference, smallest = (lambda e: e.held.reference), (lambda e: e.smallest)
     return (
         Field(noun, "string", f"{noun} that moves most in its sigmas", lambda s: moved_names(s, kind)),
-        Field(f"{noun}_shift", "number?", "by the reference error", by(lambda e: e.reference_shift), "m"),
-        Field(f"{noun}_sigmas", "number?", "the same in sigmas", by(lambda e: e.reference_sigmas)),
-        Field(f"{noun}_hidden", "number?", "by the smallest error found", by(lambda e: e.smallest_shift), "m"),
-        Field(f"{noun}_hidden_sigmas", "number?", "the same in sigmas", by(lambda e: e.smallest_sigmas)),
+        Field(f"{noun}_shift", "number?", "by the reference error", by(reference, 0), "m"),
+        Field(f"{noun}_sigmas", "number?", "the same in sigmas", by(reference, 1)),
+        Field(f"{noun}_hidden", "number?", "by the smallest error found", by(smallest, 0), "m"),
+        Field(f"{noun}_hidden_sigmas", "number?", "the same in sigmas", by(smallest, 1)),
     )
 
 

@@ -42,25 +42,9 @@ class CommonErrors(Table):
         size = np.nan_to_num(np.abs(self.test))
         return falling(size, TEST_DECIMALS)[: np.count_nonzero(size > self.limit)]
 
-    @property
-    def reference_shift(self) -> FloatArray:
-        """(h, 3) m, by which the reference error moves what it moves most in its sigmas."""
-        return self.held.shift * self.held.reference[:, None]
-
-    @property
-    def smallest_shift(self) -> FloatArray:
-        """(h, 3) m, and the smallest error found."""
-        return self.held.shift * self.smallest[:, None]
-
-    @property
-    def reference_sigmas(self) -> FloatArray:
-        """(h, 3) the same of the reference error in sigmas."""
-        return self.held.sigmas * self.held.reference[:, None]
-
-    @property
-    def smallest_sigmas(self) -> FloatArray:
-        """(h, 3) and of the smallest error found."""
-        return self.held.sigmas * self.smallest[:, None]
+    def moved_by(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return by how much errors (h,) move what they move most in its sigmas: (h, 3) m, and in sigmas."""
+        return self.held.shift * error[:, None], self.held.sigmas * error[:, None]
 
     @property
     def untested(self) -> IntArray:
@@ -68,7 +52,7 @@ class CommonErrors(Table):
 
         Those first whose reference error moves most.
         """
-        reference = np.nan_to_num(self.reference_sigmas).max(axis=1, initial=0.0)
+        reference = np.nan_to_num(self.moved_by(self.held.reference)[1]).max(axis=1, initial=0.0)
         most = reference / self.held.reference * self.held.limit
         named = ~self.tested & (most > _FAR)
         return falling(np.where(named, reference, -1.0), _DECIMALS)[: np.count_nonzero(named)]

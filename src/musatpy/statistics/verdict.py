@@ -27,7 +27,7 @@ from musatpy.model import (
 )
 from musatpy.model.cameras import other_focal_length
 from musatpy.model.ranking import falling, largest
-from musatpy.statistics.analyses import Statistics, elevations, metric_differences
+from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
 from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.common_errors import CommonErrors
 from musatpy.statistics.flag_reasons import flag_notes, flags, straight
@@ -35,7 +35,7 @@ from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import test_limit
 from musatpy.statistics.student import as_normal
-from musatpy.units import DEGREE, MICROMETRE
+from musatpy.units import DEGREE, FOOT, MICROMETRE
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
@@ -246,7 +246,7 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
 
 
 def given_stations(statistics: Statistics) -> Iterator[Reason]:
-    """Yield the stations far from where the cards put them, and that another camera would explain it."""
+    """Yield the stations far from where the cards put them, and what a unit or another camera would explain."""
     block, options = statistics.block, statistics.block.options
     if options.initial is Initial.COMPUTE:
         return
@@ -263,7 +263,7 @@ def given_stations(statistics: Statistics) -> Iterator[Reason]:
         f"position (limit {options.station_limit:g})"
     )
     yield _doubtful(Concern.GIVEN_STATIONS, text, _STATION_ANALYSIS)
-    yield from other_camera(statistics)
+    yield from units(statistics)
 
 
 def given_attitudes(statistics: Statistics) -> Iterator[Reason]:
@@ -296,8 +296,17 @@ def given_attitudes(statistics: Statistics) -> Iterator[Reason]:
     yield _doubtful(Concern.GIVEN_STATIONS, text, "Camera Station Attitude Analysis")
 
 
-def other_camera(statistics: Statistics) -> Iterator[Reason]:
-    """Yield the focal length of another camera, where that explains how high the stations are."""
+def units(statistics: Statistics) -> Iterator[Reason]:
+    """Yield feet for metres, or the focal length of another camera, where that explains where the stations are."""
+    scale = _scale_of_stations(statistics)
+    for factor, text in (
+        (1.0 / FOOT, "control in feet and stations in metres"),
+        (FOOT, "stations in feet and control in metres"),
+    ):
+        if abs(scale / factor - 1.0) < _SAME_SCALE:
+            far = f"the adjusted stations are {scale:.3f} times as far apart as the given ones"
+            yield _doubtful(Concern.UNIT, f"{far}, as with {text}", _STATION_ANALYSIS)
+            return
     ratio = _ratio_of_heights(statistics)
     focal = float(np.median(statistics.block.cameras.focal_length))
     other = other_focal_length(focal, ratio, _SAME_SCALE)
@@ -347,6 +356,18 @@ def _listing(names: list[str]) -> str:
     """Return names in a row: a few, and the number of the others."""
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     return f"{', '.join(names[:_LISTED])}{more}"
+
+
+def _scale_of_stations(statistics: Statistics) -> float:
+    """Return how many times as far from their middle the adjusted stations are as the given ones; NaN of one."""
+    block = statistics.block
+    given = rectangular(block, block.photos.position)
+    adjusted = rectangular(block, statistics.solution.stations.position)
+    both = np.isfinite(given).all(axis=1) & np.isfinite(adjusted).all(axis=1)
+    if both.sum() < 2:
+        return float("nan")
+    spreads = [float(np.linalg.norm(xyz[both] - xyz[both].mean(axis=0))) for xyz in (given, adjusted)]
+    return spreads[1] / spreads[0] if spreads[0] > 0.0 else float("nan")
 
 
 def _ratio_of_heights(statistics: Statistics) -> float:
