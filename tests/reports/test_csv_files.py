@@ -85,8 +85,8 @@ def test_every_system_has_its_tables(system, refraction):
 @pytest.mark.parametrize("name", ["=1+1", "+1+1", "-2+3", "@SUM", "\t=1", "-A", "+1e"])
 def test_ids_that_a_spreadsheet_would_compute_stay_texts(name):
     """None of its four signs stands first, and who strips blanks reads the same id."""
-    rows = lambda: [["Point", "X (m)"], [name, -1.25], ["-5", 3.0], ["P-1", np.inf]]  # noqa: E731
-    (text,) = csv_files([Section(title="Points", values=rows)]).values()
+    rows = [["Point", "X (m)"], [name, -1.25], ["-5", 3.0], ["P-1", np.inf]]
+    (text,) = csv_files([Section(title="Points", values=lambda: rows)]).values()
     _, first, second, third = csv.reader(text.splitlines())
     assert first[0][0] == " " and first[0].strip() == name.strip() and first[1] == "-1.25"
     assert second == ["-5", "3.0"] and third == ["P-1", ""]  # a number is one in any sheet
