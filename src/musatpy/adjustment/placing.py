@@ -173,6 +173,8 @@ def _on_control(place: Place, model: Model, known: _Known, name: str) -> Place |
         if placement is None:
             return None
         move, robust = placement
+        if mask.all():
+            break
         level = np.where(mask, known.level[seen], frame.level(move.apply(x) @ axes))
     new = model.moved(move)
     wrong = np.where(mask, robust < _WRONG * known.weight[seen][:, None], False).any(axis=1)

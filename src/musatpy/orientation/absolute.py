@@ -7,7 +7,6 @@ of the seven parameters with Cauchy's weights follow, each known component for i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -59,18 +58,21 @@ def _start(targets: Targets, level: FloatArray) -> Similarity | None:
     x = targets.model @ level.T
     horizontal, vertical = np.flatnonzero(targets.known[:, 0]), np.flatnonzero(targets.known[:, 2])
     z, w = (a[horizontal, 0] + 1j * a[horizontal, 1] for a in (x, targets.position))
-    pairs = np.array(list(combinations(range(len(z)), 2)))
-    if len(pairs) > _MOST_PAIRS:
-        pairs = np.random.default_rng(len(z)).permutation(pairs)[:_MOST_PAIRS]
-    base = z[pairs[:, 1]] - z[pairs[:, 0]]
-    pairs, base = pairs[np.abs(base) > 0], base[np.abs(base) > 0]
-    if not len(pairs):
+    if len(z) * (len(z) - 1) > 2 * _MOST_PAIRS:
+        first, second = np.random.default_rng(len(z)).integers(len(z), size=(2, _MOST_PAIRS))
+    else:
+        first, second = np.triu_indices(len(z), 1)
+    base = z[second] - z[first]
+    apart = np.abs(base) > 0
+    first, second, base = first[apart], second[apart], base[apart]
+    if not len(base):
         return None
-    a = (w[pairs[:, 1]] - w[pairs[:, 0]]) / base
-    b = w[pairs[:, 0]] - a * z[pairs[:, 0]]
+    a = (w[second] - w[first]) / base
+    b = w[first] - a * z[first]
     error = np.abs(w - a[:, None] * z - b[:, None])
     # the median alone knows no best pair of three points; the mean of the better half does
-    half = np.sort(error, axis=1)[:, : max(3, len(z) // 2 + 1)].mean(axis=1)
+    better = min(max(3, len(z) // 2 + 1), len(z))
+    half = np.partition(error, better - 1, axis=1)[:, :better].mean(axis=1)
     good = np.abs(a) > 0
     if not good.any():
         return None
