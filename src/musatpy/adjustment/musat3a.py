@@ -14,7 +14,7 @@ from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.direct import largest_movements
 from musatpy.adjustment.iteration import SHORT, Near, Outcome, Until
 from musatpy.adjustment.job import Job, prepared
-from musatpy.adjustment.kinds.water_index import WaterIndex
+from musatpy.adjustment.kinds.water import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.simultaneous import Simultaneous

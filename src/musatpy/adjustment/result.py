@@ -15,7 +15,7 @@ from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.held_parameters import held_parameters
 from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.kinds.water_level import level_corrections
+from musatpy.adjustment.kinds.water import level_corrections
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.normals import ILL_DETERMINED, Factor, NormalMatrix
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.kinds.wave_parameters import Wave
+from musatpy.adjustment.kinds.water import Wave
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import LEVEL, State

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.adjustment.kinds.water_level import level_corrections
+from musatpy.adjustment.kinds.water import level_corrections
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.unknowns import LEVEL, State

@@ -1,4 +1,4 @@
-"""The kinds of observations and of global unknowns, one file each; whoever deals with all loops over these.
+"""The kinds of observations and of global unknowns, a few to a file; whoever deals with all loops over these.
 
 Every file of this folder with `KINDS` counts, in the order of `model.ObservationKind`.
 """
@@ -7,8 +7,8 @@ from importlib import import_module
 from pathlib import Path
 
 from musatpy.adjustment.kinds.kind import Kind, OfWater, Rows, Unknown
+from musatpy.adjustment.kinds.known import Prior
 from musatpy.adjustment.kinds.measured import MeasuredKind, kept_axes
-from musatpy.adjustment.kinds.prior import Prior
 
 
 def _all() -> list[Kind]:

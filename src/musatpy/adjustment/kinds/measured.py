@@ -11,7 +11,7 @@ from musatpy.adjustment.kinds.kind import Kind, Rows
 from musatpy.adjustment.network import Measured, Network, inverse_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model import Block, Program
+from musatpy.model import Block, ObservationKind, Program
 from musatpy.model.tables import taken
 
 
@@ -137,6 +137,37 @@ class StraightLength(MeasuredKind):
         return straight_length(ends, axes)
 
 
+class AirBase(StraightLength):
+    """Air bases."""
+
+    observed = ObservationKind.AIR_BASE
+    noun, card = "air base", "BAS"
+    advice = "read the air base card again: photos and digits"
+
+
+class Distance(StraightLength):
+    """Distances."""
+
+    observed = ObservationKind.DISTANCE
+    noun, card = "distance", "DIS"
+    advice = "read the distance card again: names and digits"
+
+
+class HeightDifference(MeasuredKind):
+    """Height differences."""
+
+    observed = ObservationKind.HEIGHT_DIFFERENCE
+    value, noun, card = "difference", "height difference", "HDF"
+    advice = "read the height difference card again: names, digits, sign"
+
+    def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the differences (d,) in m, and their partials (d, 2, 3)."""
+        height = network.frame.height(ends.reshape(-1, 3)).reshape(-1, 2) if len(ends) else np.zeros((0, 2))
+        partials = np.zeros_like(ends)
+        partials[:, :, 2] = [-1.0, 1.0]
+        return height[:, 1] - height[:, 0], partials
+
+
 def straight_length(ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the distances (d,) of two ends (d, 2, 3), and their partials (d, 2, 3) along axes (d, 2, 3, 3)."""
     between = ends[:, 1] - ends[:, 0]
@@ -149,3 +180,6 @@ def kept_axes(network: Network, ground: FloatArray) -> FloatArray:
     """Return the axes (..., 3, 3) along which the coordinates of kept points (..., 3) are unknown."""
     axes = np.asarray(network.frame.axes(ground.reshape(-1, 3))) if ground.size else np.zeros(0)
     return axes.reshape(*ground.shape, 3)
+
+
+KINDS = (AirBase(), Distance(), HeightDifference())
