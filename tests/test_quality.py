@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from musatpy.model import ObservationKind
+from musatpy.probability import probability_beyond, quantile
 from musatpy.statistics import Statistics
-from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.quality import ALPHA, BETA, DETECTABLE, TEST_LIMIT, check_test, chi_square, ellipses
 from musatpy.statistics.verdict import sigma0_doubt
 from sample_solutions import sample_solution

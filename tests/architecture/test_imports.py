@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
 EVERYONE = {"errors", "units", "fortran", "files", "specs", "spec_keys", "draws", "json_files", "arrays", "canvas"}
-EVERYONE |= {"image_observations", "compiling"}
+EVERYONE |= {"image_observations", "compiling", "probability"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "arrays": set(),
@@ -29,6 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "specs": set(),
     "spec_keys": {"specs"},
     "draws": set(),
+    "probability": set(),
     "canvas": {"lettering"},
     "lettering": set(),
     "pointfiles": set(),

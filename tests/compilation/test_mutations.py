@@ -115,7 +115,7 @@ MUTATIONS = [
     ("compilation/parallax_tests.py", "scale * points", "points", PARALLAXES),
     ("compilation/parallax_tests.py", "if not sigma_of_run", "if sigma_of_run", PARALLAXES),
     ("compilation/parallax_tests.py", "np.square(np.maximum(share, 0.0))", "np.maximum(share, 0.0)", PARALLAXES),
-    ("statistics/student.py", "8.0 * n + 1.0", "8.0 * n + 9.0", PARALLAXES),
+    ("probability.py", "8.0 * n + 1.0", "8.0 * n + 9.0", PARALLAXES),
     # many points of a pair
     ("compilation/bent_rays.py", "v=(ex * Q - ux * H", "v=(ex * Q + ux * H", PAIRS),
     ("compilation/bent_rays.py", "(n * n) * h * (g2", "h * (g2", LOOP),

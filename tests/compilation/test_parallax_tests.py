@@ -21,8 +21,8 @@ from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
+from musatpy.probability import student_as_normal
 from musatpy.refraction.flat import air_tangent
-from musatpy.statistics.student import as_normal
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 POINTING = 0.005
@@ -119,7 +119,7 @@ def test_few_degrees_of_freedom_flag_no_more_than_many(freedom: int, own: bool) 
 def test_student_as_normal() -> None:
     t, freedom = np.array([-4.0, 0.0, 1.5, 3.0, 3.0]), np.array([8.0, 3.0, 5.0, 4.0, np.inf])
     exact = scipy.stats.norm.ppf(scipy.stats.t.cdf(t, np.minimum(freedom, 1e9)))
-    np.testing.assert_allclose(as_normal(t, freedom), exact, atol=0.02)
+    np.testing.assert_allclose(student_as_normal(t, freedom), exact, atol=0.02)
 
 
 def again(solution: model.Solution, pointing: float, shift: float = 0.0) -> tuple[Compiled, np.ndarray]:
@@ -163,12 +163,12 @@ def test_readings_that_made_the_stations_are_tested_as_residuals_of_the_run(poin
     assert known.sum() >= 5
     np.testing.assert_allclose(expected[known], expected[known][:, :1].repeat(2, axis=1), rtol=1e-6)
     np.testing.assert_allclose(
-        np.abs(result.parallax_test)[known], as_normal(expected[:, 0], freedom)[known], rtol=1e-5
+        np.abs(result.parallax_test)[known], student_as_normal(expected[:, 0], freedom)[known], rtol=1e-5
     )
     fresh, _ = again(solution, pointing, 1e-5)  # other readings: pointing and stations add up
     np.testing.assert_allclose(
         fresh.parallax_test,
-        as_normal(
+        student_as_normal(
             fresh.gathered("y_parallax") / fresh.gathered("y_parallax_sigma"),
             freedom if np.isnan(pointing) else freedom / np.square(1.0 - fresh.gathered("pointing_share")),
         ),

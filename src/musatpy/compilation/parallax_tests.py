@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.compilation.readings_of_run import are_of_run, on_both_photos, points_of_run
-from musatpy.statistics.student import as_normal
+from musatpy.probability import student_as_normal
 
 if TYPE_CHECKING:
     from musatpy.compilation.compiled import CompiledModel
@@ -36,7 +36,7 @@ def parallax_tests(model: CompiledModel, sigma_of_run: bool) -> FloatArray:
         left = pointing - share[row]
         variance[row] *= left if left > _CHECKED * pointing else np.nan
         freedom[row] = model.stereo.run.freedom
-    return as_normal(points.y_parallax / np.sqrt(variance), freedom)
+    return student_as_normal(points.y_parallax / np.sqrt(variance), freedom)
 
 
 def _made_the_stations(model: CompiledModel) -> dict[int, float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.statistics.chi_square import probability_beyond
+from musatpy.probability import probability_beyond
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

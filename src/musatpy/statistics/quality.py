@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Dependence, ObservationKind, Observations, Solution
 from musatpy.model.ranking import falling
-from musatpy.statistics.chi_square import normal_quantile, probability_beyond, quantile
+from musatpy.probability import normal_quantile, probability_beyond, quantile, students_of_pope
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
 ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors
@@ -114,17 +114,11 @@ class Quality:
 
     @cached_property
     def test(self) -> FloatArray:
-        """(o,) residual over its own sigma with sigma0 from all others: Student's t of f - 1 degrees of freedom.
-
-        Pope's tau, w / sigma0, turned to t = tau sqrt((f - 1)/(f - tau^2)).
-        """
+        """(o,) residual over its own sigma with sigma0 from all others: Student's t of f - 1 degrees of freedom."""
         f = self.solution.degrees_of_freedom
         if f < 2:
             return np.full(len(self.observed.kind), np.nan)
-        tau = self.standardised / self.solution.unit_sigma
-        left = f - np.square(tau)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(left > 0.0, tau * np.sqrt((f - 1) / left), np.sign(tau) * np.inf)
+        return students_of_pope(self.standardised / self.solution.unit_sigma, f)
 
     @cached_property
     def detectable(self) -> FloatArray:

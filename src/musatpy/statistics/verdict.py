@@ -27,14 +27,13 @@ from musatpy.model import (
 )
 from musatpy.model.cameras import other_focal_length
 from musatpy.model.ranking import falling, largest
+from musatpy.probability import probability_beyond, quantile, student_as_normal, students_of_pope
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
-from musatpy.statistics.chi_square import probability_beyond, quantile
 from musatpy.statistics.common_errors import CommonErrors
 from musatpy.statistics.flag_reasons import flag_notes, flags, straight
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import test_limit
-from musatpy.statistics.student import as_normal
 from musatpy.units import DEGREE, FOOT, MICROMETRE
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
@@ -223,9 +222,8 @@ def _as_normal(tau: FloatArray, statistics: Statistics) -> FloatArray:
     f = statistics.solution.degrees_of_freedom
     if f < 2:
         return np.full(len(tau), np.nan)
-    squares = np.minimum(np.square(tau), f * (1.0 - 1e-12))
-    t = np.copysign(np.sqrt(squares * (f - 1.0) / (f - squares)), tau)
-    return as_normal(t, np.full(len(t), f - 1.0))
+    largest = 1e6 * np.sqrt(f - 1.0)  # of an infinite one too a test value is told
+    return student_as_normal(np.clip(students_of_pope(tau, f), -largest, largest), f - 1.0)
 
 
 def check_points(statistics: Statistics) -> Iterator[Reason]:
