@@ -19,7 +19,7 @@ from musatpy.adjustment.iteration import AT_REST, Kept, Linearisation, Near, Out
 from musatpy.adjustment.job import Job
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalMatrix
-from musatpy.adjustment.sparse import Pattern
+from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.model import Block, Program, Refraction, Solution

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from musatpy.adjustment.normals import Factor, NormalMatrix, factorised
-from musatpy.adjustment.sparse import Pattern
+from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.updated_factor import UpdatedFactor
 from musatpy.arrays import FloatArray, IntArray
 

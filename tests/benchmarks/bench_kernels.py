@@ -66,7 +66,6 @@ def work(network: Network, state: State, options: Options) -> Work:
         "conditions of IIA into the normal equations": lambda: triangulation.linearise(state),
         "of the conditions the right sides only": lambda: triangulation.renewed(state, line),
         "points of IIA to their best": lambda: triangulation.settled(state),
-        "dissection of the block, and its fronts": lambda: replace(line.matrix.pattern).fronts,
         "normal matrix factorised": lambda: factorised(matrix),
         "its selected inverse": factor.cofactors,
         "its solution": lambda: factor.solve(line.rhs),

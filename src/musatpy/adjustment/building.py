@@ -15,12 +15,12 @@ from musatpy.adjustment.network import (
     group_points,
     inverse_squares,
 )
-from musatpy.adjustment.sparse import Pattern
+from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.frames import Frame
-from musatpy.model import Block, CoordinateSystem, Editing, PointStatus
+from musatpy.model import Block, CoordinateSystem, PointStatus
 
 
 def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | None = None) -> Network:
@@ -77,7 +77,6 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
             7 if water.per_photo else 6,
             [*together, *(of.photo for of in measured.values() if of.photo.shape[1] > 1)],
             position if np.isfinite(position).all() else None,
-            often=block.options.editing is not Editing.NONE,  # the search for blunders tries this and that
         ),
     )
 

@@ -12,7 +12,6 @@ from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_int64, c_void_
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 from scipy.linalg import cython_blas, cython_lapack
 
 from musatpy.arrays import FloatArray
@@ -20,43 +19,22 @@ from musatpy.arrays import FloatArray
 # Of 32 or 64 bits, as scipy was built: where bytes go from the least on, the first half is the number too.
 _Int = c_int64 if sys.byteorder == "little" else c_int
 _ZERO, _ONE, _MINUS_ONE = (byref(c_double(factor)) for factor in (0.0, 1.0, -1.0))
-_STEP = byref(_Int(1))
 
 
-def _address_of(module: ModuleType, name: str) -> int:
-    """Return the address of a routine of scipy, which takes addresses."""
+def _routine(module: ModuleType, name: str, arguments: int) -> Any:
+    """Return a routine of scipy, which takes addresses."""
     capsule = module.__pyx_capi__[name]
     name_of, address_of = pythonapi.PyCapsule_GetName, pythonapi.PyCapsule_GetPointer
     name_of.restype, name_of.argtypes = c_char_p, [py_object]
     address_of.restype, address_of.argtypes = c_void_p, [py_object, c_char_p]
-    return address_of(capsule, name_of(capsule))
-
-
-def _routine(module: ModuleType, name: str, arguments: int) -> Any:
-    return CFUNCTYPE(None, *[c_void_p] * arguments)(_address_of(module, name))
+    return CFUNCTYPE(None, *[c_void_p] * arguments)(address_of(capsule, name_of(capsule)))
 
 
 _dpotrf = _routine(cython_lapack, "dpotrf", 5)
 _dpotri = _routine(cython_lapack, "dpotri", 5)
 _dtrsm = _routine(cython_blas, "dtrsm", 11)
-_dtrsv = _routine(cython_blas, "dtrsv", 8)
 _dsyrk = _routine(cython_blas, "dsyrk", 10)
 _dsymm = _routine(cython_blas, "dsymm", 12)
-_dgemm = _routine(cython_blas, "dgemm", 13)
-# in the order of `kernels.subtrees.Lapack`
-ROUTINES = np.array(
-    [_address_of(cython_lapack, name) for name in ("dpotrf", "dpotri")]
-    + [_address_of(cython_blas, name) for name in ("dtrsm", "dsyrk", "dsymm", "dgemm", "dtrsv", "dgemv")],
-    dtype=np.int64,
-)
-
-
-def _int(number: int) -> Any:
-    return byref(_Int(number))
-
-
-def _address(array: FloatArray) -> int:
-    return array.ctypes.data
 
 
 class Columns:
@@ -65,8 +43,8 @@ class Columns:
     def __init__(self, array: FloatArray) -> None:
         self.array = array
         n, p = array.shape
-        self._n, self._p, self._others = _int(n), _int(p), _int(n - p)
-        self._L11 = _address(array)
+        self._n, self._p, self._others = (byref(_Int(size)) for size in (n, p, n - p))
+        self._L11 = array.ctypes.data
         self._L21 = self._L11 + 8 * p
 
     def eliminate(self, left: FloatArray) -> bool:
@@ -80,23 +58,20 @@ class Columns:
             return False
         if len(left):
             _dtrsm(b"R", b"L", b"T", b"N", others, p, _ONE, self._L11, n, self._L21, n)
-            _dsyrk(b"L", b"N", others, p, _MINUS_ONE, self._L21, n, _ONE, _address(left), others)
+            _dsyrk(b"L", b"N", others, p, _MINUS_ONE, self._L21, n, _ONE, left.ctypes.data, others)
         return True
 
     def invert(self, inverse: FloatArray) -> None:
         """Set the first p columns of the inverse (n, n) of the front, of which the others are known."""
         n, p, others, first = self._n, self._p, self._others, self.array.shape[1]
         inverse[:, :first] = self.array
-        W = self.array[first:].copy(order="F")
-        Z11, of_W = _address(inverse), _address(W)
-        Z21 = Z11 + 8 * first
+        Z11, Z21, W = inverse.ctypes.data, inverse.ctypes.data + 8 * first, self.array[first:].copy(order="F")
         if len(W):
-            Z22 = Z21 + 8 * first * len(inverse)
+            Z22, of_W = Z21 + 8 * first * len(inverse), W.ctypes.data
             _dtrsm(b"R", b"L", b"N", b"N", others, p, _ONE, self._L11, n, of_W, others)  # L21 L11^-1
             _dsymm(b"L", b"L", others, p, _MINUS_ONE, Z22, n, of_W, others, _ZERO, Z21, n)
         _dpotri(b"L", p, Z11, n, byref(_Int(0)))
-        if len(W):
-            _dgemm(b"T", b"N", p, p, others, _MINUS_ONE, of_W, others, Z21, n, _ONE, Z11, n)
+        inverse[:first, :first] -= W.T @ inverse[first:, :first]
 
     def forward(self, x: FloatArray) -> FloatArray:
         """Set x (p, r), in the order of C, to L11^-1 x; return the product of L21 with it."""
@@ -110,9 +85,5 @@ class Columns:
         self._solve(x, transposed=True)
 
     def _solve(self, x: FloatArray, transposed: bool) -> None:
-        r = x.shape[1]
-        if r == 1:  # without a copy of L11
-            _dtrsv(b"L", b"T" if transposed else b"N", b"N", self._p, self._L11, self._n, _address(x), _STEP)
-            return
-        trans, of_x = b"N" if transposed else b"T", _int(r)  # x' from the right
-        _dtrsm(b"R", b"L", trans, b"N", of_x, self._p, _ONE, self._L11, self._n, _address(x), of_x)
+        trans, r = b"N" if transposed else b"T", byref(_Int(x.shape[1]))  # x' from the right
+        _dtrsm(b"R", b"L", trans, b"N", r, self._p, _ONE, self._L11, self._n, x.ctypes.data, r)

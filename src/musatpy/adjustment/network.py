@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from musatpy.adjustment.border import Border
-from musatpy.adjustment.sparse import Pattern
+from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of

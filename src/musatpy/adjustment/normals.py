@@ -8,7 +8,8 @@ from typing import Self
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from musatpy.adjustment.sparse import NotPositiveDefiniteError, Pattern, SparseFactor, factorise
+from musatpy.adjustment.pattern import Pattern
+from musatpy.adjustment.sparse import SparseFactor, factorise
 from musatpy.arrays import FloatArray, IntArray
 
 SINGULAR = 1e-10  # smallest eigenvalue of the scaled matrix: healthy strips have 1e-5, six digits are left here
@@ -343,7 +344,7 @@ def factorised(matrix: NormalMatrix, damping: float = 0.0) -> Factor | None:
         sparse = factorise(scaled.pattern, scaled.blocks)
         solved = sparse.solve(scaled.border) if scaled.border.size else scaled.border
         corner = cho_factor(scaled.corner - scaled.border.T @ solved, lower=True)
-    except (NotPositiveDefiniteError, LinAlgError):
+    except LinAlgError:
         return None
     return Factor(matrix=scaled, scale=scale, sparse=sparse, solved_border=solved, corner=corner)
 
