@@ -15,7 +15,7 @@ from altered import altered
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import ControlKind, CoordinateSystem, PlateResiduals, PointStatus
 from musatpy.model.tables import taken
-from musatpy.statistics import Statistics, difference_statistics, metric_differences, wrap
+from musatpy.statistics import Statistics, difference_statistics, metric_differences
 from musatpy.units import ARC_SECOND, DEGREE
 from sample_solutions import sample_solution
 
@@ -64,15 +64,6 @@ def test_small_samples(sample, expected):
     for name, value in expected.items():
         got = getattr(found, name)
         assert got == value or (math.isnan(value) and math.isnan(got)), name
-
-
-@pytest.mark.parametrize(
-    ("angle", "expected"),
-    [(0.1, 0.1), (-np.pi, -np.pi), (np.pi, np.pi), (359.0 * DEGREE, -DEGREE), (-350 * DEGREE, 10 * DEGREE)],
-)
-def test_wrap(angle, expected):
-    # A turn added and taken away costs a few units in the last place of 2 pi.
-    assert wrap(np.array([angle]))[0] == pytest.approx(expected, abs=4e-15)
 
 
 def test_attitude_differences_do_not_jump_at_half_a_turn():

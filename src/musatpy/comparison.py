@@ -15,6 +15,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.rotations import wrapped
 from musatpy.model.adjusted_waves import PARAMETERS
 
 Record = Mapping[str, Any]
@@ -103,12 +104,12 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     if not photos[0].rows.keys() & photos[1].rows.keys():
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
     waves = [_Named("wave", _waves_of(record)) for record in (first, second)]
-    axes, one_origin = Axes(first), first.get("wave_origin") == second.get("wave_origin")
+    one_origin = first.get("wave_origin") == second.get("wave_origin")
     return Comparison(
         labels=labels,
         facts=_facts(first, second),
-        stations=_stations(photos[0], photos[1], axes),
-        points=_points(points[0], points[1], axes),
+        stations=_stations(first, photos[0], photos[1]),
+        points=_points(first, points[0], points[1]),
         waves=_waves(waves[0], waves[1], one_origin),
         depths=_depths(first, second),
         only_one=(
@@ -145,46 +146,32 @@ class _Named:
         return f"is not determined: {self.table['reason'][row] or 'no position'}"
 
 
-class Axes:
-    """Differences of positions along east, north and up (X, Y, Z in local jobs)."""
+def metric_differences(record: Record, first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return second minus first positions (r, 3) of a record in metres, east, north, up (X, Y, Z in local jobs).
 
-    def __init__(self, record: Record) -> None:
-        self.system = record["options"]["system"]
-        spec = record["ellipsoid"]
-        if self.system == "LOCL":
-            return
-        try:
-            self.ellipsoid = Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
-        except (TypeError, ValueError) as error:  # none, or one that PROJ does not know
-            raise MusatError(f"a {self.system} job without an ellipsoid: {error}") from error
-
-    def difference(self, first: FloatArray, second: FloatArray) -> FloatArray:
-        """Return second minus first (r, 3) in metres; rows with a NaN come back all NaN."""
-        known = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
-        out = np.full(first.shape, np.nan)
-        a, b = first[known], second[known]
-        if self.system == "LOCL" or not known.any():
-            out[known] = b - a
-            return out
-        geographic = self.system == "GEOG"
-        frames = self.ellipsoid.frame(a if geographic else self.ellipsoid.geographic(a))
-        shift = self.ellipsoid.geocentric(b) - self.ellipsoid.geocentric(a) if geographic else b - a
-        out[known] = np.einsum("rij,rj->ri", frames, shift)
-        return out
+    Raises `MusatError` where a record that is not of a local job has no ellipsoid that is known.
+    """
+    system, spec = record["options"]["system"], record["ellipsoid"]
+    if system == "LOCL":
+        return second - first
+    try:
+        ellipsoid = Ellipsoid(spec["name"] or "", spec["semi_major_axis"], spec["inverse_flattening"])
+    except (TypeError, ValueError) as error:  # none, or one that PROJ does not know
+        raise MusatError(f"a {system} job without an ellipsoid: {error}") from error
+    return ellipsoid.metric_differences(first, second, system == "GEOG")
 
 
-def _stations(first: _Named, second: _Named, axes: Axes) -> Differences:
+def _stations(record: Record, first: _Named, second: _Named) -> Differences:
     ids = second.common(first)
-    metres = axes.difference(first.array(ids, "position", 3), second.array(ids, "position", 3))
-    turn = second.array(ids, "attitude", 3) - first.array(ids, "attitude", 3)
-    turn -= 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+    metres = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
+    turn = wrapped(second.array(ids, "attitude", 3) - first.array(ids, "attitude", 3))
     sigma = np.hstack([second.array(ids, f"{name}_sigma", 3) for name in ("position", "attitude")])
     return _sorted(ids, np.hstack([metres, turn]), sigma, np.zeros(len(ids), dtype=bool))
 
 
-def _points(first: _Named, second: _Named, axes: Axes) -> Differences:
+def _points(record: Record, first: _Named, second: _Named) -> Differences:
     ids = second.common(first)
-    metres = axes.difference(first.array(ids, "position", 3), second.array(ids, "position", 3))
+    metres = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
     return _sorted(ids, metres, second.array(ids, "sigma", 3), second.array(ids, "bathymetric").astype(bool))
 
 

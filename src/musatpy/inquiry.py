@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.comparison import Axes
+from musatpy.comparison import metric_differences
 from musatpy.errors import MusatError, nearest
 from musatpy.model import ObservationKind
 from musatpy.model.ranking import falling
@@ -138,7 +138,6 @@ class _Run:
         self.tables: dict[bool, Table] = {False: record["points"], True: record["stations"]}
         names = {False: self.tables[False]["point"], True: self.tables[True]["photo"]}
         self.numbers = {key: {str(name): row for row, name in enumerate(ids)} for key, ids in names.items()}
-        self.axes = Axes(record)
         self.plates = record["plates"]
         self.photo, self.point = (np.array(self.plates[key], dtype=np.str_) for key in ("photo", "point"))
         self.observed = _by_image(record["observations"])
@@ -251,7 +250,8 @@ class _Run:
         numbers = self.numbers[is_photo]
         rows = [numbers[one] for one in ids.tolist()]
         place = _numbers([table["position"][row] for row in [numbers[name], *rows]], 3)
-        distance = np.linalg.norm(self.axes.difference(place[:1].repeat(len(rows), axis=0), place[1:]), axis=1)
+        here = place[:1].repeat(len(rows), axis=0)
+        distance = np.linalg.norm(metric_differences(self.record, here, place[1:]), axis=1)
         order = np.lexsort((np.arange(len(ids)), np.round(distance, 6)))
         sigma = _numbers([table["position_sigma" if is_photo else "sigma"][row] for row in rows], 3)[:, 2]
         depths = {} if is_photo else self._depths()
@@ -288,7 +288,7 @@ class _Run:
 
     def _moved(self, station: Mapping[str, Any]) -> float:
         given, place = (_numbers([station[field]], 3) for field in ("given_position", "position"))
-        return float(np.linalg.norm(self.axes.difference(given, place)))
+        return float(np.linalg.norm(metric_differences(self.record, given, place)))
 
 
 def _by_image(observations: Table) -> dict[tuple[str, str], dict[str, int]]:

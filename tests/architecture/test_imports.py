@@ -324,7 +324,7 @@ def test_a_run_loads_nothing_heavy():
         ("musatpy.model.block", "import musatpy.formats.musat", "formats"),
         ("musatpy.model.block", "from musatpy import runs", "runs"),
         ("musatpy.model.block", "def late():\n    from musatpy.reports.table import Table", "reports"),
-        ("musatpy.model.block", "from ..statistics import wrap", "statistics"),
+        ("musatpy.model.block", "from ..statistics import quality", "statistics"),
         ("musatpy.model.block", "if TYPE_CHECKING:\n    from musatpy.cli import main", "cli"),
         ("musatpy.model.block", "from importlib import import_module\nimport_module('musatpy.cli.run')", "cli"),
         ("musatpy.refraction.flat", "from musatpy.model import Water", "model"),

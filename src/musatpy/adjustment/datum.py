@@ -20,7 +20,7 @@ from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix
 from musatpy.adjustment.rank import datum_motions, point_motions
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
-from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.geometry.rotations import attitude_from_matrix, skew, wrapped
 from musatpy.geometry.similarity import Similarity
 
 _CYCLES = 10  # of the move to the inner constraints: its rotations are finite, two or three serve
@@ -219,10 +219,9 @@ def _moved(network: Network, state: State, centre: FloatArray, move: FloatArray)
     shift, angle, growth = move[:3] @ axes, move[3:6] @ axes, move[6]
     size = float(np.linalg.norm(angle))
     a = angle / size if size > 0.0 else angle
-    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    cross = skew(a)
     R = np.eye(3) + np.sin(size) * cross + (1.0 - np.cos(size)) * cross @ cross
     attitude = attitude_from_matrix(state.M @ R.T @ _t(state.axes))
-    turns = np.rint((state.attitude - attitude) / (2.0 * np.pi))
     grow = 1.0 + growth
     level = Similarity(scale=grow, rotation=axes @ R @ axes.T, shift=move[:3])
     for kind in UNKNOWNS:
@@ -230,7 +229,7 @@ def _moved(network: Network, state: State, centre: FloatArray, move: FloatArray)
     return replace(
         state,
         position=centre + grow * (state.position - centre) @ R.T + shift,
-        attitude=attitude + turns * 2.0 * np.pi,
+        attitude=wrapped(attitude, state.attitude),
         ground=centre + grow * (state.ground - centre) @ R.T + shift,
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.adjustment.network import Network
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.frames import Frame
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, attitude_matrix_partials
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, attitude_matrix_partials, wrapped
 from musatpy.model import ObservationKind, Photos
 
 LEVEL = 6  # of the unknowns of a photo, where each has a water level of its own
@@ -67,13 +67,11 @@ def given_minus(photos: Photos, frame: Frame, position: FloatArray, M: FloatArra
     difference, axes = np.full((len(rows), 6), np.nan), frame.axes(position[rows])
     shift = frame.working(photos.position[rows]) - position[rows]
     difference[rows, :3] = np.einsum("nij,nj->ni", axes, shift)
-    turn = photos.attitude[rows] - attitude_from_matrix(M[rows] @ np.swapaxes(axes, 1, 2))
-    difference[rows, 3:] = turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+    there = attitude_from_matrix(M[rows] @ np.swapaxes(axes, 1, 2))
+    difference[rows, 3:] = wrapped(photos.attitude[rows] - there)
     return difference
 
 
 def attitude_in(state: State, axes: FloatArray, near: FloatArray) -> FloatArray:
     """Return attitudes (n, 3) referred to other local axes, each angle within half a turn of `near`."""
-    attitude = attitude_from_matrix(state.M @ np.swapaxes(axes, -1, -2))
-    turns = np.rint((near - attitude) / (2.0 * np.pi))
-    return attitude + turns * 2.0 * np.pi
+    return wrapped(attitude_from_matrix(state.M @ np.swapaxes(axes, -1, -2)), near)

@@ -115,3 +115,23 @@ class Ellipsoid:
         """Return the rotations geocentric -> east, north, up (..., 3, 3) at geographic positions (..., 3)."""
         geographic = np.asarray(geographic, dtype=float)
         return local_vertical(geographic[..., 0], geographic[..., 1])
+
+    def metric_differences(self, given: FloatArray, other: FloatArray, geographic: bool) -> FloatArray:
+        """Return others minus given positions (n, 3), metres along the east, north, up of the given ones.
+
+        Geographic or geocentric, all of them. A component that is not given (NaN) is NaN in the result, and takes
+        no part in that of the others.
+        """
+        start = np.where(np.isnan(given), other, given)
+        known = ~(np.isnan(start) | np.isnan(other)).any(axis=1)
+        result = np.full(given.shape, np.nan)
+        if not known.any():
+            return result
+        start, other = start[known], other[known]
+        frames = self.frame(start if geographic else self.geographic(start))
+        shift = self.geocentric(other) - self.geocentric(start) if geographic else other - start
+        result[known] = np.einsum("nij,nj->ni", frames, shift)
+        missing = np.asarray(np.isnan(given))
+        if not geographic:  # X, Y, Z mix east, north and up: without one of them none is known
+            missing = np.repeat(missing.any(axis=1), 3).reshape(given.shape)
+        return np.where(missing, np.nan, result)

@@ -68,6 +68,11 @@ def local_vertical(latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
     return _matrix([[-sl, cl, 0.0 * sl], [-sf * cl, -sf * sl, cf], [cf * cl, cf * sl, sf]])
 
 
+def wrapped(angle: FloatArray, about: FloatArray | float = 0.0) -> FloatArray:
+    """Return angles (rad) brought within half a turn of others; what is there already comes back bit for bit."""
+    return angle + 2.0 * np.pi * np.rint((about - angle) / (2.0 * np.pi))
+
+
 def skew(v: FloatArray) -> FloatArray:
     """Return the matrices (..., 3, 3) with skew(v) w = v x w of vectors v (..., 3)."""
     out = np.zeros((*v.shape, 3))

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, wrapped
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
     AirBases,
@@ -167,7 +167,7 @@ def _places_to_start(solution: Solution) -> tuple[FloatArray, FloatArray]:
     start = np.where(stays, given, at_rest - np.einsum("nji,nj->ni", here, residual))
     M = attitude_matrix(adjusted.attitude) @ here
     moved, before = (
-        _near(attitude_from_matrix(M @ np.swapaxes(axes, 1, 2)), photos.attitude)
+        wrapped(attitude_from_matrix(M @ np.swapaxes(axes, 1, 2)), photos.attitude)
         for axes in (frame.axes(start), there)
     )
     as_given = np.where(stays, photos.attitude, photos.attitude + moved - before)
@@ -175,11 +175,6 @@ def _places_to_start(solution: Solution) -> tuple[FloatArray, FloatArray]:
         np.where(stays, photos.position, frame.system(start)),
         np.where(np.isfinite(photos.attitude_sigma), as_given, moved),
     )
-
-
-def _near(attitude: FloatArray, given: FloatArray) -> FloatArray:
-    """Return angles (n, 3) within half a turn of given ones."""
-    return attitude + 2.0 * np.pi * np.rint((given - attitude) / (2.0 * np.pi))
 
 
 def _tides_to_start(solution: Solution) -> FloatArray:

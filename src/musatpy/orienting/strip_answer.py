@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import similarity
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, wrapped
 from musatpy.model import Solution
 from musatpy.model.verdict import Concern, Grade, Reason
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
@@ -272,5 +272,4 @@ def against(answer: StripAnswer, solution: Solution) -> Against:
     if answer.scene.in_model:
         move = similarity.fit(mine, station, np.ones(len(mine)))
         mine, M = move.apply(mine), move.turn(M)
-    angles = attitude_from_matrix(M) - attitude
-    return Against(position=mine - station, attitude=np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
+    return Against(position=mine - station, attitude=wrapped(attitude_from_matrix(M) - attitude))

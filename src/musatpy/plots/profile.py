@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.geometry.rotations import wrapped
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.enlarged import NORMAL
@@ -96,7 +97,7 @@ def strips(stations: FloatArray) -> IntArray:
     far = length > _GAP * np.median(length)
     heading = np.arctan2(step[:, 1], step[:, 0])
     for row in range(2, len(stations)):
-        turn = abs(np.remainder(heading[row - 1] - heading[row - 2] + np.pi, 2.0 * np.pi) - np.pi)
+        turn = abs(wrapped(heading[row - 1] - heading[row - 2]))
         turns = turn > np.radians(_BEND) and not far[row - 2] and strip[row - 2] == strip[row - 1]
         strip[row] = strip[row - 1] + int(far[row - 1] or turns)
     return strip

@@ -8,6 +8,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.draws import Draws
+from musatpy.geometry.rotations import wrapped
 from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.true_water import TrueWater, true_water
 from musatpy.simulation.true_waves import GivenWaves, state_waves
@@ -87,7 +88,7 @@ def fly(spec: SimulationSpec, plan: FlightPlan, world: World, draws: Draws) -> T
     stations = world.at_plan(plan.nadirs.reshape(n, 2) + scatter[:, :2], plan.height + scatter[:, 2])
     attitude = draws.normal("attitude scatter", n, 3) * flight.attitude_scatter * DEGREE
     attitude[:, 2] += np.repeat(plan.heading, flight.photos)
-    attitude[:, 2] = np.remainder(attitude[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    attitude[:, 2] = wrapped(attitude[:, 2])
     return TrueFlight(
         ids=tuple(str(number) for number in numbers.ravel()),
         stations=stations,

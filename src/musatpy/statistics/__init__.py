@@ -14,7 +14,6 @@ from musatpy.statistics.analyses import (
     metric_differences,
     position_components,
     rectangular,
-    wrap,
 )
 from musatpy.statistics.words import Words
 
@@ -33,5 +32,4 @@ __all__ = [
     "metric_differences",
     "position_components",
     "rectangular",
-    "wrap",
 ]

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.rotations import wrapped
 from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
 from musatpy.model.ranking import falling, largest
 from musatpy.statistics.common_errors import CommonErrors, common_errors
@@ -103,14 +104,14 @@ class Statistics:
         photos = self.block.photos
         difference = self.solution.stations.position - photos.position
         if _system(self.block) is CoordinateSystem.GEOGRAPHIC:
-            difference[:, 1] = wrap(difference[:, 1])
+            difference[:, 1] = wrapped(difference[:, 1])
         return analysis_of(position_components(self.block), photos.ids, difference)
 
     @cached_property
     def station_attitudes(self) -> Analysis:
         """Camera Station Attitude Analysis: adjusted minus given, between -180 and +180 degrees."""
         photos = self.block.photos
-        difference = wrap(self.solution.stations.attitude - photos.attitude)
+        difference = wrapped(self.solution.stations.attitude - photos.attitude)
         components = {"X-Tilt": "rad", "Y-Tilt": "rad", "Heading": "rad"}
         return analysis_of(components, photos.ids, difference)
 
@@ -126,7 +127,7 @@ class Statistics:
         if _system(block) is CoordinateSystem.GEOGRAPHIC:
             components = position_components(block)
             difference = self.solution.points.position[block.control.point] - block.control.position
-            difference[:, 1] = wrap(difference[:, 1])
+            difference[:, 1] = wrapped(difference[:, 1])
         else:
             components = metric_components(block)
             difference = self.control.difference
@@ -368,11 +369,6 @@ def difference_statistics(differences: ArrayLike, ids: ArrayLike) -> DifferenceS
     )
 
 
-def wrap(angle: FloatArray) -> FloatArray:
-    """Return angles (rad) brought between -pi and +pi; those that are there already come back bit for bit."""
-    return np.where(np.abs(angle) <= np.pi, angle, np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
-
-
 def position_components(block: Block) -> dict[str, str]:
     """Return component -> unit of positions in the job's system."""
     if _system(block) is CoordinateSystem.GEOGRAPHIC:
@@ -417,19 +413,8 @@ def metric_differences(block: Block, given: FloatArray, adjusted: FloatArray) ->
     """
     if _system(block) is CoordinateSystem.LOCAL:
         return adjusted - given
-    start = np.where(np.isnan(given), adjusted, given)
-    known = ~np.isnan(start).any(axis=1)
-    result = np.full(given.shape, np.nan)
-    if not known.any():
-        return result
-    ellipsoid, geographic = _ellipsoid(block), _system(block) is CoordinateSystem.GEOGRAPHIC
-    frames = ellipsoid.frame(start[known] if geographic else ellipsoid.geographic(start[known]))
-    shift = rectangular(block, adjusted[known]) - rectangular(block, start[known])
-    result[known] = np.einsum("nij,nj->ni", frames, shift)
-    missing = np.asarray(np.isnan(given))
-    if not geographic:  # X, Y, Z mix east, north and up: without one of them none is known
-        missing = np.repeat(missing.any(axis=1), 3).reshape(given.shape)
-    return np.where(missing, np.nan, result)
+    geographic = _system(block) is CoordinateSystem.GEOGRAPHIC
+    return _ellipsoid(block).metric_differences(given, adjusted, geographic)
 
 
 def _system(block: Block) -> CoordinateSystem:

@@ -15,6 +15,7 @@ from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem, SystemsError
 from musatpy.geometry.attitudes import AngleForm, angle_rates, angles_by_turn, in_axes, matrix_of
 from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.rotations import wrapped
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec
 
@@ -158,9 +159,8 @@ def _same_turns(angles: FloatArray, before: FloatArray, form: AngleForm) -> Floa
 
     `form` is the one that is not that of the adjustment, if any: of its angles only kappa is like one before.
     """
-    turns = 2.0 * np.pi * np.rint((before - angles) / (2.0 * np.pi))
-    alike = {NATIVE: [1.0, 1.0, 1.0], AngleForm.PHI_OMEGA_KAPPA: [0.0, 0.0, 1.0]}
-    return angles + turns * alike.get(form, [0.0, 0.0, 0.0])
+    alike = {NATIVE: [True, True, True], AngleForm.PHI_OMEGA_KAPPA: [False, False, True]}
+    return np.where(alike.get(form, False), wrapped(angles, before), angles)
 
 
 def own_statement(block: Block) -> Statement:

@@ -14,6 +14,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray, finite_rows
+from musatpy.geometry.rotations import wrapped
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 from musatpy.units import DEGREE
@@ -87,8 +88,7 @@ class StationAttitude(StationKind):
 
     def deviation(self, network: Network, state: State) -> FloatArray:
         """Return adjusted minus given (n, 3) rad, within half a turn."""
-        turn = state.attitude - network.attitude
-        return turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+        return wrapped(state.attitude - network.attitude)
 
     def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
         """Return in words that an angle is off by `size` rad."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, wrapped
 from musatpy.orientation.twomedia.helmert import adjust, precision
 from musatpy.orientation.twomedia.oriented import Oriented
 from musatpy.orientation.twomedia.rays import WATER, Orientation, images_of
@@ -151,7 +151,7 @@ def _alike(difference: FloatArray, oriented: Oriented) -> BoolArray:
     """Return which differences (..., 6 m + 4) of two solutions are none, against the sigmas of the unknowns."""
     angles = np.resize([True] * 3 + [False] * 3, difference.shape[-1])
     angles[-WATER:] = False
-    turned = np.where(angles, np.remainder(difference + np.pi, 2.0 * np.pi) - np.pi, difference)
+    turned = np.where(angles, wrapped(difference), difference)
     scale = np.maximum(np.abs(oriented.at.vector), 1.0)
     return np.asarray((np.abs(turned) <= _SAME * oriented.sigma + _ROUNDING * scale).all(axis=-1))
 
