@@ -342,7 +342,7 @@ def test_a_breach_is_found(module, source, found):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("musatpy.model.block", "from musatpy.model.construction import freeze\nfrom . import arrays"),
+        ("musatpy.model.block", "from musatpy.model.tables import freeze\nfrom . import arrays"),
         ("musatpy.model.block", "import musatpy\nfrom musatpy import __version__, units"),
         ("musatpy.refraction.flat", "from ..geometry.frames import Frame\nimport numpy as np"),
         ("musatpy.cli.run", "def command():\n    from musatpy.runs import run_deck"),

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import sinusoidal
+from musatpy.refraction.harmonic import sinusoidal, stokes
 from musatpy.refraction.plane import Plane
-from musatpy.refraction.stokes import stokes
 from musatpy.refraction.superposed import Superposed, superposed
 from musatpy.refraction.surface import Limits, Relief, Surface
 from musatpy.refraction.trochoid import Trochoid

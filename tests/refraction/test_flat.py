@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from musatpy.refraction import flat
-from musatpy.refraction.snell import water_tangent_ratio
+from musatpy.refraction.flat import water_tangent_ratio
 from refraction.bisection import incidence_distance
 
 UP = np.array([0.0, 0.0, 1.0])

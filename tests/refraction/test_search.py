@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from musatpy.refraction import fermat
-from musatpy.refraction.all_refraction_points import search
-from musatpy.refraction.disc import disc
+from musatpy.refraction.all_refraction_points import disc, search
 from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import sinusoidal
+from musatpy.refraction.harmonic import sinusoidal, stokes
 from musatpy.refraction.stationary import Rays, path, stationary
-from musatpy.refraction.stokes import stokes
 from musatpy.refraction.surface import Surface
 from musatpy.refraction.trochoid import Trochoid
 

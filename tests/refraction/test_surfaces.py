@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
-from musatpy.refraction.stokes import second_harmonic, stokes
+from musatpy.refraction.harmonic import Harmonic, second_harmonic, sinusoidal, stokes
 from musatpy.refraction.superposed import superposed
 from musatpy.refraction.trochoid import Trochoid
 from refraction.seas import CHOP, SEAS, SWELL, measured

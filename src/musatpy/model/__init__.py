@@ -2,11 +2,9 @@
 
 from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
-from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
 from musatpy.model.findings import Action, Cause, Finding
 from musatpy.model.kinds import Blunder, CauseKind, ObservationKind
-from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
 from musatpy.model.options import (
     CauseSearch,
     CoordinateSystem,
@@ -18,15 +16,23 @@ from musatpy.model.options import (
     Order,
     PlateSigma,
     Program,
+    RecordContent,
     Refraction,
+    SystemSpec,
     Treatment,
     WaterLevel,
     Weights,
 )
 from musatpy.model.orientation import OrientationMethod, OrientationSpec, PlaneTreatment, StripPlane
-from musatpy.model.photos import Photos
-from musatpy.model.points import Points
-from musatpy.model.record_content import RecordContent
+from musatpy.model.photos import (
+    Cameras,
+    Distortion,
+    FiducialMeasurements,
+    Fiducials,
+    Photos,
+    PlateMeasurements,
+    Points,
+)
 from musatpy.model.reduction import (
     Atmosphere,
     ComparatorSpec,
@@ -59,7 +65,6 @@ from musatpy.model.solution import (
     WaterPass,
     WaterPrecision,
 )
-from musatpy.model.systems import SystemSpec
 from musatpy.model.verdict import Concern, Grade, Reason, Verdict
 from musatpy.model.water import INDEX_RANGE, Water, WaterConditions
 from musatpy.model.waves import WaveOrigin, Waves, WaveShape

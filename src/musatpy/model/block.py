@@ -12,13 +12,18 @@ import numpy as np
 
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model.cameras import Cameras, Distortion, Fiducials
 from musatpy.model.control import AirBases, Control, Distances, EqualElevations, HeightDifferences
-from musatpy.model.observations import FiducialMeasurements, PlateMeasurements
-from musatpy.model.options import EllipsoidSpec, Options
+from musatpy.model.options import EllipsoidSpec, Options, SystemSpec
 from musatpy.model.orientation import OrientationSpec
-from musatpy.model.photos import Photos
-from musatpy.model.points import Points
+from musatpy.model.photos import (
+    Cameras,
+    Distortion,
+    FiducialMeasurements,
+    Fiducials,
+    Photos,
+    PlateMeasurements,
+    Points,
+)
 from musatpy.model.reduction import (
     ComparatorSpec,
     CrossMeasurements,
@@ -28,7 +33,6 @@ from musatpy.model.reduction import (
     ReductionOptions,
     ReseauCrosses,
 )
-from musatpy.model.systems import SystemSpec
 from musatpy.model.tables import Table, empty, renumbered, taken
 from musatpy.model.water import Water
 from musatpy.model.waves import WaveOrigin, Waves

@@ -1,11 +1,11 @@
-"""What kind of job it is: the option card, and the ellipsoid."""
+"""What kind of job it is: the option card, the ellipsoid, how it is stated, and what is recorded of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-from musatpy.units import ARC_SECOND
+from musatpy.units import ARC_SECOND, AngleUnit
 
 
 class CoordinateSystem(StrEnum):
@@ -143,3 +143,26 @@ class EllipsoidSpec:
     def __post_init__(self) -> None:
         if bool(self.name) == (self.semi_major_axis is not None):
             raise ValueError("an ellipsoid has either a name or a semi-major axis and an inverse flattening")
+
+
+class RecordContent(StrEnum):
+    """What of a job its JSON record has."""
+
+    FULL = "full"
+    TABLES = "tables"  # all but the tables of images
+    NONE = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SystemSpec:
+    """A statement in plain values, in the words of docs/systems.md. What a kind does not use must be empty."""
+
+    kind: str = "GEOG"
+    definition: str = ""  # of a projected system: code, PROJ string or WKT
+    geoid: str = ""  # grid file of a projected system with heights above a geoid
+    origin: tuple[float, float, float] | None = None  # of a tangent plane: latitude, longitude (rad), height (m)
+    false: tuple[float, float, float] | None = None  # m, its coordinates; 0 where not given
+    axes: str = "VERT"
+    angles: str = "OPK"  # or MATR
+    sigmas: str = "LOCL"
+    unit: AngleUnit = AngleUnit.DMS  # of angles on cards and in listings; inside they are radians

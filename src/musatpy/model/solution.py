@@ -14,11 +14,10 @@ import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
-from musatpy.model.construction import freeze
 from musatpy.model.findings import Cause, Finding
 from musatpy.model.kinds import ObservationKind
 from musatpy.model.reliability import ConsideredWater, Dependence, HeldParameters, Observations
-from musatpy.model.tables import Table, per_row
+from musatpy.model.tables import Table, freeze, per_row
 
 if TYPE_CHECKING:
     from musatpy.model.reduced import Reduced  # of raw plates only

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.refraction.snell import water_tangent_ratio
 
 _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the second-level cache
 _MAX_STEPS = 60
@@ -53,6 +52,15 @@ class RefractedRay:
     direction_by_direction: FloatArray
     origin_by_level: FloatArray
     direction_by_index: FloatArray
+
+
+def water_tangent_ratio(tangent: ArrayLike, index: ArrayLike) -> FloatArray:
+    """Return tan(theta)/tan(I) for given tan(I): 1/sqrt(n^2 + (n^2 - 1) tan^2 I), 1/n at the nadir.
+
+    sin(I) = n sin(theta), ETL-0306 section 2. Its inverse is the depth factor of one ray.
+    """
+    n2 = np.square(index)
+    return 1.0 / np.sqrt(n2 + (n2 - 1.0) * np.square(tangent))
 
 
 def air_tangent(height: ArrayLike, depth: ArrayLike, distance: ArrayLike, index: ArrayLike) -> FloatArray:

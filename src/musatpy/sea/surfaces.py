@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from musatpy.refraction.harmonic import sinusoidal
-from musatpy.refraction.stokes import stokes
+from musatpy.refraction.harmonic import sinusoidal, stokes
 from musatpy.refraction.surface import Surface
 from musatpy.refraction.trochoid import Trochoid
 

@@ -25,7 +25,7 @@ from musatpy.model import (
     Verdict,
     Weights,
 )
-from musatpy.model.cameras import other_focal_length
+from musatpy.model.photos import other_focal_length
 from musatpy.model.ranking import falling, largest
 from musatpy.probability import probability_beyond, quantile, student_as_normal, students_of_pope
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
