@@ -95,7 +95,9 @@ def test_what_the_cards_of_another_table_say_is_an_error(copy: Path) -> None:
 def add_to_model(copy: Path, line: str) -> None:
     """Add a column to the photos."""
     path = copy / "musatpy" / "model" / "photos.py"
-    path.write_text(f"{path.read_text(encoding='utf-8').rstrip()}\n    {line.strip()}\n", encoding="utf-8")
+    before, following, after = path.read_text(encoding="utf-8").partition("    time: FloatArray")
+    assert following
+    path.write_text(f"{before}    {line.strip()}\n{following}{after}", encoding="utf-8")
 
 
 def test_the_recipe_of_the_manual_works(copy: Path, tmp_path: Path) -> None:
