@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,8 +11,7 @@ import pytest
 
 from altered import added, altered
 from blunders.study import strip
-from musatpy.adjustment import kernels, simultaneous
-from musatpy.adjustment.compiled_points import CompiledPoints
+from musatpy.adjustment import simultaneous
 from musatpy.adjustment.ground import point_squares
 from musatpy.blunders import explanation
 from musatpy.blunders.checks import dropped, put_in_again
@@ -70,105 +69,6 @@ def test_images_of_points_together_explain_what_each_does() -> None:
                 np.testing.assert_allclose(getattr(together, name)[image::m], getattr(alone, name), rtol=1e-12)
 
 
-@pytest.mark.slow  # kernels are compiled first
-@pytest.mark.parametrize("wet", [0.0, 0.4])
-def test_compiled_kernels_and_numpy_check_points_alike(wet: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An image is 10 mm off, others are out; along which axes a point is told is for the kernels.
-
-    What is out leaves its point two images at least: one alone hardly determines it, and neither do equal digits.
-    """
-    pytest.importorskip("numba")
-    block = altered(strip(6, wet=wet), plates={"xy": added((40, 0), 10.0)})
-    scene, state = staged(block, None, None, Effort(left=math.inf))
-    factors = {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
-    seen = np.bincount(block.plates.point)[block.plates.point]
-    factors[ObservationKind.PLATE][np.flatnonzero(seen > 2)[::17]] = 1e-6
-    model = linear_model(scene, factors, state)
-    numpy = {int(point): (checks, row) for checks in model.points for row, point in enumerate(checks.point)}
-    monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
-    compiled = CompiledPoints.of(model.network, model.network.groups)
-    assert compiled is not None
-    assert sum(len(group.point) for group in compiled.loose) > 0.8 * len(numpy)
-    every = compiled.linear_images(model.state, compiled.loose, model.step)
-    for group, images in zip(compiled.loose, every, strict=True):
-        by_point = images.ground @ images.inverse @ np.swapaxes(images.ground, 1, 2)
-        for at, point in enumerate(group.point.tolist()):
-            checks, row = numpy[point]
-            assert np.array_equal(group.rays[at], checks.rays[row])
-            b = checks.ground[row]
-            for value, twin, largest in (
-                (images.partials[at], checks.partials[row], np.abs(checks.partials[row]).max()),
-                (by_point[at], b @ checks.inverse[row] @ b.T, np.abs(by_point[at]).max()),
-                (images.residual[at], checks.residual[row], np.abs(block.plates.xy).max()),
-            ):
-                np.testing.assert_allclose(value, twin, rtol=0.0, atol=RELATIVE * largest)
-
-
-@pytest.mark.slow  # kernels are compiled first
-@pytest.mark.parametrize("wet", [0.0, 0.4])
-def test_compiled_kernels_and_numpy_find_the_same_hypotheses(wet: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Squares of points and what their images explain, and all that explains a share of the most."""
-    pytest.importorskip("numba")
-    block = altered(strip(6, wet=wet), plates={"xy": added((40, 0), 0.5)})
-    scene, state = staged(block, None, None, Effort(left=math.inf))
-    factors = {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
-    numpy = linear_model(scene, factors, state)
-    monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
-    compiled = linear_model(replace(scene, network=replace(scene.network)), factors, state)
-    loose = compiled.loose
-    assert loose is not None and numpy.loose is None
-    every = np.ones(scene.network.points, dtype=bool)
-    together = loose.compiled.together(loose.state, loose.step, loose.inverse.cofactors, every)
-    checked = 0
-    for checks in numpy.points:
-        if not checks.has_priors:
-            np.testing.assert_allclose(loose.squares[checks.point], checks.squares, rtol=0.0, atol=1e-9)
-            rows = np.arange(2 * checks.rays.shape[1])
-            drop = checks.drop(rows)
-            whole = (drop.parameters == len(rows) - 3) & np.isfinite(together[checks.point])
-            np.testing.assert_allclose(together[checks.point][whole], drop.squares[whole], rtol=1e-8, atol=1e-9)
-            assert (together[checks.point] >= drop.squares * (1.0 - 1e-8) - 1e-9).all()
-            checked += np.count_nonzero(whole)
-    assert checked > 0.8 * np.count_nonzero(loose.squares)
-    assert compiled.squares == pytest.approx(numpy.squares, rel=1e-12)
-    for wanted, share in ((None, 0.0), (lambda option: bool(option.given_up), 0.1)):
-        models = (hypotheses(model, None, wanted, share) for model in (compiled, numpy))
-        found, twins = ({option.key: option for option in options} for options in models)
-        most = max(option.squares for option in twins.values())
-        large = {key for key, option in twins.items() if option.squares > max(share, 1e-6) * most}
-        assert large == {key for key, option in found.items() if option.squares > max(share, 1e-6) * most}
-        for key in large:
-            assert found[key].squares == pytest.approx(twins[key].squares, rel=1e-7)
-            np.testing.assert_allclose(found[key].error, twins[key].error, rtol=1e-6, atol=1e-12)
-
-
-@pytest.mark.slow  # kernels are compiled first
-@pytest.mark.parametrize("wet", [0.0, 0.4])
-def test_compiled_kernels_and_numpy_have_the_same_common_errors(
-    wet: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Sums of their columns, of which those of the images are of two cameras, and of the index under water."""
-    pytest.importorskip("numba")
-    block = strip(6, wet=wet)
-    cameras = {one.name: np.repeat(getattr(block.cameras, one.name), 2, axis=0) for one in fields(block.cameras)}
-    cameras |= {"ids": np.array(["A", "B"]), "focal_length": cameras["focal_length"] + [0.0, 0.02]}
-    block = altered(block, cameras=cameras, photos={"camera": np.array([0, 1, 0, 0, 1, 1])})
-    scene, state = staged(block, None, None, Effort(left=math.inf))
-    factors = {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
-    numpy = linear_model(scene, factors, state)
-    monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
-    compiled = linear_model(replace(scene, network=replace(scene.network)), factors, state)
-    columns = numpy.common.columns
-    assert sum(column.on_images for column in columns) == (7 if wet else 6)
-    sums, twins = ((of.weight, of.pull, of.coupling) for of in (compiled.common, numpy.common))
-    assert (twins[0][:6] > 0.0).all()
-    size = np.sqrt(np.maximum(twins[0], 1.0))  # of c'P^1/2
-    # residuals are of some sigmas, and partials by the angles of a station of many thousands
-    for found, twin, largest in zip(sums, twins, (size**2, 1e2 * size, 1e4 * size), strict=True):
-        difference = np.abs(found - twin).reshape(len(columns), -1).max(axis=1)
-        assert (difference <= RELATIVE * largest).all()
-
-
 def test_no_observations_of_a_point_explain_more_than_its_bound() -> None:
     case, taken = wrong(), []
     for checks in linear_model(case.scene, case.factors(), case.state).points:
@@ -199,15 +99,9 @@ def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:
                 assert few[option.key].squares == pytest.approx(option.squares, rel=1e-12)
 
 
-@pytest.mark.parametrize("kernel", [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("wet", [False, True])
-def test_a_model_told_from_another_is_one_from_scratch(
-    wet: bool, kernel: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_told_from_another_is_one_from_scratch(wet: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """An image of a point, dry or under water, is given up, and a control point; either is taken in again."""
-    if kernel == kernels.NUMBA:
-        pytest.importorskip("numba")
-    monkeypatch.setenv(kernels.VARIABLE, kernel)
     monkeypatch.setattr(simultaneous, "LARGE", 0)  # of a small block a new factor is cheaper
     case = wrong()
     image = _image_of_a_loose_point(case, wet)
@@ -217,7 +111,6 @@ def test_a_model_told_from_another_is_one_from_scratch(
     less[ObservationKind.CONTROL][1] = 1e-6
     for before, after in ((every, less), (less, every), (every, alone)):
         first, scratch = (linear_model(case.scene, factors, case.state) for factors in (before, after))
-        assert (scratch.loose is None) == (kernel == kernels.NUMPY)
         told = Origin(model=first, state=case.state, factors=before).neighbour(case.scene, after, case.state)
         assert told is not None and told is not first
         size = np.sqrt(scratch.cofactors.diagonal())

@@ -23,12 +23,11 @@ from musatpy.adjustment.sequence import PointSequence
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind
 
 if TYPE_CHECKING:
     from musatpy.adjustment.kernels import points
-    from musatpy.adjustment.kernels.linear import LinearImages
 
 Result = TypeVar("Result")
 
@@ -78,30 +77,6 @@ class Spread:
     point: IntArray
     points: FloatArray
     images: Part
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AdjustedPoints:
-    """Cofactors of points (p, 3, 3) along working axes, and of all images (m, 2), NaN of others.
-
-    And of east, north, up (p, 3) of points of which something is known, 0 of others.
-    """
-
-    points: FloatArray
-    known_components: FloatArray
-    images: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LeftOver:
-    """Weighted squares (p,) of images after a step, 0 for other points; and c'Pc (C,), c'Pv (C,) and c'PA (C, n q)
-    of columns c of images, by stations that the points follow: `checking.Columns`.
-    """
-
-    squares: FloatArray
-    weight: FloatArray
-    pull: FloatArray
-    coupling: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -326,93 +301,6 @@ class CompiledPoints(CompiledRows):
         """Set the residuals (all measurements, 2) mm of the images of the points."""
         (at, stations, water), rays = self.seen(state), self.sequence.rays
         self.of_parts(lambda part: self.kernels.residuals(part.rows, at, stations, water, rays, residual), _LIGHT)
-
-    def linear_images(self, state: State, groups: Iterable[PointGroup], step: FloatArray) -> list[LinearImages]:
-        """Return the images of groups of points of which nothing is known, after a step (u,) of all unknowns."""
-        from musatpy.adjustment.kernels import linear  # numba is there
-
-        (at, stations, water), known = self.seen(state), self.known(state, state.ground)
-        q, of_stations = self.network.pattern.size, self._of_stations(step)
-        images = []
-        for group in groups:
-            k, m = group.rays.shape
-            out = linear.LinearImages(
-                residual=np.empty((k, 2 * m)),
-                partials=np.empty((k, 2 * m, m * q)),
-                ground=np.empty((k, 2 * m, 3)),
-                inverse=np.empty((k, 3, 3)),
-            )
-            rows = self.sequence.row[group.point]
-            linear.linear_images(rows, at, stations, water, known, RIDGE, of_stations, out)
-            images.append(out)
-        return images
-
-    def left_over(
-        self, state: State, step: FloatArray, points: BoolArray, camera: IntArray | None, with_index: bool
-    ) -> LeftOver:
-        """Return what a step (u,) of all unknowns leaves of `points` (p,) of which nothing is known.
-
-        And what errors of the cameras, `camera` (n,) of the photos, and of the index have to do with it.
-        """
-        from musatpy.adjustment.kernels import checking  # numba is there
-
-        (at, stations, water), network = self.seen(state), self.network
-        known, squares = self.known(state, state.ground), np.zeros(network.points)
-        camera = np.full(network.photos, -1) if camera is None else camera
-        step, count = self._of_stations(step), 3 * (int(camera.max()) + 1) + with_index
-
-        def work(part: SequencePart) -> checking.Columns:
-            rows = part.rows[points[self.sequence.point[part.rows]]]
-            weight, pull, coupling = np.zeros(count), np.zeros(count), np.zeros((count, *step.shape))
-            sums = checking.Columns(camera, with_index, weight, pull, coupling)
-            checking.left_over(rows, at, stations, water, known, RIDGE, step, sums, squares)
-            return sums
-
-        sums = self._loose_rows.of_parts(work)
-        weight, pull, coupling = (
-            np.asarray(sum((getattr(of, name) for of in sums), np.zeros(shape)))
-            for name, shape in (("weight", count), ("pull", count), ("coupling", (count, *step.shape)))
-        )
-        coupling = coupling.reshape(count, step.size)
-        return LeftOver(squares=squares, weight=weight, pull=pull, coupling=coupling)
-
-    def together(self, state: State, step: FloatArray, cofactors: Cofactors, points: BoolArray) -> FloatArray:
-        """Return the squares (p,) that all images of points explain together after a step (u,) of all unknowns.
-
-        Of some `points` (p,) only, of which nothing is known; infinite where these are hardly checked.
-        """
-        from musatpy.adjustment.kernels import checking  # numba is there
-
-        (at, stations, water), sequence = self.seen(state), self.sequence
-        known, out = self.known(state, state.ground), np.zeros(self.network.points)
-        rows = self._loose_rows.rows
-        rows = rows[points[sequence.point[rows]]]
-        of_stations, pairs = self._of_stations(step), sequence.pairs
-        checking.together(rows, at, stations, water, known, RIDGE, of_stations, pairs, cofactors.blocks, out)
-        return out
-
-    def adjusted(self, state: State, cofactors: Cofactors) -> AdjustedPoints:
-        """Return the cofactors that points and images have by those of the unknowns."""
-        from musatpy.adjustment.kernels import spreading  # numba is there
-
-        (at, stations, water), sequence, network = self.seen(state), self.sequence, self.network
-        known, pairs = self.known(state, state.ground), sequence.pairs
-        points, images = np.full((network.points, 3, 3), np.nan), np.full(network.xy.shape, np.nan)
-        out = spreading.Adjusted(point=points, image=images)
-        self.of_parts(
-            lambda part: spreading.adjusted(
-                part.rows, at, stations, water, known, RIDGE, pairs, cofactors.blocks, sequence.rays, out
-            )
-        )
-        bound, known_components = sequence.point[self.known_rows], np.zeros((network.points, 3))
-        own = points[bound] * known.free[:, :, None] * known.free[:, None, :]
-        known_components[bound] = np.einsum("kii->ki", own)
-        points[bound] = np.swapaxes(known.axes, 1, 2) @ own @ known.axes
-        return AdjustedPoints(points=points, known_components=known_components, images=images)
-
-    def _of_stations(self, step: FloatArray) -> FloatArray:
-        """Return the step (n, q) of the stations, of one of all unknowns."""
-        return plain(step[: self.network.pattern.order].reshape(self.network.photos, -1))
 
     @cached_property
     def _loose_rows(self) -> CompiledRows:

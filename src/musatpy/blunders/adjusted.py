@@ -34,15 +34,9 @@ def adjusted_cofactors(scene: Scene, network: Network, state: State, cofactors: 
     """
     points = np.full((network.points, 3, 3), np.nan)
     tables = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
-    groups, compiled = network.groups, network.compiled
-    if compiled is not None:
-        of_points = compiled.adjusted(state, cofactors)
-        points, tables[_K.PLATE] = of_points.points, of_points.images
-        tables[_K.CONTROL] = of_points.known_components[scene.block.control.point]
-        groups = compiled.others
     parts = list(reliability.direct(network, state, cofactors))
     not_asked_for = network.xy  # residuals
-    for group in groups:
+    for group in network.groups:
         for rows, piece in pieces(network, state, group, cofactors):
             working = replace(piece, axes=np.swapaxes(piece.E.normals.axes, 1, 2))
             points[group.point[rows]] = point_covariances(network, working, cofactors, None)

@@ -7,21 +7,18 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment import reliability
-from musatpy.adjustment.compiled_points import CompiledPoints, LeftOver
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Cofactors, Factor
-from musatpy.adjustment.propagation import pieces, portions
+from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.common_errors import index_counts
 from musatpy.model import Block
 
 IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
@@ -156,85 +153,17 @@ class Inverse:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LoosePoints:
-    """The points of which nothing is known, for compiled kernels: checked by the others only where asked for."""
-
-    compiled: CompiledPoints
-    state: State
-    inverse: Inverse
-    step: FloatArray  # (u,)
-    among: BoolArray  # (p,) those that are meant
-    camera: IntArray | None  # (n,) of the photos, where common errors are asked for
-    with_index: bool  # whether that of the index of the water is
-
-    def some(self, points: BoolArray) -> LoosePoints:
-        """Return those among some points (p,), without common errors."""
-        return replace(self, among=self.among & points, camera=None, with_index=False)
-
-    @cached_property
-    def left_over(self) -> LeftOver:
-        """What the step leaves of their images, and what errors of the cameras and of the index do in it."""
-        return self.compiled.left_over(self.state, self.step, self.among, self.camera, self.with_index)
-
-    @property
-    def squares(self) -> FloatArray:
-        """(p,) weighted squares of the residuals, 0 for other points."""
-        return self.left_over.squares
-
-    def explaining(self, squares: float) -> BoolArray:
-        """Return which points (p,) have images that may explain so many squares or more.
-
-        Some images of a point explain no more than all of them: the more is given up, the less is left. Of a few
-        points it is not asked.
-        """
-        likely = self.among & (self.squares >= IMAGES_CHECKED * squares)
-        if self.inverse.worth_alone(int(np.count_nonzero(likely))):
-            return likely
-        together = self.compiled.together(self.state, self.step, self.inverse.cofactors, likely)
-        return likely & (together >= squares * (1.0 - ROUNDING))
-
-    def checks(self, points: BoolArray) -> Iterator[PointChecks]:
-        """Yield the checks of some of the points (p,)."""
-        network, points = self.compiled.network, points & self.among
-        every = [part for group in self.compiled.loose for part in group.some(points[group.point])]
-        groups = [part.part(rows) for part in every for rows in portions(network, part)]
-        linear = self.compiled.linear_images(self.state, groups, self.step)
-        for group, images in zip(groups, linear, strict=True):
-            k = len(group.point)
-            extras, nothing = np.zeros((k, 0), dtype=np.int64), np.full(k, -1)
-            yield PointChecks(
-                point=group.point,
-                rays=group.rays,
-                control=nothing,
-                member=nothing,
-                weight=network.weight[group.rays].reshape(k, -1),
-                unknowns=network.unknowns(group, extras),
-                photo=network.photo[group.rays],
-                extras=extras,
-                inverse_of_stations=self.inverse,
-                **images._asdict(),
-            )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedPoints:
     """The points of a network with their checks, each at its best for the stations."""
 
     network: Network  # with the weights of what is in
     state: State  # at which it is linear
     points: tuple[PointChecks, ...]
-    loose: LoosePoints | None  # the others, for compiled kernels
 
     def some(self, points: BoolArray) -> CheckedPoints:
-        """Return some of them (p,), without common errors."""
+        """Return some of them (p,)."""
         parts = tuple(checks.part(points[checks.point]) for checks in self.points)
-        loose = self.loose and self.loose.some(points)
-        return CheckedPoints(network=self.network, state=self.state, points=parts, loose=loose)
-
-    def checks(self) -> Iterator[PointChecks]:
-        """Yield the checks of all of them."""
-        yield from self.points
-        yield from self.loose.checks(self.loose.among) if self.loose else ()
+        return CheckedPoints(network=self.network, state=self.state, points=parts)
 
 
 def checked_points(
@@ -244,24 +173,12 @@ def checked_points(
 
     By the `inverse` of some normals. They are numbered as in the network.
     """
-    compiled, loose = network.compiled, None
-    if compiled is not None:
-        loose = LoosePoints(
-            compiled=compiled,
-            state=state,
-            inverse=inverse,
-            step=step,
-            among=np.ones(network.points, dtype=bool),
-            camera=block.photos.camera,
-            with_index=index_counts(network),
-        )
-    groups = network.groups if compiled is None else (*compiled.bound, *compiled.others)
     control, member = (
         first_rows(table.point, len(block.points.ids))[point] for table in (block.control, block.equal_elevations)
     )
-    every = (piece for group in groups for _, piece in pieces(network, state, group, inverse))
+    every = (piece for group in network.groups for _, piece in pieces(network, state, group, inverse))
     points = (_checks_of(network, piece, inverse, control, member).after(step, inverse) for piece in every)
-    return CheckedPoints(network=network, state=state, points=tuple(points), loose=loose)
+    return CheckedPoints(network=network, state=state, points=tuple(points))
 
 
 def _checks_of(

@@ -81,11 +81,6 @@ class CommonErrors:
         on_images = [number for number, column in enumerate(self.columns) if column.on_images]
         on_control = [number for number, column in enumerate(self.columns) if column.control is not None]
         control = _stacked([self.columns[number].control for number in on_control])
-        if points.loose is not None:
-            loose = points.loose.left_over
-            self.weight[on_images] += sign * loose.weight
-            self.pull[on_images] += sign * loose.pull
-            self.coupling[on_images, : loose.coupling.shape[1]] += sign * loose.coupling
         for checks in points.points:
             m = checks.rays.shape[1]
             parts = [
@@ -107,7 +102,7 @@ class CommonErrors:
                     )
 
 
-def index_counts(network: Network) -> bool:
+def _index_counts(network: Network) -> bool:
     """Return whether the index of the water, which is no unknown itself, is worth a hypothesis."""
     unknown = network.water.unknown or network.border.count(_K.WAVE) > 0
     return bool(unknown and not network.border.count(_K.WATER_INDEX))
@@ -120,7 +115,7 @@ def _columns(network: Network, block: Block) -> Iterator[Column]:
         yield Column(kind=CauseKind.FOCAL_LENGTH, member=camera, on_images=True)
         for axis in range(2):
             yield Column(kind=CauseKind.PRINCIPAL_POINT, member=2 * camera + axis, on_images=True)
-    if index_counts(network):
+    if _index_counts(network):
         yield Column(kind=CauseKind.INDEX, on_images=True)
     yield from _units(block, n, q)
     if network.water.per_photo:
@@ -138,7 +133,7 @@ def _cameras(block: Block) -> int:
 def _errors_of_images(network: Network, state: State, block: Block, rays: IntArray) -> FloatArray:
     """Return what errors of one unit add to images (k, m): (k, 2m, C), columns of `_columns` in their order."""
     cameras = _cameras(block)
-    photo, index = network.photo[rays], index_counts(network)
+    photo, index = network.photo[rays], _index_counts(network)
     camera = 3 * block.photos.camera[photo]
     image = network.xy[rays] + residuals(network, state, rays.reshape(-1)).reshape(*rays.shape, 2)
     ray = (image - network.principal_point[photo]) / network.focal_length[photo][..., None]

@@ -116,7 +116,7 @@ def _checks(rest: Origin, found: list[Hypothesis]) -> list[PointChecks]:
     """Return the checks of the points of what was found, by the search at rest."""
     points = np.zeros(rest.model.network.points, dtype=bool)
     points[[point for member in found for point in member.point]] = True
-    return list(rest.model.some(points).checks())
+    return list(rest.model.some(points).points)
 
 
 def _of_images(

@@ -23,7 +23,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part
-from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses, of_worst_point
+from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses
 from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.neighbours import Origin, at_rest
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
@@ -225,8 +225,6 @@ def explained(
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
         model, origin = model_of(case, origin)
-        if only_common and _image_explains_more(case, model, variance):
-            break
         options = shortlist(case, model, variance)
         if only_common and options and options[0].given_up:
             break
@@ -356,24 +354,6 @@ def _wanted(case: Case, variance: float) -> Callable[[Hypothesis], bool]:
         )
 
     return wanted
-
-
-def _image_explains_more(case: Case, model: LinearModel, variance: float) -> bool:
-    """Return whether images of one point explain more than anything that is common to many observations.
-
-    One of them, or something else that is given up, stands first on the shortlist then.
-    """
-    wanted = _wanted(case, variance)
-    best = max((option for option in of_worst_point(model) if wanted(option)), key=_squares, default=None)
-    return best is not None and all(
-        option.squares < _ALIKE * best.squares and option.gain(variance) < _ALIKE * best.gain(variance)
-        for option in common_errors(model)
-        if wanted(option)
-    )
-
-
-def _squares(option: Hypothesis) -> float:
-    return option.squares
 
 
 def sensible(hypothesis: Hypothesis) -> bool:

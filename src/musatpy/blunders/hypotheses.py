@@ -102,24 +102,11 @@ def hypotheses(
         worst = [checks.part(checks.squares == checks.squares.max()) for checks in seen]
         likely = [option for checks in worst for option in _of_points(checked, checks, least)]
         least = max(least, share_of_best([*options, *of_single, *likely]))
-        least = max(least, share_of_best(of_worst_point(checked, least)))
     options += [*of_single, *_stations(model, least)]
     for checks in (*known, *seen):
         options += _of_points(checked, checks.explaining(least), least)
         least = max(least, share_of_best(options))
-    loose = checked.loose
-    for checks in loose.checks(loose.explaining(least)) if loose is not None else ():
-        options += _of_points(checked, checks, least)
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
-
-
-def of_worst_point(points: CheckedPoints, least: float = 0.0) -> list[Hypothesis]:
-    """Return what the images explain of the loose point that fits least of all, if its squares are the `least`."""
-    loose = points.loose
-    if loose is None or loose.squares.max(initial=0.0) < least:
-        return []
-    worst = loose.checks(loose.squares == loose.squares.max(initial=0.0))
-    return [option for checks in worst for option in _of_points(points, checks, least)]
 
 
 def of_taken_images(model: LinearModel, points: list[PointChecks], images: Hypothesis) -> Hypothesis:

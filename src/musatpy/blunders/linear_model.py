@@ -65,7 +65,6 @@ class LinearModel(CheckedPoints):
     def squares(self) -> float:
         """v'Pv at the minimum, of images, control and stations."""
         squares = sum(float(np.sum(checks.squares)) for checks in self.points)
-        squares += float(np.sum(self.loose.squares)) if self.loose else 0.0
         return squares + float(np.sum(self.station_weight * np.square(self.stations)))
 
     def stations_explaining(self, squares: float, columns: IntArray) -> IntArray:
@@ -106,7 +105,6 @@ def solved(scene: Scene, network: Network, state: State, line: Linearisation, in
         network=network,
         state=state,
         points=points.points,
-        loose=points.loose,
         scene=scene,
         factor=inverse.factor,
         kept=Kept(line=replace(line, context=None), factor=inverse.factor) if line.renewable else None,

@@ -11,13 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.compiled_points import plain, stations_of
-from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water_surface import surface
-from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import taking_part
 from musatpy.blunders.scene import Scene
 from musatpy.geometry import collinearity
@@ -57,7 +54,6 @@ def lookalikes(
     distances: list[float] = []
     alone: list[bool] = []
     suspect = suspect[np.argsort(network.photo[suspect], kind="stable")]
-    suspect = _perhaps_near(scene, state, suspect, determined, covariance, sigma0)
     photos = np.unique(network.photo[suspect])
     around, rims = _near(network, photos), _rims(network, photos)
     for first in range(0, len(photos), _TOGETHER):
@@ -157,55 +153,6 @@ def _free_names(network: Network, row: IntArray, point: IntArray, certain: BoolA
             break
         certain = certain & keep
     return certain
-
-
-def _perhaps_near(
-    scene: Scene, state: State, rows: IntArray, determined: BoolArray, covariance: FloatArray, sigma0: float
-) -> IntArray:
-    """Return which images `rows`, in the order of photos, may lie near others of the points that are determined.
-
-    All where numpy does the work, or waves go on the water.
-    """
-    network = scene.network
-    kernels = compiled_points(network.photos)
-    if kernels is None or network.sea is not None:
-        return rows
-    from musatpy.adjustment.kernels import nearness  # numba is there
-
-    photo, point, of_photo = network.photo, network.point, network.photo[rows]
-    wet = np.flatnonzero(determined & scene.block.points.bathymetric)
-    over = surface(network.frame, network.slope(state.tilt), np.zeros(len(wet)), state.ground[wet])
-    row = np.full(network.points, -1)
-    row[wet] = np.arange(len(wet))
-    places = nearness.Places(
-        ground=plain(state.ground),
-        variance=np.where(determined, np.trace(covariance, axis1=1, axis2=2), np.nan),
-        tide=plain(state.tide),
-        row=row,
-        normal=plain(over.normal),
-        depth=plain(over.depth),
-        rise=1.0 / over.secant,
-    )
-    measurements = nearness.Measurements(
-        of_photo=_starts(photo, network.photos),
-        point=point[order_of(photo)],
-        of_point=_starts(point, network.points),
-        photo=photo[order_of(point)],
-    )
-    suspects = nearness.Suspects(
-        photo=of_photo,
-        point=point[rows],
-        xy=network.xy[rows] - network.principal_point[of_photo],
-        variance=sigma0**2 * np.sum(1.0 / network.weight[rows], axis=1),
-        near=np.zeros(len(rows), dtype=bool),
-    )
-    nearness.mark_near(_NEAR, measurements, stations_of(kernels, network, state), places, suspects)
-    return rows[suspects.near]
-
-
-def _starts(number: IntArray, count: int) -> IntArray:
-    """Return where each of so many numbers (count + 1,) begins in the order of all (m,)."""
-    return np.concatenate([[0], np.cumsum(np.bincount(number, minlength=count))])
 
 
 def _near(network: Network, photos: IntArray) -> list[IntArray]:

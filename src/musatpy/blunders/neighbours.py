@@ -136,7 +136,7 @@ def _told(model: LinearModel, kept: Kept, network: Network, parts: list[PointGro
     before, after = (
         checked_points(model.scene.block, *of, model.inverse, nothing, point) for of in (was, (alone, state))
     )
-    old, new = list(before.checks()), list(after.checks())
+    old, new = list(before.points), list(after.points)
     updated = _updated(kept, model.inverse, old, new)
     if updated is None:
         return None
@@ -151,7 +151,6 @@ def _told(model: LinearModel, kept: Kept, network: Network, parts: list[PointGro
         network=network,
         state=replace(model.state, ground=ground, squares=squares),
         points=(*stay, *told),
-        loose=model.loose and replace(model.loose.some(others), step=step, inverse=inverse),
         scene=model.scene,
         factor=inverse.factor,
         kept=Kept(line=line, factor=inverse.factor),
@@ -199,7 +198,7 @@ def _apart(network: Network, state: State, parts: list[PointGroup]) -> tuple[Net
 def _after(points: CheckedPoints, step: FloatArray, inverse: Inverse) -> CheckedPoints:
     """Return points whose checks are those before any step, after a step (u,), by other normals."""
     checks = tuple(of_group.after(step, inverse) for of_group in points.points)
-    return replace(points, points=checks, loose=points.loose and replace(points.loose, step=step, inverse=inverse))
+    return replace(points, points=checks)
 
 
 def _reduced(unknowns: IntArray, points: list[PointChecks]) -> tuple[FloatArray, FloatArray]:

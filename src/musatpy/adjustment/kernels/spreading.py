@@ -47,13 +47,6 @@ class Spread(NamedTuple):
     diagonal: FloatArray  # (n, q) of the normal equations before points are eliminated, to which is added
 
 
-class Adjusted(NamedTuple):
-    """Cofactors of points, and of the adjusted images, where they stand among all."""
-
-    point: FloatArray  # (g, 3, 3) along the axes of what is known of them
-    image: FloatArray  # (all measurements, 2)
-
-
 @inlined
 def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
     """Set C = A Q A', cofactors of its images by their stations, and D = C Y."""
@@ -170,28 +163,3 @@ def spread(
         _prepare(p, m, at, stations, water, known, ridge, pairs, Q, room, of)
         _set_point(p, m, room, of, out)
         _set_images(p, m, LEVELS if len(water.rise) else SIZE, at, room, of, out)
-
-
-@compiled
-def adjusted(
-    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, pairs: Pairs,
-    Q: FloatArray, rays: IntArray, out: Adjusted,
-) -> None:  # fmt: skip
-    """Set what `spread` does of points and of their images alone, `rays` (r,) of all measurements.
-
-    Something may be known of the points, whose cofactors are along the axes of that.
-    """
-    room = room_for(at.start, rows)
-    of = room_for_images(len(room.Y))
-    for p in rows:
-        m = at.start[p + 1] - at.start[p]
-        _prepare(p, m, at, stations, water, known, ridge, pairs, Q, room, of)
-        _add_stations(m, room, of)
-        for i in range(3):
-            for j in range(3):
-                out.point[at.point[p], i, j] = room.N[i, j]
-        for k in range(m):
-            r = at.start[p] + k
-            for c in range(2):
-                root = 1.0 / at.root[r, c]
-                out.image[rays[r], c] = _image(k, c, room, of) * root * root
