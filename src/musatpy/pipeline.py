@@ -72,7 +72,7 @@ def adjust(
         of_flags = () if causes is CauseSearch.NONE else tuple(flag_causes(solution))
     if not doubtful(solution):
         return replace(solution, causes=of_flags)
-    from musatpy.adjustment.plate_sigma import with_plate_sigmas  # most runs are accepted
+    from musatpy.adjustment.programs import with_plate_sigmas  # most runs are accepted
     from musatpy.blunders.check_points import check_point_causes
 
     if solution.plate_factor != 1.0:

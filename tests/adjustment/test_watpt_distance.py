@@ -12,7 +12,7 @@ from adjustment.test_equivalence import SEA, simulated
 from adjustment.water_jobs import deep
 from altered import with_options
 from musatpy.adjustment import adjust
-from musatpy.adjustment.watpt_distance import FAR
+from musatpy.adjustment.watpt import FAR
 from musatpy.model import Refraction, Solution
 from reference import compare
 

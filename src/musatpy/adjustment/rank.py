@@ -11,6 +11,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
+from musatpy.geometry.rotations import skew
 from musatpy.model import Block, Datum
 
 DATUM = (
@@ -119,8 +120,7 @@ def datum_motions(network: Network, state: State, centre: FloatArray) -> FloatAr
         motions[: q * n, k] = shift.reshape(-1)
         turn = np.zeros((n, q))
         turn[:, :3] = np.einsum("nij,nj->ni", axes, np.cross(a, arm))
-        cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-        turn[:, 3:6] = np.einsum("nij,nj->ni", inverse, -(state.M @ cross).reshape(n, 9))
+        turn[:, 3:6] = np.einsum("nij,nj->ni", inverse, -(state.M @ skew(a)).reshape(n, 9))
         motions[: q * n, 3 + k] = turn.reshape(-1)
     grow = np.zeros((n, q))
     grow[:, :3] = np.einsum("nij,nj->ni", axes, arm)

@@ -30,8 +30,7 @@ from musatpy.adjustment.undetermined import (
 )
 from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water, water_over
-from musatpy.adjustment.watpt import refraction_displacement
-from musatpy.adjustment.watpt_distance import with_departure
+from musatpy.adjustment.watpt import refraction_displacement, with_departure
 from musatpy.arrays import FloatArray, IntArray, finite_rows
 from musatpy.model import (
     AdjustedStations,
