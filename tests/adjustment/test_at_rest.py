@@ -87,7 +87,7 @@ def test_change_bounds_every_function_of_the_unknowns() -> None:
     A = rng.normal(size=(12, 5))
     N, rhs = A.T @ A, rng.normal(size=5)
     step = np.linalg.solve(N, rhs)
-    line = Linearisation(matrix=None, rhs=rhs, objective=9.0, context=None, of_points=0.0, redundancy=7)
+    line = Linearisation(matrix=None, rhs=rhs, objective=9.0, context=None, redundancy=7)
     f = np.concatenate([rng.normal(size=(5, 200)), (N @ step)[:, None]], axis=1)
     sizes = np.abs(f.T @ step) / np.sqrt(np.einsum("ij,ik,kj->j", f, np.linalg.inv(N), f) * 9.0 / 7.0)
     assert sizes.max() == pytest.approx(line.change(step))

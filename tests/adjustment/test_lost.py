@@ -118,9 +118,7 @@ def test_normal_equations_without_sense_end_the_run():
     class Senseless:
         def linearise(self, state):
             matrix = SimpleNamespace(sensible=lambda: False)
-            return Linearisation(
-                matrix=matrix, rhs=np.zeros(1), objective=1.0, context=None, of_points=0.0, redundancy=1
-            )
+            return Linearisation(matrix=matrix, rhs=np.zeros(1), objective=1.0, context=None, redundancy=1)
 
     outcome = iterate(Senseless(), "first", 5, lambda step: None)
     assert outcome.lost

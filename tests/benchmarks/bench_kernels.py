@@ -60,11 +60,9 @@ def work(network: Network, state: State, options: Options) -> Work:
 
     return {
         "collinear points eliminated, into the normal equations": lambda: simultaneous.linearise(state),
-        "of collinear points the right sides only": lambda: simultaneous.renewed(state, line),
         "points after a step of the stations": follow,
         "weighted squares of the images": lambda: simultaneous.with_squares(state),
         "conditions of IIA into the normal equations": lambda: triangulation.linearise(state),
-        "of the conditions the right sides only": lambda: triangulation.renewed(state, line),
         "points of IIA to their best": lambda: triangulation.settled(state),
         "normal matrix factorised": lambda: factorised(matrix),
         "its selected inverse": factor.cofactors,

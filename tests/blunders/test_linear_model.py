@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,16 +10,13 @@ import pytest
 
 from altered import added, altered
 from blunders.study import strip
-from musatpy.adjustment import simultaneous
 from musatpy.adjustment.ground import point_squares
-from musatpy.blunders import explanation
 from musatpy.blunders.checks import dropped, put_in_again
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
 from musatpy.blunders.linear_model import linear_model
-from musatpy.blunders.neighbours import Origin
 from musatpy.blunders.scene import Effort, staged
-from musatpy.model import CauseKind, ObservationKind
+from musatpy.model import CauseKind
 
 _K = CauseKind
 SHIFT = 1.0  # m of control
@@ -54,7 +50,7 @@ def test_the_squares_that_a_hypothesis_explains_are_lost_by_the_adjustment(kind:
     case = wrong()
     squares = linear_model(case.scene, case.factors(), case.state).squares
     best = next(one for one in options() if one.kind is kind)
-    trial = with_hypothesis(case, best, 1.0, None)
+    trial = with_hypothesis(case, best, None)
     # two percent: a metre is a thousandth of the flying height, and turns the rays by as much
     assert squares - trial.squares == pytest.approx(best.squares, rel=0.02, abs=0.01 * squares)
 
@@ -99,73 +95,6 @@ def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:
                 assert few[option.key].squares == pytest.approx(option.squares, rel=1e-12)
 
 
-@pytest.mark.parametrize("wet", [False, True])
-def test_a_model_told_from_another_is_one_from_scratch(wet: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An image of a point, dry or under water, is given up, and a control point; either is taken in again."""
-    monkeypatch.setattr(simultaneous, "LARGE", 0)  # of a small block a new factor is cheaper
-    case = wrong()
-    image = _image_of_a_loose_point(case, wet)
-    every = case.factors()
-    alone, less = ({kind: values.copy() for kind, values in every.items()} for _ in range(2))
-    alone[ObservationKind.PLATE][image] = less[ObservationKind.PLATE][image] = 1e-6
-    less[ObservationKind.CONTROL][1] = 1e-6
-    for before, after in ((every, less), (less, every), (every, alone)):
-        first, scratch = (linear_model(case.scene, factors, case.state) for factors in (before, after))
-        told = Origin(model=first, state=case.state, factors=before).neighbour(case.scene, after, case.state)
-        assert told is not None and told is not first
-        size = np.sqrt(scratch.cofactors.diagonal())
-        np.testing.assert_allclose(told.step / size, scratch.step / size, rtol=0.0, atol=1e-6)
-        np.testing.assert_allclose(told.cofactors.diagonal(), size**2, rtol=1e-8)
-        np.testing.assert_allclose(told.state.ground, scratch.state.ground, rtol=0.0, atol=1e-6)
-        np.testing.assert_allclose(told.stations, scratch.stations, rtol=1e-6, atol=1e-9)
-        assert told.squares == pytest.approx(scratch.squares, rel=1e-9)
-        sums, twins = told.common, scratch.common
-        scale = np.sqrt(twins.weight)
-        np.testing.assert_allclose(sums.weight, twins.weight, rtol=1e-9)
-        np.testing.assert_allclose(sums.pull / scale, twins.pull / scale, rtol=0.0, atol=1e-5)
-        np.testing.assert_allclose(sums.coupling * size, twins.coupling * size, rtol=0.0, atol=1e-6 * scale.max())
-        for option, twin in zip(hypotheses(told)[:20], hypotheses(scratch)[:20], strict=True):
-            assert (option.key, option.squares) == (twin.key, pytest.approx(twin.squares, rel=1e-7))
-
-
-def _image_of_a_loose_point(case: Case, wet: bool) -> int:
-    """Return an image of a point with two others at least, all of them wet or dry, of which nothing is known."""
-    network = case.scene.network
-    group = next(group for group in network.pass_groups if group.rays.shape[1] > 2)
-    rays = group.rays[(network.refracted[group.rays] == wet).all(axis=1)]
-    return int(rays[0, 0])
-
-
-def test_trials_take_the_step_of_their_linear_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where it falls as foreseen, they are where iterations end; where not, they iterate."""
-    monkeypatch.setattr(simultaneous, "LARGE", 0)
-    case = wrong()
-    factors, best = case.factors(), next(option for option in options() if option.kind is _K.CONTROL)
-    origin = Origin(model=linear_model(case.scene, factors, case.state), state=case.state, factors=factors)
-    iterated = with_hypothesis(case, best, 1.0, None)
-    taken = []
-    monkeypatch.setattr(explanation, "readjusted", lambda case, *_: taken.append(case) or case)
-    stepped = with_hypothesis(case, best, 1.0, None, origin)
-    assert not taken
-    assert stepped.squares == pytest.approx(iterated.squares, abs=0.1)
-    with_hypothesis(case, best, 1e-9, None, origin)  # in sigmas so small it has misjudged the squares
-    assert len(taken) == 1
-
-
-def test_a_model_of_other_stations_or_of_many_points_is_not_told_from_another(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(simultaneous, "LARGE", 0)
-    case = wrong()
-    every = case.factors()
-    origin = Origin(model=linear_model(case.scene, every, case.state), state=case.state, factors=every)
-    assert origin.neighbour(case.scene, every, replace(case.state)) is None
-    for kind, rows in ((ObservationKind.STATION_POSITION, [1]), (ObservationKind.PLATE, np.arange(40))):
-        less = every | {kind: every[kind].copy()}
-        less[kind][rows] = 1e-6
-        assert origin.neighbour(case.scene, less, case.state) is None
-
-
 def test_points_apart_have_the_squares_that_they_have_together() -> None:
     """Each of them twice, the second time with its images 10 um to the right; all groups in one network."""
     case = wrong()
@@ -193,7 +122,7 @@ def test_errors_are_given_minus_true() -> None:
     case = wrong()
     assert control.point == (int(case.scene.block.control.point[1]),)
     focal = next(one for one in options() if one.kind is _K.FOCAL_LENGTH)
-    trial = with_hypothesis(with_hypothesis(case, control, 1.0, None), focal, 1.0, None)
+    trial = with_hypothesis(with_hypothesis(case, control, None), focal, None)
     size, sigma = trial.taken[-1].error[0], trial.taken[-1].sigma[0]
     assert size == pytest.approx(0.05, abs=4.0 * sigma)
     assert sigma < 0.0125  # the sign is certain

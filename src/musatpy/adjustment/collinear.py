@@ -192,17 +192,15 @@ class Reduced:
     corner_rhs: FloatArray  # (k, X)
 
 
-def reduced(network: Network, group: PointGroup, E: Elimination, matrix: bool = True) -> Reduced:
-    """Return the reduced normal equations of the points of a group; without `matrix` their right sides count."""
+def reduced(network: Network, group: PointGroup, E: Elimination) -> Reduced:
+    """Return the reduced normal equations of the points of a group."""
     pattern, photo, weight = network.pattern, network.photo[group.rays], network.weight[group.rays]
     k, m, _, q = E.A.shape
     At = np.swapaxes(E.A, 2, 3)
     rhs = -(At @ E.residual[..., None])[..., 0] - (E.cross @ E.shift[..., None]).reshape(k, m, q)
-    blocks = None
-    if matrix:
-        i, j = np.triu_indices(m)
-        blocks = -E.cross.reshape(k, m, q, 3)[:, i] @ np.swapaxes(E.by_station, 1, 2)[:, j]
-        blocks[:, i == j] += At @ E.A
+    i, j = np.triu_indices(m)
+    blocks = -E.cross.reshape(k, m, q, 3)[:, i] @ np.swapaxes(E.by_station, 1, 2)[:, j]
+    blocks[:, i == j] += At @ E.A
     return Reduced(sums=summed(pattern, photo, blocks, rhs), **_of_extras(E, weight))
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.compiled_points import CompiledRows, split
-from musatpy.adjustment.ground import MAX_STEPS, RIDGE, ROUNDING, STEP_LIMIT, hold, still_to_fall
+from musatpy.adjustment.ground import MAX_STEPS, RIDGE, ROUNDING, STEP_LIMIT, hold
 from musatpy.adjustment.kernels import compiled_points
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.sequence import Part
@@ -43,31 +43,27 @@ class CompiledSettling(CompiledRows):
         groups, others = split(network, (*network.pass_groups, *network.control_groups))
         return cls(kernels=kernels, conditions=conditions, network=network, groups=groups, others=others)
 
-    def settle(
-        self, state: State, ground: FloatArray, squares: FloatArray, chosen: BoolArray | None = None
-    ) -> float:
-        """Take the points, or those `chosen` (p,), to their optimum: set `ground` (p, 3) and their `squares` (p,).
+    def settle(self, state: State, ground: FloatArray, squares: FloatArray) -> None:
+        """Take the points to their optimum: set `ground` (p, 3) and their `squares` (p,).
 
-        Returns by how much the squares of all were still to fall by the last step. The water over points, and what
-        is known of them, are taken as planes: where these turn, points go on from there.
+        The water over points, and what is known of them, are taken as planes: where these turn, points go on from
+        there.
         """
         at, stations, falls = self.measured(ground), self.stations(state), np.empty((len(self.sequence.point), 2))
-        first = self if chosen is None else self._part(chosen)
 
         def work(water: points.Water, known: points.Known, part: Part) -> None:
             self.conditions.settle(part.rows, at, stations, water, known, *LIMITS, ground, squares, falls)
 
-        moving, rounds = first, 0
-        over, known = self.water(state, ground), first.known(state, ground)
+        moving, rounds = self, 0
+        over, known = self.water(state, ground), self.known(state, ground)
         while moving.groups and rounds < MAX_STEPS:
             moving.of_parts(partial(work, over, known))
-            first._hold(ground, at)
+            self._hold(ground, at)
             if not self.network.frame.curved:
                 break
             before, over, rounds = (over, known), self.water(state, ground), rounds + 1
-            known = first.known(state, ground)
-            moving = moving._part(first._turned(before, (over, known)))
-        return still_to_fall(falls[first.rows])
+            known = self.known(state, ground)
+            moving = moving._part(self._turned(before, (over, known)))
 
     def _hold(self, ground: FloatArray, at: points.Measured) -> None:
         """Put held components of points back exactly."""

@@ -26,7 +26,6 @@ PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _REACHED = 1e-9  # m from a height
 _STEPS_TO_LEVEL = 3  # at most, along a ray
-_SHARE = 0.04  # of the fall of a first step that is still to come: a step leaves a fifth of itself at most
 ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
 
@@ -136,25 +135,10 @@ def settle_group(
     By Gauss-Newton with step halving; a `trial` goes some way only where points run away.
     """
     steps = _FEW_STEPS if trial else MAX_STEPS
-    X, squares, _ = _best(network, state, group, ground, steps)
-    return X, squares
-
-
-def better(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:
-    """Return the positions (k, 3) of the points of a group: their optimum, or `ground` where that fits better."""
-    settled, _ = settle_group(network, state, group, ground, trial=True)
-    before, after = (point_squares(network, state, group, X) for X in (ground, settled))
-    return np.where((after < before)[:, None], settled, ground)
-
-
-def _best(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, steps: int = MAX_STEPS
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what `settle_group` does, and the last falls of the squares (k, 2), as `still_to_fall` takes them."""
     X, best = ground, ground
     best_objective = np.full(len(ground), np.inf)
     step = np.zeros_like(ground)
-    gain = fall = before = np.zeros(len(ground))
+    gain = np.zeros(len(ground))
     for _ in range(steps):
         normals = point_normals(network, state, group, X, stations=False)
         worse = ~(normals.objective <= best_objective * (1.0 + ROUNDING) + ROUNDING)
@@ -163,9 +147,7 @@ def _best(
         new_step = (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0]
         best = np.where(worse[:, None], best, X)
         best_objective = np.where(worse, best_objective, normals.objective)
-        before = np.where(worse, before, fall)
-        fall = np.where(worse, fall, np.einsum("ki,kij->k", normals.rhs, local))
-        gain = np.where(worse, 0.0, fall)
+        gain = np.where(worse, 0.0, np.einsum("ki,kij->k", normals.rhs, local))
         step = np.where(worse[:, None], 0.5 * step, new_step)
         X = best + step
         if group.known:
@@ -173,22 +155,14 @@ def _best(
         if np.abs(step).max(initial=0.0) < STEP_LIMIT:
             break
     # the last step is taken without looking: its gain in squares is known to the second order
-    return X, np.maximum(best_objective - gain, 0.0), np.stack([before, fall], axis=1)
+    return X, np.maximum(best_objective - gain, 0.0)
 
 
-def still_to_fall(falls: FloatArray) -> float:
-    """Return by how much the squares of k points are still to fall, of `falls` (k, 2) by the last two steps.
-
-    That is as much of the last fall as that is of the one before. Of points that took one step, whose fall before
-    is 0, it is what it is of the others together, as steps this small leave no more than longer ones.
-    """
-    (before, fall), several = falls.T, falls[:, 0] > 0.0
-    with np.errstate(invalid="ignore", over="ignore"):  # of wild points
-        share = np.divide(fall, before, out=np.zeros_like(fall), where=several)
-        left = fall * np.minimum(share, 1.0)
-        longer, shorter = before[several].sum(), fall[several].sum()
-        common = min(_SHARE, shorter / longer) if longer > 0.0 else _SHARE
-    return float(left.sum() + common * fall[~several].sum())
+def better(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:
+    """Return the positions (k, 3) of the points of a group: their optimum, or `ground` where that fits better."""
+    settled, _ = settle_group(network, state, group, ground, trial=True)
+    before, after = (point_squares(network, state, group, X) for X in (ground, settled))
+    return np.where((after < before)[:, None], settled, ground)
 
 
 def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
@@ -201,25 +175,16 @@ def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
     return ground
 
 
-def settle(network: Network, state: State, before: Network | None = None) -> State:
-    """Return the state with every point of the solution at its optimum for the current stations and levels.
-
-    In the network `before`, where there is one, they are at it.
-    """
-    ground, squares, unsettled = state.ground.copy(), np.zeros(network.points), 0.0
-    moving = np.ones(network.points, dtype=bool)
-    if before is not None:
-        squares, unsettled, moving = state.squares.copy(), state.unsettled, network.changed(before)
+def settle(network: Network, state: State) -> State:
+    """Return the state with every point of the solution at its optimum for the current stations and levels."""
+    ground, squares = state.ground.copy(), np.zeros(network.points)
     compiled, groups = network.compiled_settling, (*network.pass_groups, *network.control_groups)
     if compiled is not None:
-        unsettled += compiled.settle(state, ground, squares, None if before is None else moving)
+        compiled.settle(state, ground, squares)
         groups = compiled.others
     for group in groups:
-        for part in group.some(moving[group.point]):
-            point = part.point
-            ground[point], squares[point], falls = _best(network, state, part, ground[point])
-            unsettled += still_to_fall(falls)
-    return replace(state, ground=ground, squares=squares, unsettled=unsettled)
+        ground[group.point], squares[group.point] = settle_group(network, state, group, ground[group.point])
+    return replace(state, ground=ground, squares=squares)
 
 
 def unrest(network: Network, state: State) -> FloatArray:

@@ -76,7 +76,6 @@ class _AtRest:
     state: State
     part: Participation
     known: Precision
-    line: Linearisation
     free: Freedom
 
     @cached_property
@@ -115,7 +114,7 @@ class _AtRest:
             ground[held] = hold(network, held, ground[held])
             state = replace(state, ground=ground)
         problem = Simultaneous(network=network, options=self.block.options, held=self.free.held)
-        line = problem.renewed(state, self.line)
+        line = problem.linearise(state)
         return _Begun(network=network, state=state, line=line, residual=self.residuals(network, state))
 
     def after(self, begun: _Begun, step: FloatArray) -> State:
@@ -156,7 +155,7 @@ class _AtRest:
             return np.zeros(0)
         network, _ = altered(wide.network, wide.state)
         state = replace(moved, waves=wide.state.waves)
-        rhs = Simultaneous(network=network, options=self.block.options).renewed(state, self.line).rhs
+        rhs = Simultaneous(network=network, options=self.block.options).linearise(state).rhs
         return rhs[network.pattern.order :][~wide.free] * wide.parameters.sigma
 
 
@@ -166,16 +165,13 @@ def held_parameters(
     state: State,
     part: Participation,
     known: Precision,
-    line: Linearisation,
     free: Freedom | None,
 ) -> HeldParameters:
-    """Return what errors of the parameters do that a solution at `state` holds; `line` are its normal equations.
+    """Return what errors of the parameters do that a solution at `state` holds.
 
     The residuals tested are those that a last step leaves: of WATPT, those of refracted rays.
     """
-    rest = _AtRest(
-        block=block, network=network, state=state, part=part, known=known, line=line, free=free or NOTHING_FREE
-    )
+    rest = _AtRest(block=block, network=network, state=state, part=part, known=known, free=free or NOTHING_FREE)
     held = tuple(_parameters(block, network, part))
     errors = [partial(parameter.altered, size=_STEP * parameter.reference) for parameter in held]
     runs = [rest.begun(network, state), *(rest.begun(*altered(network, state)) for altered in errors)]

@@ -12,11 +12,9 @@ from musatpy.adjustment.direct import kept_movement, largest_movements
 from musatpy.adjustment.iteration import (
     AT_REST,
     LeastSquares,
-    Near,
     Outcome,
     SingularNormalsError,
     Step,
-    Until,
     iterate,
 )
 from musatpy.adjustment.kinds import UNKNOWNS
@@ -60,19 +58,8 @@ class Job:
     iterations: list[Iteration]
     notes: tuple[str, ...]  # warnings of the preparation
 
-    def iterate(
-        self,
-        problem: LeastSquares,
-        network: Network,
-        state: State,
-        outer_pass: int,
-        start: Near | None = None,
-        until: Until = Until.REST,
-    ) -> Outcome:
-        """Return the outcome of one adjustment. Raises `AdjustmentError` naming what is free.
-
-        `start`: the state is near the minimum.
-        """
+    def iterate(self, problem: LeastSquares, network: Network, state: State, outer_pass: int) -> Outcome:
+        """Return the outcome of one adjustment. Raises `AdjustmentError` naming what is free."""
 
         def report(step: Step) -> None:
             turned, rotation, moved, translation = largest_movements(step.step, network)
@@ -92,7 +79,7 @@ class Job:
 
         begin(self.progress, f"pass {outer_pass}, iteration", 1, self.block.options.max_iterations)
         try:
-            return iterate(problem, state, self.block.options.max_iterations, report, start, until)
+            return iterate(problem, state, self.block.options.max_iterations, report)
         except SingularNormalsError as error:
             # eigenvalues come with rounding of their own: look a little above the limit for the culprits
             reasons = describe_weakness(network, state, error.matrix, 100.0 * SINGULAR, self.block)

@@ -9,15 +9,14 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
-from musatpy.adjustment.iteration import SHORT, Near, Outcome, Until
+from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
-from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.pass_points import simple_variances
 from musatpy.adjustment.sightings import residuals
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import best_line, early_line, next_line, refracted, starting_line, water_line
+from musatpy.adjustment.waterline import SHORT, best_line, next_line, refracted, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
@@ -47,9 +46,7 @@ class _Run:
         measured = self.job.network
         submerged = self.job.bathymetric[measured.point].any()
         mode = self.job.block.options.refraction if submerged else Refraction.NONE
-        # the passes of 1983 do not come to rest: where they get to depends on every step
-        to_rest = mode in (Refraction.NONE, Refraction.LEGACY)
-        straight, warnings = self.first_triangulation(state, Until.REST if to_rest else Until.FIT)
+        straight, warnings = self.first_triangulation(state)
         mode = Refraction.NONE if straight.lost else mode
         network = refracted_network = measured
         outcome = straight
@@ -86,7 +83,7 @@ class _Run:
         scale = simple_variances(network, state, options.weights) if equal else None
         return Triangulation(network=network, options=options, fixed_scale=scale)
 
-    def first_triangulation(self, state: State, until: Until) -> tuple[Outcome, tuple[str, ...]]:
+    def first_triangulation(self, state: State) -> tuple[Outcome, tuple[str, ...]]:
         """Return the outcome without refraction, and warnings. Raises `AdjustmentError` naming what is free.
 
         Poor stations settle points behind cameras or far off, from where no step leads back. A triangulation that
@@ -94,13 +91,13 @@ class _Run:
         """
         measured, iterations = self.job.network, self.job.iterations
         begin(self.job.progress, "first triangulation")
-        outcome = self.triangulate(measured, state, 0, until=until)
+        outcome = self.triangulate(measured, state, 0)
         if not outcome.failure:
             return outcome, ()
         count = len(iterations)
         near = self.simultaneous(state)
         if near is not None:
-            again = self.triangulate(measured, near, 0, until=until)
+            again = self.triangulate(measured, near, 0)
             if not again.failure:
                 text = f"the triangulation did not converge from the given stations: {outcome.failure}"
                 return again, (f"{text}; it was started again from a simultaneous adjustment",)
@@ -120,23 +117,13 @@ class _Run:
             return None
         return None if outcome.failure else outcome.state
 
-    def triangulate(
-        self,
-        network: Network,
-        state: State,
-        outer_pass: int,
-        start: Near | None = None,
-        until: Until = Until.REST,
-        before: Network | None = None,
-    ) -> Outcome:
-        """Return the outcome of one triangulation, which settles its points first: those of `before` have been.
+    def triangulate(self, network: Network, state: State, outer_pass: int) -> Outcome:
+        """Return the outcome of one triangulation, which settles its points first.
 
-        In small blocks all are settled, to the last digit. `start`: it is near its minimum.
         Raises `AdjustmentError` naming what is free.
         """
-        done = before if network.photos > LARGE else None
-        state = ground_points.settle(network, state, done)
-        return self.job.iterate(self.problem(network, state), network, state, outer_pass, start, until)
+        state = ground_points.settle(network, state)
+        return self.job.iterate(self.problem(network, state), network, state, outer_pass)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
         """Return network and outcome with refracted rays in the conditions.
@@ -146,24 +133,15 @@ class _Run:
         measured = self.job.network
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
-        # refraction gives many points other partials: the matrix of straight rays would close in slowly
-        near, short = None if outcome.failure else Near(length=outcome.length), 0
-        until, network = Until.CLOSE, measured
+        short = 0
         for number in itertools.count(1):
-            before = network
             network, state = refracted(measured, line, state)
-            outcome = self.triangulate(network, state, number, near, until, before)
-            near = None if outcome.failure else Near(kept=outcome.kept)
+            outcome = self.triangulate(network, state, number)
             state = self.job.with_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
-            if outcome.is_final or short == SHORT:
+            if outcome.lost or short == SHORT:
                 break
-            until = Until.REST
-            if outcome.rough:
-                line, state = early_line(measured, line, state, self.job.bathymetric)
-                continue
-            factor = outcome.last.factor if outcome.last else None
-            last, line = line, best_line(measured, line, state, self.job.bathymetric, factor)
+            last, line = line, best_line(measured, line, state, self.job.bathymetric, outcome.factor)
             if line.same_as(last):
                 break
         return measured.with_plates(measured.xy, network.refracted), outcome
@@ -178,28 +156,20 @@ class _Run:
         network = straightened = measured
         groups = self.job.water_groups()
         xy = corrected_plates(measured, state, groups, line.wet, legacy)
-        near, short = None if outcome.failure else Near(length=outcome.length), 0
-        most = self.job.block.options.max_passes
-        for number in range(1, most + 1):
-            ground, last, before = state.ground, line, network
+        short = 0
+        for number in range(1, self.job.block.options.max_passes + 1):
+            ground, last = state.ground, line
             network = measured.with_plates(xy, measured.refracted)
             straightened = measured.with_plates(measured.xy, line.wet)
-            until = Until.REST if legacy or number == most else Until.CLOSE
-            outcome = self.triangulate(network, state, number, near, until, before)
-            near = None if outcome.failure else Near(kept=outcome.kept, proven=True)
+            outcome = self.triangulate(network, state, number)
             state = self.job.with_left_out(network, outcome.state)
             if not outcome.lost:
                 line = next_line(measured, line, state, self.job.bathymetric)
-                if (
-                    number == 1 and straight.rough
-                ):  # stations moved, and points with them: nothing to turn back from
-                    line = starting_line(line.wet, measured.points)
                 xy = corrected_plates(measured, state, groups, line.wet, legacy)
             turning = np.flatnonzero(line.wet != last.wet)
             passes.append(self.water_pass(number, network, state, ground, xy, measured.point[turning]))
             short = short + 1 if outcome.failure else 0
-            at_rest = not outcome.rough and not unrest_of_water(self.job.block, passes[-1])
-            if outcome.is_final or short == SHORT or at_rest:
+            if outcome.lost or short == SHORT or not unrest_of_water(self.job.block, passes[-1]):
                 break
         return network, straightened, outcome, tuple(passes)
 

@@ -12,7 +12,7 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.direct import largest_movements
-from musatpy.adjustment.iteration import SHORT, Near, Outcome, Until
+from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds.water import WaterIndex
 from musatpy.adjustment.network import Network
@@ -21,9 +21,9 @@ from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.starts import Attempt, best_of_starts
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import (
+    SHORT,
     WaterLine,
     best_line,
-    early_line,
     every_ray_wet,
     next_line,
     refracted,
@@ -132,7 +132,7 @@ class _Run:
             state, line, bool(self.job.network.border.count(ObservationKind.WAVE))
         )
         trials = self.free_waves(network)
-        if trials is None or outcome.lost or outcome.hopeless:
+        if trials is None or outcome.lost:
             return network, outcome, None
         lowest, crests = trials.best(outcome)
         if lowest is not outcome:  # with other waves, points may come to stand on another side of the water
@@ -146,33 +146,22 @@ class _Run:
         Waves stay as `given`, in the state, at first: poor points, on level ground, would lead them astray.
         """
         job, measured = self.job, self.job.network
-        near: Near | None = None
-        before: Network | None = None
-        until = Until.CLOSE if job.bathymetric.any() and measured.sea is None else Until.REST
         short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
         for number in itertools.count(passes + 1):
             network, state = refracted(measured, line, state)
             network = network.with_known_waves(state.waves) if given else network
-            state = self.problem(network, NOTHING_FREE).with_squares(state, before)
-            before = network if measured.sea is None else None
+            state = self.problem(network, NOTHING_FREE).with_squares(state)
             free = self.freedom(network, state)
             trials = self.free_waves(network)
             if trials:
                 outcome = trials.freed(state, number)
             else:
-                until = Until.REST if free.count else until
-                outcome = job.iterate(self.problem(network, free), network, state, number, near, until)
-                near = None if free.count or outcome.failure else Near(kept=outcome.kept)
+                outcome = job.iterate(self.problem(network, free), network, state, number)
             state = job.with_submerged_left_out(network, outcome.state)
             short = short + 1 if outcome.failure else 0
-            if outcome.lost or short == SHORT or (outcome.hopeless and not given):
+            if outcome.lost or short == SHORT:
                 break
-            until = Until.REST
-            if outcome.rough:
-                line, state = early_line(measured, line, state, job.bathymetric)
-                before = measured.with_plates(measured.xy, line.wet)  # of which the state has the squares
-                continue
-            factor = outcome.last.factor if outcome.last and not free.count else None
+            factor = None if free.count else outcome.factor
             last, line = line, best_line(measured, line, state, job.bathymetric, factor)
             if line.same_as(last) and not given:
                 break

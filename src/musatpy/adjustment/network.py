@@ -212,19 +212,6 @@ class Network:
         nothing = np.zeros_like(self.priors.known)
         return replace(self, priors=replace(self.priors, known=nothing, held=nothing))
 
-    def changed(self, before: Network) -> BoolArray:
-        """Return the points (p,) whose images, rays or held components are others than in a network of the same."""
-        out = np.zeros(self.points, dtype=bool)
-        if self.refracted is not before.refracted:
-            out[self.point[self.refracted != before.refracted]] = True
-        if self.xy is not before.xy:
-            x, y = (self.xy != before.xy).T
-            out[self.point[x | y]] = True
-        if self.priors is not before.priors:
-            held, given = (self.priors.held, before.priors.held), self.priors.given != before.priors.given
-            out[np.nonzero((held[0] != held[1]) | (held[0] & given))[0]] = True
-        return out
-
     def with_plates(self, xy: FloatArray, refracted: BoolArray) -> Self:
         """Return the network with other plate coordinates and other refracted rays."""
         return replace(self, xy=xy, refracted=refracted)

@@ -106,16 +106,15 @@ class Sums:
     rhs: FloatArray  # (n, q)
 
 
-def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray | None, rhs: FloatArray) -> Sums:
-    """Return the sums of the normal equations of k points on m photos, of right sides alone without `blocks`.
+def summed(pattern: Pattern, photo: IntArray, blocks: FloatArray, rhs: FloatArray) -> Sums:
+    """Return the sums of the normal equations of k points on m photos.
 
     photo (k, m) ascending, blocks (k, m (m + 1)/2, q, q) as `np.triu_indices(m)` has them, rhs (k, m, q).
     """
     pairs, photos = pattern.runs(photo)
-    none = np.zeros((0, pattern.size, pattern.size))
     return Sums(
-        pairs=pairs.rows[: None if blocks is not None else 0],
-        blocks=none if blocks is None else pairs.sums(blocks.reshape(-1, *blocks.shape[2:])),
+        pairs=pairs.rows,
+        blocks=pairs.sums(blocks.reshape(-1, *blocks.shape[2:])),
         photos=photos.rows,
         rhs=photos.sums(rhs.reshape(-1, rhs.shape[2])),
     )
@@ -148,13 +147,6 @@ class NormalEquations:
     def sums(self) -> tuple[FloatArray, FloatArray]:
         """The blocks (e, q, q) and the right sides (n, q), for who adds to them by itself."""
         return self._blocks, self._rhs
-
-    def right_side(self, held: IntArray | None = None) -> FloatArray:
-        """Return the right side (n q + g,), of `held` photo unknowns zero."""
-        rhs = np.concatenate([self._rhs.reshape(-1), self._border_rhs])
-        if held is not None:
-            rhs[held] = 0.0
-        return rhs
 
     def add_rows(self, index: IntArray, partials: FloatArray, weight: FloatArray, residual: FloatArray) -> None:
         """Add r observations of X unknowns each, counted photo by photo, then the global ones: index (r, X)."""
@@ -193,12 +185,14 @@ class NormalEquations:
         n, q, g = self._border.shape
         border = self._border.reshape(n * q, g)
         matrix = NormalMatrix(pattern=self.pattern, blocks=self._blocks, border=border, corner=self._corner)
+        rhs = np.concatenate([self._rhs.reshape(-1), self._border_rhs])
         if held is not None:
             matrix = matrix.holding(held)
+            rhs[held] = 0.0
         free = np.einsum("nii->ni", matrix.of_single_photos()) == 0.0
         matrix.blocks[self.pattern.diagonal] += free[:, :, None] * np.eye(q)
         np.einsum("ii->i", matrix.corner)[np.diagonal(matrix.corner) == 0.0] = 1.0
-        return matrix, self.right_side(held)
+        return matrix, rhs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -290,14 +284,7 @@ class Factor:
         the eigenvalue: where all of some vectors stay short, it is above the limit but by a chance of 1e-12.
         Otherwise it comes by inverse iteration.
         """
-        return self._is_weak(limit, self.solve_scaled(_start(self, _FEW)))
-
-    def tested_solution(self, rhs: FloatArray, limit: float) -> FloatArray | None:
-        """Return N^-1 rhs, (u,), None where it `is_weak`: both go through the factor together."""
-        solved = self.solve_scaled(np.column_stack([rhs * self.scale, _start(self, _FEW)]))
-        return None if self._is_weak(limit, solved[:, 1:]) else solved[:, 0] * self.scale
-
-    def _is_weak(self, limit: float, solved: FloatArray) -> bool:
+        solved = self.solve_scaled(_start(self, _FEW))
         if limit * np.linalg.norm(solved, axis=0).max() < _SHARE:
             return False
         values, _ = _weakest(self, _FEW, rounds=2)

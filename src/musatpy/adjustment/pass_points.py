@@ -56,11 +56,8 @@ def _windows(rows: FloatArray, length: int) -> FloatArray:
     return np.stack([rows[:, i : m - length + 1 + i] for i in range(length)], axis=2)
 
 
-def fully_weighted(network: Network, state: State, group: PointGroup, matrix: bool = True) -> Sums:
-    """Return the normal equations of the conditions of a group with full weights, at its adjusted images.
-
-    Without `matrix` the right sides only.
-    """
+def fully_weighted(network: Network, state: State, group: PointGroup) -> Sums:
+    """Return the normal equations of the conditions of a group with full weights, at its adjusted images."""
     ground = np.repeat(state.ground[group.point][:, None], group.rays.shape[1], axis=1)
     adjusted = sightings.image_coordinates(network, state, group.rays, ground)
     C = conditions(network, state, group, adjusted, state.ground[group.point])
@@ -70,9 +67,9 @@ def fully_weighted(network: Network, state: State, group: PointGroup, matrix: bo
     k, c, m, _ = C.A.shape
     A, right = (C.A * scale[:, :, None, None]).reshape(k, c, 6 * m), (w * scale)[..., None]
     S = C.covariance * scale[:, :, None] * scale[:, None, :]
-    weighted = np.linalg.solve(S, np.concatenate([A, right], axis=-1) if matrix else right)
+    weighted = np.linalg.solve(S, np.concatenate([A, right], axis=-1))
     At = np.swapaxes(A, 1, 2)
-    return _sums(network, group, At @ weighted[..., :-1] if matrix else None, -(At @ weighted[..., -1:])[..., 0])
+    return _sums(network, group, At @ weighted[..., :-1], -(At @ weighted[..., -1:])[..., 0])
 
 
 def diagonally_weighted(network: Network, group: PointGroup, C: Conditions, variance: FloatArray) -> Sums:
@@ -83,9 +80,9 @@ def diagonally_weighted(network: Network, group: PointGroup, C: Conditions, vari
     return _sums(network, group, np.swapaxes(A, 1, 2) @ PA, -np.einsum("kci,kc->ki", PA, C.value))
 
 
-def _sums(network: Network, group: PointGroup, matrix: FloatArray | None, rhs: FloatArray) -> Sums:
+def _sums(network: Network, group: PointGroup, matrix: FloatArray, rhs: FloatArray) -> Sums:
     k, m = group.rays.shape
-    blocks = None if matrix is None else upper(matrix.reshape(k, m, 6, m, 6))
+    blocks = upper(matrix.reshape(k, m, 6, m, 6))
     return summed(network.pattern, network.photo[group.rays], blocks, rhs.reshape(k, m, 6))
 
 

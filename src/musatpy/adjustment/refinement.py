@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.building import build_network
-from musatpy.adjustment.iteration import Outcome, SingularNormalsError, iterate
+from musatpy.adjustment.iteration import SingularNormalsError, iterate
 from musatpy.adjustment.network import Network, participation
 from musatpy.adjustment.placing import Place
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
@@ -108,10 +108,11 @@ def _adjusted(network: Network, state: State, used: BoolArray) -> State:
     """Return the state at the robust minimum. Raises `SingularNormalsError`."""
     rays = np.flatnonzero(used)
 
-    def adjusted(weight: FloatArray, state: State) -> Outcome:
+    def adjusted(weight: FloatArray, state: State) -> tuple[State, bool]:
         weighted = replace(network, weight=weight)
         problem = Triangulation(network=weighted, options=Options(rotation_limit=_CLOSE, translation_limit=1.0))
-        return iterate(problem, ground_points.settle(weighted, state), STEPS)
+        outcome = iterate(problem, ground_points.settle(weighted, state), STEPS)
+        return outcome.state, not outcome.failure
 
     return reweighted(state, lambda state: _robust_weights(network, state, rays), adjusted)
 

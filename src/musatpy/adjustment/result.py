@@ -119,7 +119,7 @@ def solution(
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
         dependence=_dependence(block, refracted, known),
-        held=None if reason else held_parameters(block, refracted, state, part, known, bent, free),
+        held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
     return with_departure(found, network, refracted, bent, factor, state, left_out(refracted, part))
 

@@ -7,7 +7,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.geometry import robust
@@ -38,15 +37,14 @@ def robust_scale(size: FloatArray) -> float:
 
 
 def reweighted(
-    state: State, weights_at: Callable[[State], Weights], stepped: Callable[[Weights, State], Outcome]
+    state: State, weights_at: Callable[[State], Weights], stepped: Callable[[Weights, State], tuple[State, bool]]
 ) -> State:
     """Return the state after steps of an adjustment, each with new weights, until one says that it is the last.
 
     Raises `SingularNormalsError`.
     """
     for _ in range(STEPS):
-        outcome = stepped(weights_at(state), state)
-        state = outcome.state
-        if not outcome.failure:
+        state, last = stepped(weights_at(state), state)
+        if last:
             break
     return state

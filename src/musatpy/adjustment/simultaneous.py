@@ -9,16 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import better, point_squares
 from musatpy.adjustment.iteration import Linearisation, not_raised
-from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
@@ -64,13 +61,6 @@ class Simultaneous:
 
     def linearise(self, state: State) -> Linearisation:
         """Return the normal equations of stations and globals at `state`, the ground points eliminated."""
-        return self._linearised(state, None)
-
-    def renewed(self, state: State, line: Linearisation) -> Linearisation:
-        """Return the same with the matrix of another linearisation."""
-        return self._linearised(state, line.matrix)
-
-    def _linearised(self, state: State, kept: NormalMatrix | None) -> Linearisation:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         follows: list[Follow] = []
@@ -78,10 +68,10 @@ class Simultaneous:
 
         def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
             E = eliminate(network, state, part)
-            return E, reduced(network, part, E, kept is None)
+            return E, reduced(network, part, E)
 
         if network.compiled is not None:
-            follow, of_points = network.compiled.add_eliminated(state, normals, kept is None)
+            follow, of_points = network.compiled.add_eliminated(state, normals)
             follows.append(follow)
         parts = parts_of(self._others, RAYS)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
@@ -89,17 +79,16 @@ class Simultaneous:
             follows.append(E.follow(part))
             of_points += E.gain
         add_direct(network, state, normals)
-        matrix, rhs = normals.finished(self.held) if kept is None else (kept, normals.right_side(self.held))
-        if self.curved and kept is None:
+        matrix, rhs = normals.finished(self.held)
+        if self.curved:
             matrix = self._with_curvature(matrix, state)
         return Linearisation(
             matrix=matrix,
             rhs=rhs,
             objective=self.evaluate(state, follows),
             context=follows,
-            of_points=of_points,
             redundancy=self._redundancy,
-            renewable=network.photos > LARGE,
+            of_points=of_points,
         )
 
     def _with_curvature(self, matrix: NormalMatrix, state: State) -> NormalMatrix:
@@ -152,20 +141,12 @@ class Simultaneous:
                 ground[part.point] = better(network, after, part, before.ground[part.point])
         return replace(after, ground=ground)
 
-    def with_squares(self, state: State, before: Network | None = None) -> State:
-        """Return the state with the weighted squares of its points where they are: it has those of `before`."""
+    def with_squares(self, state: State) -> State:
+        """Return the state with the weighted squares of its points where they are."""
         network, squares = self.network, state.squares.copy()
-        compiled, others = network.compiled, self._others
-        if before is not None:
-            changed = network.changed(before)
-            if not changed.any():
-                return state
-            others = tuple(chain.from_iterable(group.some(changed[group.point]) for group in network.groups))
-            compiled = CompiledPoints.of(network, others)
-            others = others if compiled is None else compiled.others
-        if compiled is not None:
-            compiled.set_squares(state, squares)
-        for group in others:
+        if network.compiled is not None:
+            network.compiled.set_squares(state, squares)
+        for group in self._others:
             squares[group.point] = point_squares(network, state, group, state.ground[group.point])
         return replace(state, squares=squares)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -12,9 +12,8 @@ from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
-from musatpy.adjustment.kernels import LARGE
 from musatpy.adjustment.network import RAYS, Network, parts_of
-from musatpy.adjustment.normals import NormalEquations, NormalMatrix
+from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.pass_points import (
     diagonally_weighted,
     fully_weighted,
@@ -52,13 +51,6 @@ class Triangulation:
 
     def linearise(self, state: State) -> Linearisation:
         """Return the reduced normal equations of stations and levels at `state`."""
-        return self._linearised(state, None)
-
-    def renewed(self, state: State, line: Linearisation) -> Linearisation:
-        """Return the same with the matrix of another linearisation."""
-        return self._linearised(state, line.matrix)
-
-    def _linearised(self, state: State, kept: NormalMatrix | None) -> Linearisation:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         scale: Scale = None
@@ -66,12 +58,10 @@ class Triangulation:
             groups = network.pass_groups
             compiled = network.compiled_pass_points
             if compiled is not None:
-                compiled.add_conditions(state, normals, kept is None)
+                compiled.add_conditions(state, normals)
                 groups = compiled.others
             parts = parts_of(groups, RAYS)
-            for sums in side_by_side(
-                lambda part: fully_weighted(network, state, part, kept is None), parts, len(network.photo)
-            ):
+            for sums in side_by_side(partial(fully_weighted, network, state), parts, len(network.photo)):
                 normals.add_sums(sums)
         else:
             scale = self.fixed_scale or simple_variances(network, state, self.options.weights)
@@ -80,21 +70,19 @@ class Triangulation:
                 normals.add_sums(diagonally_weighted(network, group, conditions, variance))
         control_groups = network.control_groups
         if self._control is not None:
-            self._control.add_eliminated(state, normals, kept is None)
+            self._control.add_eliminated(state, normals)
             control_groups = self._control.others
         for group in control_groups:
             E = eliminate(network, state, group)
-            add_collinear(network, group, E, reduced(network, group, E, kept is None), normals)
+            add_collinear(network, group, E, reduced(network, group, E), normals)
         add_direct(network, state, normals)
-        matrix, rhs = normals.finished() if kept is None else (kept, normals.right_side())
+        matrix, rhs = normals.finished()
         return Linearisation(
             matrix=matrix,
             rhs=rhs,
             objective=self.evaluate(state, scale),
             context=scale,
-            of_points=state.unsettled,
             redundancy=self._redundancy,
-            renewable=network.photos > LARGE and self.options.weights is Weights.FULL,
         )
 
     def evaluate(self, state: State, context: Scale) -> float:

@@ -30,7 +30,6 @@ class State:
     index: float  # refractive index of water
     waves: FloatArray  # (k, 4) height, length, azimuth, crest of unknown waves; (0, 4) where they are known
     squares: FloatArray  # (p,) weighted squares of each point at its optimum, 0 for points that took no part
-    unsettled: float = 0.0  # by how much the squares were still to fall when the points were last settled
 
     @cached_property
     def M(self) -> FloatArray:

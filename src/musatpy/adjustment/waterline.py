@@ -28,6 +28,9 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle
 _FEW = 2.0  # points, times the root of the photos: one after the other they take less than the whole inverse
+# triangulations in a row that end short of their limits: one may be helped by the next, while rays change their
+# sides of the water; where that ends short too, points are no guide to the water, and more of them only take time
+SHORT = 2
 _SAME = 1e-4  # m, of water lines that points are held on: where the water is tilted they move with the points
 
 
@@ -120,24 +123,6 @@ def best_line(
         at = states.present(group, line.wet[group.rays], line.level[group.point], cofactors)
         wet[group.rays], level[group.point] = states.best(at)
     return _changed(network, line, water, wet, level, fixed)
-
-
-def early_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> tuple[WaterLine, State]:
-    """Return the line with the points that disagree with their states in their best ones, and these points there.
-
-    The state has their squares there. For stations that still move, and points with them: what these do here is no
-    last change to turn back from, and none is held.
-    """
-    height, water = heights_and_water(network, state, bathymetric)
-    at_odds = _per_point(network, line.wet != (height < water)) > 0
-    wet, ground, squares = line.wet.copy(), state.ground.copy(), state.squares.copy()
-    for group, _ in _bathymetric_groups(network, state, bathymetric & at_odds):
-        states = States.of(network, state, group)
-        wet[group.rays], _ = states.best()
-        changed = (wet[group.rays] != line.wet[group.rays]).any(axis=1)
-        X, of_points = states.at_rest(wet[group.rays])
-        ground[group.point[changed]], squares[group.point[changed]] = X[changed], of_points[changed]
-    return starting_line(wet, network.points), replace(state, ground=ground, squares=squares)
 
 
 def _set_between(

@@ -105,11 +105,6 @@ class States:
         Q = cofactors.with_border(self.network.photo[group.rays], normals.columns)
         return Present(normals=normals, cofactors=Q)
 
-    def at_rest(self, wet: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """Return where the points are (k, 3), and their squares (k,), with the rays wet (k, m) of one state."""
-        place = np.arange(len(wet)), np.where(wet, 0, self.rank + 1).max(axis=1)
-        return self.X[place], self.squares[place]
-
     def best(self, present: Present | None = None) -> tuple[BoolArray, FloatArray]:
         """Return which rays (k, m) of the points are wet, and the water line (k,) that they are on, or NaN.
 

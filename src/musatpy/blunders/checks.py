@@ -7,7 +7,7 @@ are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -92,11 +92,6 @@ class PointChecks:
         images, priors = own[:, :split].sum(axis=1), own[:, split:].sum(axis=1)
         return np.asarray(np.maximum(images / IMAGES_CHECKED, priors / OTHERS_CHECKED))
 
-    def after(self, step: FloatArray, inverse: Inverse) -> PointChecks:
-        """Return the checks after a step (u,) more, by the `inverse` of some normal equations."""
-        residual = self.residual + (self.partials @ step[self.unknowns][..., None])[..., 0]
-        return replace(self, residual=residual, inverse_of_stations=inverse)
-
     def part(self, taken: BoolArray) -> PointChecks:
         """Return some of the points, with what has been computed of them."""
         if taken.all():
@@ -167,22 +162,19 @@ class CheckedPoints:
 
 
 def checked_points(
-    block: Block, network: Network, state: State, inverse: Inverse, step: FloatArray, point: IntArray
+    block: Block, network: Network, state: State, inverse: Inverse, step: FloatArray
 ) -> CheckedPoints:
-    """Return the points of a network, `point` (p,) of those of the block, after a step (u,).
-
-    By the `inverse` of some normals. They are numbered as in the network.
-    """
+    """Return the points of a network after a step (u,), by the `inverse` of its normals."""
     control, member = (
-        first_rows(table.point, len(block.points.ids))[point] for table in (block.control, block.equal_elevations)
+        first_rows(table.point, len(block.points.ids)) for table in (block.control, block.equal_elevations)
     )
     every = (piece for group in network.groups for _, piece in pieces(network, state, group, inverse))
-    points = (_checks_of(network, piece, inverse, control, member).after(step, inverse) for piece in every)
-    return CheckedPoints(network=network, state=state, points=tuple(points))
+    points = tuple(_checks_of(network, piece, inverse, control, member, step) for piece in every)
+    return CheckedPoints(network=network, state=state, points=points)
 
 
 def _checks_of(
-    network: Network, piece: Piece, inverse: Inverse, control: IntArray, member: IntArray
+    network: Network, piece: Piece, inverse: Inverse, control: IntArray, member: IntArray, step: FloatArray
 ) -> PointChecks:
     E, rays = piece.E, piece.group.rays
     k = len(rays)
@@ -194,17 +186,18 @@ def _checks_of(
         a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
         v = np.concatenate([v, -known.deviation], axis=1)
         weight = np.concatenate([weight, known.weight], axis=1)
+    unknowns = network.unknowns(piece.group, E.extras.index)
     return PointChecks(
         point=piece.group.point,
         rays=rays,
         control=control[piece.group.point],
         member=member[piece.group.point],
-        residual=v + (b @ E.shift[..., None])[..., 0],
+        residual=v + (b @ E.shift[..., None])[..., 0] + (a @ step[unknowns][..., None])[..., 0],
         weight=weight,
         partials=a,
         ground=b,
         inverse=E.inverse,
-        unknowns=network.unknowns(piece.group, E.extras.index),
+        unknowns=unknowns,
         photo=piece.photo,
         extras=E.extras.index,
         inverse_of_stations=inverse,

@@ -7,7 +7,7 @@ where c'P Qvv P c = c'Pc - (A'Pc)' N^-1 (A'Pc) (Baarda 1968); points are elimina
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,15 +68,7 @@ class CommonErrors:
                 sums.pull[number] += float(np.sum(weighted * model.stations))
         return sums
 
-    def told(self, step: FloatArray, block: Block, before: CheckedPoints, after: CheckedPoints) -> CommonErrors:
-        """Return those after a step (u,) more, with points `after` in place of those `before`, both after it."""
-        weight, pull, coupling = self.weight.copy(), self.pull + self.coupling @ step, self.coupling.copy()
-        sums = replace(self, weight=weight, pull=pull, coupling=coupling)
-        sums._add(block, before, -1.0)
-        sums._add(block, after)
-        return sums
-
-    def _add(self, block: Block, points: CheckedPoints, sign: float = 1.0) -> None:
+    def _add(self, block: Block, points: CheckedPoints) -> None:
         """Add what the observations of points have in these sums."""
         on_images = [number for number, column in enumerate(self.columns) if column.on_images]
         on_control = [number for number, column in enumerate(self.columns) if column.control is not None]
@@ -90,10 +82,10 @@ class CommonErrors:
                 of_control = np.where(checks.control[:, None, None] >= 0, control[checks.control], 0.0)
                 parts.append((on_control, slice(2 * m, 2 * m + 3), of_control))
             for numbers, rows, c in parts:
-                weighted = sign * np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
+                weighted = np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
                 by_point = weighted @ checks.ground[:, rows]
                 self.weight[numbers] += np.einsum("kco,koc->c", weighted, c)
-                self.weight[numbers] -= sign * np.einsum("kci,kci->c", by_point @ checks.inverse, by_point)
+                self.weight[numbers] -= np.einsum("kci,kci->c", by_point @ checks.inverse, by_point)
                 self.pull[numbers] += np.einsum("kco,ko->c", weighted, checks.residual[:, rows])
                 coupled = (weighted @ checks.partials[:, rows]).transpose(1, 0, 2).reshape(len(numbers), -1)
                 for number, values in zip(numbers, coupled, strict=True):

@@ -36,10 +36,10 @@ from musatpy.blunders.hypotheses import (
     hypotheses,
     of_taken_images,
 )
-from musatpy.blunders.neighbours import Origin, at_rest
+from musatpy.blunders.linear_model import LinearModel, linear_model, solved
 from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
 from musatpy.blunders.search import Search
-from musatpy.blunders.snooping import Snooped
+from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
 from musatpy.model.ranking import falling
@@ -88,44 +88,50 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
             out += [Rival(hypothesis=other, drop=other.squares, group=number, rank=1) for other in alike]
         else:
             few = COMPETITORS if number <= GROUPS else 0
-            out += _ranked(case, rest, _size_at_rest(rest, member), final, variance, few, number, sea)
+            out += _ranked(case, _size_at_rest(rest, member), final, variance, few, number, sea)
     return out
 
 
-def _size_at_rest(rest: Origin | None, member: Hypothesis) -> Hypothesis:
+def _size_at_rest(rest: LinearModel | None, member: Hypothesis) -> Hypothesis:
     """Return what is revised with its size where the search has come to rest: what is left of it there is added."""
-    left = common_errors(rest.model) if rest and not member.given_up else ()
+    left = common_errors(rest) if rest and not member.given_up else ()
     return next(
         (replace(member, error=member.error + one.error, sigma=one.sigma) for one in left if one.key == member.key),
         member,
     )
 
 
-def _rest(last: Snooped, found: list[Hypothesis]) -> Origin | None:
+def _rest(last: Snooped, found: list[Hypothesis]) -> LinearModel | None:
     """Return the linear model of the search at rest, None where nothing of points or common to many was found.
 
     Also where it is singular.
     """
-    if any(member.point or member.kind in SENSIBLE for member in found):
-        with suppress(*GIVEN_UP):
-            return at_rest(last)
+    if not any(member.point or member.kind in SENSIBLE for member in found):
+        return None
+    scene, state, judgement = last.scene, last.state, last.judgement
+    factors = factors_of(last.out(), sizes(scene, state))
+    with suppress(*GIVEN_UP):
+        if state is not judgement.state:  # it was stopped
+            return linear_model(scene, factors, state)
+        network, inverse = scene.problem(factors).network, judgement.inverse
+        return solved(scene, network, state, inverse, np.zeros(inverse.factor.matrix.size))
     return None
 
 
-def _checks(rest: Origin, found: list[Hypothesis]) -> list[PointChecks]:
+def _checks(rest: LinearModel, found: list[Hypothesis]) -> list[PointChecks]:
     """Return the checks of the points of what was found, by the search at rest."""
-    points = np.zeros(rest.model.network.points, dtype=bool)
+    points = np.zeros(rest.network.points, dtype=bool)
     points[[point for member in found for point in member.point]] = True
-    return list(rest.model.some(points).points)
+    return list(rest.some(points).points)
 
 
 def _of_images(
-    rest: Origin | None, checks: list[PointChecks], residual: Factors, images: Hypothesis, group: int
+    rest: LinearModel | None, checks: list[PointChecks], residual: Factors, images: Hypothesis, group: int
 ) -> Rival:
     """Return images of one point that are out, with what they explain, whose competitors nobody asks for."""
     if rest is None:
         return Rival(hypothesis=images, drop=np.nan, group=group, rank=1)
-    found = _sized(of_taken_images(rest.model, checks, images), residual)
+    found = _sized(of_taken_images(rest, checks, images), residual)
     return Rival(hypothesis=found, drop=found.squares, group=group, rank=1)
 
 
@@ -232,7 +238,6 @@ def _explained(member: Hypothesis, size: Factors) -> float:
 
 def _ranked(
     case: Case,
-    rest: Origin | None,
     member: Hypothesis,
     final: float,
     variance: float,
@@ -240,10 +245,10 @@ def _ranked(
     group: int,
     sea: Sea | None,
 ) -> list[Rival]:
-    """Return a hypothesis and its competitors, the cheapest explanation first; `rest` is the search at rest."""
+    """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
         near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
-        model, origin = model_of(case, rest)
+        model = model_of(case)
         options = hypotheses(model, near, lambda option: option.key == member.key, _NEARLY)
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
@@ -267,7 +272,7 @@ def _ranked(
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
-        trial = with_hypothesis(case, option, variance, sea, origin)
+        trial = with_hypothesis(case, option, sea)
         if worst - trial.squares >= _WORTH * (worst - final):
             tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]

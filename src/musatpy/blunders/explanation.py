@@ -13,21 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.iteration import Kept, Until
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.robust import FITS, chi_square_limit
-from musatpy.adjustment.simultaneous import sensible_water, sum_of_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses
 from musatpy.blunders.linear_model import LinearModel, linear_model
-from musatpy.blunders.neighbours import Origin, at_rest
 from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
-from musatpy.blunders.scene import AROUND, GIVEN_UP, Scene, adjusted, at_their_best, scene_of, sizes
+from musatpy.blunders.scene import GIVEN_UP, Scene, adjusted, at_their_best, scene_of, sizes
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
@@ -49,7 +45,6 @@ _GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much
 _ALIKE = 0.99  # of the squares that the best explains of gross errors
 _SURE = 0.75  # of the difference of two costs in the linear model: so much is left of it when they are adjusted
 _DOUBT = 2.0  # times what that model has misjudged of the best: by so much more it may of the others
-_MISJUDGED = 0.2  # sigmas, of a step, over its length: the next one gains less than what says nothing
 _WEAK = 400.0  # squares over sigma0 squared: what explained more when it was taken was no neighbour's error
 _NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried
 _ITERATIONS = 6  # of a re-adjustment
@@ -176,65 +171,40 @@ def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
     return Case(block=block, scene=scene, state=state, out=out, taken=(), revisions=(), squares=np.inf)
 
 
-def readjusted(
-    case: Case, kept: Kept | None = None, factors: Factors | None = None, length: float = np.inf
-) -> Case:
+def readjusted(case: Case, factors: Factors | None = None) -> Case:
     """Return the case after a re-adjustment, of infinite squares where that fails.
 
-    `kept` are the normals nearby, with a little less given up; `factors` on the weights those of a state before;
-    `length` that of the step that has led here.
+    `factors` on the weights may be those of a state before.
     """
-    near = AROUND if kept is None else replace(AROUND, kept=kept, length=length)
     factors = case.factors() if factors is None else factors
     try:
-        state = adjusted(case.scene, factors, case.state, _ITERATIONS, near, Until.COMPARED).state
+        state = adjusted(case.scene, factors, case.state, _ITERATIONS).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
 
 
-def _at_minimum(case: Case, model: LinearModel, variance: float) -> Case:
-    """Return the case re-adjusted: by the step of its linear model, where the squares fall as this has foreseen.
-
-    A step of length L that has misjudged them by d leaves a next one of some d / L (Gauss and Newton).
-    """
-    scene, network, kept = case.scene, model.network, model.kept
-    start, length = model.state, np.inf
-    if kept and network.sea is None and sensible_water(network, model.minimum) and scene.effort.left:
-        scene.effort.spend_steps(network)
-        state = ground_points.settle(network, model.minimum)
-        step = float(np.sqrt(max(float(kept.line.rhs @ model.step), 0.0)))
-        fall = sum_of_squares(network, model.state) - sum_of_squares(network, state)
-        if abs(fall - step**2) <= max(variance * _SAME, np.sqrt(variance) * _MISJUDGED * step):
-            return replace(case, state=state, squares=squares_in(scene, case.out, state))
-        start, length = (state, step) if fall > 0.0 else (start, length)
-    return readjusted(replace(case, state=start), kept, case.factors(), length)
-
-
-def explained(
-    case: Case, variance: float, sea: Sea | None, only_common: bool = False, rest: Snooped | None = None
-) -> Case:
+def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = False) -> Case:
     """Return the case under the explanation that is found, re-adjusted.
 
     With `only_common` it ends where something else than what is common to many observations would explain more, not
-    adjusted again if that is at once. It may begin near the `rest` of a search.
-    Raises `SingularNormalsError`.
+    adjusted again if that is at once. Raises `SingularNormalsError`.
     """
     seen_from_first, trial = True, None
-    origin = at_rest(rest) if rest and rest.judgement.normals.line.renewable else None
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
-        model, origin = model_of(case, origin)
+        model = model_of(case)
         options = shortlist(case, model, variance)
         if only_common and options and options[0].given_up:
             break
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
             foreseen = _foreseen(case, model)
-            seen_from_first, case = False, trial or _at_minimum(case, model, variance)
+            seen_from_first = False
+            case = trial or readjusted(replace(case, state=model.state), case.factors())
             # where the adjustment is as foreseen, its linear model says what that of the first state has said
             if np.isfinite(case.squares) and abs(case.squares - foreseen) > variance * _SAME:
-                model, origin = model_of(case)
+                model = model_of(case)
                 options = shortlist(case, model, variance)
         if not options:
             break
@@ -242,28 +212,19 @@ def explained(
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = trial = cheapest(_trials(case, model, origin, options, variance, sea), variance)
+            best = trial = cheapest(_trials(case, model, options, variance, sea), variance)
             if not np.isfinite(best.squares):
                 break
         first = seen_from_first and best.scene is case.scene
         case = replace(best, state=case.state, squares=np.inf) if first else best
     if only_common and not case.revisions:
         return case
-    kept = model.kept if model.scene is case.scene else None
-    return taken_back(case if np.isfinite(case.squares) else readjusted(case, kept), variance, kept)
+    return taken_back(case if np.isfinite(case.squares) else readjusted(case), variance)
 
 
-def model_of(case: Case, origin: Origin | None = None) -> tuple[LinearModel, Origin]:
-    """Return the linear model of a case, and where the next one may begin: at an `origin`, if it is near that.
-
-    Raises `SingularNormalsError`.
-    """
-    factors = case.factors()
-    model = origin.neighbour(case.scene, factors, case.state) if origin else None
-    if origin and model:
-        return model, origin
-    model = linear_model(case.scene, factors, case.state)
-    return model, Origin(model=model, state=case.state, factors=factors)
+def model_of(case: Case) -> LinearModel:
+    """Return the linear model of a case. Raises `SingularNormalsError`."""
+    return linear_model(case.scene, case.factors(), case.state)
 
 
 def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesis]:
@@ -307,7 +268,6 @@ def covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
 def _trials(
     case: Case,
     model: LinearModel,
-    origin: Origin,
     options: list[Hypothesis],
     variance: float,
     sea: Sea | None,
@@ -322,7 +282,7 @@ def _trials(
         more = options[0].gain(variance) - option.gain(variance)
         if _SURE * more > _SAME + _DOUBT * misjudged:
             break
-        trials.append(with_hypothesis(case, option, variance, sea, origin))
+        trials.append(with_hypothesis(case, option, sea))
         misjudged = max(misjudged, abs(trials[-1].squares + option.squares - foreseen) / variance)
     return trials
 
@@ -384,21 +344,15 @@ def cheapest(cases: list[Case], variance: float) -> Case:
     return min(alike, key=lambda case: _CHEAP.index(case.taken[-1].kind)) if alike else cases[0]
 
 
-def with_hypothesis(
-    case: Case, hypothesis: Hypothesis, variance: float, sea: Sea | None, origin: Origin | None = None
-) -> Case:
-    """Return the case with a hypothesis more, re-adjusted, where its linear model may be told from an `origin`."""
+def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
+    """Return the case with a hypothesis more, re-adjusted."""
     if not hypothesis.given_up:
         return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
     case = _taking(case, hypothesis)
     factors = case.factors()
-    model = origin.neighbour(case.scene, factors, case.state) if origin else None
-    if model:
-        return _at_minimum(case, model, variance)
-    kept = origin.model.kept if origin else None
     # of points of which something is given up: the stations follow little
     state = at_their_best(case.scene, factors, case.state, hypothesis.point)
-    return readjusted(replace(case, state=state), kept, factors)
+    return readjusted(replace(case, state=state), factors)
 
 
 def _taking(case: Case, hypothesis: Hypothesis) -> Case:
@@ -420,7 +374,7 @@ def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
     if hypothesis.kind not in SENSIBLE or not np.isfinite(case.squares):
         return case
     for _ in range(_REFINEMENTS):
-        model = linear_model(case.scene, case.factors(), case.state)
+        model = model_of(case)
         rest = next((option for option in common_errors(model) if option.key == hypothesis.key), None)
         if rest is None:
             break
@@ -452,17 +406,17 @@ def with_revision(case: Case, revision: Revision, sea: Sea | None) -> Case:
     )
 
 
-def taken_back(case: Case, variance: float, kept: Kept | None = None) -> Case:
+def taken_back(case: Case, variance: float) -> Case:
     """Return the case without the hypotheses that the others have come to explain, the weakest first.
 
     Only what the others predict well enough is put in again, and the adjustment decides. What was taken last was
-    worth its price beside all others. `kept` are the normals of the case, where they are known.
+    worth its price beside all others.
     """
     worth = case.taken[-1:] if case.taken and case.taken[-1].gain(variance) > _SAME else ()
     order = sorted(case.taken, key=lambda hypothesis: hypothesis.squares)
     for hypothesis in order if len(order) > 1 else ():
         if hypothesis.given_up and hypothesis.squares < variance * _WEAK and hypothesis not in worth:
             less = tuple(other for other in case.taken if other is not hypothesis)
-            trial = readjusted(replace(case, out=given_up(case.out, hypothesis, 0.0), taken=less), kept)
+            trial = readjusted(replace(case, out=given_up(case.out, hypothesis, 0.0), taken=less))
             case = trial if trial.cost(variance) <= case.cost(variance) else case
     return case

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.direct import state_after, station_rows
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
-from musatpy.adjustment.iteration import Kept, Linearisation, SingularNormalsError
+from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
@@ -40,7 +40,6 @@ class LinearModel(CheckedPoints):
 
     scene: Scene
     factor: Factor
-    kept: Kept | None  # these normals, where an adjustment nearby may use them
     inverse: Inverse
     step: FloatArray  # (u,) to the minimum
     stations: FloatArray  # (n, q) residuals of positions, attitudes, tides
@@ -93,13 +92,12 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     factor = factorised(line.matrix)
     if factor is None:
         raise SingularNormalsError(line.matrix)
-    return solved(scene, network, state, line, Inverse(factor=factor, held=scene.held))
+    return solved(scene, network, state, Inverse(factor=factor, held=scene.held), factor.solve(line.rhs))
 
 
-def solved(scene: Scene, network: Network, state: State, line: Linearisation, inverse: Inverse) -> LinearModel:
-    """Return the linear adjustment of a scene whose normal equations have a factor: that of `inverse`."""
-    step = inverse.factor.solve(line.rhs)
-    points = checked_points(scene.block, network, state, inverse, step, np.arange(network.points))
+def solved(scene: Scene, network: Network, state: State, inverse: Inverse, step: FloatArray) -> LinearModel:
+    """Return the linear adjustment of a scene, `step` (u,) from its minimum, with the `inverse` of its normals."""
+    points = checked_points(scene.block, network, state, inverse, step)
     station_weight, residual = station_rows(network, state)
     return LinearModel(
         network=network,
@@ -107,7 +105,6 @@ def solved(scene: Scene, network: Network, state: State, line: Linearisation, in
         points=points.points,
         scene=scene,
         factor=inverse.factor,
-        kept=Kept(line=replace(line, context=None), factor=inverse.factor) if line.renewable else None,
         inverse=inverse,
         step=step,
         stations=residual + step[: residual.size].reshape(residual.shape),

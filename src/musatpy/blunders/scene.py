@@ -14,14 +14,15 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
-from musatpy.adjustment.iteration import SHORT, Kept, Near, Outcome, SingularNormalsError, Until, iterate
+from musatpy.adjustment.iteration import Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.robust import cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import WaterLine, every_ray_wet, standing_line
+from musatpy.adjustment.waterline import SHORT, WaterLine, every_ray_wet, standing_line
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.factors import Factors, deviations, weighted, weights
@@ -53,7 +54,6 @@ class SearchLimitError(Exception):
     """The search has spent its effort: what it has found by then stands, or nothing does."""
 
 
-AROUND = Near(determined=False)  # with other observations
 GIVEN_UP = (SingularNormalsError, SearchLimitError)  # why a trial of the search comes to nothing
 
 
@@ -206,44 +206,32 @@ def ones(scene: Scene) -> Factors:
     return {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
 
 
-def adjusted(
-    scene: Scene,
-    factors: Factors,
-    state: State,
-    steps: int,
-    start: Near | None = None,
-    until: Until = Until.REST,
-) -> Outcome:
-    """Return the outcome of at most so many iterations, from near a minimum by `start`.
-
-    Raises `SingularNormalsError`.
-    """
+def adjusted(scene: Scene, factors: Factors, state: State, steps: int) -> Outcome:
+    """Return the outcome of at most so many iterations. Raises `SingularNormalsError`."""
     problem = scene.problem(factors)
-    return iterate(problem, problem.with_squares(state), steps, start=start, until=until)
+    return iterate(problem, problem.with_squares(state), steps)
 
 
-def settled(scene: Scene, factors: Factors, state: State, start: Near = AROUND) -> tuple[Scene, State, Kept | None]:
+def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State, Factor | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
-    And the normal equations there, whose right sides are zero; None where the iteration has not converged. Raises
+    And the factor of the normal equations there, None where the iteration has not converged. Raises
     `SingularNormalsError`.
     """
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
-    short, near = 0, start
+    short = 0
     for _ in range(_TURNS):
-        outcome = adjusted(scene, factors, state, steps, near, Until.TESTED)
+        outcome = adjusted(scene, factors, state, steps)
         short = short + 1 if outcome.failure else 0
-        state, normals = outcome.state, outcome.last
+        state = outcome.state
         line = standing_line(scene.network, scene.line, state, scene.block.points.bathymetric)
         changed = line.wet != scene.line.wet
         scene = replace(scene, line=line)
-        if outcome.is_final or short == SHORT or not changed.any():
+        if outcome.lost or short == SHORT or not changed.any():
             break
         scene = replace(scene, network=scene.network.with_plates(scene.network.xy, line.wet))
-        state, near = at_their_best(scene, factors, state, scene.network.point[changed]), Near(kept=outcome.kept)
-    if normals is not None:
-        normals = replace(normals, line=replace(normals.line, rhs=np.zeros_like(normals.line.rhs)))
-    return scene, state, normals
+        state = at_their_best(scene, factors, state, scene.network.point[changed])
+    return scene, state, outcome.factor
 
 
 def free_to_cross(scene: Scene, rays: BoolArray) -> Scene:
@@ -284,8 +272,13 @@ def _robust(scene: Scene, job: Job, state: State) -> State:
         scale = plate_scale(scene, size)
         return {kind: cauchy(value, scale) for kind, value in size.items()}
 
-    def stepped(factors: Factors, state: State) -> Outcome:
+    def stepped(factors: Factors, state: State) -> tuple[State, bool]:
         problem = scene.problem(factors)
-        return job.iterate(problem, problem.network, problem.with_squares(state), 0, until=Until.WEIGHED)
+        start = problem.with_squares(state)
+        before = problem.evaluate(start, [])
+        outcome = job.iterate(problem, problem.network, start, 0)
+        after = problem.evaluate(outcome.state, [])
+        # where a full step gains less than the misfits that it leaves, their weights hardly change
+        return outcome.state, not outcome.failure or (outcome.change > 0.0 and before - after <= after)
 
     return reweighted(state, weights_at, stepped)

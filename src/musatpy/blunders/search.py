@@ -183,7 +183,7 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
     for case, only_common in _first_cases(start):
         chosen = any(mask.any() for mask in case.out.values())  # which is out for good
         try:
-            case = explained(case, variance, sea, only_common, start.last if chosen else None)
+            case = explained(case, variance, sea, only_common)
             if (only_common and not case.revisions) or case.cost(variance) > _HOPELESS * best.cost:
                 continue
             other = _at_rest(case, variance, not chosen, start.last)

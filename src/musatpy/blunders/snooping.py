@@ -12,16 +12,16 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment.iteration import Kept, Near, SingularNormalsError
+from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import SINGULAR, factorised
+from musatpy.adjustment.normals import SINGULAR, Factor, factorised
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.adjusted import adjusted_cofactors
 from musatpy.blunders.alternatives import wrong_images
 from musatpy.blunders.checks import Inverse
 from musatpy.blunders.factors import Factors, weighted
-from musatpy.blunders.scene import AROUND, Scene, free_to_cross, plate_scale, settled, sizes
+from musatpy.blunders.scene import Scene, free_to_cross, plate_scale, settled, sizes
 from musatpy.blunders.tides import CommonTide, common_tides
 from musatpy.model import ObservationKind
 from musatpy.model.progress import begin
@@ -110,7 +110,6 @@ class Judgement:
     residuals: Factors
     sigma0: float
     freedom: float  # degrees of freedom of what is in
-    normals: Kept
     inverse: Inverse
     points: FloatArray  # (p, 3, 3) m2, cofactors along working axes, NaN for points that take no part
     network: Network
@@ -193,7 +192,7 @@ def snooped(
     image, limit = units.kind[units.first] == _K.PLATE, units.limits
     returns = np.full(units.count, 0 if returning else _RETURNS)
     out, state = _first_out(scene, state, units, first, returning, before)
-    near, moved = AROUND if first is None else Near(), returning  # and images are to be chosen once more
+    moved = returning  # and images are to be chosen once more
     scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
     tides: tuple[CommonTide, ...] = ()
     rest = proven = False
@@ -202,9 +201,8 @@ def snooped(
             return replace(before, tides=tides)
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
-        scene, state, normals = settled(scene, factors, state, near)
-        near = Near()
-        judgement = judged(scene, state, units, out, factors, normals)
+        scene, state, factor = settled(scene, factors, state)
+        judgement = judged(scene, state, units, out, factors, factor)
         value = judgement.unit_test
         fits = judgement.predicted & (value < _BACK * limit)
         back = out & fits & (returns < _RETURNS) & ~image
@@ -339,23 +337,22 @@ def _rows(scene: Scene, units: Units, chosen: BoolArray, kind: ObservationKind) 
 
 
 def judged(
-    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, normals: Kept | None
+    scene: Scene, state: State, units: Units, out: BoolArray, factors: Factors, factor: Factor | None
 ) -> Judgement:
     """Return the tests of all observations at the minimum with the weights times `factors`, `out` (units,) out.
 
-    `normals` are those there, if they are known. Raises `SingularNormalsError`.
+    `factor` is that of the normals there, if it is known. Raises `SingularNormalsError`.
     """
     scene.effort.spend_steps(scene.network, _STEPS)
     problem = scene.problem(factors)
-    if normals is None:
-        line = problem.linearise(problem.with_squares(state))
-        factor = factorised(line.matrix)
+    if factor is None:
+        matrix = problem.linearise(problem.with_squares(state)).matrix
+        factor = factorised(matrix)
         if factor is None:
-            raise SingularNormalsError(line.matrix)
-        normals = Kept(line=replace(line, context=None), factor=factor)
-    inverse = Inverse(factor=normals.factor, held=scene.held)
+            raise SingularNormalsError(matrix)
+    inverse = Inverse(factor=factor, held=scene.held)
     if _is_weak(inverse):
-        raise SingularNormalsError(normals.line.matrix)
+        raise SingularNormalsError(factor.matrix)
     adjusted = adjusted_cofactors(scene, problem.network, state, inverse.cofactors)
     residuals, size = scene.residuals_and_sizes(state)
     # in a priori sigmas, and their squares
@@ -381,7 +378,6 @@ def judged(
         residuals=residuals,
         sigma0=sigma0,
         freedom=f,
-        normals=normals,
         inverse=inverse,
         points=adjusted.points,
         network=problem.network,
@@ -414,7 +410,7 @@ def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Commo
     taken = np.ones(len(block.photos.ids), dtype=bool)
     inside = units.kind[units.first] == _K.WATER_LEVEL
     taken[units.row[units.first][inside & ~judgement.out]] = False
-    errors = common_tides(block, scene.network, state, judgement.normals.factor, taken, judgement.sigma0)
+    errors = common_tides(block, scene.network, state, judgement.inverse.factor, taken, judgement.sigma0)
     return max(errors, key=lambda error: error.test, default=None)
 
 
