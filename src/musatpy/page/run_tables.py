@@ -34,7 +34,6 @@ from musatpy.reports import (
     waves_page,
 )
 from musatpy.reports.table import Column, Report, key
-from musatpy.statistics.kind_formats import KINDS
 from musatpy.statistics.quality import TEST_LIMIT
 
 Columns = Mapping[str, Any]  # of a table: field -> values
@@ -49,7 +48,7 @@ OPTION_WORDS: Mapping[str, Mapping[Any, str]] = {
     "water_level": titles.WATER_LEVEL,
     "editing": titles.EDITING,
 }
-_UNITS = {kind.name.lower(): KINDS[kind].unit for kind in ObservationKind}
+_UNITS = {kind.name.lower(): kind.unit for kind in ObservationKind}
 
 
 def _unit(row: Row) -> str:

@@ -22,8 +22,8 @@ from musatpy.reports.table import Column, Report
 from musatpy.reports.text import by_kind, labelled, wrapped
 from musatpy.reports.titles import REFRACTION, SYSTEMS
 from musatpy.statistics import Statistics, metric_components
-from musatpy.statistics.hidden import FAR
 from musatpy.statistics.quality import ChiSquare
+from musatpy.statistics.undetected import FAR
 from musatpy.statistics.verdict import COMMON_ERRORS, sigma0_doubt, tests_sigma0
 from musatpy.units import MICROMETRE
 

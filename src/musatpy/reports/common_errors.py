@@ -14,8 +14,8 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.common_errors import CommonErrors
 from musatpy.statistics.quality import BETA, FAMILY_RISK
+from musatpy.statistics.undetected import CommonErrors
 from musatpy.statistics.verdict import COMMON_ERRORS
 
 MOVED = ("station", "point", "depth")  # what an error moves

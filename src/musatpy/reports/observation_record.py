@@ -14,8 +14,7 @@ from musatpy.reports import result_record
 from musatpy.reports.encoding import Json, names
 from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows
 from musatpy.statistics import Statistics
-from musatpy.statistics.kind_formats import KINDS, Kind
-from musatpy.statistics.quality import Quality
+from musatpy.statistics.quality import Quality, owners
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,7 @@ class _Observed:
         """The tests of the solution."""
         return self.statistics.quality
 
-    def of_kinds(self, of: IntArray, values: Callable[[Kind, IntArray], Sequence[Json]]) -> list[Json]:
+    def of_kinds(self, of: IntArray, values: Callable[[ObservationKind, IntArray], Sequence[Json]]) -> list[Json]:
         """Return what `values` has for the observations of each kind, by their numbers `of` that it depends on.
 
         It is asked but once for each of these numbers: most have several observations.
@@ -40,7 +39,7 @@ class _Observed:
         for kind in np.unique(kinds).tolist():
             rows = np.flatnonzero(kinds == kind)
             numbers, which = np.unique(of[rows], return_inverse=True)
-            found = values(KINDS[ObservationKind(kind)], numbers)
+            found = values(ObservationKind(kind), numbers)
             out[rows] = np.fromiter(found, dtype=object, count=len(numbers))[which]
         return list(out.tolist())
 
@@ -64,7 +63,7 @@ def _kinds(some: _Observed) -> TextArray:
 
 def _owners(some: _Observed) -> list[list[str]]:
     of = some.quality.observed.row
-    return some.of_kinds(of, lambda kind, rows: kind.owners(some.statistics, rows))
+    return some.of_kinds(of, lambda kind, rows: owners(some.statistics.solution, kind, rows))
 
 
 def _components(some: _Observed) -> list[str]:

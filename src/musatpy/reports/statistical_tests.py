@@ -10,6 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind, PlateSigma
+from musatpy.model.kinds import ANGLES, ENU
 from musatpy.reports import observation_record, quality_record, result_record
 from musatpy.reports.columns import vector
 from musatpy.reports.editing import number_text
@@ -18,9 +19,8 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.hidden import FAR
-from musatpy.statistics.kind_formats import ANGLES, ENU, KINDS, Kind
-from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellipses
+from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellipses, owners
+from musatpy.statistics.undetected import FAR
 from musatpy.units import ARC_SECOND
 
 HIDDEN = "Statistics: Points That Undetected Errors May Move"
@@ -31,22 +31,23 @@ _CORRELATIONS = 40  # listed, the strongest
 _ANGLE = "tilt of the water.*|wave .* azimuth"  # unknowns by such names are angles
 
 Rows = Callable[[Statistics], IntArray]
-KIND_WORDS = {"kind": {kind.name.lower(): words.name for kind, words in KINDS.items()}}
+KIND_WORDS = {"kind": {kind.name.lower(): kind.label for kind in ObservationKind}}
 
 
 def observation_columns(rows: Rows) -> tuple[Column[Statistics], ...]:
     """Return the columns that say which observations stand in the rows, and in which unit."""
 
     def names(s: Statistics) -> list[str]:
-        links = s.quality.observed.row[rows(s)].tolist()
-        return [kind.owner(s, row) for kind, row in zip(_kinds(s, rows), links, strict=True)]
+        links = zip(_kinds(s, rows), s.quality.observed.row[rows(s)].reshape(-1, 1), strict=True)
+        ids = (owners(s.solution, kind, row)[0] for kind, row in links)
+        return [" ".join(f"{name:<8}" for name in of) if len(of) > 1 else "".join(of) for of in ids]
 
     def components(s: Statistics) -> list[str]:
         numbers = s.quality.observed.component[rows(s)].tolist()
         return [kind.components[component] for kind, component in zip(_kinds(s, rows), numbers, strict=True)]
 
     return (
-        key("Kind", "A8", "kind", lambda s: [kind.name for kind in _kinds(s, rows)]),
+        key("Kind", "A8", "kind", lambda s: [kind.label for kind in _kinds(s, rows)]),
         key("Photo, point", "A17", "of", names),
         key("Comp.", "A7", "component", components),
         Column("Unit", "A4", lambda s: [kind.unit for kind in _kinds(s, rows)]),
@@ -64,8 +65,8 @@ def in_unit(heading: str, edit: str, shows: str, rows: Rows) -> Column[Statistic
     return Column(heading, edit, values, Origin(field=shows, unit_in="Unit"))
 
 
-def _kinds(statistics: Statistics, rows: Rows) -> list[Kind]:
-    return [KINDS[ObservationKind(kind)] for kind in statistics.quality.observed.kind[rows(statistics)].tolist()]
+def _kinds(statistics: Statistics, rows: Rows) -> list[ObservationKind]:
+    return [ObservationKind(kind) for kind in statistics.quality.observed.kind[rows(statistics)].tolist()]
 
 
 COMPONENTS: Report[Statistics] = Report(

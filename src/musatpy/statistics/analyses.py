@@ -20,10 +20,9 @@ from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import wrapped
 from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
 from musatpy.model.ranking import falling, largest
-from musatpy.statistics.common_errors import CommonErrors, common_errors
 from musatpy.statistics.flags import FlagTests, flag_tests
-from musatpy.statistics.hidden import HiddenErrors, hidden_errors
 from musatpy.statistics.quality import TEST_DECIMALS, CheckTest, Ellipses, Quality, check_test, ellipses
+from musatpy.statistics.undetected import CommonErrors, HiddenErrors, common_errors, hidden_errors
 from musatpy.statistics.words import Words, words_of
 
 if TYPE_CHECKING:

@@ -220,6 +220,18 @@ def check_test(rows: IntArray, difference: FloatArray, covariance: FloatArray) -
     return CheckTest(row=rows, squares=squares, components=components, probability=probability, total=total)
 
 
+def owners(solution: Solution, kind: ObservationKind, rows: IntArray) -> list[list[str]]:
+    """Return the ids of the photos and points that observations (r,) of a kind belong to, or their tide or wave."""
+    water, ids = solution.water, None
+    if kind.attribute:
+        return kind.ids_of(solution.block, rows)
+    if water and kind is ObservationKind.WATER_LEVEL:
+        ids = water.correction_ids
+    elif water and water.waves and kind is ObservationKind.WAVE:
+        ids = water.waves.ids
+    return [[] if ids is None else ids[row].split() for row in rows.tolist()]
+
+
 def ellipses(covariance: FloatArray) -> Ellipses:
     """Return the standard error ellipses of covariances (n, 3, 3) along east, north, up."""
     covariance = np.where(np.isfinite(covariance), covariance, np.nan)

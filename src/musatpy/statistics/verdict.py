@@ -29,11 +29,10 @@ from musatpy.model.photos import other_focal_length
 from musatpy.model.ranking import falling, largest
 from musatpy.probability import probability_beyond, quantile, student_as_normal, students_of_pope
 from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
-from musatpy.statistics.common_errors import CommonErrors
 from musatpy.statistics.flag_reasons import flag_notes, flags, straight
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
-from musatpy.statistics.kind_formats import KINDS
-from musatpy.statistics.quality import test_limit
+from musatpy.statistics.quality import owners, test_limit
+from musatpy.statistics.undetected import CommonErrors
 from musatpy.units import DEGREE, FOOT, MICROMETRE
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
@@ -404,11 +403,11 @@ def notes(statistics: Statistics) -> Iterator[str]:
 def _observation(statistics: Statistics, row: int, test: float) -> str:
     """Return an observation in words: `plate 21 102 x, test 12.3, in error by about -85.000 um`."""
     observed = statistics.quality.observed
-    kind = KINDS[ObservationKind(int(observed.kind[row]))]
-    owner = " ".join(kind.owner(statistics, int(observed.row[row])).split())
+    kind = ObservationKind(int(observed.kind[row]))
+    owner = " ".join(owners(statistics.solution, kind, observed.row[row : row + 1])[0])
     error = float(statistics.quality.estimated_error[row]) / kind.factor
     component = kind.components[int(observed.component[row])]
-    return f"{kind.name} {owner} {component}, test {abs(test):.1f}, in error by about {_number(error)} {kind.unit}"
+    return f"{kind.label} {owner} {component}, test {abs(test):.1f}, in error by about {_number(error)} {kind.unit}"
 
 
 def _number(value: float) -> str:
