@@ -117,12 +117,12 @@ def eliminate(network: Network, state: State, group: PointGroup, ground: FloatAr
     extras = _extras(network, group, normals)
     k, m = group.rays.shape
     # weighted rows: from here on every product is a plain one
-    root = np.sqrt(network.weight[group.rays])
+    root = np.sqrt(group.weights(network.weight))
     A, B = normals.images.by_station * root[..., None], normals.B * root[..., None]
     cross = np.swapaxes(A, 2, 3) @ B  # (k, m, q, 3) N_sp
     inverse = np.zeros_like(normals.matrix) if group.kept else np.linalg.inv(normals.matrix)
     by_station = inverse @ np.swapaxes(cross.reshape(k, -1, 3), 1, 2)
-    by_extra = inverse @ _point_extra(normals, extras, network.weight[group.rays])
+    by_extra = inverse @ _point_extra(normals, extras, group.weights(network.weight))
     return Elimination(
         normals=normals,
         extras=extras,
@@ -194,7 +194,7 @@ class Reduced:
 
 def reduced(network: Network, group: PointGroup, E: Elimination) -> Reduced:
     """Return the reduced normal equations of the points of a group."""
-    pattern, photo, weight = network.pattern, network.photo[group.rays], network.weight[group.rays]
+    pattern, photo, weight = network.pattern, network.photo[group.rays], group.weights(network.weight)
     k, m, _, q = E.A.shape
     At = np.swapaxes(E.A, 2, 3)
     rhs = -(At @ E.residual[..., None])[..., 0] - (E.cross @ E.shift[..., None]).reshape(k, m, q)
@@ -224,7 +224,7 @@ def local_normals(network: Network, group: PointGroup, E: Elimination) -> tuple[
     ray = np.arange(m)
     stations.reshape(k, m, q, m, q)[:, ray, :, ray, :] += np.moveaxis(At @ E.A, 1, 0)
     rhs = -(At @ E.residual[..., None]).reshape(k, m * q) - (E.cross @ E.shift[..., None])[..., 0]
-    extras = _of_extras(E, network.weight[group.rays])
+    extras = _of_extras(E, group.weights(network.weight))
     border = extras["border"].reshape(k, m * q, -1)
     matrix = np.block([[stations, border], [np.swapaxes(border, 1, 2), extras["corner"]]])
     return matrix, np.concatenate([rhs, extras["corner_rhs"]], axis=1)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment import sightings
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.network import Network, PointGroup, together
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.geometry import collinearity, intersection
@@ -71,7 +71,7 @@ def point_normals(
     X = np.repeat(ground[:, None], rays.shape[1], axis=1)
     images = sightings.images(network, state, rays, X, stations)
     residual = images.xy - network.xy[rays]
-    W = network.weight[rays]
+    W = group.weights(network.weight)
     priors = prior_rows(network, state, group.point, ground) if group.known else None
     axes, B = np.broadcast_to(np.eye(3), (len(ground), 3, 3)), images.by_ground
     if priors is not None:
@@ -182,7 +182,7 @@ def settle(network: Network, state: State) -> State:
     if compiled is not None:
         compiled.settle(state, ground, squares)
         groups = compiled.others
-    for group in groups:
+    for group in together(groups):
         ground[group.point], squares[group.point] = settle_group(network, state, group, ground[group.point])
     return replace(state, ground=ground, squares=squares)
 
@@ -190,7 +190,7 @@ def settle(network: Network, state: State) -> State:
 def unrest(network: Network, state: State) -> FloatArray:
     """Return how far points (p,) are from their best positions for the stations, in sigmas; 0 for all others."""
     out = np.zeros(network.points)
-    for group in network.groups:
+    for group in together(network.groups):
         normals = point_normals(network, state, group, state.ground[group.point], stations=False)
         local = np.linalg.solve(normals.matrix, normals.rhs[..., None])[..., 0]
         out[group.point] = np.sqrt(np.maximum(np.sum(normals.rhs * local, axis=1), 0.0))
@@ -226,7 +226,7 @@ def point_squares(network: Network, state: State, group: PointGroup, ground: Flo
     rays = group.rays
     X = np.repeat(ground[:, None], rays.shape[1], axis=1)
     residual = sightings.image_coordinates(network, state, rays, X) - network.xy[rays]
-    squares = np.einsum("kma,kma,kma->k", residual, network.weight[rays], residual)
+    squares = np.einsum("kma,kma,kma->k", residual, group.weights(network.weight), residual)
     if group.known:
         priors = prior_rows(network, state, group.point, ground)
         squares += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 
 ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
+_FEW = 2**12  # rays
 RAYS = 2**14  # at a time: the arrays of one elimination stay within some megabytes
 
 
@@ -42,15 +43,22 @@ class PointGroup:
     rays: IntArray
     kept: bool = False  # the points are not eliminated: their coordinates stand in the border
     known: bool = False  # something is known of the points beforehand, or they are tied to others
+    counts: BoolArray | None = None  # (k, m) False: the ray only fills a row of `together`; None: all count
 
     def part(self, rows: slice | BoolArray | IntArray) -> Self:
         """Return some of the points."""
-        return replace(self, point=self.point[rows], rays=self.rays[rows])
+        counts = None if self.counts is None else self.counts[rows]
+        return replace(self, point=self.point[rows], rays=self.rays[rows], counts=counts)
 
     def some(self, rows: BoolArray) -> list[Self]:
         """Return some of the points, as none or one group."""
         chosen = np.flatnonzero(rows)  # by numbers rows are found several times as fast as by a mask
         return [self.part(chosen)] if len(chosen) else []
+
+    def weights(self, weight: FloatArray) -> FloatArray:
+        """Return the weights (k, m, 2) of the rays, of those of all measurements (r, 2)."""
+        own = weight[self.rays]
+        return own if self.counts is None else own * self.counts[..., None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -298,6 +306,26 @@ def group_points(photo: IntArray, point: IntArray, used: BoolArray, selected: Bo
         chosen = np.flatnonzero(count == m)
         groups.append(PointGroup(point=members[chosen], rays=rays[start[chosen][:, None] + np.arange(m)]))
     return tuple(groups)
+
+
+def together(groups: Sequence[PointGroup]) -> tuple[PointGroup, ...]:
+    """Return the eliminated points of groups in one, short rows filled with their last rays; many as they are.
+
+    For what takes points by themselves: of few of them a call takes longer than what it computes.
+    """
+    some = [group for group in groups if not group.kept]
+    longest = max((group.rays.shape[1] for group in some), default=0)
+    if len(some) < 2 or longest * sum(len(group.point) for group in some) > _FEW:
+        return tuple(groups)
+    ray = np.arange(longest)
+    counts = [np.broadcast_to(ray < group.rays.shape[1], (len(group.point), longest)) for group in some]
+    one = PointGroup(
+        point=np.concatenate([group.point for group in some]),
+        rays=np.concatenate([group.rays[:, np.minimum(ray, group.rays.shape[1] - 1)] for group in some]),
+        known=any(group.known for group in some),
+        counts=np.concatenate(counts),
+    )
+    return one, *(group for group in groups if group.kept)
 
 
 def parts_of(groups: Iterable[PointGroup], rays: int) -> tuple[PointGroup, ...]:

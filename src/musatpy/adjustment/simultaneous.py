@@ -17,7 +17,7 @@ from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement,
 from musatpy.adjustment.ground import better, point_squares
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.kinds import UNKNOWNS
-from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of
+from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.sequence import Last
@@ -50,10 +50,10 @@ class Simultaneous:
     curved: bool = False  # the second derivatives of the images by unknown waves count too
     _total: Last[float] = field(default_factory=Last, init=False, repr=False)
 
-    @property
+    @cached_property
     def _others(self) -> tuple[PointGroup, ...]:
         """The points that compiled kernels do not eliminate."""
-        return self.network.groups if self.network.compiled is None else self.network.compiled.others
+        return together(self.network.groups if self.network.compiled is None else self.network.compiled.others)
 
     @cached_property
     def _redundancy(self) -> int:

@@ -12,7 +12,7 @@ from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
-from musatpy.adjustment.network import RAYS, Network, parts_of
+from musatpy.adjustment.network import RAYS, Network, parts_of, together
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.pass_points import (
     diagonally_weighted,
@@ -72,7 +72,7 @@ class Triangulation:
         if self._control is not None:
             self._control.add_eliminated(state, normals)
             control_groups = self._control.others
-        for group in control_groups:
+        for group in together(control_groups):
             E = eliminate(network, state, group)
             add_collinear(network, group, E, reduced(network, group, E), normals)
         add_direct(network, state, normals)

@@ -18,7 +18,7 @@ import numpy as np
 
 from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import hold, point_normals
-from musatpy.adjustment.network import Network, PointGroup, group_points
+from musatpy.adjustment.network import Network, PointGroup, group_points, together
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
@@ -220,7 +220,7 @@ def _reaches(network: Network, state: State, groups: Iterable[tuple[PointGroup, 
     if compiled is not None:
         compiled.set_reaches(state, out)
         others += compiled.others
-    for group in others:
+    for group in together(others):
         X = state.ground[group.point]
         normals = point_normals(network, state, group, X, stations=False)
         up = np.einsum("kij,kj->ki", normals.axes, network.frame.vertical(X)[0])

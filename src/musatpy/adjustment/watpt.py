@@ -17,7 +17,7 @@ from musatpy.adjustment import sightings
 from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.ground import settle_group
 from musatpy.adjustment.iteration import Linearisation
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.network import Network, PointGroup, together
 from musatpy.adjustment.normals import PARAMETERS, Factor
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
@@ -54,7 +54,7 @@ def held_by_control(network: Network, state: State, ground: FloatArray, wet: Boo
     """
     refracted = network.with_plates(network.xy, wet)
     ground = ground.copy()
-    for group in network.control_groups:
+    for group in together(network.control_groups):
         part = group.part(finite_rows(ground[group.point]))
         if len(part.point):
             ground[part.point], _ = settle_group(refracted, state, part, ground[part.point])
