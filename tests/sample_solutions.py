@@ -16,7 +16,6 @@ from musatpy.model import (
     AirBases,
     BathymetricPoints,
     Block,
-    Blunder,
     Cameras,
     Cause,
     CauseKind,
@@ -173,7 +172,7 @@ def sample_solution(
         dependence=_dependence(rng, n),
         findings=(
             Finding(
-                blunder=Blunder.PLATE,
+                kind=CauseKind.IMAGE,
                 photo="1",
                 point="101",
                 test=5.5,

@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.adjustment import programs
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
-from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Initial, Order, Solution
+from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Order, Solution
 from musatpy.model.ordering import in_order_of_ids
 from musatpy.model.progress import Progress
 from musatpy.model.verdict import NO_CARD_EXPLAINS, OF_FLAGS
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from musatpy.blunders.scene import Effort
 
 
-_FAILED, _AROUND = 20, 6  # steps that a run without solution counts for, and start and covariances of another one
 _OF_ALL = (CauseKind.FOCAL_LENGTH, CauseKind.PRINCIPAL_POINT, CauseKind.INDEX)  # heights bend under them
 _STOPPED = "search stopped: the causes named are those found by then; --causes all looks four times as far"
 
@@ -66,14 +65,14 @@ def adjust(
         ) from error
     of_flags: tuple[Cause, ...] = ()
     if len(Statistics(solution).flags.doubted):
-        from musatpy.blunders.other_flags import flag_causes, with_other_flags  # few heights contradict flags
+        from musatpy.blunders.at_answer import flag_causes, with_other_flags  # few heights contradict flags
 
         solution = with_other_flags(solution, progress, sea)
         of_flags = () if causes is CauseSearch.NONE else tuple(flag_causes(solution))
     if not doubtful(solution):
         return replace(solution, causes=of_flags)
     from musatpy.adjustment.programs import with_plate_sigmas  # most runs are accepted
-    from musatpy.blunders.check_points import check_point_causes
+    from musatpy.blunders.at_answer import check_point_causes
 
     if solution.plate_factor != 1.0:
         block = with_plate_sigmas(block, solution.plate_factor)
@@ -115,16 +114,13 @@ def _causes(
     block: Block, sea: Sea | None, progress: Progress | None, causes: CauseSearch, solution: Solution | None
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a run that is not accepted, or has no solution, and that their search was stopped."""
-    from musatpy.blunders.first_look import first_look  # most runs are accepted
-    from musatpy.blunders.scene import COMPUTED, GIVEN_UP, Effort, SearchLimitError
-    from musatpy.blunders.search import LEAST
+    from musatpy.blunders.at_answer import first_look  # most runs are accepted
+    from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
+    from musatpy.blunders.search import usual_effort
 
     if causes is CauseSearch.NONE:
         return (), ()
-    steps = _FAILED if solution is None else len(solution.iterations) + _AROUND
-    steps += COMPUTED if block.options.initial is Initial.COMPUTE else 0
-    times = {CauseSearch.USUAL: 1.0, CauseSearch.ALL: 4.0}[causes]
-    effort = Effort(left=times * max(LEAST, 2.0 * steps * len(block.plates.point)))
+    effort = usual_effort(block, solution, {CauseSearch.USUAL: 2.0, CauseSearch.ALL: 8.0}[causes])
     found: tuple[Cause, ...] = ()
     with suppress(AdjustmentError, *GIVEN_UP):  # nothing holds the block well enough to tell
         try:
@@ -143,10 +139,10 @@ def doubtful(solution: Solution) -> bool:
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
+    from musatpy.blunders.at_answer import with_other_flags
     from musatpy.blunders.causes import causes  # most jobs do without all this
     from musatpy.blunders.edits import edited, lost_points, unedited, without_positions
     from musatpy.blunders.finding_list import findings
-    from musatpy.blunders.other_flags import with_other_flags
     from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import search
 

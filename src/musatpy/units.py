@@ -16,7 +16,27 @@ ARC_SECOND = DEGREE / 3600.0  # rad
 GON = math.pi / 200.0  # rad
 HECTOPASCAL = 100.0  # Pa
 FOOT = 0.3048  # m
+YARD = 3.0 * FOOT
 MICROMETRE = 1.0e-3  # mm: plate coordinates and their sigmas are millimetres inside
+
+
+_LENGTHS = {  # m
+    "feet": FOOT,
+    "kilometres": 1e3,
+    "metres": 1.0,
+    "centimetres": 1e-2,
+    "millimetres": 1e-3,
+    "micrometres": 1e-6,
+}
+
+
+def length_unit(factor: float, tolerance: float) -> str:
+    """Return the unit of lengths whose numbers are `factor` times those in metres, to a relative tolerance.
+
+    Empty where it is that of none.
+    """
+    alike = (name for name, length in _LENGTHS.items() if abs(factor * length - 1.0) < tolerance)
+    return next(alike, "")
 
 
 class AngleUnit(StrEnum):

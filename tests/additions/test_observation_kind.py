@@ -27,7 +27,7 @@ from musatpy.adjustment import kinds
 from musatpy.adjustment.direct import state_after
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import job_frame
-from musatpy.model import Blunder, Editing, ObservationKind, PointStatus, Program, Refraction
+from musatpy.model import CauseKind, Editing, ObservationKind, PointStatus, Program, Refraction
 from musatpy.formats import musat
 from musatpy.model.kinds import Ranges
 from musatpy.reports.record import record
@@ -87,7 +87,7 @@ worst = text[text.index("Worst Observations"):]
 name = f"{block.photos.ids[photo[3]]:<8} {block.points.ids[point[3]]}"
 assert any(line.strip().startswith("range") and name in line for line in worst.splitlines()), worst[:2000]
 edited = musatpy.adjust(replace(wrong, options=replace(block.options, editing=Editing.EDIT)))
-(found,) = [one for one in edited.findings if one.blunder is Blunder.RANGE]
+(found,) = [one for one in edited.findings if one.kind is CauseKind.RANGE]
 assert (found.photo, found.point) == (str(block.photos.ids[photo[3]]), str(block.points.ids[point[3]]))
 assert abs(found.size[0] - 20.0) < 3.0 and len(edited.block.ranges.length) == count - 1
 assert any(cause.kind == "range" and cause.cards == ("RNG",) for cause in edited.causes), edited.causes
@@ -130,7 +130,7 @@ def test_the_recipe_of_the_manual_works(tmp_path: Path) -> None:
         '    WAVE = 11, "waves", "wave", "", ("height", "length", "azim.", "crest"), "m,rd"  # AdjustedWaves',
         kind,
     )
-    put(kinds, '    BASE = "air base"  # m', name)
+    put(package / "model" / "findings.py", '        "read the air base card again: photos and digits")', name)
     put(block, "from __future__ import annotations", "from musatpy.model.kinds import Ranges", indent="")
     put(block, "    air_bases: AirBases = field(default_factory=partial(empty, AirBases))", field)
     (package / "adjustment" / "kinds" / "ranges.py").write_text(source, encoding="utf-8")

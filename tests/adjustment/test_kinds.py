@@ -18,7 +18,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.unknowns import State
 from musatpy.formats.musat import read_deck
-from musatpy.model import AirBases, Block, Blunder, CauseKind, ObservationKind
+from musatpy.model import AirBases, Block, ObservationKind
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 STEP = 1e-3  # m, rad; lengths bend by step / length, a millionth here
@@ -123,9 +123,9 @@ def test_every_kind_but_the_images_has_a_file() -> None:
     ]
 
 
-@pytest.mark.parametrize("kind", MEASURED, ids=lambda kind: kind.noun)
+@pytest.mark.parametrize("kind", MEASURED, ids=lambda kind: kind.cause)
 def test_what_was_measured_has_its_names_in_the_lists(kind) -> None:
-    assert Blunder(kind.noun) == CauseKind(kind.noun) == kind.noun
+    assert kind.cause.listed == kind.cause.value and kind.cause.cards and kind.cause.advice
 
 
 def test_ends_of_what_takes_no_part() -> None:

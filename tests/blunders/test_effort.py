@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from altered import added, altered
 from blunders.study import strip
 from musatpy import adjust
-from musatpy.blunders.first_look import first_look
+from musatpy.blunders.at_answer import first_look
 from musatpy.cli.main import main
 from musatpy.model import CauseKind, CauseSearch
 
@@ -29,7 +29,7 @@ def test_no_causes_are_looked_for_where_none_are_asked_for(tmp_path: Path) -> No
 def test_a_search_without_effort_names_what_the_linear_model_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """And how far the focal length is off, to 1 %: the observed stations hold it."""
     monkeypatch.setattr("musatpy.blunders.search.LEAST", 0.0)
-    monkeypatch.setattr("musatpy.pipeline._AROUND", -1000)
+    monkeypatch.setattr("musatpy.blunders.search._AROUND", -1000)
     block = strip(10, observed=True)
     solution = adjust(altered(block, cameras={"focal_length": lambda f: 1.02 * f}))
     assert any(text.startswith("search stopped") for text in solution.warnings)

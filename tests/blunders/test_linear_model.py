@@ -55,46 +55,6 @@ def test_the_squares_that_a_hypothesis_explains_are_lost_by_the_adjustment(kind:
     assert squares - trial.squares == pytest.approx(best.squares, rel=0.02, abs=0.01 * squares)
 
 
-def test_images_of_points_together_explain_what_each_does() -> None:
-    case = wrong()
-    for checks in linear_model(case.scene, case.factors(), case.state).points:
-        together, m = checks.images_drop(), checks.rays.shape[1]
-        for image in range(m):
-            alone = checks.drop(np.array([2 * image, 2 * image + 1]))
-            for name in ("squares", "parameters", "error", "sigma"):
-                np.testing.assert_allclose(getattr(together, name)[image::m], getattr(alone, name), rtol=1e-12)
-
-
-def test_no_observations_of_a_point_explain_more_than_its_bound() -> None:
-    case, taken = wrong(), []
-    for checks in linear_model(case.scene, case.factors(), case.state).points:
-        m = checks.rays.shape[1]
-        every = [checks.drop(np.array([2 * image, 2 * image + 1])) for image in range(m)]
-        every.append(checks.drop(np.arange(2 * m)))
-        if checks.has_priors:
-            every += [checks.drop(2 * m + np.array(rows)) for rows in ([0, 1], [2], [0, 1, 2, 3])]
-        most = np.max([drop.squares for drop in every], axis=0)
-        for squares in (0.1, 1.0, 10.0, 100.0):
-            assert np.isin(checks.point[most >= squares], checks.explaining(squares).point).all()
-        taken += np.isin(checks.point, checks.explaining(10.0).point).tolist()
-    assert 0.02 < np.mean(taken) < 0.8
-
-
-def test_points_of_which_some_are_left_out_keep_what_explains_most() -> None:
-    """All hypotheses that explain more than the share, and the numbers of each, stay as they are."""
-    case = wrong()
-    model = linear_model(case.scene, case.factors(), case.state)
-    every = hypotheses(model)
-    for share in (0.01, 0.5):
-        few = {
-            option.key: option for option in hypotheses(model, None, lambda option: bool(option.given_up), share)
-        }
-        most = max(option.squares for option in every if option.given_up)
-        for option in every:
-            if option.squares >= share * most:
-                assert few[option.key].squares == pytest.approx(option.squares, rel=1e-12)
-
-
 def test_points_apart_have_the_squares_that_they_have_together() -> None:
     """Each of them twice, the second time with its images 10 um to the right; all groups in one network."""
     case = wrong()

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.blocks import simulated
 from musatpy.adjustment.unknowns import State
-from musatpy.blunders import exchanges, names
+from musatpy.blunders import names
 from musatpy.blunders.scene import Effort, Scene, staged
 
 
@@ -21,12 +21,12 @@ def test_exchanged_photos_stand_near_the_card_of_the_other_one(
     share: float, named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two stations far from their own cards, and a share of that from those of each other; a third in its place."""
-    monkeypatch.setattr(exchanges, "flying_height", lambda scene, state: 2000.0)
+    monkeypatch.setattr(names, "flying_height", lambda scene, state: 2000.0)
     given = np.array([[0.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [9000.0, 0.0, 1500.0]])
     block = SimpleNamespace(photos=SimpleNamespace(position=given))
     scene = SimpleNamespace(network=SimpleNamespace(frame=SimpleNamespace(working=np.asarray)))
     place = given[[1, 0, 2]] + 1000.0 * share / (1.0 + share) * np.array([[-1.0, 0, 0], [1.0, 0, 0], [0, 0, 0]])
-    pairs = exchanges.exchanged_photos(block, scene, SimpleNamespace(position=place))  # type: ignore[arg-type]
+    pairs = names.exchanged_photos(block, scene, SimpleNamespace(position=place))  # type: ignore[arg-type]
     assert pairs == ([(0, 1)] if named else [])
 
 
@@ -34,14 +34,6 @@ def test_exchanged_photos_stand_near_the_card_of_the_other_one(
 def scene() -> tuple[Scene, State]:
     """A block of two strips over land and water up to 60 m deep, from 1,500 m."""
     return staged(simulated(18, submerged=0.5, seed=4, depth=60.0)[0], None, None, Effort(left=math.inf))
-
-
-def imagined(of: Scene, state: State, covariance: np.ndarray) -> names._Imagined:
-    """Return what all photos would show."""
-    photos, network = np.arange(of.network.photos), of.network
-    every = np.ones(network.points, dtype=bool)
-    near, rims = names._near(network, photos), names._rims(network, photos)
-    return names._imagined(of, state, photos, near, rims, every, covariance)
 
 
 def drawn(draws: np.random.Generator, points: int, size: float) -> np.ndarray:
@@ -61,5 +53,6 @@ def test_exchanged_images_get_their_names_back(seed: int) -> None:
     point[rows] = point[np.stack(pairs)[:, ::-1].reshape(-1)]
     of, out = replace(of, network=replace(network, point=point)), np.isin(np.arange(len(point)), rows)
     found = names.lookalikes(of, state, out, rows, drawn(draws, network.points, 0.3), 1.0)
-    assert np.count_nonzero(found.certain) > 0.5 * len(rows)
-    np.testing.assert_array_equal(found.point[found.certain], network.point[found.row[found.certain]])
+    certain = [one for one in found if one.certain]
+    assert len(certain) > 0.5 * len(rows)
+    assert [one.point for one in certain] == network.point[[one.row for one in certain]].tolist()

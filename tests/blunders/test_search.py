@@ -14,7 +14,7 @@ from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import (
     Action,
     Block,
-    Blunder,
+    CauseKind,
     Editing,
     Finding,
     ObservationKind,
@@ -51,8 +51,8 @@ def rays(block: Block) -> np.ndarray:
     return np.bincount(block.plates.point, minlength=len(block.points.ids))
 
 
-def of(solution: Solution, *blunders: Blunder) -> list[Finding]:
-    return [one for one in solution.findings if one.blunder in blunders]
+def of(solution: Solution, *blunders: CauseKind) -> list[Finding]:
+    return [one for one in solution.findings if one.kind in blunders]
 
 
 def well_seen(block: Block, images: int = 5) -> np.ndarray:
@@ -97,7 +97,7 @@ def test_gross_errors_of_images_are_found_with_their_sizes(size: float, axis: in
     hit = well_seen(block)[[0, 8, 24]]
     assert len(set(block.plates.point[hit])) == 3
     solution = edited(altered(block, plates={"xy": added((hit, axis), size)}))
-    found = of(solution, Blunder.PLATE)
+    found = of(solution, CauseKind.IMAGE)
     photos, points = block.photos.ids[block.plates.photo[hit]], block.points.ids[block.plates.point[hit]]
     assert {(one.photo, one.point) for one in found} == set(zip(photos, points, strict=True))
     assert len(solution.findings) == len(hit)
@@ -147,7 +147,7 @@ def test_the_images_of_a_strip_that_cannot_be_told_apart_go_out_together() -> No
         if np.ptp(block.plates.photo[rows]) == 2:  # of one strip
             break
     solution = edited(altered(block, plates={"xy": added((rows[0], 0), 2.0)}))
-    found = of(solution, Blunder.PLATE)
+    found = of(solution, CauseKind.IMAGE)
     assert {one.photo for one in found} == set(block.photos.ids[block.plates.photo[rows]])
     assert all("nor from photos" in one.note for one in found)
     assert all(np.isnan(one.size).all() for one in found)
@@ -161,7 +161,7 @@ def test_exchanged_names_are_put_right() -> None:
     first = int(rows[0])
     second = int(next(r for r in rows[1:] if block.plates.photo[r] == block.plates.photo[first]))
     solution = edited(gross_errors.with_exchanged(block, first, second))
-    found = of(solution, Blunder.MISNAMED)
+    found = of(solution, CauseKind.NAME)
     assert len(found) == len(solution.findings) == 2
     ids = block.points.ids[block.plates.point[[first, second]]].tolist()
     assert {one.point for one in found} == set(ids)
@@ -187,7 +187,7 @@ def test_a_mistaken_name_is_put_right(known: bool) -> None:
         block = altered(block, points={"ids": np.append(block.points.ids, "TYPO"), **flags})
     solution = edited(gross_errors.with_names(block, {row: name}))
     (found,) = solution.findings
-    assert found.blunder is Blunder.MISNAMED
+    assert found.kind is CauseKind.NAME
     assert found.point == block.points.ids[name]
     assert found.note.startswith(f"it is point {block.points.ids[block.plates.point[row]]},")
     np.testing.assert_allclose(solution.stations.position, clean_solution().stations.position, atol=1e-6)
@@ -196,24 +196,24 @@ def test_a_mistaken_name_is_put_right(known: bool) -> None:
 @pytest.mark.parametrize(
     ("error", "blunder", "known"),
     [
-        ((1000.0, -300.0, 0.0), Blunder.HORIZONTAL, [False, False, True]),
-        ((2.5, 0.0, 0.0), Blunder.HORIZONTAL, [False, False, True]),
-        ((0.0, 0.0, 300.0), Blunder.VERTICAL, [True, True, False]),
-        ((0.0, 0.0, 5.0), Blunder.VERTICAL, [True, True, False]),
+        ((1000.0, -300.0, 0.0), CauseKind.HORIZONTAL, [False, False, True]),
+        ((2.5, 0.0, 0.0), CauseKind.HORIZONTAL, [False, False, True]),
+        ((0.0, 0.0, 300.0), CauseKind.VERTICAL, [True, True, False]),
+        ((0.0, 0.0, 5.0), CauseKind.VERTICAL, [True, True, False]),
     ],
 )
 @pytest.mark.slow
 def test_wrong_control_is_found_by_component(
-    error: tuple[float, float, float], blunder: Blunder, known: list[bool]
+    error: tuple[float, float, float], blunder: CauseKind, known: list[bool]
 ) -> None:
     """From a few metres to a kilometre: ten times the ground sigma of an image, and more than the block is wide."""
     block, _ = clean()
     row = int(np.argmax(rays(block)[block.control.point]))
     solution = edited(gross_errors.with_control(block, row, error))
     (found,) = solution.findings
-    assert found.blunder is blunder
+    assert found.kind is blunder
     assert found.point == block.points.ids[block.control.point[row]]
-    components = list(error[:2]) if blunder is Blunder.HORIZONTAL else [error[2]]
+    components = list(error[:2]) if blunder is CauseKind.HORIZONTAL else [error[2]]
     np.testing.assert_allclose(found.size, components, atol=2.0)  # the prediction has some decimetres
     assert solution.edited.control.known[row].tolist() == known
     agrees_with_clean(solution)
@@ -223,7 +223,7 @@ def test_wrong_control_is_found_by_component(
 def test_the_wrong_tide_of_a_photo_is_found() -> None:
     block, _ = clean()
     solution = edited(gross_errors.with_tides(block, np.array([5]), 6.0))
-    (found,) = of(solution, Blunder.TIDE)
+    (found,) = of(solution, CauseKind.TIDE)
     assert found.photo == block.photos.ids[5]
     assert found.size[0] == pytest.approx(6.0, abs=2.0)  # the images give it to half a metre or so
     assert found.action is Action.KEPT_OUT
@@ -236,11 +236,11 @@ def test_the_wrong_tide_of_a_photo_is_found() -> None:
 def test_a_common_error_of_all_tides_is_found_and_left() -> None:
     block, _ = clean()
     solution = edited(gross_errors.with_tides(block, slice(None), 6.0))
-    (found,) = of(solution, Blunder.TIDE)
+    (found,) = of(solution, CauseKind.TIDE)
     assert found.photo == "all"
     assert found.size[0] == pytest.approx(6.0, abs=2.0)
     assert found.action is Action.NONE
-    assert not of(solution, Blunder.PLATE)
+    assert not of(solution, CauseKind.IMAGE)
 
 
 @pytest.mark.slow
@@ -249,7 +249,7 @@ def test_the_tides_of_a_group_are_tested_together() -> None:
     group = np.where(np.arange(PHOTOS) % 2 == 0, "EVEN", "ODD")
     block = altered(block, photos={"tide_group": group})
     solution = edited(gross_errors.with_tides(block, slice(0, None, 2), 4.0))
-    (found,) = of(solution, Blunder.TIDE)
+    (found,) = of(solution, CauseKind.TIDE)
     assert found.photo == "group EVEN"
     assert found.size[0] == pytest.approx(4.0, abs=1.5)
 
@@ -285,10 +285,10 @@ def deep(points: int = 4) -> tuple[Block, np.ndarray]:
 def test_points_that_should_be_flagged_are_found_by_their_images() -> None:
     block, wet = deep()
     solution = edited(gross_errors.with_flags(block, wet, submerged=False))
-    found = of(solution, Blunder.DRY_FLAG)
+    found = of(solution, CauseKind.DRY_FLAG)
     assert {one.point for one in found} == set(block.points.ids[wet])
     assert all(one.action is Action.FLAGGED for one in found)
-    assert not of(solution, Blunder.PLATE)
+    assert not of(solution, CauseKind.IMAGE)
     flags = dict(zip(solution.edited.points.ids, solution.edited.points.bathymetric, strict=True))
     assert [flags[name] for name in block.points.ids] == block.points.bathymetric.tolist()
 
@@ -305,7 +305,7 @@ def test_dry_points_below_the_water_that_are_flagged_are_found_by_their_images()
     bent = flat.incidence(camera, ground, up, -ground[:, 2], INDEX).v
     off = image(ground - camera, M, f, np.zeros(2)) - image(bent, M, f, np.zeros(2))
     solution = edited(altered(block, plates={"xy": added(rows, off)}))
-    found = of(solution, Blunder.WET_FLAG)
+    found = of(solution, CauseKind.WET_FLAG)
     assert {one.point for one in found} == set(block.points.ids[wet])
     assert all(one.action is Action.UNFLAGGED for one in found)
 
@@ -315,7 +315,7 @@ def test_shallow_points_below_the_water_without_flag_are_listed() -> None:
     wet = block.points.bathymetric & (rays(block) >= 4) & (truth.ground[:, 2] < -8.0)
     points = np.flatnonzero(wet)[:3]
     solution = edited(gross_errors.with_flags(block, points, submerged=False))
-    found = {one.point: one for one in of(solution, Blunder.DRY_FLAG)}
+    found = {one.point: one for one in of(solution, CauseKind.DRY_FLAG)}
     assert set(found) == set(block.points.ids[points])
     for point in points:
         one = found[block.points.ids[point]]
@@ -330,7 +330,7 @@ def test_points_above_the_water_with_a_flag_are_listed() -> None:
     high = ~block.points.bathymetric & (rays(block) >= 4) & (truth.ground[:, 2] > 20.0)
     points = np.flatnonzero(high)[:3]
     solution = edited(gross_errors.with_flags(block, points, submerged=True))
-    found = of(solution, Blunder.WET_FLAG)
+    found = of(solution, CauseKind.WET_FLAG)
     assert {one.point for one in found} == set(block.points.ids[points])
     np.testing.assert_allclose(solution.stations.position, clean_solution().stations.position, atol=1e-6)
 
@@ -345,12 +345,12 @@ def test_jobs_of_program_iia_are_searched_too(program: Program, refraction: Refr
     block = altered(block, options={"program": program, "refraction": refraction})
     row = int(well_seen(block)[10])
     solution = edited(altered(block, plates={"xy": added(row, 0.5)}))
-    found = of(solution, Blunder.PLATE)
+    found = of(solution, CauseKind.IMAGE)
     assert (block.photos.ids[block.plates.photo[row]], block.points.ids[block.plates.point[row]]) in {
         (one.photo, one.point) for one in found
     }
     assert solution.block.options.program is program
-    assert not of(solution, Blunder.TIDE) or refraction is not Refraction.NONE
+    assert not of(solution, CauseKind.TIDE) or refraction is not Refraction.NONE
 
 
 @pytest.mark.slow

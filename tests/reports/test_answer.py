@@ -16,7 +16,7 @@ from musatpy import adjust, read_deck
 from musatpy.listings import compare_texts
 from musatpy.listings.audit.checks import audit
 from musatpy.listings.audit.reading import listing_of as read_text
-from musatpy.model import Action, Blunder, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
+from musatpy.model import Action, CauseKind, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
 from musatpy.reports import answer, brevity
 from musatpy.reports.listing import REPORTS, listing, listing_of
 from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH, Section
@@ -34,7 +34,7 @@ CHECKS = "Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Po
 VERTICAL = 4  # row of the vertical control point of the deck
 
 
-FOUND = Finding(blunder=Blunder.PLATE, photo="837", test=9.0, size=(1.0,), action=Action.NONE)
+FOUND = Finding(kind=CauseKind.IMAGE, photo="837", test=9.0, size=(1.0,), action=Action.NONE)
 
 
 def with_options(block, **options):

@@ -12,7 +12,7 @@ from musatpy.adjustment import adjust
 from musatpy.draws import Draws
 from musatpy.errors import SpecError
 from musatpy.formats.musat import deck_bytes, read_deck
-from musatpy.model import Blunder, ControlKind, ObservationKind
+from musatpy.model import CauseKind, ControlKind, ObservationKind
 from musatpy.pipeline import adjust as adjust_and_search
 from musatpy.simulation import Simulation, load_spec, simulate, spec_from_table, truth_record
 from musatpy.simulation.mistakes import drawn_sizes
@@ -307,13 +307,13 @@ def test_a_search_finds_what_the_truth_says():
         })
     )  # fmt: skip
     record = truth_record(simulation)
-    found = {(one.blunder, one.photo, one.point) for one in adjust_and_search(simulation.block).findings}
+    found = {(one.kind, one.photo, one.point) for one in adjust_and_search(simulation.block).findings}
     plates = {(one["photo"], one["point"]) for one in record["blunders"]}
-    assert plates <= {(photo, point) for blunder, photo, point in found if blunder is Blunder.PLATE}
+    assert plates <= {(photo, point) for blunder, photo, point in found if blunder is CauseKind.IMAGE}
     (swapped,) = record["swapped"]
-    names = {(photo, point) for blunder, photo, point in found if blunder is Blunder.MISNAMED}
+    names = {(photo, point) for blunder, photo, point in found if blunder is CauseKind.NAME}
     assert names == {(swapped["photo"], point) for point in swapped["points"]}
-    assert {point for blunder, _, point in found if blunder is Blunder.VERTICAL} == set(record["wrong_control"])
+    assert {point for blunder, _, point in found if blunder is CauseKind.VERTICAL} == set(record["wrong_control"])
 
 
 @pytest.mark.parametrize(

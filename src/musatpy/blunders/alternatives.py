@@ -23,12 +23,11 @@ from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.scene import Scene, sizes
+from musatpy.blunders.scene import PENALTY, Scene, sizes
 from musatpy.model import ObservationKind
 
 Values = TypeVar("Values", FloatArray, BoolArray)
 
-_AS_GOOD = 16.0  # of squares over sigma0 squared: a choice that is worse by less explains the point too
 _MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
 _MOST = 1000  # choices that are tried of one point
 _PART = 2**14  # rays that are tried at a time
@@ -87,35 +86,35 @@ def exchanged_images(network: Network, state: State, point: int) -> list[tuple[i
     return pairs
 
 
-def wrong_flags(scene: Scene, state: State, sigma0: float) -> tuple[IntArray, FloatArray]:
+def wrong_flags(scene: Scene, state: State, sigma0: float) -> dict[int, float]:
     """Return the points whose images want the other flag, submerged or dry, and the test values of that.
 
     All images of a point are taken as they are, once refracted and once straight: the test value is the root of the
     difference of the squares. Only points below the water at all their photos can have either, but for those that
     are dry for certain. Where one wrong image would explain the misfit better, the flag is not blamed.
     """
-    network, nothing = scene.network, (np.zeros(0, dtype=int), np.zeros(0))
-    asked = _below_water(scene, state, _misfits(scene, state, _AS_GOOD * sigma0**2))
+    network = scene.network
+    asked = _below_water(scene, state, _misfits(scene, state, PENALTY * sigma0**2))
     groups = [
         part for group in network.groups if group.rays.shape[1] > 1 for part in group.some(asked[group.point])
     ]
     if not groups:
-        return nothing
+        return {}
     flagged = _squares(network, state, groups)[0]
-    misfits = ~(flagged <= _AS_GOOD * sigma0**2)  # the other flag gains no more than these squares
+    misfits = ~(flagged <= PENALTY * sigma0**2)  # the other flag gains no more than these squares
     if not misfits.any():
-        return nothing
+        return {}
     groups, flagged = _some(groups, misfits), flagged[misfits]
     other = replace(network, refracted=np.where(asked[network.point], ~network.refracted, network.refracted))
     flipped = _squares(other, state, groups)[0]
     with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
         gain = (flagged - flipped) / sigma0**2
     limit = np.concatenate([np.full(len(group.point), _limit(group, group.rays.shape[1])) for group in groups])
-    wrong = (gain > _AS_GOOD) & (flipped < sigma0**2 * limit)
+    wrong = (gain > PENALTY) & (flipped < sigma0**2 * limit)
     if wrong.any():
         one_less = [squares.min(axis=1) for _, squares, _ in _without(network, state, _some(groups, wrong), 1)]
         wrong[wrong] = np.concatenate(one_less) > flipped[wrong]
-    return _points(groups)[wrong], np.sqrt(gain[wrong])
+    return dict(zip(_points(groups)[wrong].tolist(), np.sqrt(gain[wrong]).tolist(), strict=True))
 
 
 def _misfits(scene: Scene, state: State, least: float) -> BoolArray:
@@ -160,7 +159,7 @@ def _choose(
         best = squares.min(axis=1)
         fits = best < _limit(group, kept.shape[1])
         taken = (kept[:, :, None] != np.arange(group.rays.shape[1])).all(axis=1)  # (c, m)
-        good, fitting = squares[fits] <= best[fits, None] + _AS_GOOD, group.part(fits)
+        good, fitting = squares[fits] <= best[fits, None] + PENALTY, group.part(fits)
         wrong[fitting.rays] = (good[:, :, None] & taken).any(axis=1)
         ground[fitting.point] = positions[fits, squares[fits].argmin(axis=1)]
         left += group.some(~fits)

@@ -14,16 +14,13 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.network import Network, first_rows
-from musatpy.adjustment.normals import Cofactors, Factor
+from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.propagation import pieces
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.blunders.scene import IMAGES_CHECKED, OTHERS_CHECKED
 from musatpy.model import Block
-
-IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
-ROUNDING = 1e-6  # of squares
-_FEW = 8  # photos for each point that asks for its cofactors alone: with less, those of all are cheaper
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +49,7 @@ class PointChecks:
     unknowns: IntArray  # (k, T) of the normal equations
     photo: IntArray  # (k, m)
     extras: IntArray  # (k, X) further unknowns
-    inverse_of_stations: Inverse
+    cofactors: Cofactors  # of the unknowns
 
     @property
     def has_priors(self) -> bool:
@@ -67,51 +64,13 @@ class PointChecks:
     @cached_property
     def cofactor(self) -> FloatArray:
         """(k, o, o) cofactors of the adjusted observations."""
-        return self.by_stations + self.ground @ self.inverse @ np.swapaxes(self.ground, 1, 2)
-
-    @cached_property
-    def by_stations(self) -> FloatArray:
-        """(k, o, o) those that they have of the stations: a Q a'."""
-        return self.inverse_of_stations.cofactors_of(self.photo, self.extras, self.partials)
-
-    def explaining(self, squares: float) -> PointChecks:
-        """Return the points that have observations that may explain so many squares or more.
-
-        The residuals of a point are orthogonal to what its position does. All else of R has eigenvalues of at least
-        1 - trace(P^1/2 a Q a' P^1/2), and so have its parts: they explain the squares over this at most.
-        """
-        least = squares * (1.0 - ROUNDING)
-        likely = self.part(self._most >= least)
-        leverage = np.einsum("koo,ko->k", likely.by_stations, likely.weight)
-        return likely.part(likely.squares >= (1.0 - leverage) * least)
-
-    @property
-    def _most(self) -> FloatArray:
-        """(k,) squares that images, or what is known, may explain: smaller eigenvalues do not count as checked."""
-        own, split = self.weight * np.square(self.residual), 2 * self.rays.shape[1]
-        images, priors = own[:, :split].sum(axis=1), own[:, split:].sum(axis=1)
-        return np.asarray(np.maximum(images / IMAGES_CHECKED, priors / OTHERS_CHECKED))
+        by_stations = self.cofactors.cofactors_of(self.photo, self.extras, self.partials)
+        return by_stations + self.ground @ self.inverse @ np.swapaxes(self.ground, 1, 2)
 
     def part(self, taken: BoolArray) -> PointChecks:
-        """Return some of the points, with what has been computed of them."""
-        if taken.all():
-            return self
-        rows = {
-            one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "inverse_of_stations"
-        }
-        part = PointChecks(**rows, inverse_of_stations=self.inverse_of_stations)
-        if "by_stations" in vars(self):
-            vars(part)["by_stations"] = self.by_stations[taken]
-        return part
-
-    def images_drop(self) -> Drop:
-        """Return what the k m images of the points explain, each alone, both coordinates."""
-        m = self.rays.shape[1]
-        rows = 2 * np.arange(m)[:, None] + np.arange(2)
-        v, weight = (values[:, rows].reshape(-1, 2) for values in (self.residual, self.weight))
-        return dropped(
-            v, weight, self.cofactor[:, rows[:, :, None], rows[:, None, :]].reshape(-1, 2, 2), IMAGES_CHECKED
-        )
+        """Return some of the points."""
+        rows = {one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "cofactors"}
+        return PointChecks(**rows, cofactors=self.cofactors)
 
     def drop(self, rows: IntArray) -> Drop:
         """Return what the observations `rows` (s,) of every point explain."""
@@ -119,32 +78,6 @@ class PointChecks:
         return dropped(
             self.residual[:, rows], self.weight[:, rows], self.cofactor[:, rows[:, None], rows[None]], checked
         )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Inverse:
-    """The inverse of normal equations, as much of it as is asked for."""
-
-    factor: Factor
-    held: IntArray  # unknowns of photos
-
-    @cached_property
-    def cofactors(self) -> Cofactors:
-        """The cofactors of all photos that meet."""
-        return self.factor.cofactors().holding(self.held)
-
-    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
-        """Return what `Cofactors.with_border` does."""
-        return self.cofactors.with_border(photo, index)
-
-    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
-        """Return what `Cofactors.cofactors_of` does; of a few points alone without computing all others."""
-        alone = self.worth_alone(len(photo)) and not len(self.held) and "cofactors" not in vars(self)
-        return (self.factor if alone else self.cofactors).cofactors_of(photo, index, partials)
-
-    def worth_alone(self, points: int) -> bool:
-        """Return whether cofactors of so few points cost less than those of all photos that meet."""
-        return _FEW * points <= self.factor.matrix.pattern.count
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,19 +95,19 @@ class CheckedPoints:
 
 
 def checked_points(
-    block: Block, network: Network, state: State, inverse: Inverse, step: FloatArray
+    block: Block, network: Network, state: State, cofactors: Cofactors, step: FloatArray
 ) -> CheckedPoints:
-    """Return the points of a network after a step (u,), by the `inverse` of its normals."""
+    """Return the points of a network after a step (u,), by the `cofactors` of its unknowns."""
     control, member = (
         first_rows(table.point, len(block.points.ids)) for table in (block.control, block.equal_elevations)
     )
-    every = (piece for group in network.groups for _, piece in pieces(network, state, group, inverse))
-    points = tuple(_checks_of(network, piece, inverse, control, member, step) for piece in every)
+    every = (piece for group in network.groups for _, piece in pieces(network, state, group, cofactors))
+    points = tuple(_checks_of(network, piece, cofactors, control, member, step) for piece in every)
     return CheckedPoints(network=network, state=state, points=points)
 
 
 def _checks_of(
-    network: Network, piece: Piece, inverse: Inverse, control: IntArray, member: IntArray, step: FloatArray
+    network: Network, piece: Piece, cofactors: Cofactors, control: IntArray, member: IntArray, step: FloatArray
 ) -> PointChecks:
     E, rays = piece.E, piece.group.rays
     k = len(rays)
@@ -200,7 +133,7 @@ def _checks_of(
         unknowns=unknowns,
         photo=piece.photo,
         extras=E.extras.index,
-        inverse_of_stations=inverse,
+        cofactors=cofactors,
     )
 
 

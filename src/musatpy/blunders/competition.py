@@ -14,7 +14,7 @@ from musatpy.arrays import BoolArray
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.checks import PointChecks
 from musatpy.blunders.explanation import (
-    EQUAL,
+    NEARLY,
     SENSIBLE,
     Case,
     covers,
@@ -27,9 +27,7 @@ from musatpy.blunders.explanation import (
     with_hypothesis,
     with_revision,
 )
-from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import (
-    PENALTY,
     GivenUp,
     Hypothesis,
     common_errors,
@@ -37,7 +35,7 @@ from musatpy.blunders.hypotheses import (
     of_taken_images,
 )
 from musatpy.blunders.linear_model import LinearModel, linear_model, solved
-from musatpy.blunders.scene import GIVEN_UP, Scene, sizes
+from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, Scene, sizes, taking_part
 from musatpy.blunders.search import Search
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.model import CauseKind, ObservationKind
@@ -46,9 +44,7 @@ from musatpy.model.ranking import falling
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted
-_NEARLY = 0.6  # of what was found, that a competitor must explain in the linear model
 _SAME = 1e-4  # of what they explain: smaller differences are those of the models
-_WORTH = 0.5  # and in the adjustment
 _K = ObservationKind
 _IMAGES = (CauseKind.IMAGE, CauseKind.IMAGES)
 
@@ -113,8 +109,8 @@ def _rest(last: Snooped, found: list[Hypothesis]) -> LinearModel | None:
     with suppress(*GIVEN_UP):
         if state is not judgement.state:  # it was stopped
             return linear_model(scene, factors, state)
-        network, inverse = scene.problem(factors).network, judgement.inverse
-        return solved(scene, network, state, inverse, np.zeros(inverse.factor.matrix.size))
+        network, factor = scene.problem(factors).network, judgement.factor
+        return solved(scene, network, state, factor, judgement.cofactors, np.zeros(factor.matrix.size))
     return None
 
 
@@ -155,42 +151,26 @@ def members(search: Search, most: int) -> Iterator[Hypothesis]:
         of_images = CauseKind.IMAGES if len(rows) > 1 else CauseKind.IMAGE
         photo = tuple(np.unique(network.photo[rows]).tolist())
         yield _member(of_images, (GivenUp.of_images(rows),), photo, (int(network.point[rows[0]]),))
-    for prior in PRIORS:
-        for row in np.flatnonzero(out[prior.observed].any(axis=1)).tolist():
-            lost = _rows(prior.observed, row, out)
-            yield _member(_kind_of(lost), (lost,), (), (int(prior.points(block)[row]),))
-    for kind in MEASURED:
-        for row in np.flatnonzero(out[kind.observed].any(axis=1)).tolist():
-            parts = (_rows(kind.observed, row, out),)
-            yield _member(CauseKind(kind.noun), parts, *kind.links_of(block, row))
-    yield from _stations(out, search)
-
-
-def _stations(out: Factors, search: Search) -> Iterator[Hypothesis]:
-    position = np.asarray(out[_K.STATION_POSITION].any(axis=1))
-    attitude = np.asarray(out[_K.STATION_ATTITUDE].any(axis=1))
-    for photo in np.flatnonzero(position | attitude).tolist():
-        parts = tuple(
-            _rows(kind, photo, out)
-            for kind, mask in ((_K.STATION_POSITION, position), (_K.STATION_ATTITUDE, attitude))
-            if mask[photo]
-        )
-        kind = CauseKind.STATION if len(parts) == 2 else CauseKind.POSITION
-        kind = CauseKind.ATTITUDE if not position[photo] else kind
-        yield _member(kind, parts, (photo,), ())
-    tide = np.asarray(out[_K.WATER_LEVEL].any(axis=1))
-    common = np.zeros(len(tide), dtype=bool)
-    for tide_error in search.last.tides:
-        photos = tide_error.photo
-        common[photos] = True
-        given = GivenUp(kind=_K.WATER_LEVEL, row=photos, component=np.zeros_like(photos))
-        member = _member(CauseKind.TIDES, (given,), tuple(photos.tolist()), ())
-        squares = (tide_error.test * search.last.judgement.sigma0) ** 2
-        error, sigma = np.array([tide_error.size]), np.array([abs(tide_error.size) / tide_error.test])
-        yield replace(member, name=tide_error.name, squares=squares, error=error, sigma=sigma, parameters=1)
-    if len(tide) == len(search.block.photos.ids):
-        for photo in np.flatnonzero(tide & ~common).tolist():
-            yield _member(CauseKind.TIDE, (_rows(_K.WATER_LEVEL, photo, out),), (photo,), ())
+    priors, measured = {kind.observed: kind for kind in PRIORS}, {kind.observed: kind for kind in MEASURED}
+    common = {photo for tides in last.tides for photo in tides.photo}
+    for tides in last.tides:
+        photos = np.array(tides.photo)
+        yield replace(tides, given_up=(GivenUp(kind=_K.WATER_LEVEL, row=photos, component=np.zeros_like(photos)),))
+    stations: dict[int, list[GivenUp]] = {}
+    for observed, mask in out.items():
+        for row in np.flatnonzero(mask.any(axis=1)).tolist() if observed is not _K.PLATE else ():
+            part = GivenUp.of_row(observed, row, np.flatnonzero(mask[row]))
+            if observed in priors:
+                yield _member(_kind_of(part), (part,), (), (int(priors[observed].points(block)[row]),))
+            elif observed in measured:
+                yield _member(measured[observed].cause, (part,), *measured[observed].links_of(block, row))
+            elif observed in (_K.STATION_POSITION, _K.STATION_ATTITUDE):
+                stations.setdefault(row, []).append(part)
+            elif len(mask) == len(block.photos.ids) and row not in common:
+                yield _member(CauseKind.TIDE, (part,), (row,), ())
+    for station, parts in sorted(stations.items()):
+        alone = CauseKind.POSITION if parts[0].kind is _K.STATION_POSITION else CauseKind.ATTITUDE
+        yield _member(CauseKind.STATION if len(parts) > 1 else alone, tuple(parts), (station,), ())
 
 
 def _kind_of(part: GivenUp) -> CauseKind:
@@ -198,10 +178,6 @@ def _kind_of(part: GivenUp) -> CauseKind:
         return CauseKind.ELEVATION
     plan, height = (part.component < 2).any(), (part.component == 2).any()
     return CauseKind.CONTROL if plan and height else CauseKind.HORIZONTAL if plan else CauseKind.VERTICAL
-
-
-def _rows(kind: ObservationKind, row: int, out: Factors) -> GivenUp:
-    return GivenUp.of_row(kind, row, np.flatnonzero(out[kind][row]))
 
 
 def _member(
@@ -248,8 +224,7 @@ def _ranked(
     """Return a hypothesis and its competitors, the cheapest explanation first."""
     try:
         near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
-        model = model_of(case)
-        options = hypotheses(model, near, lambda option: option.key == member.key, _NEARLY)
+        options = hypotheses(model_of(case), near)
     except GIVEN_UP:
         return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
     first = next((option for option in options if option.key == member.key), None)
@@ -261,7 +236,7 @@ def _ranked(
         for option in options
         if option.key != first.key
         and sensible(option)
-        and option.squares >= _NEARLY * first.squares
+        and option.squares >= NEARLY * first.squares
         and not (covers(option, first) and option.gain(variance) < first.gain(variance))
     ]
     others = [others[row] for row in falling([option.gain(variance) for option in others]).tolist()]
@@ -273,10 +248,10 @@ def _ranked(
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
         trial = with_hypothesis(case, option, sea)
-        if worst - trial.squares >= _WORTH * (worst - final):
+        if worst - trial.squares >= NEARLY * (worst - final):
             tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]
-    equal = EQUAL + _SAME * (worst - final) / variance
+    equal = PENALTY + _SAME * (worst - final) / variance
     better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
     ranks = 1 + np.unique(better, return_inverse=True)[1]
     cheap = list(CauseKind)

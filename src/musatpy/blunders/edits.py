@@ -14,12 +14,9 @@ from musatpy.model import (
     BathymetricPoints,
     Block,
     CauseKind,
-    Control,
     ControlKind,
     Editing,
     ObservationKind,
-    Photos,
-    PlateMeasurements,
     PointStatus,
     Solution,
 )
@@ -27,7 +24,7 @@ from musatpy.model.block import in_order
 from musatpy.model.tables import columns
 
 _K = ObservationKind
-KIND_NAMES = {kind: kind.noun for kind in _K} | {_K.PLATE: "images", _K.CONTROL: "control points"}
+_NOUNS = {_K.PLATE: "images", _K.CONTROL: "control points"}
 _SEEN = 2  # images that give a point its position
 _FIFTH = 0.2  # of the observations of a kind: where more would go, they are not what is wrong
 _SEVERAL = 3  # of a kind, at least: one of four control points is one wrong card
@@ -36,15 +33,23 @@ ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be
 
 def edited(search: Search) -> Block:
     """Return the block with everything edited that the search found, and with no more editing asked for."""
-    block = search.revised
-    out = search.last.rows_out
+    block, out = search.revised, search.last.rows_out
     groups, stays = block.equal_elevations, ~out(_K.EQUAL_ELEVATION)
+    plates, photos, control = block.plates, block.photos, block.control
+    wrong = out(_K.PLATE) | (wrong_tides(search)[plates.photo] & block.points.bathymetric[plates.point])
+    horizontal, vertical = control_out(search)
+    plan, height = control.known[:, 0] & ~horizontal, control.known[:, 2] & ~vertical
+    kinds = [ControlKind.FULL, ControlKind.HORIZONTAL, ControlKind.VERTICAL]
     block = replace(
         block,
         options=replace(block.options, editing=Editing.NONE),
-        photos=_stations(block.photos, out(_K.STATION_POSITION), out(_K.STATION_ATTITUDE)),
-        plates=_plates(block, out(_K.PLATE), wrong_tides(search)),
-        control=_control(search, block.control),
+        photos=replace(
+            photos,
+            position_sigma=np.where(out(_K.STATION_POSITION)[:, None], np.nan, photos.position_sigma),
+            attitude_sigma=np.where(out(_K.STATION_ATTITUDE)[:, None], np.nan, photos.attitude_sigma),
+        ),
+        plates=replace(plates, triangulated=plates.triangulated & ~wrong),
+        control=replace(control, kind=np.select([plan & height, plan, height], kinds, ControlKind.CHECK)),
         equal_elevations=replace(groups, group=groups.group[stays], point=groups.point[stays]),
     )
     for kind in MEASURED:
@@ -76,7 +81,9 @@ def unedited(search: Search) -> str:
             wrong = wrong & wrong_tides(search) if len(wrong) == len(block.photos.ids) else np.zeros_like(wrong)
         count, total = np.count_nonzero(wrong), np.count_nonzero(np.diff(units.row[rows], prepend=-1))
         if count >= _SEVERAL and count > _FIFTH * total:
-            return f"{count} of {total} would go of one kind, {KIND_NAMES[kind]}: look for one cause of all"
+            return (
+                f"{count} of {total} would go of one kind, {_NOUNS.get(kind, kind.noun)}: look for one cause of all"
+            )
     return ""
 
 
@@ -97,35 +104,9 @@ def wrong_tides(search: Search) -> BoolArray:
         return tides
     tides[mask] = True
     for common in search.last.tides:
-        tides[common.photo] = False
+        tides[list(common.photo)] = False
     dry = ~block.points.bathymetric[block.plates.point] & ~images & block.plates.triangulated
     return tides & (np.bincount(block.plates.photo[dry], minlength=len(tides)) >= ENOUGH)
-
-
-def _plates(block: Block, out: BoolArray, tides: BoolArray) -> PlateMeasurements:
-    plates = block.plates
-    out = out | (tides[plates.photo] & block.points.bathymetric[plates.point])
-    return replace(plates, triangulated=plates.triangulated & ~out)
-
-
-def _stations(photos: Photos, position: BoolArray, attitude: BoolArray) -> Photos:
-    return replace(
-        photos,
-        position_sigma=np.where(position[:, None], np.nan, photos.position_sigma),
-        attitude_sigma=np.where(attitude[:, None], np.nan, photos.attitude_sigma),
-    )
-
-
-def _control(search: Search, control: Control) -> Control:
-    horizontal, vertical = control_out(search)
-    knows = control.known
-    plan, height = knows[:, 0] & ~horizontal, knows[:, 2] & ~vertical
-    kind = np.select(
-        [plan & height, plan, height],
-        [ControlKind.FULL, ControlKind.HORIZONTAL, ControlKind.VERTICAL],
-        ControlKind.CHECK,
-    )
-    return replace(control, kind=kind)
 
 
 def control_out(search: Search) -> tuple[BoolArray, BoolArray]:

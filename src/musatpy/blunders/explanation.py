@@ -19,11 +19,20 @@ from musatpy.adjustment.robust import FITS, chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
-from musatpy.blunders.factors import Factors, taking_part
-from musatpy.blunders.hypotheses import PENALTY, Hypothesis, common_errors, hypotheses
+from musatpy.blunders.hypotheses import Hypothesis, common_errors, hypotheses
 from musatpy.blunders.linear_model import LinearModel, linear_model
-from musatpy.blunders.revisions import FEET, Revision, moved_state, revised
-from musatpy.blunders.scene import GIVEN_UP, Scene, adjusted, at_their_best, scene_of, sizes
+from musatpy.blunders.revisions import Revision, moved_state, revised
+from musatpy.blunders.scene import (
+    GIVEN_UP,
+    PENALTY,
+    Factors,
+    Scene,
+    adjusted,
+    at_their_best,
+    scene_of,
+    sizes,
+    taking_part,
+)
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind
@@ -33,7 +42,6 @@ from musatpy.statistics.quality import test_limit
 
 STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments
-EQUAL = 16.0  # squares over sigma0 squared: explanations whose costs differ by less explain alike
 _SAME = 4.0  # of the costs of two explanations, which says nothing
 SENSIBLE = {  # sizes of errors that are common to many observations, and can be revised
     CauseKind.FOCAL_LENGTH: 15.0,  # mm
@@ -43,10 +51,8 @@ SENSIBLE = {  # sizes of errors that are common to many observations, and can be
 }
 _GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much to adjust
 _ALIKE = 0.99  # of the squares that the best explains of gross errors
-_SURE = 0.75  # of the difference of two costs in the linear model: so much is left of it when they are adjusted
-_DOUBT = 2.0  # times what that model has misjudged of the best: by so much more it may of the others
 _WEAK = 400.0  # squares over sigma0 squared: what explained more when it was taken was no neighbour's error
-_NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried
+NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried
 _ITERATIONS = 6  # of a re-adjustment
 _REFINEMENTS = 2  # of the size of what is revised
 _FEW = 6  # wrong images that hypotheses taken one by one can still explain
@@ -54,7 +60,6 @@ _AGREEING = 2  # images that agree with what is known of their point, so that an
 _SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
 _DRY = 0.02  # of the rays of submerged points: as many of these stand dry where an image of theirs is wrong
 _SINGLE, _RARE = 1, 0.05  # images of a photo, and share of them, that are wrong each by itself
-UNIT = 0.05  # by which a factor may be off that of a foot
 _CHEAP = list(CauseKind)
 
 
@@ -199,20 +204,16 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
             break
         if not options and seen_from_first:
             # the first state serves as long as something is not explained: it may bend the adjusted one
-            foreseen = _foreseen(case, model)
             seen_from_first = False
             case = trial or readjusted(replace(case, state=model.state), case.factors())
-            # where the adjustment is as foreseen, its linear model says what that of the first state has said
-            if np.isfinite(case.squares) and abs(case.squares - foreseen) > variance * _SAME:
-                model = model_of(case)
-                options = shortlist(case, model, variance)
+            options = shortlist(case, model_of(case), variance) if np.isfinite(case.squares) else []
         if not options:
             break
         trial = None
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = trial = cheapest(_trials(case, model, options, variance, sea), variance)
+            best = trial = cheapest([with_hypothesis(case, option, sea) for option in options], variance)
             if not np.isfinite(best.squares):
                 break
         first = seen_from_first and best.scene is case.scene
@@ -232,8 +233,8 @@ def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesi
 
     They are as many as the observations: in a large block some good one lies beyond the limit of a small one.
     """
-    wanted, least = _wanted(case, variance), variance * chi_square_limit(1, _normal_limit(case))
-    options = [option for option in hypotheses(model, None, wanted, _NEARLY, least) if wanted(option)]
+    wanted = _wanted(case, variance)
+    options = [option for option in hypotheses(model) if wanted(option)]
     if not options:
         return []
     options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
@@ -242,14 +243,7 @@ def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesi
         # no adjustment tells anything yet, and no difference that is small beside what the model leaves out
         alike = [option for option in options if option.squares >= _ALIKE * best]
         return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))]
-    near = [option for option in options if option.squares >= _NEARLY * best][:TRIED]
-    return [option for option in near if not _in_vain(option, near[0], variance)]
-
-
-def _in_vain(option: Hypothesis, best: Hypothesis, variance: float) -> bool:
-    """Return whether a hypothesis gives up all that the best does, and more that is not worth its price."""
-    more, price = (option.squares - best.squares) / variance, PENALTY * (option.parameters - best.parameters)
-    return _DOUBT * more + _SAME < price and covers(option, best)
+    return [option for option in options if option.squares >= NEARLY * best][:TRIED]
 
 
 def covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
@@ -263,37 +257,6 @@ def covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
         for each in (hypothesis, other)
     ]
     return bool(rows[1]) and rows[1] < rows[0]
-
-
-def _trials(
-    case: Case,
-    model: LinearModel,
-    options: list[Hypothesis],
-    variance: float,
-    sea: Sea | None,
-) -> list[Case]:
-    """Return the cases with those of the hypotheses that may cost least, adjusted, the most promising first.
-
-    The others cost more by about as much as their linear model says, which errs by what all of them leave in: by
-    as much as it has misjudged those before.
-    """
-    foreseen, misjudged, trials = _foreseen(case, model), 0.0, []
-    for option in options:
-        more = options[0].gain(variance) - option.gain(variance)
-        if _SURE * more > _SAME + _DOUBT * misjudged:
-            break
-        trials.append(with_hypothesis(case, option, sea))
-        misjudged = max(misjudged, abs(trials[-1].squares + option.squares - foreseen) / variance)
-    return trials
-
-
-def _foreseen(case: Case, model: LinearModel) -> float:
-    """Return the weighted squares of all that is in, as the linear model of a case foresees them."""
-    size, factors = sizes(case.scene, case.state), case.factors()
-    out = [factors[kind] * np.square(size[kind]) for kind in case.out]
-    return model.squares - sum(
-        float(np.nansum(squares[mask > 0.0])) for squares, mask in zip(out, case.out.values(), strict=True)
-    )
 
 
 def _normal_limit(case: Case) -> float:
@@ -318,23 +281,12 @@ def _wanted(case: Case, variance: float) -> Callable[[Hypothesis], bool]:
 
 def sensible(hypothesis: Hypothesis) -> bool:
     """Return whether what is common to many observations has a size that makes sense."""
-    if hypothesis.kind is CauseKind.UNIT:
-        return unit_of(hypothesis) > 0.0
     return bool(abs(hypothesis.error[0]) < SENSIBLE.get(hypothesis.kind, np.inf))
 
 
 def _still_in(out: Factors, hypothesis: Hypothesis) -> bool:
     """Return whether a hypothesis gives up anything that is not out yet."""
     return any((out[part.kind][part.row, part.component] == 0.0).any() for part in hypothesis.given_up)
-
-
-def unit_of(hypothesis: Hypothesis) -> float:
-    """Return what given lengths have to be divided by, 0 where no foot explains them."""
-    divisor = 1.0 / max(1.0 - float(hypothesis.error[0]), 1e-6)
-    for foot in (FEET, 1.0 / FEET):
-        if abs(divisor / foot - 1.0) < UNIT:
-            return foot
-    return 0.0
 
 
 def cheapest(cases: list[Case], variance: float) -> Case:
@@ -369,7 +321,7 @@ def given_up(out: Factors, hypothesis: Hypothesis, value: float = 1.0) -> Factor
 
 def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
     """Return the case with what its last hypothesis says revised, the size of it at the minimum."""
-    value = unit_of(hypothesis) if hypothesis.kind is CauseKind.UNIT else float(hypothesis.error[0])
+    value = float(hypothesis.error[0])
     case = with_revision(case, replace(hypothesis, value=value), sea)
     if hypothesis.kind not in SENSIBLE or not np.isfinite(case.squares):
         return case

@@ -11,21 +11,30 @@ from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.blunders.alternatives import misfit
 from musatpy.blunders.edits import control_out, wrong_tides
-from musatpy.blunders.scene import sees_water
+from musatpy.blunders.scene import LIMIT, sees_water
 from musatpy.blunders.search import Search, plate_errors
-from musatpy.blunders.snooping import LIMIT
-from musatpy.model import Action, Block, Blunder, CauseKind, Finding, ObservationKind
+from musatpy.model import Action, Block, CauseKind, Finding, ObservationKind
 from musatpy.model.ranking import falling
-from musatpy.units import ARC_SECOND, MICROMETRE
+from musatpy.units import MICROMETRE
 
 _DECIMALS = 1  # of the test values of the list
 _K = ObservationKind
 _SIMPLE = {
-    _K.STATION_POSITION: (Blunder.POSITION, Action.NOT_KNOWN, 1.0),
-    _K.STATION_ATTITUDE: (Blunder.ATTITUDE, Action.NOT_KNOWN, ARC_SECOND),
-    _K.EQUAL_ELEVATION: (Blunder.ELEVATION, Action.DROPPED, 1.0),
-    **{kind.observed: (Blunder(kind.noun), Action.DROPPED, 1.0) for kind in MEASURED},
+    _K.STATION_POSITION: CauseKind.POSITION,
+    _K.STATION_ATTITUDE: CauseKind.ATTITUDE,
+    _K.EQUAL_ELEVATION: CauseKind.ELEVATION,
+    **{kind.observed: kind.cause for kind in MEASURED},
 }
+_ORDER = (
+    CauseKind.NAME,
+    CauseKind.IMAGE,
+    CauseKind.HORIZONTAL,
+    CauseKind.VERTICAL,
+    *_SIMPLE.values(),
+    CauseKind.TIDE,
+    CauseKind.DRY_FLAG,
+    CauseKind.WET_FLAG,
+)
 
 
 def findings(search: Search) -> tuple[Finding, ...]:
@@ -33,8 +42,7 @@ def findings(search: Search) -> tuple[Finding, ...]:
     listed = [
         *_renamed(search),
         *_images(search),
-        *_control(search),
-        *_others(search),
+        *_rows(search),
         *_tides(search),
         *_flags(search),
     ]
@@ -47,9 +55,8 @@ def flag_findings(search: Search) -> tuple[Finding, ...]:
 
 
 def _in_order(listed: list[Finding]) -> tuple[Finding, ...]:
-    order = list(Blunder)
     ranked = [listed[row] for row in falling([finding.test for finding in listed], _DECIMALS).tolist()]
-    return tuple(sorted(ranked, key=lambda finding: order.index(finding.blunder)))
+    return tuple(sorted(ranked, key=lambda finding: _ORDER.index(finding.kind)))
 
 
 def _renamed(search: Search) -> Iterator[Finding]:
@@ -60,12 +67,12 @@ def _renamed(search: Search) -> Iterator[Finding]:
         off = renaming.distance / MICROMETRE
         where = f"{off:.0f} um from its image" if np.isfinite(off) else "exchanged with the other one"
         yield Finding(
-            blunder=Blunder.MISNAMED,
+            kind=CauseKind.NAME,
             photo=str(photos[block.plates.photo[renaming.row]]),
             point=old,
             test=renaming.test,
             size=tuple(value / MICROMETRE for value in renaming.error),
-            action=Action.RENAMED,
+            action=CauseKind.NAME.action,
             note=f"it is point {new}, {where}",
         )
 
@@ -78,7 +85,7 @@ def _images(search: Search) -> Iterator[Finding]:
     nothing = np.isnan(test)
     untested, error[nothing] = rows[nothing], np.nan
     test[nothing] = misfit(last.scene.network, last.state, plates.point[untested]) / last.judgement.sigma0
-    alike = dict(zip(search.alike.row.tolist(), search.alike.point.tolist(), strict=True))
+    alike = {one.row: one.point for one in search.alike}
     doubtful = dict(zip(untested.tolist(), _not_told_apart(search.revised, untested), strict=True))
     photos, points = block.photos.ids[plates.photo[rows]].tolist(), block.points.ids[plates.point[rows]].tolist()
     sizes = (error / MICROMETRE).tolist()
@@ -86,12 +93,12 @@ def _images(search: Search) -> Iterator[Finding]:
         notes = [f"it lies on point {block.points.ids[alike[row]]}"] if row in alike else []
         notes += [doubtful[row]] if doubtful.get(row) else []
         yield Finding(
-            blunder=Blunder.PLATE,
+            kind=CauseKind.IMAGE,
             photo=photo,
             point=point,
             test=value,
             size=tuple(size),
-            action=Action.KEPT_OUT,
+            action=CauseKind.IMAGE.action,
             note="; ".join(notes),
         )
 
@@ -121,35 +128,26 @@ def _tested(
     return largest, tuple(judgement.error[rows].tolist())
 
 
-def _control(search: Search) -> Iterator[Finding]:
-    block = search.block
+def _rows(search: Search) -> Iterator[Finding]:
+    """Yield wrong control, stations, equal elevations, and what was measured between points and stations."""
     horizontal, vertical = control_out(search)
-    kinds = ((Blunder.HORIZONTAL, horizontal, [0, 1]), (Blunder.VERTICAL, vertical, [2]))
-    for blunder, out, components in kinds:
+    kinds = [
+        (CauseKind.HORIZONTAL, _K.CONTROL, horizontal, np.arange(2)),
+        (CauseKind.VERTICAL, _K.CONTROL, vertical, np.array([2])),
+        *((kind, observed, search.last.rows_out(observed), np.arange(3)) for observed, kind in _SIMPLE.items()),
+    ]
+    for kind, observed, out, components in kinds:
         for row in np.flatnonzero(out).tolist():
-            test, size = _tested(search, _K.CONTROL, row, np.array(components))
+            test, size = _tested(search, observed, row, components)
+            photos, points = observed.links(search.block, row)
             yield Finding(
-                blunder=blunder,
-                point=str(block.points.ids[block.control.point[row]]),
-                test=test,
-                size=size,
-                action=Action.NOT_KNOWN,
-                note="its images do not fix it without" if np.isnan(test) else "",
-            )
-
-
-def _others(search: Search) -> Iterator[Finding]:
-    for kind, (blunder, action, unit) in _SIMPLE.items():
-        for row in np.flatnonzero(search.last.rows_out(kind)).tolist():
-            test, size = _tested(search, kind, row, np.arange(3))
-            photos, points = kind.links(search.block, row)
-            yield Finding(
-                blunder=blunder,
+                kind=kind,
                 photo="-".join(photos),
                 point="-".join(points),
                 test=test,
-                size=tuple(value / unit for value in size),
-                action=action,
+                size=tuple(value / kind.scale for value in size),
+                action=kind.action,
+                note="its images do not fix it without" if observed is _K.CONTROL and np.isnan(test) else "",
             )
 
 
@@ -158,12 +156,16 @@ def _tides(search: Search) -> Iterator[Finding]:
     block, last = search.block, search.last
     common = np.zeros(len(block.photos.ids), dtype=bool)
     for tide in last.tides:
-        common[tide.photo] = True
-        yield _common_tide(tide.name, tide.test, tide.size, len(tide.photo))
-    for other in search.common:
-        if other.kind is CauseKind.TIDES:
-            error, sigma = float(other.error[0]), float(other.sigma[0]) * last.judgement.sigma0
-            yield _common_tide(other.name, abs(error) / sigma, error, len(other.photo))
+        common[list(tide.photo)] = True
+    for tide in (*last.tides, *(one for one in search.common if one.kind is CauseKind.TIDES)):
+        yield Finding(
+            kind=CauseKind.TIDE,
+            photo=tide.name or "all",
+            test=abs(float(tide.error[0])) / (float(tide.sigma[0]) * last.judgement.sigma0),
+            size=(float(tide.error[0]),),
+            action=Action.NONE,
+            note=f"common to the tides of {len(tide.photo)} photos; no image can be blamed",
+        )
     mask = last.rows_out(_K.WATER_LEVEL)
     if len(mask) != len(common):
         return
@@ -171,24 +173,13 @@ def _tides(search: Search) -> Iterator[Finding]:
     for row in np.flatnonzero(mask & ~common).tolist():
         test, size = _tested(search, _K.WATER_LEVEL, row, np.arange(1))
         yield Finding(
-            blunder=Blunder.TIDE,
+            kind=CauseKind.TIDE,
             photo=str(block.photos.ids[row]),
             test=test,
             size=size,
-            action=Action.KEPT_OUT if kept_out[row] else Action.NONE,
+            action=CauseKind.TIDE.action if kept_out[row] else Action.NONE,
             note="all its submerged images" if kept_out[row] else "too few images on land to do without",
         )
-
-
-def _common_tide(name: str, test: float, size: float, photos: int) -> Finding:
-    return Finding(
-        blunder=Blunder.TIDE,
-        photo=name or "all",
-        test=test,
-        size=(size,),
-        action=Action.NONE,
-        note=f"common to the tides of {photos} photos; no image can be blamed",
-    )
 
 
 def _flags(search: Search) -> Iterator[Finding]:
@@ -197,16 +188,16 @@ def _flags(search: Search) -> Iterator[Finding]:
         return
     block, revised = search.block, search.revised
     depth, sigma = _depths(search)
-    changed = {flag.point: flag.test for flag in search.flags}
     points = block.points
-    for point, test in changed.items():
+    for point, test in search.flags.items():
         set_ = bool(revised.points.bathymetric[point])
+        kind = CauseKind.DRY_FLAG if set_ else CauseKind.WET_FLAG
         yield Finding(
-            blunder=Blunder.DRY_FLAG if set_ else Blunder.WET_FLAG,
+            kind=kind,
             point=str(points.ids[point]),
             test=test,
             size=(float(depth[point] if set_ else -depth[point]),),
-            action=Action.FLAGGED if set_ else Action.UNFLAGGED,
+            action=kind.action,
             note="its images are refracted" if set_ else "its images are not refracted",
         )
     wet = points.bathymetric
@@ -215,7 +206,7 @@ def _flags(search: Search) -> Iterator[Finding]:
         strange = np.flatnonzero((beyond > LIMIT) & (wet == revised.points.bathymetric))
     for point in strange.tolist():
         yield Finding(
-            blunder=Blunder.WET_FLAG if wet[point] else Blunder.DRY_FLAG,
+            kind=CauseKind.WET_FLAG if wet[point] else CauseKind.DRY_FLAG,
             point=str(points.ids[point]),
             test=float(beyond[point]),
             size=(abs(float(depth[point])),),

@@ -6,29 +6,31 @@ camera constant, the index, a unit of length, the tides of several photos.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.unknowns import LEVEL
+from musatpy.adjustment.kinds.water import level_corrections
+from musatpy.adjustment.network import Network
+from musatpy.adjustment.normals import Factor
+from musatpy.adjustment.unknowns import LEVEL, State
+from musatpy.adjustment.water_surface import tide_groups
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.checks import (
-    IMAGES_CHECKED,
-    CheckedPoints,
     Drop,
     PointChecks,
     dropped,
     put_in_again,
 )
-from musatpy.blunders.linear_model import LinearModel
+from musatpy.blunders.linear_model import Column, LinearModel
 from musatpy.blunders.revisions import Revision
-from musatpy.model import CauseKind, ObservationKind
+from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY
+from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.ranking import falling
 
-PENALTY = 16.0  # squares over sigma0 squared that a parameter must explain: the square of the limit of the tests
 _LISTED = 8  # of one kind of hypothesis, those that explain most
 _COMMON_CHECKED = 1e-6  # of c'Pc; less says nothing of a common error
 
@@ -75,37 +77,14 @@ class Hypothesis(Revision):
         return self.squares / variance - PENALTY * self.parameters
 
 
-def hypotheses(
-    model: LinearModel,
-    near: BoolArray | None = None,
-    wanted: Callable[[Hypothesis], bool] | None = None,
-    share: float = 0.0,
-    least: float = 0.0,
-) -> list[Hypothesis]:
+def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypothesis]:
     """Return what explains most, by falling squares explained; some of every kind.
 
-    Of all points, or of those only that are `near` (p,). What points and stations explain may be missing where it
-    is less than the `least` squares, or than this `share` of what the `wanted` hypothesis does that explains most.
+    Of all points, or of those only that are `near` (p,).
     """
-    options = [*common_errors(model), *_direct(model)]
-    checked = model if near is None else model.some(near)
-    known = [checks for checks in checked.points if checks.has_priors]
-    seen = [checks for checks in checked.points if not checks.has_priors and len(checks.point) > 1]
-    # the only point of a group is its worst one as well, and is asked once
-    single = [checks for checks in checked.points if not checks.has_priors and len(checks.point) == 1]
-    of_single = [option for checks in single for option in _of_points(checked, checks, least)]
-
-    def share_of_best(options: list[Hypothesis]) -> float:
-        return share * max((option.squares for option in options if wanted and wanted(option)), default=0.0)
-
-    if wanted is not None:
-        worst = [checks.part(checks.squares == checks.squares.max()) for checks in seen]
-        likely = [option for checks in worst for option in _of_points(checked, checks, least)]
-        least = max(least, share_of_best([*options, *of_single, *likely]))
-    options += [*of_single, *_stations(model, least)]
-    for checks in (*known, *seen):
-        options += _of_points(checked, checks.explaining(least), least)
-        least = max(least, share_of_best(options))
+    points = model if near is None else model.some(near)
+    options = [*common_errors(model), *_direct(model), *_stations(model)]
+    options += [option for checks in points.points for option in _of_points(model.network, checks)]
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
@@ -121,46 +100,40 @@ def of_taken_images(model: LinearModel, points: list[PointChecks], images: Hypot
     return _hypothesis(images.kind, drop, 0, photo=images.photo, point=images.point, given_up=images.given_up)
 
 
-def _of_points(points: CheckedPoints, checks: PointChecks, least: float) -> Iterator[Hypothesis]:
-    """Yield single images, all images, and what is known of points, where they explain the `least` squares."""
-    m = checks.rays.shape[1]
+def _of_points(network: Network, checks: PointChecks) -> Iterator[Hypothesis]:
+    """Yield single images, all images, and what is known of points."""
     if not len(checks.point):
         return
-    yield from _of_images(points, checks, CauseKind.IMAGE, checks.rays.reshape(-1, 1), checks.images_drop(), least)
+    m = checks.rays.shape[1]
+    for image in range(m):
+        yield from _of_images(network, checks, CauseKind.IMAGE, np.array([image]))
     if m > 1:
-        yield from _of_images(points, checks, CauseKind.IMAGES, checks.rays, checks.drop(np.arange(2 * m)), least)
-    if checks.has_priors:
-        for kind, components in (
-            (CauseKind.HORIZONTAL, np.arange(2)),
-            (CauseKind.VERTICAL, np.array([2])),
-            (CauseKind.CONTROL, np.arange(3)),
-            (CauseKind.ELEVATION, np.array([3])),
-        ):
-            if (checks.weight[:, 2 * m + components] > 0.0).any():
-                yield from _of_priors(checks, kind, components, least)
+        yield from _of_images(network, checks, CauseKind.IMAGES, np.arange(m))
+    for kind, components in (
+        (CauseKind.HORIZONTAL, np.arange(2)),
+        (CauseKind.VERTICAL, np.array([2])),
+        (CauseKind.CONTROL, np.arange(3)),
+        (CauseKind.ELEVATION, np.array([3])),
+    ):
+        if checks.has_priors and (checks.weight[:, 2 * m + components] > 0.0).any():
+            yield from _of_priors(checks, kind, components)
 
 
-def _of_images(
-    points: CheckedPoints, checks: PointChecks, kind: CauseKind, rays: IntArray, drop: Drop, least: float
-) -> Iterator[Hypothesis]:
-    """Yield groups of images `rays` (k n, r) of points, n groups of each: all first ones, all second ones, ..."""
-    n, squares = len(rays) // len(checks.point), np.where(drop.parameters > 0, drop.squares, 0.0)
-    for number in range(n):
-        for k in _most(squares[number::n], least):
-            row = number + n * k
-            photo = tuple(np.unique(points.network.photo[rays[row]]).tolist())
-            given_up = GivenUp.of_images(rays[row])
-            yield _hypothesis(kind, drop, row, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
+def _of_images(network: Network, checks: PointChecks, kind: CauseKind, images: IntArray) -> Iterator[Hypothesis]:
+    """Yield some of the images (r,) of points."""
+    rays, drop = checks.rays[:, images], checks.drop((2 * images[:, None] + np.arange(2)).reshape(-1))
+    for k in _most(drop):
+        photo, given_up = tuple(np.unique(network.photo[rays[k]]).tolist()), GivenUp.of_images(rays[k])
+        yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
 
 
-def _of_priors(checks: PointChecks, kind: CauseKind, components: IntArray, least: float) -> Iterator[Hypothesis]:
+def _of_priors(checks: PointChecks, kind: CauseKind, components: IntArray) -> Iterator[Hypothesis]:
     """Yield what is known of points, some `components` of it."""
     rows = 2 * checks.rays.shape[1] + components
     drop, known = checks.drop(rows), checks.weight[:, rows] > 0.0
-    squares = np.where(drop.parameters > 0, drop.squares, 0.0)
-    if kind is CauseKind.CONTROL:  # with one of its parts known only, it is that part
-        squares[~(known[:, :2].any(axis=1) & known[:, 2])] = 0.0
-    for k in _most(squares, least):
+    # with one of its parts known only, it is that part
+    both = kind is not CauseKind.CONTROL or known[:, :2].any(axis=1) & known[:, 2]
+    for k in _most(drop, both):
         if kind is CauseKind.ELEVATION:
             given_up = GivenUp.of_row(_K.EQUAL_ELEVATION, int(checks.member[k]), np.array([0]))
         else:
@@ -168,33 +141,23 @@ def _of_priors(checks: PointChecks, kind: CauseKind, components: IntArray, least
         yield _hypothesis(kind, drop, k, point=(int(checks.point[k]),), given_up=(given_up,))
 
 
-def _stations(model: LinearModel, least: float) -> Iterator[Hypothesis]:
-    """Yield observed positions, attitudes, both, and tides, where they explain the `least` squares."""
-    for kind, columns in (
-        (CauseKind.POSITION, np.arange(3)),
-        (CauseKind.ATTITUDE, np.arange(3, 6)),
-        (CauseKind.STATION, np.arange(6)),
-        (CauseKind.TIDE, np.array([LEVEL])),
-    ):
-        if columns.max() >= model.stations.shape[1] or not (model.station_weight[:, columns] > 0.0).any():
+def _stations(model: LinearModel) -> Iterator[Hypothesis]:
+    """Yield observed positions, attitudes, both, and tides."""
+    known = model.station_weight > 0.0
+    parts = {
+        CauseKind.POSITION: ((_K.STATION_POSITION, np.arange(3)),),
+        CauseKind.ATTITUDE: ((_K.STATION_ATTITUDE, np.arange(3, 6)),),
+        CauseKind.STATION: ((_K.STATION_POSITION, np.arange(3)), (_K.STATION_ATTITUDE, np.arange(3, 6))),
+        CauseKind.TIDE: ((_K.WATER_LEVEL, np.array([LEVEL])),),
+    }
+    for kind, of_kind in parts.items():
+        columns = np.concatenate([column for _, column in of_kind])
+        if columns.max() >= known.shape[1] or not known[:, columns].any():
             continue
-        photos = model.stations_explaining(least, columns)
-        drop = model.station_drop(photos, columns)
-        squares = np.where(drop.parameters > 0, drop.squares, 0.0)
-        if kind is CauseKind.STATION:
-            known = model.station_weight[photos] > 0.0
-            squares[~(known[:, :3].any(axis=1) & known[:, 3:6].any(axis=1))] = 0.0
-        for k in _most(squares, least):
-            photo = int(photos[k])
-            parts = (
-                (_K.STATION_POSITION, columns[columns < 3]),
-                (_K.STATION_ATTITUDE, columns[(columns >= 3) & (columns < LEVEL)] - 3),
-                (_K.WATER_LEVEL, columns[columns == LEVEL] - LEVEL),
-            )
-            given_up = tuple(
-                GivenUp.of_row(part, photo, components) for part, components in parts if len(components)
-            )
-            yield _hypothesis(kind, drop, k, photo=(photo,), given_up=given_up)
+        drop = model.station_drop(columns)
+        for k in _most(drop, np.all([known[:, column].any(axis=1) for _, column in of_kind], axis=0)):
+            given_up = tuple(GivenUp.of_row(part, k, column - column[0]) for part, column in of_kind)
+            yield _hypothesis(kind, drop, k, photo=(k,), given_up=given_up)
 
 
 def _direct(model: LinearModel) -> Iterator[Hypothesis]:
@@ -205,27 +168,20 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
     for part in reliability.direct(model.network, model.minimum, model.cofactors):
         if part.kind in kinds:
             kind = kinds[part.kind]
-            redundancy = 1.0 - part.weight * part.cofactor
-            checked = (redundancy > _COMMON_CHECKED) & (part.weight > 0.0)
-            r = np.where(checked, redundancy, 1.0)
-            squares = np.where(checked, part.weight * np.square(part.residual) / r, 0.0)
-            for k in _most(squares):
+            drop = dropped(
+                part.residual[:, None], part.weight[:, None], part.cofactor[:, None, None], _COMMON_CHECKED
+            )
+            for k in _most(drop):
                 row = int(part.row[k])
                 photo, point = kind.links_of(model.scene.block, row)
-                yield Hypothesis(
-                    kind=CauseKind(kind.noun),
-                    photo=photo,
-                    point=point,
-                    given_up=(GivenUp.of_row(part.kind, row, np.array([0])),),
-                    squares=float(squares[k]),
-                    error=-part.residual[[k]] / r[k],
-                    sigma=1.0 / np.sqrt(part.weight[[k]] * r[k]),
-                )
+                given_up = GivenUp.of_row(part.kind, row, np.array([0]))
+                yield _hypothesis(kind.cause, drop, k, photo=photo, point=point, given_up=(given_up,))
 
 
-def _most(squares: FloatArray, least: float = 0.0) -> list[int]:
-    enough = np.flatnonzero(squares > max(least, 0.0))
-    return enough[falling(squares[enough])[:_LISTED]].tolist() if len(enough) else []
+def _most(drop: Drop, among: BoolArray | bool = True) -> list[int]:
+    """Return which groups of observations explain most, of those that are tested and `among` (k,) them."""
+    enough = np.flatnonzero((drop.squares > 0.0) & (drop.parameters > 0) & among)
+    return enough[falling(drop.squares[enough])[:_LISTED]].tolist()
 
 
 def _hypothesis(
@@ -252,18 +208,39 @@ def common_errors(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
     sums = model.common
     some = np.flatnonzero(sums.weight > 0.0)
-    scaled = sums.coupling[some] * model.factor.scale
-    solved = np.einsum("cu,uc->c", scaled, model.factor.solve_scaled(scaled.T))
-    for number, by_others in zip(some.tolist(), solved.tolist(), strict=True):
-        column, weight, pull = sums.columns[number], sums.weight[number], sums.pull[number]
-        checked = weight - by_others
-        if checked > _COMMON_CHECKED * weight:
+    columns = [sums.columns[number] for number in some.tolist()]
+    return _unknowns_more(columns, sums.weight[some], sums.pull[some], sums.coupling[some], model.factor)
+
+
+def common_tides(
+    block: Block, network: Network, state: State, factor: Factor, taken: BoolArray
+) -> Iterator[Hypothesis]:
+    """Yield what is common to known tides of several photos; photos that are `taken` (n,) belong to none."""
+    weight, q = network.water.level_weight, network.pattern.size
+    columns = [Column.of_tides(*group, network) for group in tide_groups(block, (weight > 0.0) & ~taken)]
+    coupling, pull = np.zeros((len(columns), factor.matrix.size)), level_corrections(network, state) * weight
+    for row, column in zip(coupling, columns, strict=True):
+        photo = np.array(column.photo)
+        row[photo * q + LEVEL] = weight[photo]
+    pulls = np.array([float(pull[list(column.photo)].sum()) for column in columns])
+    return _unknowns_more(columns, coupling.sum(axis=1), pulls, coupling, factor)
+
+
+def _unknowns_more(
+    columns: Sequence[Column], weight: FloatArray, pull: FloatArray, coupling: FloatArray, factor: Factor
+) -> Iterator[Hypothesis]:
+    """Yield what errors explain whose sums are those of `CommonErrors`."""
+    scaled = coupling * factor.scale
+    by_others = np.einsum("cu,uc->c", scaled, factor.solve_scaled(scaled.T))
+    for number, column in enumerate(columns):
+        checked = weight[number] - by_others[number]
+        if checked > _COMMON_CHECKED * weight[number]:
             yield Hypothesis(
                 kind=column.kind,
                 photo=column.photo,
                 member=column.member,
                 name=column.name,
-                squares=float(pull**2 / checked),
-                error=np.array([-pull / checked]),
+                squares=float(pull[number] ** 2 / checked),
+                error=np.array([-pull[number] / checked]),
                 sigma=np.array([1.0 / np.sqrt(checked)]),
             )

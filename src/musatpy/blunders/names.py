@@ -2,22 +2,28 @@
 
 An image that does not fit its point is compared with the predicted images of all points near its photo. It gets the
 name of one of them only where that is certain: one point alone is there, its name is free on the photo, and so few
-points lie about that it is there by chance in less than one case of a thousand.
+points lie about that it is there by chance in less than one case of a thousand. Labels that two photos, or two
+control points, have exchanged are told by their places: each stands where the other one should.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.factors import taking_part
-from musatpy.blunders.scene import Scene
+from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
+from musatpy.blunders.hypotheses import Hypothesis
+from musatpy.blunders.revisions import CARDS, PLATES
+from musatpy.blunders.scene import Scene, taking_part
+from musatpy.blunders.snooping import Snooped
 from musatpy.geometry import collinearity
+from musatpy.model import Block, CauseKind, ObservationKind
 
 _RIM = 10.0  # mm around the images of a photo, where other points may be looked for
 _NEAR = 6.0  # sigmas of an image: from image to predicted image, both with errors
@@ -28,19 +34,18 @@ _TOGETHER = 32  # photos whose points are looked at together: some megabytes
 _DETERMINED = 2  # good images of a point that can be predicted
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Lookalikes:
-    """Images (c,) that lie on other points than those whose names they bear."""
+class Lookalike(NamedTuple):
+    """An image that lies on another point than that whose name it bears."""
 
-    row: IntArray  # (c,) plate measurement
-    point: IntArray  # (c,) whose image it is
-    distance: FloatArray  # (c,) mm off its predicted image, NaN where only the other one of a pair has one
-    certain: BoolArray  # (c,) it is this point, and its name is free on the photo
+    row: int  # plate measurement
+    point: int  # whose image it is
+    distance: float  # mm off its predicted image, NaN where only the other one of a pair has one
+    certain: bool  # it is this point, and its name is free on the photo
 
 
 def lookalikes(
     scene: Scene, state: State, out: BoolArray, suspect: IntArray, covariance: FloatArray, sigma0: float
-) -> Lookalikes:
+) -> list[Lookalike]:
     """Return which of the images `suspect` lie on other points; images in `out` (m,) determine no point.
 
     `covariance` (p, 3, 3) m2 is that of the points along east, north, up.
@@ -49,99 +54,62 @@ def lookalikes(
     good = taking_part(network) & ~out
     determined = np.bincount(network.point[good], minlength=network.points) >= _DETERMINED
     determined &= np.isfinite(covariance).all(axis=(1, 2))
-    rows: list[int] = []
-    points: list[int] = []
-    distances: list[float] = []
-    alone: list[bool] = []
     suspect = suspect[np.argsort(network.photo[suspect], kind="stable")]
-    photos = np.unique(network.photo[suspect])
-    around, rims = _near(network, photos), _rims(network, photos)
-    for first in range(0, len(photos), _TOGETHER):
-        part = slice(first, first + _TOGETHER)
-        of_part = suspect[np.isin(network.photo[suspect], photos[part])]
+    photos, first = np.unique(network.photo[suspect], return_index=True)
+    of_photo, around, rims = np.split(suspect, first[1:]), _near(network, photos), _rims(network, photos)
+    found: list[Lookalike] = []
+    for begin in range(0, len(photos), _TOGETHER):
+        part = slice(begin, begin + _TOGETHER)
         seen = _imagined(scene, state, photos[part], around[part], rims, determined, covariance)
-        found = _nearest(network, of_part, seen, sigma0)
-        near = found.off < _NEAR
-        rows += found.row[near].tolist()
-        points += found.point[near].tolist()
-        distances += found.distance[near].tolist()
-        alone += ((found.second > _APART * _NEAR) & (found.chance < _CHANCE))[near].tolist()
-    for partner, name in _exchanged(network, rows, points, alone, out, determined):
-        rows.append(partner)
-        points.append(name)
-        distances.append(np.nan)
-        alone.append(True)
-    row, point = np.array(rows, dtype=int), np.array(points, dtype=int)
-    certain = _free_names(network, row, point, np.array(alone, dtype=bool))
-    return Lookalikes(row=row, point=point, distance=np.array(distances), certain=certain)
+        for rows, (points, xy, spread) in zip(of_photo[part], seen, strict=True):
+            if len(points) >= _FEW:
+                found += _nearest(network, rows, points, xy, spread, sigma0)
+    found += list(_exchanged(network, found, out, determined))
+    certain = _free_names(network, found)
+    return [one._replace(certain=name_is_free) for one, name_is_free in zip(found, certain.tolist(), strict=True)]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Nearest:
-    """Images (c,) and the points that photos would show nearest to them, those of their names left out."""
+def _nearest(
+    network: Network, rows: IntArray, point: IntArray, xy: FloatArray, covariance: FloatArray, sigma0: float
+) -> Iterator[Lookalike]:
+    """Yield the images `rows` of a photo that lie on others of the points (k,) that it would show.
 
-    row: IntArray  # (c,) plate measurement
-    point: IntArray  # (c,)
-    distance: FloatArray  # (c,) mm
-    off: FloatArray  # (c,) sigmas
-    second: FloatArray  # (c,) sigmas, of the next point
-    chance: FloatArray  # (c,) expected number of points so near by chance, were they spread evenly
-
-
-def _nearest(network: Network, rows: IntArray, seen: _Imagined, sigma0: float) -> _Nearest:
-    """Return the nearest points of the images `rows`, photo by photo, where photos would show a few."""
-    number = np.searchsorted(seen.photos, network.photo[rows])
-    few = np.diff(seen.start)[number] < _FEW
-    rows, number = rows[~few], number[~few]
-    count = np.diff(seen.start)[number]
-    begin = np.cumsum(count) - count
-    image = np.repeat(np.arange(len(rows)), count)
-    of = np.arange(len(image)) + (seen.start[number] - begin)[image]  # the pairs of an image stand together
-    if not len(image):
-        nothing = np.zeros(0)
-        return _Nearest(row=rows, point=rows, distance=nothing, off=nothing, second=nothing, chance=nothing)
-    measured = (sigma0**2 / network.weight[rows])[image]
-    xx, yy = (seen.covariance[of, axis, axis] + measured[:, axis] for axis in range(2))
-    xy = seen.covariance[of, 0, 1]
-    dx, dy = (network.xy[rows[image], axis] - seen.xy[of, axis] for axis in range(2))
-    determinant = xx * yy - np.square(xy)
-    off = np.sqrt((yy * np.square(dx) - 2.0 * xy * dx * dy + xx * np.square(dy)) / determinant)
-    off[np.isnan(off) | (seen.point[of] == network.point[rows[image]])] = np.inf
-    least = np.minimum.reduceat(off, begin)
-    at = np.flatnonzero(off == least[image])
-    best = at[np.searchsorted(image[at], np.arange(len(rows)))]
-    off[best] = np.inf
-    extent = np.prod(seen.extent()[number], axis=1)
-    return _Nearest(
-        row=rows,
-        point=seen.point[of[best]],
-        distance=np.hypot(dx[best], dy[best]),
-        off=least,
-        second=np.minimum.reduceat(off, begin),
-        chance=np.pi * _NEAR**2 * np.add.reduceat(np.sqrt(determinant), begin) / extent,
-    )
+    They are certain where the next point is far, and where in less than one case of a thousand any lies so near by
+    chance, were they spread evenly. `covariance` (k, 2, 2) is that of their predicted images xy (k, 2).
+    """
+    measured = sigma0**2 / network.weight[rows][:, None, :, None] * np.eye(2)
+    d, C = network.xy[rows][:, None] - xy, covariance + measured
+    off = np.sqrt(np.einsum("rki,rki->rk", d, np.linalg.solve(C, d[..., None])[..., 0]))
+    off[np.isnan(off) | (point == network.point[rows][:, None])] = np.inf
+    chance = np.pi * _NEAR**2 * np.sqrt(np.linalg.det(C)).sum(axis=1) / np.prod(np.ptp(xy, axis=0))
+    for image, best in enumerate(off.argmin(axis=1).tolist()):
+        if off[image, best] < _NEAR:
+            alone = np.partition(off[image], 1)[1] > _APART * _NEAR and chance[image] < _CHANCE
+            distance = float(np.hypot(*d[image, best]))
+            yield Lookalike(int(rows[image]), int(point[best]), distance, bool(alone))
 
 
 def _exchanged(
-    network: Network, rows: list[int], points: list[int], alone: list[bool], out: BoolArray, determined: BoolArray
-) -> list[tuple[int, int]]:
-    """Return images, and the points that they get, that must have exchanged their names with another image.
+    network: Network, found: list[Lookalike], out: BoolArray, determined: BoolArray
+) -> Iterator[Lookalike]:
+    """Yield images, and the points that they get, that must have exchanged their names with another image.
 
     The other one is found on their point, and the point of its name can be seen nowhere: nothing else tells.
     """
-    pairs = []
-    for row, point, sure in zip(rows, points, alone, strict=True):
+    rows = {row for row, *_ in found}
+    for row, point, _, sure in found:
         name = int(network.point[row])
         if not sure or determined[name]:
             continue
         partner = np.flatnonzero((network.photo == network.photo[row]) & (network.point == point))
         if len(partner) == 1 and out[partner[0]] and partner[0] not in rows:
-            pairs.append((int(partner[0]), name))
-    return pairs
+            yield Lookalike(int(partner[0]), name, np.nan, True)
 
 
-def _free_names(network: Network, row: IntArray, point: IntArray, certain: BoolArray) -> BoolArray:
-    """Return which images can get their new names: no other image on the photo has it, or keeps it."""
+def _free_names(network: Network, found: list[Lookalike]) -> BoolArray:
+    """Return which certain images can get their new names: no other image on the photo has it, or keeps it."""
+    row, point = (np.array([one[column] for one in found], dtype=int) for column in range(2))
+    certain = np.array([one.certain for one in found], dtype=bool)
     old = network.photo * network.points + network.point
     new = network.photo[row] * network.points + point
     bearers = np.flatnonzero(np.isin(old, new))
@@ -167,25 +135,6 @@ def _near(network: Network, photos: IntArray) -> list[IntArray]:
     return np.split(near.indices.astype(np.int64), near.indptr[1:-1])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Imagined:
-    """The points that photos would show, one photo after the other, where, and how sure that is."""
-
-    photos: IntArray  # (c,)
-    start: IntArray  # (c + 1,) the points of each
-    point: IntArray  # (k,)
-    xy: FloatArray  # (k, 2) mm
-    covariance: FloatArray  # (k, 2, 2) mm2, the stations without error
-
-    def extent(self) -> FloatArray:
-        """Return how far (c, 2) mm the points of each photo lie apart, 0 of those without any."""
-        out = np.zeros((len(self.photos), 2))
-        some = np.flatnonzero(np.diff(self.start))
-        start = self.start[some]
-        out[some] = np.maximum.reduceat(self.xy, start) - np.minimum.reduceat(self.xy, start)
-        return out
-
-
 def _rims(network: Network, photos: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the least and the largest coordinates (n, 2) mm of the plates of some photos (c,) and their rims."""
     low, high = np.full((network.photos, 2), np.inf), np.full((network.photos, 2), -np.inf)
@@ -203,8 +152,11 @@ def _imagined(
     rims: tuple[FloatArray, FloatArray],
     determined: BoolArray,
     covariance: FloatArray,
-) -> _Imagined:
-    """Return what some photos (c,) would show, within `rims`, of the points `near` them that are determined."""
+) -> list[tuple[IntArray, FloatArray, FloatArray]]:
+    """Return what some photos (c,) would show, within `rims`, of the points `near` them that are determined.
+
+    Of each photo points (k,), their images (k, 2) mm, and the covariances (k, 2, 2) mm2 of these.
+    """
     network, near = scene.network, [points[determined[points]] for points in near]
     number = np.repeat(np.arange(len(photos)), [len(points) for points in near])
     photo, points = photos[number], np.concatenate(near)
@@ -224,10 +176,60 @@ def _imagined(
     predicted = images(imagined, state, rows, ground[rows], stations=False)
     B = predicted.by_ground @ np.swapaxes(network.frame.axes(ground[rows]), 1, 2)
     spread = B @ covariance[points[rows]] @ np.swapaxes(B, 1, 2)
-    return _Imagined(
-        photos=photos,
-        start=np.searchsorted(number[rows], np.arange(len(photos) + 1)),
-        point=points[rows],
-        xy=predicted.xy,
-        covariance=spread,
-    )
+    cuts = np.searchsorted(number[rows], np.arange(1, len(near)))
+    return list(zip(*(np.split(of_all, cuts) for of_all in (points[rows], predicted.xy, spread)), strict=True))
+
+
+FAR = 0.1  # of the flying height: a station farther than this from its card is not where it should be
+_NEARER = 0.3  # times as far the place of the other one must be
+
+
+def flying_height(scene: Scene, state: State) -> float:
+    """Return the median distance, m, of points from the stations that see them."""
+    network = scene.network
+    rays = np.flatnonzero(taking_part(network))
+    v = state.ground.take(network.point[rays], axis=0) - state.position.take(network.photo[rays], axis=0)
+    return float(np.nanmedian(np.sqrt(np.einsum("ri,ri->r", v, v))))
+
+
+def exchanged_photos(block: Block, scene: Scene, state: State) -> list[tuple[int, int]]:
+    """Return the pairs of photos that stand where the cards of the other one say."""
+    given = np.full_like(state.position, np.nan)
+    stated_on_card = finite_rows(block.photos.position)
+    given[stated_on_card] = scene.network.frame.working(block.photos.position[stated_on_card])
+    return _pairs(state.position, given, FAR * flying_height(scene, state))
+
+
+def exchanged_control(last: Snooped) -> list[tuple[int, int]]:
+    """Return the pairs of points with control that lie where the cards of the other one say."""
+    network, out = last.scene.network, last.out()[ObservationKind.CONTROL]
+    points = np.unique(last.scene.block.control.point[out[:, :2].any(axis=1)])
+    points = points[finite_rows(last.state.ground[points])]
+    points = points[finite_rows(network.priors.given[points])]
+    if len(points) < 2:
+        return []
+    given = np.asarray(network.frame.from_level(network.priors.given[points]))
+    pairs = _pairs(last.state.ground[points], given, 0.0)
+    return [(int(points[a]), int(points[b])) for a, b in pairs]
+
+
+def _pairs(place: FloatArray, given: FloatArray, far: float) -> list[tuple[int, int]]:
+    """Return the pairs of which each is `far` from what is given for it, and near what is given for the other."""
+    off = np.linalg.norm(place - given, axis=1)
+    away = np.flatnonzero(off > far)
+    nearest = {}
+    for a in away.tolist():
+        distance = np.linalg.norm(place[a] - given, axis=1)
+        b = int(np.nanargmin(distance))
+        if distance[b] < _NEARER * off[a]:
+            nearest[a] = b
+    return [(a, b) for a, b in nearest.items() if a < b and nearest.get(b) == a]
+
+
+def exchanges(block: Block, last: Snooped) -> Iterator[Hypothesis]:
+    """Yield the exchanges of labels that the places say."""
+    for pair in exchanged_photos(block, last.scene, last.state):
+        for member in (PLATES, CARDS):
+            yield Hypothesis(kind=CauseKind.LABELS, photo=pair, member=member)
+    for pair in exchanged_control(last):
+        yield Hypothesis(kind=CauseKind.EXCHANGED_CONTROL, point=pair)

@@ -3,19 +3,54 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import IntArray
 from musatpy.model import Block, CauseKind, CoordinateSystem
+from musatpy.model.findings import CONTROL_CARD, STATION_CARD
+from musatpy.units import length_unit
 
-FEET = 3.2808  # in a metre
 CONTROL, STATIONS, PLATES_TO_FOCAL_LENGTH, HEIGHTS = range(4)  # whose unit of length is wrong; heights of control
-Y_REVERSED, X_REVERSED, EXCHANGED, CONTROL_EXCHANGED, HEIGHTS_NEGATED = range(
-    5
-)  # axes of the plates, of the control
+Y_REVERSED, X_REVERSED, EXCHANGED, CONTROL_EXCHANGED, HEIGHTS_NEGATED = range(5)  # axes of plates, of control
 PLATES, CARDS = 0, 1  # that bear exchanged labels: plate cards, or station cards
+_EXCHANGED = "each stands where the card of the other one says: exchange the photo ids on the {} cards"
+_SAME_UNIT = 0.05  # by which a factor may be off that of a unit
+
+
+class Words(NamedTuple):
+    """What a member of a kind is in words."""
+
+    cards: str  # to read again, as `model.CauseKind` has them
+    component: str
+    advice: str  # of a unit of length, with what it does not agree
+
+
+MEMBERS = {
+    (CauseKind.UNIT, CONTROL): Words(CONTROL_CARD, "control", "stations and tides want"),
+    (CauseKind.UNIT, STATIONS): Words(STATION_CARD, "stations", "control and tides want"),
+    (CauseKind.UNIT, PLATES_TO_FOCAL_LENGTH): Words("PLT CAM", "plate coordinates", "the focal length wants"),
+    (CauseKind.UNIT, HEIGHTS): Words(CONTROL_CARD, "heights of the control", "its plan wants"),
+    (CauseKind.AXES, Y_REVERSED): Words(
+        "PLT", "y of the plates", "y runs down: reverse its sign, or read how the axes were defined"
+    ),
+    (CauseKind.AXES, X_REVERSED): Words(
+        "PLT", "x of the plates", "x runs backwards: reverse its sign, or read how the axes were defined"
+    ),
+    (CauseKind.AXES, EXCHANGED): Words(
+        "PLT", "x and y of the plates", "exchanged: read the description of the comparator again"
+    ),
+    (CauseKind.AXES, CONTROL_EXCHANGED): Words(
+        CONTROL_CARD, "plan of the control", "east and north are exchanged: read the list of control again"
+    ),
+    (CauseKind.AXES, HEIGHTS_NEGATED): Words(
+        CONTROL_CARD, "heights of the control", "they have the other sign: depths for heights?"
+    ),
+    (CauseKind.LABELS, PLATES): Words("PLT", "plate cards", _EXCHANGED.format("plate")),
+    (CauseKind.LABELS, CARDS): Words(STATION_CARD, "station cards", _EXCHANGED.format("station")),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,3 +144,28 @@ def moved_state(state: State, revision: Revision) -> State:
             position[photo], attitude[photo] = position[photo[::-1]], attitude[photo[::-1]]
             return replace(state, position=position, attitude=attitude)
     return state
+
+
+def in_words(revision: Revision) -> Words:
+    """Return what a revision is in words; its `value` is that of the unit of length."""
+    kind = revision.kind
+    words = MEMBERS.get((kind, revision.member), Words(kind.cards, kind.component, kind.advice))
+    if kind is CauseKind.PRINCIPAL_POINT:
+        return words._replace(component="xy"[revision.member % 2])
+    if kind is CauseKind.UNIT:
+        return words._replace(advice=_other_unit(words, revision.member, revision.value))
+    return words
+
+
+def _other_unit(words: Words, member: int, factor: float) -> str:
+    """Return what to do about lengths that are `factor` times what the others want."""
+    whose, (others, _, wants) = words.component, words.advice.rpartition(" ")
+    of_plates = member == PLATES_TO_FOCAL_LENGTH
+    right, scale = ("millimetres", 1e3) if of_plates else ("metres", 1.0)
+    unit, inverse = (length_unit(of_metres, _SAME_UNIT) for of_metres in (scale * factor, 1.0 / factor))
+    if not of_plates and "feet" in (unit, inverse):
+        units = ("feet", "metres") if unit == "feet" else ("metres", "feet")
+        return f"{whose} in {units[0]}, all else in {units[1]}: read the unit again"
+    if unit:
+        return f"{whose} in {unit}, {others} in {right}: read the unit again"
+    return f"{whose} {factor:.5g} times what {others} {wants}: read both units again"

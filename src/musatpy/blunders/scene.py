@@ -3,6 +3,9 @@
 Whatever the program of the job: all points at once by collinearity, the refraction in the equations. What a job
 holds without error is held by a tenth of what the images can tell, and the tides by centimetres, each photo its
 own: only an observation with a residual can be tested.
+
+An observation that is taken out keeps a millionth of its weight. Its residual is then what the others predict, and
+the inverse of the normal equations says how well they predict it.
 """
 
 from __future__ import annotations
@@ -16,16 +19,16 @@ from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
 from musatpy.adjustment.iteration import Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.job import Job, prepared
-from musatpy.adjustment.kinds import MEASURED
+from musatpy.adjustment.kinds import MEASURED, SEARCHED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.robust import cauchy, reweighted, robust_scale
+from musatpy.adjustment.sightings import all_residuals
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import SHORT, WaterLine, every_ray_wet, standing_line
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.factors import Factors, deviations, weighted, weights
 from musatpy.model import (
     Block,
     Datum,
@@ -40,14 +43,20 @@ from musatpy.model import (
 from musatpy.model.progress import Progress
 from musatpy.model.waves import known_waves
 
+Factors = dict[ObservationKind, FloatArray]  # on weights: (rows, components), those of `Observations`
+_K = ObservationKind
+
+LIMIT = 4.0  # of test values at least: one good observation in 16,000 lies beyond
+PENALTY = LIMIT**2  # squares over sigma0 squared that a parameter must explain: less tells no two apart
+IMAGES_CHECKED, OTHERS_CHECKED = 0.01, 1e-5  # redundancy below which nothing is said of an observation
 _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can tell of them
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
 _REMEMBERED = 3  # states, whose residuals are asked for again: where trials begin, and where the last one has ended
-_STEP = 500  # images that a step takes as much as, however few there are
-COMPUTED, FOR_PHOTO = 25, 3000  # likewise of computed starts: times the images, and for each photo
-_WAVES = 8  # times the effort of a step on a plane
+STEP = 1500  # images that a step takes as much as, however few there are
+_WAVES = 4  # times the effort of a step on a plane
+START = 3  # of the least steps, that a computed start takes as much as for each photo
 
 
 class SearchLimitError(Exception):
@@ -59,7 +68,7 @@ GIVEN_UP = (SingularNormalsError, SearchLimitError)  # why a trial of the search
 
 @dataclass(kw_only=True, eq=False)
 class Effort:
-    """What a search may still spend, in images that are evaluated; a deck beyond repair would take minutes.
+    """What a search may still spend, in images of steps on a plane; a deck beyond repair would take minutes.
 
     Work is counted, never timed: every machine stops at the same place.
     """
@@ -75,7 +84,11 @@ class Effort:
 
     def spend_steps(self, network: Network, steps: float = 1.0) -> None:
         """Take steps of an adjustment off. Raises `SearchLimitError`."""
-        self.spend(steps * (_STEP + len(network.photo) * (1 if network.sea is None else _WAVES)))
+        self.spend(steps * (STEP + len(network.photo)) * (1 if network.sea is None else _WAVES))
+
+    def spend_start(self, photos: int) -> None:
+        """Take a computed start of some photos off. Raises `SearchLimitError`."""
+        self.spend(START * STEP * photos)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,8 +175,8 @@ def staged(block: Block, progress: Progress | None, sea: Sea | None, effort: Eff
 
     Raises `AdjustmentError` where the block cannot be adjusted, `SingularNormalsError` and `SearchLimitError`.
     """
-    images, photos = int(np.count_nonzero(block.plates.triangulated)), len(block.photos.ids)
-    effort.spend(images if block.options.initial is Initial.GIVEN else COMPUTED * images + FOR_PHOTO * photos)
+    if block.options.initial is not Initial.GIVEN:
+        effort.spend_start(len(block.photos.ids))
     job, state = prepared(search_block(block, sea), progress, sea)
     scene = scene_of(job, state, effort)
     state = ground_points.level_start(scene.network.with_unknown_points(), state)  # no wrong control puts any
@@ -282,3 +295,34 @@ def _robust(scene: Scene, job: Job, state: State) -> State:
         return outcome.state, not outcome.failure or (outcome.change > 0.0 and before - after <= after)
 
     return reweighted(state, weights_at, stepped)
+
+
+def weights(network: Network, block: Block) -> Factors:
+    """Return the weights of the observations, 0 for those that take no part."""
+    plate = np.where(taking_part(network)[:, None], network.weight, 0.0)
+    return {_K.PLATE: plate, **{kind.observed: kind.weights(network, block) for kind in SEARCHED}}
+
+
+def weighted(network: Network, block: Block, factors: Factors) -> Network:
+    """Return the network with its weights times the factors."""
+    network = replace(network, weight=network.weight * factors[_K.PLATE])
+    for kind in SEARCHED:
+        if (factors[kind.observed] != 1.0).any():  # else what is kept of it serves on
+            network = kind.weighted(network, block, factors[kind.observed])
+    return network
+
+
+def deviations(network: Network, block: Block, state: State) -> Factors:
+    """Return the residuals of the observations, adjusted minus observed, in their units."""
+    used = taking_part(network)
+    plate = all_residuals(network, state, used)
+    plate[~used] = 0.0
+    return {_K.PLATE: plate, **{kind.observed: kind.residuals(network, block, state) for kind in SEARCHED}}
+
+
+def taking_part(network: Network) -> BoolArray:
+    """Return which measurements (m,) take part."""
+    used = np.zeros(len(network.photo), dtype=bool)
+    for group in network.groups:
+        used[group.rays] = True
+    return used

@@ -9,7 +9,7 @@ is searched again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,9 +19,7 @@ from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.blunders.alternatives import misfit, wrong_flags
-from musatpy.blunders.exchanges import exchanges
 from musatpy.blunders.explanation import (
-    EQUAL,
     Case,
     cost,
     explained,
@@ -31,17 +29,28 @@ from musatpy.blunders.explanation import (
     submerged_points_dry,
     with_revision,
 )
-from musatpy.blunders.factors import Factors, taking_part
 from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.names import Lookalikes, lookalikes
-from musatpy.blunders.scene import GIVEN_UP, Effort, scene_of, search_block, sees_water
+from musatpy.blunders.names import Lookalike, exchanges, lookalikes
+from musatpy.blunders.scene import (
+    GIVEN_UP,
+    PENALTY,
+    START,
+    STEP,
+    Effort,
+    Factors,
+    scene_of,
+    search_block,
+    sees_water,
+    taking_part,
+)
 from musatpy.blunders.snooping import Snooped, snooped
 from musatpy.blunders.starts import Start, best_start
-from musatpy.model import Block, Initial, ObservationKind
+from musatpy.model import Block, Initial, ObservationKind, Solution
 from musatpy.model.progress import Progress, begin
 
 _EFFORT, _FOR_PHOTO = 400, 20  # steps of its adjustments; where something simple is wrong, 20 to 300 do
-LEAST = 6e5  # images evaluated, that any search may spend: some seconds
+LEAST = 7.5e5  # images that any search may spend, and twice as many one for causes: some seconds
+_FAILED, _AROUND = 20, 6  # steps that a run without solution counts for, and start and covariances of another one
 _REVISIONS = 3  # of names and flags, at most
 _HOPELESS = 10.0  # times the cost of the best explanation: what snooping cannot mend
 _PLATE = ObservationKind.PLATE
@@ -59,27 +68,17 @@ class Renaming:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WrongFlag:
-    """A point whose images want the other flag, submerged or dry."""
-
-    point: int
-    test: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Search:
     """What the search found. Rows are those of the tables of the block, whose points it does not number anew."""
 
     block: Block  # the job, as it was given
     revised: Block  # with right names and flags
     last: Snooped  # the search of the revised block
-    alike: Lookalikes  # images that lie on other points and keep their names
+    alike: list[Lookalike]  # images that lie on other points and keep their names
     renamings: tuple[Renaming, ...]
-    flags: tuple[WrongFlag, ...]
+    flags: dict[int, float]  # points whose images want the other flag, with the test values of that
     common: tuple[Hypothesis, ...]  # what is wrong with many observations at once, as revised
-    alike_revisions: tuple[
-        Hypothesis, ...
-    ]  # exchanges of labels, or revisions of all, that explain what those of `common` do
+    alike_revisions: tuple[Hypothesis, ...]  # exchanges of labels, or revisions of all, that explain what those do
 
 
 def search(
@@ -101,16 +100,16 @@ def search(
         best = _or_as_given(best, start.given, sea, effort)
     last, revised = best.last, best.block
     renamings: tuple[Renaming, ...] = ()
-    flags: tuple[WrongFlag, ...] = ()
+    flags: dict[int, float] = {}
     alike = _lookalikes(last)
     for number in range(1, _REVISIONS + 1):
         begin(progress, "search for blunders: names and flags", number, _REVISIONS)
         names = tuple(entry for entry in _renamings(last, alike) if entry.row not in {old.row for old in renamings})
-        blamed = _wrong_flags(last) if sees_water(block) else []
-        wrong = tuple(entry for entry in blamed if entry.point not in {old.point for old in flags})
+        blamed = wrong_flags(last.scene, last.state, last.judgement.sigma0) if sees_water(block) else {}
+        wrong = {point: test for point, test in blamed.items() if point not in flags}
         if not names and not wrong:
             break
-        renamings, flags = renamings + names, flags + wrong
+        renamings, flags = renamings + names, flags | wrong
         revised = _revised(revised, names, wrong)
         last = _searched_again(revised, last, names, wrong, sea)
         alike = _lookalikes(last)
@@ -128,7 +127,15 @@ def search(
 
 def explicit_effort(block: Block) -> Effort:
     """Return what a search may spend that is asked for: some hundred steps of an adjustment."""
-    return Effort(left=LEAST + (_EFFORT + _FOR_PHOTO * len(block.photos.ids)) * len(block.plates.point))
+    steps = _EFFORT + _FOR_PHOTO * len(block.photos.ids)
+    return Effort(left=LEAST + steps * (STEP + len(block.plates.point)))
+
+
+def usual_effort(block: Block, solution: Solution | None, times: float) -> Effort:
+    """Return what the search for causes of a run may spend: so many `times` what the run has."""
+    steps = _FAILED if solution is None else len(solution.iterations) + _AROUND
+    start = 0 if block.options.initial is Initial.GIVEN else START * STEP * len(block.photos.ids)
+    return Effort(left=times * max(LEAST, steps * len(block.plates.point) + start))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,8 +161,7 @@ def _begun(start: Start, sea: Sea | None) -> _Explained:
         nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
         case = replace(first_case(start.block, scene, state, nothing), taken=common)
         return _at_rest(explained(case, 1.0, sea), 1.0)
-    price = cost(last.scene, last.out(), last.state, len(common), last.judgement.sigma0**2)
-    return _Explained(last=last, block=start.block, common=common, cost=price)
+    return _priced(last, start.block, common, last.judgement.sigma0**2)
 
 
 def _or_as_given(best: _Explained, given: Start, sea: Sea | None, effort: Effort) -> _Explained:
@@ -171,10 +177,8 @@ def _or_as_given(best: _Explained, given: Start, sea: Sea | None, effort: Effort
     except GIVEN_UP:
         return best
     variance = min(one.last.judgement.sigma0 for one in (best, other)) ** 2
-    prices = [
-        cost(one.last.scene, one.last.out(), one.last.state, len(one.common), variance) for one in (best, other)
-    ]
-    return other if prices[1] < prices[0] else best
+    best, other = (_priced(one.last, one.block, one.common, variance) for one in (best, other))
+    return other if other.cost < best.cost else best
 
 
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
@@ -186,10 +190,10 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
             case = explained(case, variance, sea, only_common)
             if (only_common and not case.revisions) or case.cost(variance) > _HOPELESS * best.cost:
                 continue
-            other = _at_rest(case, variance, not chosen, start.last)
+            other = _at_rest(case, variance, not chosen)
         except GIVEN_UP:
             continue
-        if other.cost < best.cost + (EQUAL if best is start else 0.0):
+        if other.cost < best.cost + (PENALTY if best is start else 0.0):
             best = other
     return best
 
@@ -230,7 +234,7 @@ def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explai
     if not trials:
         return start
     best = min(trials, key=lambda trial: trial.cost)
-    alike = tuple(trial.common[-1] for trial in trials if trial.cost < best.cost + EQUAL)
+    alike = tuple(trial.common[-1] for trial in trials if trial.cost < best.cost + PENALTY)
     return replace(best, alike=alike)
 
 
@@ -239,15 +243,18 @@ def _case(start: _Explained) -> Case:
     return replace(first_case(start.block, last.scene, last.state, last.out()), taken=start.common)
 
 
-def _at_rest(case: Case, variance: float, returning: bool = True, before: Snooped | None = None) -> _Explained:
-    """Return the search from an explanation on, what is out `returning` or not, or the one `before` that it meets.
+def _at_rest(case: Case, variance: float, returning: bool = True) -> _Explained:
+    """Return the search from an explanation on, what is out `returning` or not.
 
     Raises `SingularNormalsError`.
     """
-    last = snooped(case.scene, case.state, case.out, returning, before)
-    common = tuple(hypothesis for hypothesis in case.taken if not hypothesis.given_up)
+    last = snooped(case.scene, case.state, case.out, returning)
+    return _priced(last, case.block, tuple(one for one in case.taken if not one.given_up), variance)
+
+
+def _priced(last: Snooped, block: Block, common: tuple[Hypothesis, ...], variance: float) -> _Explained:
     price = cost(last.scene, last.out(), last.state, len(common), variance)
-    return _Explained(last=last, block=case.block, common=common, cost=price)
+    return _Explained(last=last, block=block, common=common, cost=price)
 
 
 def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
@@ -273,7 +280,7 @@ def plate_errors(last: Snooped) -> tuple[FloatArray, FloatArray]:
     return np.maximum(test[:, 0], test[:, 1]), error
 
 
-def _lookalikes(last: Snooped) -> Lookalikes:
+def _lookalikes(last: Snooped) -> list[Lookalike]:
     """Return the images out, or of no point that takes part, that lie on other points."""
     scene, network = last.scene, last.scene.network
     out = last.rows_out(_PLATE)
@@ -282,38 +289,28 @@ def _lookalikes(last: Snooped) -> Lookalikes:
     return lookalikes(scene, last.state, out, np.flatnonzero(out | alone), judgement.covariance, judgement.sigma0)
 
 
-def _renamings(last: Snooped, alike: Lookalikes) -> list[Renaming]:
-    test, error = plate_errors(last)
-    rows = alike.row[alike.certain & np.isnan(test[alike.row])]
-    network = last.scene.network
-    test[rows] = misfit(network, last.state, network.point[rows]) / last.judgement.sigma0
+def _renamings(last: Snooped, alike: list[Lookalike]) -> list[Renaming]:
+    (test, error), certain = plate_errors(last), [one for one in alike if one.certain]
+    rows = np.array([one.row for one in certain if np.isnan(test[one.row])], dtype=int)
+    test[rows] = misfit(last.scene.network, last.state, last.scene.network.point[rows]) / last.judgement.sigma0
     return [
         Renaming(
-            row=row,
-            point=point,
-            distance=distance,
-            test=float(test[row]),
-            error=(float(error[row, 0]), float(error[row, 1])),
+            row=one.row,
+            point=one.point,
+            distance=one.distance,
+            test=float(test[one.row]),
+            error=(float(error[one.row, 0]), float(error[one.row, 1])),
         )
-        for row, point, distance, certain in zip(
-            alike.row.tolist(), alike.point.tolist(), alike.distance.tolist(), alike.certain.tolist(), strict=True
-        )
-        if certain
+        for one in certain
     ]
 
 
-def _wrong_flags(last: Snooped) -> list[WrongFlag]:
-    points, tests = wrong_flags(last.scene, last.state, last.judgement.sigma0)
-    return [WrongFlag(point=p, test=t) for p, t in zip(points.tolist(), tests.tolist(), strict=True)]
-
-
-def _revised(block: Block, names: tuple[Renaming, ...], flags: tuple[WrongFlag, ...]) -> Block:
+def _revised(block: Block, names: tuple[Renaming, ...], flags: Iterable[int]) -> Block:
     """Return the block with new names and flags; its points keep their numbers."""
     point, bathymetric = block.plates.point.copy(), block.points.bathymetric.copy()
     for renaming in names:
         point[renaming.row] = renaming.point
-    for flag in flags:
-        bathymetric[flag.point] ^= True
+    bathymetric[list(flags)] ^= True
     return replace(
         block,
         plates=replace(block.plates, point=point),
@@ -325,7 +322,7 @@ def _searched_again(
     revised: Block,
     before: Snooped,
     names: tuple[Renaming, ...],
-    flags: tuple[WrongFlag, ...],
+    flags: Iterable[int],
     sea: Sea | None,
 ) -> Snooped:
     """Return the search of a revised block, from where the search before has come to rest."""
@@ -336,6 +333,6 @@ def _searched_again(
     state, out = before.state, before.out()
     state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)
     plates = old.plates
-    touched = [change.point for change in names + flags] + [int(plates.point[name.row]) for name in names]
+    touched = [*flags, *(name.point for name in names), *(int(plates.point[name.row]) for name in names)]
     anew = np.isin(revised.plates.point, touched)
     return snooped(scene, state, out | {_PLATE: np.maximum(out[_PLATE], anew[:, None])})

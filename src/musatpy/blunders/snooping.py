@@ -7,27 +7,38 @@ against what the others predict, whose variance is added to its own. Both are di
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from musatpy.adjustment import reliability
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import SINGULAR, Factor, factorised
+from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, factorised
+from musatpy.adjustment.propagation import pieces, point_covariances
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.adjusted import adjusted_cofactors
 from musatpy.blunders.alternatives import wrong_images
-from musatpy.blunders.checks import Inverse
-from musatpy.blunders.factors import Factors, weighted
-from musatpy.blunders.scene import Scene, free_to_cross, plate_scale, settled, sizes
-from musatpy.blunders.tides import CommonTide, common_tides
+from musatpy.blunders.hypotheses import Hypothesis, common_tides
+from musatpy.blunders.scene import (
+    IMAGES_CHECKED,
+    LIMIT,
+    OTHERS_CHECKED,
+    Factors,
+    Scene,
+    free_to_cross,
+    plate_scale,
+    settled,
+    sizes,
+    weighted,
+)
 from musatpy.model import ObservationKind
 from musatpy.model.progress import begin
+from musatpy.probability import students_of_pope
 from musatpy.statistics.quality import test_limit
 
-LIMIT = 4.0  # of the test values at least: one good observation in 16,000 lies beyond
 _BACK = 0.9  # of the limit, below which an observation comes back
 _RETURNS = 2  # of one observation, at most
 _ROUNDS = 25
@@ -36,11 +47,10 @@ _SHARE = 0.5  # of the largest test value that others must have to go out with i
 _FAR = 2.0  # times its limit, of a test: what goes out by it has moved the stations
 _LITTLE = 0.1  # of all squares, that those which leave may explain for their sum to be foreseen
 _TIED = 0.98  # of the largest test value of a point: no telling which of them it is
-_CHECKED, _PREDICTED = 0.01, 0.99  # redundancy numbers that make tests of images in, and out, worth anything
-_ROUNDING = 1e-5  # that of observations held tightly, such as control without error and tides
 _BEST = 0.2  # sigma0 that nothing is better than
 _PULL = 1e3  # sigmas up to which what is out keeps that weight: kilometres would still bend the block by it
 _TAKEN = 1e-6  # of its weight is left to an observation that is out
+_BEYOND = 1e3  # no test value is larger
 _UP = 2  # component
 _STEPS = 2  # of an adjustment, that the tests of all observations take as much as
 
@@ -85,7 +95,7 @@ class Units:
     @cached_property
     def checked(self) -> FloatArray:
         """(o,) redundancy numbers below which the tests of what takes part are worth nothing."""
-        return np.where(self.kind == _K.PLATE, _CHECKED, _ROUNDING)
+        return np.where(self.kind == _K.PLATE, IMAGES_CHECKED, OTHERS_CHECKED)
 
     def per_unit(self, value: FloatArray) -> FloatArray:
         """Return (units,) the largest value of the observations of each unit, 0 where none is above."""
@@ -110,7 +120,8 @@ class Judgement:
     residuals: Factors
     sigma0: float
     freedom: float  # degrees of freedom of what is in
-    inverse: Inverse
+    factor: Factor
+    cofactors: Cofactors
     points: FloatArray  # (p, 3, 3) m2, cofactors along working axes, NaN for points that take no part
     network: Network
     state: State
@@ -148,7 +159,7 @@ class Snooped:
     scene: Scene
     state: State
     judgement: Judgement
-    tides: tuple[CommonTide, ...]  # errors that the tides of several photos have in common
+    tides: tuple[Hypothesis, ...]  # errors that the tides of several photos have in common
     rest: bool  # False: it was stopped
 
     @property
@@ -160,16 +171,6 @@ class Snooped:
         """Return 1 for the observations that are out, 0 for all others."""
         return _masks(self.scene, self.units, self.judgement.out)
 
-    def is_rest_with(self, scene: Scene, out: BoolArray) -> bool:
-        """Return whether it is where a scene comes to rest with these units (units,) out."""
-        return (
-            self.rest
-            and not self.tides
-            and self.scene.block is scene.block
-            and np.array_equal(self.judgement.out, out)
-            and np.array_equal(self.scene.line.wet, scene.line.wet)
-        )
-
     def rows_out(self, kind: ObservationKind) -> BoolArray:
         """Return which rows (rows,) of the table of a kind have observations that are out."""
         return _rows(self.scene, self.units, self.judgement.out, kind)
@@ -180,25 +181,21 @@ def snooped(
     state: State,
     first: Factors | None = None,
     returning: bool = True,
-    before: Snooped | None = None,
 ) -> Snooped:
     """Return the search at rest.
 
     `first` is 1 for what is out at the beginning; without it, what robust weights leave far off is. Images are
-    chosen anew. Without `returning` nothing of what is out comes back. Where that comes to be what is out in the
-    search `before`, it has come to the same rest. Raises `SingularNormalsError`.
+    chosen anew. Without `returning` nothing of what is out comes back. Raises `SingularNormalsError`.
     """
-    units = before.units if before is not None and before.scene.block is scene.block else units_of(scene)
+    units = units_of(scene)
     image, limit = units.kind[units.first] == _K.PLATE, units.limits
     returns = np.full(units.count, 0 if returning else _RETURNS)
-    out, state = _first_out(scene, state, units, first, returning, before)
+    out, state = _first_out(scene, state, units, first, returning)
     moved = returning  # and images are to be chosen once more
     scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
-    tides: tuple[CommonTide, ...] = ()
+    tides: tuple[Hypothesis, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
-        if before is not None and before.is_rest_with(scene, out):
-            return replace(before, tides=tides)
         begin(scene.progress, "search for blunders: round of snooping", number + 1, _ROUNDS)
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
         scene, state, factor = settled(scene, factors, state)
@@ -210,7 +207,8 @@ def snooped(
             back |= out & ~judgement.predicted & ~image
         leaving = _leaving(judgement, value)
         common = worst_common_tide(scene, state, judgement)
-        if common is not None and common.test > max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)):
+        most = max(LIMIT, np.where(out, 0.0, value).max(initial=0.0)) * judgement.sigma0
+        if common is not None and common.squares > most**2:
             tides, leaving = (*tides, common), _tides_of(units, common.photo)
             returns[leaving] = _RETURNS
         anew = image & (leaving | out) if moved else image & leaving
@@ -237,23 +235,14 @@ def _first_out(
     units: Units,
     first: Factors | None,
     returning: bool,
-    before: Snooped | None,
 ) -> tuple[BoolArray, State]:
-    """Return which units (units,) are out as `snooped` begins, and the state with points as others see them.
-
-    Where nothing returns, and only images differ from what is out in the search `before`, those of the same points
-    are chosen anew: of the others they have been, and single images bend no block.
-    """
+    """Return which units (units,) are out as `snooped` begins, and the state with points as others see them."""
     size = sizes(scene, state)
     scale = plate_scale(scene, size)
     beyond, size = (_START * scale, size) if first is None else (0.0, first)
     out = units.per_unit(np.abs(units.gathered(size))) > beyond
     image = units.kind[units.first] == _K.PLATE
-    anew = out & image
-    if before is not None and not returning and before.scene.block is scene.block:
-        place, differs = units.place[units.first], out != before.judgement.out
-        anew = image & np.isin(place, place[differs]) if not (differs & ~image).any() else anew
-    chosen, state = _images_anew(scene, state, units, out, anew, scale)
+    chosen, state = _images_anew(scene, state, units, out, out & image, scale)
     return np.where(image & returning, chosen, out | chosen), state
 
 
@@ -275,7 +264,7 @@ def _images_anew(
     return unit, state
 
 
-def _tides_of(units: Units, photo: IntArray) -> BoolArray:
+def _tides_of(units: Units, photo: Sequence[int] | IntArray) -> BoolArray:
     """Return the units that are the tides of some photos."""
     tides = np.zeros(units.count, dtype=bool)
     tides[units.unit[(units.kind == _K.WATER_LEVEL) & np.isin(units.row, photo)]] = True
@@ -350,17 +339,17 @@ def judged(
         factor = factorised(matrix)
         if factor is None:
             raise SingularNormalsError(matrix)
-    inverse = Inverse(factor=factor, held=scene.held)
-    if _is_weak(inverse):
+    cofactors = factor.cofactors().holding(scene.held)
+    if _is_weak(factor, cofactors):
         raise SingularNormalsError(factor.matrix)
-    adjusted = adjusted_cofactors(scene, problem.network, state, inverse.cofactors)
+    of_points, of_observations = _adjusted_cofactors(scene, problem.network, state, cofactors)
     residuals, size = scene.residuals_and_sizes(state)
     # in a priori sigmas, and their squares
-    v, leverage = units.gathered(size), units.weight * units.gathered(adjusted.observations)
+    v, leverage = units.gathered(size), units.weight * units.gathered(of_observations)
     taken = np.flatnonzero(out[units.unit])  # few, and what is done about them costs little
     r, used, least = 1.0 - leverage, v.copy(), units.checked.copy()
     r[taken] = 1.0 - units.gathered(factors)[taken] * leverage[taken]
-    used[taken], least[taken] = 0.0, _PREDICTED
+    used[taken], least[taken] = 0.0, 1.0 - IMAGES_CHECKED
     f = float(np.sum(r) - np.sum(r[taken]))
     sigma0 = np.sqrt(float(np.sum(np.square(used))) / f) if f > 1.0 else 1.0
     sigma0 = max(sigma0, _BEST)
@@ -368,7 +357,7 @@ def judged(
     variance = r.copy()
     variance[taken] = np.where(np.isnan(r[taken]), np.nan, 1.0 + leverage[taken])
     tau = v / (sigma0 * np.sqrt(variance))
-    test = tau if f <= 2.0 else _student(tau, f)
+    test = tau if f <= 2.0 else np.clip(students_of_pope(tau, f), -_BEYOND, _BEYOND)
     test[taken] = tau[taken]
     return Judgement(
         units=units,
@@ -378,31 +367,48 @@ def judged(
         residuals=residuals,
         sigma0=sigma0,
         freedom=f,
-        inverse=inverse,
-        points=adjusted.points,
+        factor=factor,
+        cofactors=cofactors,
+        points=of_points,
         network=problem.network,
         state=state,
     )
 
 
-def _student(tau: FloatArray, f: float) -> FloatArray:
-    """Return test values by the sigma0 of all others, of those by that of all, of `f` degrees of freedom."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left = f - np.square(tau)
-        return np.where(left > 0.0, tau * np.sqrt((f - 1.0) / left), np.sign(tau) * 1e3)
+def _adjusted_cofactors(
+    scene: Scene, network: Network, state: State, cofactors: Cofactors
+) -> tuple[FloatArray, Factors]:
+    """Return cofactors of points (p, 3, 3) m2 along working axes, NaN if not determined, and of observations.
+
+    Those that `cofactors` of the unknowns give at a state; `network` has the weights of the scene now.
+    """
+    points = np.full((network.points, 3, 3), np.nan)
+    tables = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
+    parts = list(reliability.direct(network, state, cofactors))
+    not_asked_for = network.xy  # residuals
+    for group in network.groups:
+        for rows, piece in pieces(network, state, group, cofactors):
+            working = replace(piece, axes=np.swapaxes(piece.E.normals.axes, 1, 2))
+            points[group.point[rows]] = point_covariances(network, working, cofactors, None)
+            parts += [reliability.images(network, piece, not_asked_for), *reliability.priors(piece, scene.block)]
+    for part in parts:
+        # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
+        if part.kind in tables:
+            observed = part.weight > 0.0
+            tables[part.kind][part.row[observed], part.component[observed]] = part.cofactor[observed]
+    return points, tables
 
 
-def _is_weak(inverse: Inverse) -> bool:
+def _is_weak(factor: Factor, cofactors: Cofactors) -> bool:
     """Return whether the normal equations leave unknowns free.
 
     The trace of the inverse of the scaled matrix is larger than that of its smallest eigenvalue.
     """
-    factor = inverse.factor
-    trace = float(np.sum(inverse.cofactors.diagonal() / np.square(factor.scale)))
+    trace = float(np.sum(cofactors.diagonal() / np.square(factor.scale)))
     return not trace * SINGULAR < 1.0 and factor.is_weak(SINGULAR)
 
 
-def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> CommonTide | None:
+def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Hypothesis | None:
     """Return the common error of the tides of several photos that is the surest one, None where none is tested."""
     units, block = judgement.units, scene.block
     if not scene.network.water.per_photo:
@@ -410,8 +416,8 @@ def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Commo
     taken = np.ones(len(block.photos.ids), dtype=bool)
     inside = units.kind[units.first] == _K.WATER_LEVEL
     taken[units.row[units.first][inside & ~judgement.out]] = False
-    errors = common_tides(block, scene.network, state, judgement.inverse.factor, taken, judgement.sigma0)
-    return max(errors, key=lambda error: error.test, default=None)
+    errors = common_tides(block, scene.network, state, judgement.factor, taken)
+    return max(errors, key=lambda error: error.squares, default=None)
 
 
 def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:

@@ -15,10 +15,9 @@ from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.network import inverse_squares
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.blunders.factors import taking_part, weights
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import revised
-from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, SearchLimitError, sizes, staged
+from musatpy.blunders.scene import GIVEN_UP, Effort, Scene, SearchLimitError, sizes, staged, taking_part, weights
 from musatpy.blunders.whole_block import MIRRORED, doubts, likely, part_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, Initial, ObservationKind, Photos

@@ -20,11 +20,11 @@ from musatpy.arrays import BoolArray, FloatArray, finite_rows
 from musatpy.blunders import revisions
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import revised
-from musatpy.blunders.scene import Effort, Scene, sees_water
+from musatpy.blunders.scene import STEP, Effort, Scene, sees_water
 from musatpy.geometry.frames import Frame
 from musatpy.jobs.extract import extracted
 from musatpy.model import Block, CauseKind, CoordinateSystem, Initial
-from musatpy.units import DEGREE
+from musatpy.units import DEGREE, FOOT, YARD
 
 MIRRORED = (  # one class, the cheapest to check first
     revisions.Y_REVERSED,
@@ -32,10 +32,9 @@ MIRRORED = (  # one class, the cheapest to check first
     revisions.EXCHANGED,
     revisions.CONTROL_EXCHANGED,
 )
-_FACTORS = (revisions.FEET, 1.0 / revisions.FEET, 1e3, 1e-3, 10.0, 0.1, 100.0, 0.01, 1.0936, 0.9144)
+_FACTORS = tuple(factor for unit in (FOOT, 1e-3, 0.1, 0.01, YARD) for factor in (1.0 / unit, unit))
 _PART = 10  # photos of the part that is tried, and
 _POINTS = 100  # of its points, besides the control
-_MODELS, _FOR_PHOTO = 20, 500  # times its images that its models take as much as, and for each photo
 _FAR = 0.2  # flying heights from the card of a station, and
 _TURNED = 30.0 * DEGREE  # from that of its attitude: not where it should be
 _MOSTLY = 0.5  # of the photos, or points, that speak against a block
@@ -123,7 +122,8 @@ def _thinned(block: Block) -> Block:
 def likely(block: Block, found: Doubts | None, effort: Effort) -> Iterator[Hypothesis]:
     """Yield the revisions of a block that suit plates, control, cards and tides, the likeliest first.
 
-    Each is tried by models of its plates, placed on its control. Mirrored plates stand for all of their class;
+    Each is tried by models of its plates, placed on its control. Of what fits alike, the best of each length comes
+    before the second best of any: no model tells how large a block is. Mirrored plates stand for their class;
     `found` is what speaks against the block as it is, None where it does not fit by itself.
     """
     counts = finite_rows(block.photos.position) & (
@@ -132,15 +132,14 @@ def likely(block: Block, found: Doubts | None, effort: Effort) -> Iterator[Hypot
     nothing = np.full((len(counts), 3), np.nan)
     alone = replace(block, photos=replace(block.photos, position_sigma=nothing, attitude_sigma=nothing))
     sights = sights_of(alone)
-    models_cost = _MODELS * len(sights.point) + _FOR_PHOTO * len(counts)
-    effort.spend(models_cost)
+    effort.spend_start(len(counts))
     models = models_of(alone, sights)
     scored: list[tuple[int, float, int, Hypothesis]] = []
     for revision in _revisions(block, found, cards=bool(counts.any())):
         other, seen, joined = revised(alone, revision), sights, models
-        effort.spend(len(sights.point))
+        effort.spend(STEP)
         if other.plates is not alone.plates:
-            effort.spend(models_cost)
+            effort.spend_start(len(counts))
             seen = sights_of(other)
             joined = models_of(other, seen)
         place = placed(other, seen, joined, MODEL)
@@ -150,8 +149,12 @@ def likely(block: Block, found: Doubts | None, effort: Effort) -> Iterator[Hypot
         far = int(np.count_nonzero(~(np.linalg.norm(shift, axis=1) <= _FAR * height)))
         if revision.kind is CauseKind.AXES:
             far, error = 0, 0.0  # which one of its class it is, the cards tell; no factor is likelier
-        scored.append((lost + far + _on_wrong_side(other), error, len(scored), revision))
-    yield from (revision for *_, revision in sorted(scored, key=lambda entry: entry[:3]))
+        alike = float(f"{error:.3g}")
+        scored.append((lost + far + _on_wrong_side(other), alike, len(scored), revision))
+    scored.sort(key=lambda entry: entry[:3])
+    turns = [[other[3].member for other in scored[:row]].count(entry[3].member) for row, entry in enumerate(scored)]
+    order = sorted(range(len(scored)), key=lambda row: (scored[row][0], turns[row], row))
+    yield from (scored[row][3] for row in order)
 
 
 def _on_wrong_side(block: Block) -> int:

@@ -3,8 +3,8 @@
 from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
 from musatpy.model.control import AirBases, Control, ControlKind, Distances, EqualElevations, HeightDifferences
-from musatpy.model.findings import Action, Cause, Finding
-from musatpy.model.kinds import Blunder, CauseKind, ObservationKind
+from musatpy.model.findings import Action, Cause, CauseKind, Finding
+from musatpy.model.kinds import ObservationKind
 from musatpy.model.options import (
     CauseSearch,
     CoordinateSystem,
@@ -79,7 +79,6 @@ __all__ = [
     "Atmosphere",
     "BathymetricPoints",
     "Block",
-    "Blunder",
     "Cameras",
     "Cause",
     "CauseKind",

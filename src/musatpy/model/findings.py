@@ -6,9 +6,13 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from musatpy.model.kinds import Blunder, CauseKind
+from musatpy.model.options import CoordinateSystem
+from musatpy.units import ARC_SECOND, MICROMETRE
 
 _SHOWN = 5  # ids of one cause
+_SCALES = {"um": MICROMETRE, "arc sec": ARC_SECOND}  # of units, in those inside
+CONTROL_CARD, STATION_CARD = "CTG/CTX", "STA/STX"  # the card of geographic jobs, and that of all others
+_POSITION = "east north up"
 
 
 class Action(StrEnum):
@@ -23,17 +27,135 @@ class Action(StrEnum):
     NONE = "none"  # why, says the note
 
 
+class CauseKind(StrEnum):
+    """What may be wrong, the cheaper to check first: a card is read again sooner than plates are measured again.
+
+    A member is its name as a cause; its name in the list of blunders (empty: it never stands there), and what EDIT
+    does; the cards to read again; the component of the card that is wrong; the unit of its size (None: it has no
+    size), and the axes of that, if it has several; and what to check.
+    """
+
+    # fmt: off
+    VERTICAL = (
+        "height of a control card", "vertical control", Action.NOT_KNOWN, CONTROL_CARD, "height", "m", "",
+        "read the height on the control card again: digits, sign, unit, sigma")
+    HORIZONTAL = (
+        "position of a control card", "horizontal control", Action.NOT_KNOWN, CONTROL_CARD, "position", "m",
+        "east north",
+        "read the position on the control card again: digits, sign, sigma, the name of the point")
+    CONTROL = (
+        "control card", "", Action.NONE, CONTROL_CARD, "", "m", _POSITION,
+        "read the control card again: digits, unit, sigma, the name of the point")
+    EXCHANGED_CONTROL = (
+        "exchanged control cards", "", Action.NONE, CONTROL_CARD, "", None, "",
+        "each point lies where the other card says: exchange the names on the two control cards")
+    UNIT = "unit of length", "", Action.NONE, "", "", "", "", ""  # whose, and of what length, says `revisions`
+    TIDE = (
+        "tide card", "tide", Action.KEPT_OUT, "TID", "", "m", "",
+        "read the tide card again: sign, datum, time of the exposure")
+    TIDES = (
+        "tides of several photos", "", Action.NONE, "TID", "all photos", "m", "",
+        "read the tides again: datum, sign, time zone; no single image can be blamed")
+    FOCAL_LENGTH = (
+        "focal length", "", Action.NONE, "CAM", "focal length", "mm", "",
+        "compare the camera card with the calibration; a common error of the heights of observed stations looks "
+        "alike")
+    PRINCIPAL_POINT = (
+        "principal point", "", Action.NONE, "CAM", "", "mm", "",
+        "compare the camera card with the calibration, signs and plate axes too")
+    INDEX = "refractive index", "", Action.NONE, "WTR", "", "", "", "read the water card again"
+    ELEVATION = (
+        "equal elevation", "equal elevation", Action.DROPPED, "EQL", "", "m", "",
+        "is the point on the shore line? read the names on the card again")
+    DISTANCE = (
+        "distance", "distance", Action.DROPPED, "DIS", "", "m", "",
+        "read the distance card again: names and digits")
+    HEIGHT_DIFFERENCE = (
+        "height difference", "height difference", Action.DROPPED, "HDF", "", "m", "",
+        "read the height difference card again: names, digits, sign")
+    AIR_BASE = (
+        "air base", "air base", Action.DROPPED, "BAS", "", "m", "",
+        "read the air base card again: photos and digits")
+    ATTITUDE = (
+        "attitude card", "station attitude", Action.NOT_KNOWN, "ATT", "angles", "arc sec", "omega phi kappa",
+        "read the attitude card again: digits, signs, sigmas")
+    POSITION = (
+        "station card", "station position", Action.NOT_KNOWN, STATION_CARD, "position", "m", _POSITION,
+        "read the station card again: digits, sigmas, the name of the photo")
+    STATION = (
+        "station and attitude cards", "", Action.NONE, f"{STATION_CARD} ATT", "", "m", _POSITION,
+        "read station and attitude cards again: the name of the photo, digits, sigmas")
+    START = (
+        "start values of a station", "", Action.NONE, f"{STATION_CARD} ATT", "", "m", "",
+        "read the card again: the given values, from which the run starts, are far from what the images say")
+    LABELS = "exchanged photo labels", "", Action.NONE, "", "", None, "", ""  # of which cards, says `revisions`
+    FLAG = (
+        "flag of a submerged point", "", Action.NONE, "PLT", "", "m", "",
+        "look whether the point is submerged, and at the flag B of its plate cards")
+    DRY_FLAG = "missing flag", "not flagged submerged", Action.FLAGGED, "PLT", "", "m", "", ""  # m below water
+    WET_FLAG = "wrong flag", "flagged submerged", Action.UNFLAGGED, "PLT", "", "m", "", ""  # m above it
+    NAME = (
+        "name of an image", "misnamed image", Action.RENAMED, "PLT", "", "um", "",
+        "compare the name on the plate card with the plate")
+    EXCHANGED_IMAGES = (
+        "exchanged images of a point", "", Action.NONE, "PLT", "", None, "",
+        "each fits the other photo: exchange the photo ids on the two plate cards")
+    AXES = "axes", "", Action.NONE, "", "", None, "", ""  # which, says `revisions`
+    IMAGE = (
+        "image", "plate measurement", Action.KEPT_OUT, "PLT", "", "um", "x y",
+        "read the plate card again, then measure the image again: name, digits, sign")
+    IMAGES = (
+        "all images of a point", "", Action.NONE, "PLT", "", None, "",
+        "read the plate cards of the point again, then measure its images: is it one point on all of them?")
+    # fmt: on
+
+    listed: str
+    action: Action
+    cards: str
+    component: str
+    unit: str
+    sized: bool
+    axes: tuple[str, ...]
+    advice: str
+
+    def __new__(
+        cls, name: str, listed: str = "", action: Action = Action.NONE, cards: str = "", component: str = "",
+        unit: str | None = None, axes: str = "", advice: str = "",
+    ) -> CauseKind:  # fmt: skip
+        member = str.__new__(cls, name)
+        member._value_ = name
+        member.listed, member.action, member.cards, member.component = listed, action, cards, component
+        member.unit, member.sized = unit or "", unit is not None
+        member.axes, member.advice = tuple(axes.split()), advice
+        return member
+
+    @property
+    def scale(self) -> float:
+        """The unit of its size, in that of what is computed."""
+        return _SCALES.get(self.unit, 1.0)
+
+
+def mnemonics(cards: str, system: CoordinateSystem) -> tuple[str, ...]:
+    """Return the mnemonics of cards in a job: of `CTG/CTX ATT` in one of a local system CTX and ATT."""
+    return tuple(card.split("/")[0 if system is CoordinateSystem.GEOGRAPHIC else -1] for card in cards.split())
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """One finding. Ids are those of the deck as it was given."""
 
-    blunder: Blunder
+    kind: CauseKind
     photo: str = ""
     point: str = ""  # of a pair: both ids, with a hyphen; of an equal elevation the group follows
     test: float  # Student's t, or the root of a chi-square of one degree of freedom; NaN where nothing checks it
     size: tuple[float, ...]  # estimated: given minus what the others say, in the unit of the kind
     action: Action
     note: str = ""
+
+    @property
+    def blunder(self) -> str:
+        """What is wrong, as the list has it."""
+        return self.kind.listed
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,8 @@
-"""The kinds of observations: names, units and tables; what each is called where it is wrong."""
+"""The kinds of observations: names, units and tables."""
 
 from __future__ import annotations
 
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,51 +77,3 @@ class ObservationKind(IntEnum):
         links = ((getattr(table, "photo", None), photos.ids), (getattr(table, "point", None), points.ids))
         parts = [ids[link[rows]].reshape(len(rows), -1) for link, ids in links if link is not None]
         return [list(row) for row in zip(*(column for part in parts for column in part.T.tolist()), strict=True)]
-
-
-class Blunder(StrEnum):
-    """What is wrong, in the order of the list; sizes are in the units given here."""
-
-    MISNAMED = "misnamed image"  # x, y um on the plate, off the image that the name wants
-    PLATE = "plate measurement"  # x, y um
-    HORIZONTAL = "horizontal control"  # east, north m
-    VERTICAL = "vertical control"  # up m
-    POSITION = "station position"  # east, north, up m
-    ATTITUDE = "station attitude"  # omega, phi, kappa arc seconds
-    ELEVATION = "equal elevation"  # m off the level of the group
-    BASE = "air base"  # m
-    DISTANCE = "distance"  # m
-    HEIGHT = "height difference"  # m
-    TIDE = "tide"  # m
-    DRY_FLAG = "not flagged submerged"  # m below the water
-    WET_FLAG = "flagged submerged"  # m above the water
-
-
-class CauseKind(StrEnum):
-    """What may be wrong, the cheaper to check first: a card is read again sooner than plates are measured again."""
-
-    VERTICAL = "height of a control card"  # up m
-    HORIZONTAL = "position of a control card"  # east, north m
-    CONTROL = "control card"  # east, north, up m
-    EXCHANGED_CONTROL = "exchanged control cards"  # no size
-    UNIT = "unit of length"  # factor
-    TIDE = "tide card"  # m
-    TIDES = "tides of several photos"  # m, common to them
-    FOCAL_LENGTH = "focal length"  # mm
-    PRINCIPAL_POINT = "principal point"  # mm
-    INDEX = "refractive index"
-    ELEVATION = "equal elevation"  # m
-    DISTANCE = "distance"  # m
-    HEIGHT = "height difference"  # m
-    BASE = "air base"  # m
-    ATTITUDE = "attitude card"  # omega, phi, kappa arc seconds
-    POSITION = "station card"  # east, north, up m
-    STATION = "station and attitude cards"  # m; arc seconds
-    START = "start values of a station"  # m; arc seconds
-    LABELS = "exchanged photo labels"  # no size
-    FLAG = "flag of a submerged point"  # m
-    NAME = "name of an image"  # no size
-    EXCHANGED_IMAGES = "exchanged images of a point"  # no size
-    AXES = "axes"  # of the plates or the control, reversed or exchanged; no size
-    IMAGE = "image"  # x, y um
-    IMAGES = "all images of a point"  # no size

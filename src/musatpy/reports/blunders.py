@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.model import Cause, CauseKind, Editing, Solution
+from musatpy.model import Cause, Editing, Solution
 from musatpy.reports.pages import Section
-from musatpy.reports.quality_record import CAUSES, FINDINGS, UNITS
+from musatpy.reports.quality_record import CAUSES, FINDINGS
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
@@ -34,7 +34,7 @@ def sections(statistics: Statistics) -> list[Section]:
     if not solution.findings:
         text = f"EDIT has edited nothing: {solution.unedited}." if solution.unedited else "None were found."
         return [*causes, Section(title="Blunders", lines=wrapped([text]))]
-    units = dict.fromkeys(UNITS[finding.blunder] for finding in solution.findings)
+    units = dict.fromkeys(finding.kind.unit for finding in solution.findings)
     tables = [_findings(statistics, unit) for unit in units]
     return [*causes, *tables, Section(title="Blunders: What Was Done", lines=wrapped(_summary(solution)))]
 
@@ -42,7 +42,7 @@ def sections(statistics: Statistics) -> list[Section]:
 def _findings(statistics: Statistics, unit: str) -> Section:
     """Return the findings whose sizes have a unit, with their notes below."""
     findings = statistics.solution.findings
-    rows = [row for row, finding in enumerate(findings) if UNITS[finding.blunder] == unit]
+    rows = [row for row, finding in enumerate(findings) if finding.kind.unit == unit]
     texts = dict.fromkeys(findings[row].note for row in rows)
     notes = {note: f"{number:4d}" for number, note in enumerate(filter(None, texts), 1)}
 
@@ -107,16 +107,6 @@ def _cause_report(causes: tuple[Cause, ...], numbers: Mapping[str, str]) -> Repo
     )
 
 
-_AXES = {
-    CauseKind.HORIZONTAL: ("east", "north"),
-    CauseKind.CONTROL: ("east", "north", "up"),
-    CauseKind.POSITION: ("east", "north", "up"),
-    CauseKind.STATION: ("east", "north", "up"),
-    CauseKind.ATTITUDE: ("omega", "phi", "kappa"),
-    CauseKind.IMAGE: ("x", "y"),
-}
-
-
 def _largest(cause: Cause) -> int:
     """Return which component of a size is the largest one in its sigmas."""
     sizes = [abs(size) / (_at(cause.sigma, axis) or 1.0) for axis, size in enumerate(cause.size)]
@@ -129,7 +119,7 @@ def _at(values: tuple[float, ...], axis: int) -> float:
 
 
 def _component(cause: Cause, axis: int) -> str:
-    return _AXES[cause.kind][axis] if cause.kind in _AXES and cause.size else cause.component
+    return cause.kind.axes[axis] if cause.kind.axes and cause.size else cause.component
 
 
 def _owner(cause: Cause) -> str:

@@ -10,7 +10,6 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import (
     AdjustedWater,
     AdjustedWaves,
-    Blunder,
     Cause,
     ConsideredWater,
     Dependence,
@@ -25,11 +24,6 @@ from musatpy.statistics.exact_water import exact_water
 from musatpy.statistics.quality import ChiSquare
 from musatpy.units import ARC_SECOND, DEGREE
 
-UNITS = dict.fromkeys(Blunder, "m") | {
-    Blunder.MISNAMED: "um",
-    Blunder.PLATE: "um",
-    Blunder.ATTITUDE: "arc sec",
-}
 _CONSIDERED_UNITS = {"m": 1.0, "arc sec": ARC_SECOND, "deg": DEGREE, "": 1.0}
 
 _GRADES = ("DOUBTFUL", "REJECTED", "FAILED")
@@ -340,7 +334,7 @@ FINDINGS = Each[Statistics, Finding](
         Field("point", "string?", "point id, as in the deck", lambda f: f.point or None),
         Field("test", "number?", "test value, null where nothing checks"),
         Field("size", "* number?", "estimated: given minus what all else says, by component"),
-        Field("unit", "string", "of the size", lambda f: UNITS[f.blunder]),
+        Field("unit", "string", "of the size", lambda f: f.kind.unit),
         Field("action", "string", "what was done, or with LIST would be"),
         Field("note", "string", "explanation"),
     ),

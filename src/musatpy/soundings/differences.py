@@ -10,6 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.soundings.s44 import survey_orders
 from musatpy.statistics.analyses import DifferenceStatistics, difference_statistics
+from musatpy.units import FOOT, YARD
 
 BANDS = (0.0, 2.0, 5.0, 10.0, 20.0, np.inf)  # m, limits of the bands of depth
 _NORMAL = 1.4826  # sigma of a normal distribution over its median absolute deviation
@@ -18,8 +19,8 @@ _ROUNDS = 10
 _SHARE = 0.95  # of differences that an order asks for
 _SCALES = {
     -1.0: ("heights, positive up", "call the column height"),
-    1.0 / 0.3048: ("feet", "multiply them by 0.3048"),
-    1.0 / 1.8288: ("fathoms", "multiply them by 1.8288"),
+    1.0 / FOOT: ("feet", "multiply them by 0.3048"),
+    0.5 / YARD: ("fathoms", "multiply them by 1.8288"),
     10.0: ("decimetres", "divide them by 10"),
     100.0: ("centimetres", "divide them by 100"),
 }

@@ -33,7 +33,7 @@ from musatpy.statistics.flag_reasons import flag_notes, flags, straight
 from musatpy.statistics.gates import flying_height, gates, ground_heights, named
 from musatpy.statistics.quality import owners, test_limit
 from musatpy.statistics.undetected import CommonErrors
-from musatpy.units import DEGREE, FOOT, MICROMETRE
+from musatpy.units import DEGREE, MICROMETRE, length_unit
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
@@ -295,15 +295,13 @@ def given_attitudes(statistics: Statistics) -> Iterator[Reason]:
 
 def units(statistics: Statistics) -> Iterator[Reason]:
     """Yield feet for metres, or the focal length of another camera, where that explains where the stations are."""
-    scale = _scale_of_stations(statistics)
-    for factor, text in (
-        (1.0 / FOOT, "control in feet and stations in metres"),
-        (FOOT, "stations in feet and control in metres"),
-    ):
-        if abs(scale / factor - 1.0) < _SAME_SCALE:
-            far = f"the adjusted stations are {scale:.3f} times as far apart as the given ones"
-            yield _doubtful(Concern.UNIT, f"{far}, as with {text}", _STATION_ANALYSIS)
-            return
+    block, adjusted = statistics.block, statistics.solution.stations.position
+    whose, scale = in_feet(rectangular(block, block.photos.position), rectangular(block, adjusted))
+    if whose:
+        others = {"control": "stations", "stations": "control"}[whose]
+        far = f"the adjusted stations are {scale:.3f} times as far apart as the given ones"
+        yield _doubtful(Concern.UNIT, f"{far}, as with {whose} in feet and {others} in metres", _STATION_ANALYSIS)
+        return
     ratio = _ratio_of_heights(statistics)
     focal = float(np.median(statistics.block.cameras.focal_length))
     other = other_focal_length(focal, ratio, _SAME_SCALE)
@@ -355,16 +353,20 @@ def _listing(names: list[str]) -> str:
     return f"{', '.join(names[:_LISTED])}{more}"
 
 
-def _scale_of_stations(statistics: Statistics) -> float:
-    """Return how many times as far from their middle the adjusted stations are as the given ones; NaN of one."""
-    block = statistics.block
-    given = rectangular(block, block.photos.position)
-    adjusted = rectangular(block, statistics.solution.stations.position)
+def in_feet(given: FloatArray, adjusted: FloatArray) -> tuple[str, float]:
+    """Return whether `control` or `stations` are in feet and all else in metres, empty for neither; and why.
+
+    That is how many times as far from their middle stations adjusted (n, 3) are as those given; NaN of one.
+    """
     both = np.isfinite(given).all(axis=1) & np.isfinite(adjusted).all(axis=1)
     if both.sum() < 2:
-        return float("nan")
+        return "", float("nan")
     spreads = [float(np.linalg.norm(xyz[both] - xyz[both].mean(axis=0))) for xyz in (given, adjusted)]
-    return spreads[1] / spreads[0] if spreads[0] > 0.0 else float("nan")
+    if not min(spreads) > 0.0:
+        return "", float("nan")
+    scale = spreads[1] / spreads[0]
+    times = {"control": scale, "stations": 1.0 / scale}
+    return next((one for one, factor in times.items() if length_unit(factor, _SAME_SCALE) == "feet"), ""), scale
 
 
 def _ratio_of_heights(statistics: Statistics) -> float:

@@ -11,7 +11,7 @@ from musatpy.adjustment.kinds.kind import Kind, Rows
 from musatpy.adjustment.network import Measured, Network, inverse_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model import Block, ObservationKind, Program
+from musatpy.model import Block, CauseKind, ObservationKind, Program
 from musatpy.model.tables import taken
 
 
@@ -22,9 +22,11 @@ class MeasuredKind(Kind):
     """
 
     value: str  # attribute of the table
-    noun: str  # of one observation, as in `Blunder` and `CauseKind`
-    card: str  # its mnemonic
-    advice: str  # what to look at where it is wrong
+
+    @property
+    def cause(self) -> CauseKind:
+        """What may be wrong with one of them: the member of the same name."""
+        return CauseKind[self.observed.name]
 
     def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the observed quantity (d,) and its partials (d, e, 3) along `axes` (d, e, 3, 3) at the ends.
@@ -105,7 +107,7 @@ class MeasuredKind(Kind):
         """Return in words that an observation is off by `size` m."""
         photos, points = self.observed.links(block, row)
         parts = [f"{what}s {' and '.join(ids)}" for what, ids in (("photo", photos), ("point", points)) if ids]
-        return f"the {self.noun} of {' and '.join(parts)} is off by {size:.2f} m"
+        return f"the {self.cause} of {' and '.join(parts)} is off by {size:.2f} m"
 
     def links_of(self, block: Block, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return the photos and the points of a row of the table."""
@@ -141,24 +143,19 @@ class AirBase(StraightLength):
     """Air bases."""
 
     observed = ObservationKind.AIR_BASE
-    noun, card = "air base", "BAS"
-    advice = "read the air base card again: photos and digits"
 
 
 class Distance(StraightLength):
     """Distances."""
 
     observed = ObservationKind.DISTANCE
-    noun, card = "distance", "DIS"
-    advice = "read the distance card again: names and digits"
 
 
 class HeightDifference(MeasuredKind):
     """Height differences."""
 
     observed = ObservationKind.HEIGHT_DIFFERENCE
-    value, noun, card = "difference", "height difference", "HDF"
-    advice = "read the height difference card again: names, digits, sign"
+    value = "difference"
 
     def model(self, network: Network, ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the differences (d,) in m, and their partials (d, 2, 3)."""

@@ -18,7 +18,7 @@ from musatpy.formats.draft import Draft
 from musatpy.formats.draft_rays import rays_of
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.model.photos import other_focal_length
-from musatpy.units import FOOT
+from musatpy.units import length_unit
 
 _FEWEST = 3  # control points of a photo
 _SAME = 0.1  # relative difference of scales that are the same
@@ -38,10 +38,10 @@ def scales(draft: Draft) -> Iterator[Problem]:
     if not np.all(np.abs(ratios / ratio - 1.0) < _SAME):
         return
     for factor, text in (
-        (1.0 / FOOT, "control in feet, and stations in metres"),
-        (FOOT, "stations in feet, and control in metres"),
+        (ratio, "control in feet, and stations in metres"),
+        (1.0 / ratio, "stations in feet, and control in metres"),
     ):
-        if abs(ratio / factor - 1.0) < _SAME:
+        if length_unit(factor, _SAME) == "feet":
             message = f"the control is {ratio:.2f} times as wide as on the photos, as with {text}"
             yield draft.problem("control", 0, message, path="control.position", severity="warning")
             return
