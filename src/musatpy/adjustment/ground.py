@@ -109,10 +109,10 @@ def prior_rows(network: Network, state: State, point: IntArray, ground: FloatArr
     """Return what is known of the points, compared with their current positions (k, 3)."""
     priors, frame = network.priors, network.frame
     known, current = priors.known[point], frame.level(ground)
-    reference = frame.from_level(_with_known(network, point, current))
-    axes = frame.axes(reference)
+    reference = _with_known(network, point, current)
+    axes, off = frame.axes_at(reference), frame.from_level(reference) - ground
     deviation = np.zeros((len(point), 4))
-    deviation[:, :3] = np.where(known, np.einsum("kij,kj->ki", axes, reference - ground), 0.0)
+    deviation[:, :3] = np.where(known, np.einsum("kij,kj->ki", axes, off), 0.0)
     group = priors.group[point]
     grouped = group >= 0
     deviation[grouped, 3] = state.levels[group[grouped]] - current[grouped, 2]
