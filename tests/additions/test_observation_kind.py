@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 import numpy as np
 from musatpy.adjustment import kinds
-from musatpy.adjustment.direct import state_after
+from musatpy.adjustment.kinds import state_after
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import job_frame
 from musatpy.model import CauseKind, Editing, ObservationKind, PointStatus, Program, Refraction

@@ -11,9 +11,17 @@ import pytest
 
 from adjustment.test_musat3a import WATER, sea_block
 from altered import altered
-from musatpy.adjustment.direct import direct_rows, direct_squares, state_after
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, UNKNOWNS, kept_axes
+from musatpy.adjustment.kinds import (
+    DIRECT,
+    KINDS,
+    MEASURED,
+    UNKNOWNS,
+    direct_rows,
+    direct_squares,
+    kept_axes,
+    state_after,
+)
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.unknowns import State

@@ -11,7 +11,7 @@ import pytest
 from altered import altered, with_options
 from musatpy import adjust, read_deck, verdict
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.turned_axes import stated_partials, with_turned_axes
+from musatpy.adjustment.unknowns import stated_partials, with_turned_axes
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import Block, Grade, Program, Solution
 from musatpy.units import DEGREE

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from musatpy.geometry.rotations import wrapped
-from musatpy.geometry.vectors import cross
+from musatpy.geometry.rotations import cross, wrapped
 from musatpy.units import DEGREE
 
 SHAPES = [((3,), (3,)), ((5, 3), (5, 3)), ((4, 1, 3), (2, 3)), ((0, 3), (0, 3))]

@@ -14,7 +14,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.draws import Draws
-from musatpy.geometry.vectors import cross
+from musatpy.geometry.rotations import cross
 from musatpy.refraction import fermat
 from musatpy.refraction.harmonic import Harmonic, sinusoidal
 from musatpy.refraction.plane import Plane

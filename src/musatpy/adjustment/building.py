@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment.border import Border
 from musatpy.adjustment.kinds import MEASURED, UNKNOWNS
 from musatpy.adjustment.network import (
+    Border,
     GroundPriors,
     Network,
     Participation,

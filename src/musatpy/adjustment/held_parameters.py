@@ -21,9 +21,9 @@ import numpy as np
 
 from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom
-from musatpy.adjustment.direct import direct_rows, state_after
 from musatpy.adjustment.ground import hold, prior_rows
 from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.precision import Precision, left_out
 from musatpy.adjustment.rank import point_motions

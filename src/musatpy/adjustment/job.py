@@ -8,7 +8,6 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.building import build_network
-from musatpy.adjustment.direct import kept_movement, largest_movements
 from musatpy.adjustment.iteration import (
     AT_REST,
     LeastSquares,
@@ -17,7 +16,7 @@ from musatpy.adjustment.iteration import (
     Step,
     iterate,
 )
-from musatpy.adjustment.kinds import UNKNOWNS
+from musatpy.adjustment.kinds import UNKNOWNS, kept_movement, largest_movements
 from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.network import (
     Network,
@@ -29,8 +28,7 @@ from musatpy.adjustment.network import (
 )
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.rank import describe_weakness
-from musatpy.adjustment.turned_axes import with_turned_axes
-from musatpy.adjustment.unknowns import State, initial_state
+from musatpy.adjustment.unknowns import State, initial_state, with_turned_axes
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, finite_rows
 from musatpy.errors import AdjustmentError, Problem

@@ -11,9 +11,9 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
-from musatpy.adjustment.direct import largest_movements
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job, prepared
+from musatpy.adjustment.kinds import largest_movements
 from musatpy.adjustment.kinds.water import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised

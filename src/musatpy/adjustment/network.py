@@ -1,4 +1,4 @@
-"""The block as the adjustment sees it: working coordinates, weights, and points sorted by their number of rays."""
+"""The block as the adjustment sees it: working coordinates, weights, points by their rays, and global unknowns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from musatpy.adjustment.border import Border
 from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import WorkingSea
@@ -85,6 +84,52 @@ class Measured:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Border:
+    """The global unknowns: those of each kind, in the order of `kinds.UNKNOWNS`, then the kept points."""
+
+    columns: Mapping[ObservationKind, tuple[str, ...]]  # the names of the unknowns of each kind
+    kept: IntArray  # (c,) points that are not eliminated, three columns each: east, north, up
+
+    @property
+    def size(self) -> int:
+        """Number of global unknowns g."""
+        return self.first_kept + 3 * len(self.kept)
+
+    @property
+    def first_kept(self) -> int:
+        """Column of the first coordinate of the first kept point."""
+        return sum(len(names) for names in self.columns.values())
+
+    def count(self, kind: ObservationKind) -> int:
+        """Return the number of unknowns of a kind."""
+        return len(self.columns[kind])
+
+    def at(self, kind: ObservationKind) -> slice:
+        """Return the columns of the unknowns of a kind."""
+        first = sum(len(names) for each, names in self.columns.items() if each < kind)
+        return slice(first, first + self.count(kind))
+
+    def numbers(self, kind: ObservationKind) -> IntArray:
+        """Return the same as numbers."""
+        return np.arange(self.first_kept)[self.at(kind)]
+
+    def having(self, kind: ObservationKind, names: tuple[str, ...]) -> Self:
+        """Return the border with other unknowns of a kind."""
+        return replace(self, columns={**self.columns, kind: names})
+
+    def kept_columns(self, point: IntArray) -> IntArray:
+        """Return the columns (..., 3) of kept points (...)."""
+        return self.first_kept + 3 * np.searchsorted(self.kept, point)[..., None] + np.arange(3)
+
+    def names(self, point_ids: list[str]) -> list[str]:
+        """Return a name for every global unknown."""
+        return [
+            *(name for names in self.columns.values() for name in names),
+            *(f"point {point_ids[point]} {axis}" for point in self.kept for axis in ("east", "north", "up")),
+        ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Network:
     """All that stays as it is during one triangulation.
 
@@ -118,7 +163,7 @@ class Network:
     kept_groups: tuple[PointGroup, ...]  # the points of `border.kept`, which are not eliminated (IIIA)
     measured: Mapping[ObservationKind, Measured]
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
-    turned: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (n,) or (0,): see `turned_axes`
+    turned: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (n,) or (0,): see `unknowns`
     # what is gathered of the points once, for all networks of the same points and rays
     _gathered: list[PointSequence] = field(default_factory=list, repr=False)
 

@@ -18,8 +18,7 @@ from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
-from musatpy.adjustment.turned_axes import stated
-from musatpy.adjustment.unknowns import LEVEL, State
+from musatpy.adjustment.unknowns import LEVEL, State, stated
 from musatpy.adjustment.water_surface import is_considered
 from musatpy.arrays import FloatArray, finite_rows
 from musatpy.errors import AdjustmentError, Problem

@@ -15,8 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination
-from musatpy.adjustment.direct import direct_rows
-from musatpy.adjustment.kinds import PRIORS
+from musatpy.adjustment.kinds import PRIORS, direct_rows
 from musatpy.adjustment.network import Network, PointGroup, first_rows
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import State

@@ -10,7 +10,14 @@ import numpy as np
 
 from musatpy.adjustment import kernels, sightings
 from musatpy.adjustment.bathymetric import bathymetric_points
-from musatpy.adjustment.dependence import dependence
+from musatpy.adjustment.dependence import (
+    Reach,
+    dependence,
+    limits_of_water,
+    reach_of,
+    undetermined_points,
+    undetermined_water,
+)
 from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.held_parameters import held_parameters
 from musatpy.adjustment.iteration import LeastSquares
@@ -21,13 +28,6 @@ from musatpy.adjustment.normals import ILL_DETERMINED, Factor, NormalMatrix
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
 from musatpy.adjustment.propagation import count
 from musatpy.adjustment.rank import describe_weakness, unknown_name
-from musatpy.adjustment.undetermined import (
-    Reach,
-    limits_of_water,
-    reach_of,
-    undetermined_points,
-    undetermined_water,
-)
 from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water, water_over
 from musatpy.adjustment.watpt import refraction_displacement, with_departure

@@ -13,10 +13,16 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.direct import add_direct, direct_squares, kept_movement, largest_movements, state_after
 from musatpy.adjustment.ground import better, point_squares
 from musatpy.adjustment.iteration import Linearisation, not_raised
-from musatpy.adjustment.kinds import UNKNOWNS
+from musatpy.adjustment.kinds import (
+    UNKNOWNS,
+    add_direct,
+    direct_squares,
+    kept_movement,
+    largest_movements,
+    state_after,
+)
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
 from musatpy.adjustment.propagation import redundancy

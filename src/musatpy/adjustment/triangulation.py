@@ -9,9 +9,9 @@ import numpy as np
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.compiled_points import CompiledPoints
-from musatpy.adjustment.direct import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.kinds import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.network import RAYS, Network, parts_of, together
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.pass_points import (

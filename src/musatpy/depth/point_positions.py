@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
+from musatpy.geometry.rotations import cross
 from musatpy.geometry.systems import LocalRectangular, System, geographic
-from musatpy.geometry.vectors import cross
 from musatpy.refraction.apparent import Verticals
 
 LOCAL = LocalRectangular()

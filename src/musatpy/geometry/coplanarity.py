@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.vectors import cross
+from musatpy.geometry.rotations import cross
 
 
 def coplanarity(P: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.vectors import cross
+from musatpy.geometry.rotations import cross
 
 _SINGULAR = 1e-14  # smallest eigenvalue from which rays are not parallel
 

@@ -1,4 +1,4 @@
-"""Rotation matrices of photographs and of local vertical frames."""
+"""Rotation matrices of photographs and of local vertical frames, and products of vectors in space."""
 
 from __future__ import annotations
 
@@ -71,6 +71,19 @@ def local_vertical(latitude: ArrayLike, longitude: ArrayLike) -> FloatArray:
 def wrapped(angle: FloatArray, about: FloatArray | float = 0.0) -> FloatArray:
     """Return angles (rad) brought within half a turn of others; what is there already comes back bit for bit."""
     return angle + 2.0 * np.pi * np.rint((about - angle) / (2.0 * np.pi))
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a x b (..., 3).
+
+    Few vectors at a time are the rule here, for which np.cross takes several times as long: it looks for its axes.
+    """
+    first = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out = np.empty((*first.shape, 3), dtype=first.dtype)
+    out[..., 0] = first
+    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return out
 
 
 def skew(v: FloatArray) -> FloatArray:

@@ -17,8 +17,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from musatpy.geometry.robust import TO_SIGMA, cauchy, cauchy_cost
-from musatpy.geometry.rotations import orthogonal, turn
-from musatpy.geometry.vectors import cross
+from musatpy.geometry.rotations import cross, orthogonal, turn
 
 _SAMPLES = 60  # of two points, for the plane similarity of a pair
 _BLURRED = 10  # steps of the homography

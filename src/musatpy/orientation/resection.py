@@ -13,8 +13,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.robust import TO_SIGMA, cauchy
-from musatpy.geometry.rotations import orthogonal, skew, turn
-from musatpy.geometry.vectors import cross
+from musatpy.geometry.rotations import cross, orthogonal, skew, turn
 
 _SAMPLES = 150  # of three points
 _ROUNDS = 15
