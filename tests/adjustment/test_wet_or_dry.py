@@ -24,9 +24,7 @@ from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import (
     best_line,
-    every_ray_wet,
     heights_and_water,
-    standing_line,
     starting_line,
 )
 from musatpy.model import Block, Program, Refraction, Solution
@@ -207,21 +205,27 @@ def test_one_choice_leads_from_any_side_to_where_points_stand(every: bool) -> No
     assert not line.wet[~bathymetric].any()
 
 
-def test_points_cross_all_their_tides_at_once_and_rest_where_they_turn_back() -> None:
-    block = make_block(6, submerged=0.5, seed=2)
-    job, state = prepared(block, None)
-    network, bathymetric = job.network, block.points.bathymetric
-    wet = every_ray_wet(network, bathymetric)
-    point = int(np.flatnonzero(bathymetric)[0])
-    rays, up = network.point == point, np.arange(network.points)[:, None] == point
-    height, water = heights_and_water(network, state)
-    above = (water[rays].max() + 5.0 - height[rays][0]) * up * (0.0, 0.0, 1.0)
-    dry = standing_line(network, wet, replace(state, ground=state.ground + above), bathymetric)
-    assert rays.sum() > 1 and not dry.wet[rays].any() and not dry.rests[point]
-    below = replace(state, ground=state.ground + above - 20.0 * up * (0.0, 0.0, 1.0))
-    assert standing_line(network, wet, below, bathymetric).wet[rays].all()
-    again = standing_line(network, dry, below, bathymetric)
-    assert again.rests[point] and not again.wet[rays].any()
+def test_where_none_can_be_held_a_point_on_the_water_line_rests_as_it_is() -> None:
+    """So in WATPT, and where the height of the water is unknown; all others have the sides that they have else."""
+    block = shore(12)
+    measured, network, state, _, _ = at_minimum(block)
+    line = starting_line(network.refracted, measured.points)
+    best, loose = (best_line(measured, line, state, block.points.bathymetric, held=held) for held in (True, False))
+    on_line = np.isfinite(best.level)
+    assert on_line.any() and not np.isfinite(loose.level).any()
+    np.testing.assert_array_equal(loose.rests, on_line)
+    of_it = on_line[measured.point]
+    np.testing.assert_array_equal(loose.wet, np.where(of_it, line.wet, best.wet))
+
+
+def test_points_cross_all_their_tides_at_once() -> None:
+    """With every tide far below all of its points dry, however many photos see it."""
+    block = shore(12)
+    measured, network, state, _, _ = at_minimum(block)
+    line = starting_line(network.refracted, measured.points)
+    dry = best_line(measured, line, replace(state, tide=state.tide - 500.0), block.points.bathymetric)
+    assert line.wet.any() and not dry.wet.any()
+    assert (dry.way[np.unique(measured.point[line.wet])] > 0).all()
 
 
 @pytest.mark.parametrize("kind", [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from musatpy.adjustment.pass_points import simple_variances
 from musatpy.adjustment.sightings import residuals
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import SHORT, best_line, next_line, refracted, water_line
+from musatpy.adjustment.waterline import SHORT, at_rest_in_water, best_line, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
@@ -133,17 +133,14 @@ class _Run:
         measured = self.job.network
         state = self.job.with_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
-        short = 0
-        for number in itertools.count(1):
-            network, state = refracted(measured, line, state)
+
+        def adjusted(network: Network, state: State, number: int) -> Outcome:
             outcome = self.triangulate(network, state, number)
-            state = self.job.with_left_out(network, outcome.state)
-            short = short + 1 if outcome.failure else 0
-            if outcome.lost or short == SHORT:
-                break
-            last, line = line, best_line(measured, line, state, self.job.bathymetric, outcome.factor)
-            if line.same_as(last):
-                break
+            return replace(outcome, state=self.job.with_left_out(network, outcome.state))
+
+        network, _, outcome = at_rest_in_water(
+            measured, line, state, self.job.bathymetric, adjusted, itertools.count(1)
+        )
         return measured.with_plates(measured.xy, network.refracted), outcome
 
     def correct_water_points(
@@ -164,7 +161,7 @@ class _Run:
             outcome = self.triangulate(network, state, number)
             state = self.job.with_left_out(network, outcome.state)
             if not outcome.lost:
-                line = next_line(measured, line, state, self.job.bathymetric)
+                line = best_line(measured, line, state, self.job.bathymetric, held=False)
                 xy = corrected_plates(measured, state, groups, line.wet, legacy)
             turning = np.flatnonzero(line.wet != last.wet)
             passes.append(self.water_pass(number, network, state, ground, xy, measured.point[turning]))

@@ -21,12 +21,10 @@ from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.starts import Attempt, best_of_starts
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import (
-    SHORT,
     WaterLine,
+    at_rest_in_water,
     best_line,
     every_ray_wet,
-    next_line,
-    refracted,
     starting_line,
 )
 from musatpy.adjustment.wavy_water import Sea
@@ -40,7 +38,6 @@ if TYPE_CHECKING:  # most jobs have no unknown waves
 
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
-_SIDES = 5  # times that points may change their side of the water before the first iteration
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
 
 
@@ -106,21 +103,17 @@ class _Run:
         fit = np.concatenate([squares[group.point] / group.rays.shape[1] for group in measured.groups])
         if np.median(fit) > _FIT:
             return None
-        for _ in range(_SIDES):
-            network = measured.with_plates(measured.xy, line.wet)
-            state = job.with_left_out(network, ground_points.settle(network, state))
-            before, line = line, next_line(measured, line, state, job.bathymetric)
-            if np.array_equal(line.wet, before.wet):
-                break
         network = measured.with_plates(measured.xy, line.wet)
-        state = self.problem(network, NOTHING_FREE).with_squares(state)
+        state = job.with_left_out(network, ground_points.settle(network, state))
+        # a point that turns back here does so for these stations; the adjusted ones may put it metres elsewhere
+        line = starting_line(best_line(measured, line, state, job.bathymetric).wet, measured.points)
+        network = measured.with_plates(measured.xy, line.wet)
+        state = job.with_left_out(network, ground_points.settle(network, state))
         equations = self.problem(network, self.freedom(network, state)).linearise(state)
         factor = factorised(equations.matrix) if equations.matrix.sensible() else None
         if factor is None:
             return None
         _, rotation, _, translation = largest_movements(factor.solve(equations.rhs), network)
-        # a point that turned back here did so for these stations; the adjusted ones may put it metres elsewhere
-        line = starting_line(line.wet, measured.points)
         return (state, line) if rotation < _AT_REST[0] and translation < _AT_REST[1] else None
 
     def problem(self, network: Network, free: Freedom) -> Simultaneous:
@@ -145,28 +138,31 @@ class _Run:
 
         Waves stay as `given`, in the state, at first: poor points, on level ground, would lead them astray.
         """
-        job, measured = self.job, self.job.network
-        short, passes = 0, max((iteration.outer_pass for iteration in job.iterations), default=0)
-        for number in itertools.count(passes + 1):
-            network, state = refracted(measured, line, state)
-            network = network.with_known_waves(state.waves) if given else network
-            state = self.problem(network, NOTHING_FREE).with_squares(state)
-            free = self.freedom(network, state)
-            trials = self.free_waves(network)
-            if trials:
-                outcome = trials.freed(state, number)
-            else:
-                outcome = job.iterate(self.problem(network, free), network, state, number)
-            state = job.with_submerged_left_out(network, outcome.state)
-            short = short + 1 if outcome.failure else 0
-            if outcome.lost or short == SHORT:
-                break
-            factor = None if free.count else outcome.factor
-            last, line = line, best_line(measured, line, state, job.bathymetric, factor)
-            if line.same_as(last) and not given:
-                break
-            given = False
+        measured, bathymetric = self.job.network, self.job.bathymetric
+        first = 1 + max((iteration.outer_pass for iteration in self.job.iterations), default=0)
+        if given:
+            known = measured.with_known_waves(state.waves)
+            only = range(first, first + 1)
+            network, line, outcome = at_rest_in_water(known, line, state, bathymetric, self.adjusted_once, only)
+            if outcome.lost:
+                return network, line, self.with_index_in_range(network, outcome)
+            state, first = outcome.state, first + 1
+        network, line, outcome = at_rest_in_water(
+            measured, line, state, bathymetric, self.adjusted_once, itertools.count(first)
+        )
         return network, line, self.with_index_in_range(network, outcome)
+
+    def adjusted_once(self, network: Network, state: State, number: int) -> Outcome:
+        """Return the outcome with the rays of a network as they are, submerged points that took no part besides."""
+        job = self.job
+        state = self.problem(network, NOTHING_FREE).with_squares(state)
+        free, trials = self.freedom(network, state), self.free_waves(network)
+        if trials:
+            outcome = trials.freed(state, number)
+        else:
+            outcome = job.iterate(self.problem(network, free), network, state, number)
+        factor = None if free.count else outcome.factor
+        return replace(outcome, state=job.with_submerged_left_out(network, outcome.state), factor=factor)
 
     def with_index_in_range(self, network: Network, outcome: Outcome) -> Outcome:
         """Return the outcome, saying so where it failed because the refractive index would leave its range."""

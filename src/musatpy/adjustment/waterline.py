@@ -6,18 +6,19 @@ a triangulation runs, the formulas going on smoothly through zero depth; after i
 the least squares of those that agree with where it then comes to stand. Where none does, every state taking the
 point to the other side of a tide, the sum of squares is least on that water line, and there the point is held.
 
-WATPT, which has no equations for a refracted ray, moves its points by where they stand (`next_line`).
+So it is in IIA, where WATPT corrects the images and no point can be held, in IIIA, and in the search for blunders.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import hold, point_normals
+from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.network import Network, PointGroup, group_points, together
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.unknowns import State
@@ -77,23 +78,52 @@ def refracted(network: Network, line: WaterLine, state: State) -> tuple[Network,
     return network, replace(state, ground=ground)
 
 
+def at_rest_in_water(
+    measured: Network,
+    line: WaterLine,
+    state: State,
+    bathymetric: BoolArray,
+    adjusted: Callable[[Network, State, int], Outcome],
+    passes: Iterable[int],
+) -> tuple[Network, WaterLine, Outcome]:
+    """Return network, line and outcome with every ray on the side of the water where its point comes to rest.
+
+    `adjusted` returns the outcome of an adjustment of a network from a state, with all bathymetric points (p,) in
+    its state, and its factor where the line may go by it. The numbers of `passes` say how many there may be.
+    """
+    network, outcome, short = measured, None, 0
+    for number in passes:
+        network, state = refracted(measured, line, state)
+        outcome = adjusted(network, state, number)
+        state, last = outcome.state, line
+        short = short + 1 if outcome.failure else 0
+        if outcome.lost or short == SHORT:
+            break
+        line = best_line(measured, line, state, bathymetric, outcome.factor)
+        if line.same_as(last):
+            break
+    assert outcome is not None, "there is a pass"
+    return network, line, outcome
+
+
 def best_line(
     network: Network,
     line: WaterLine,
     state: State,
     bathymetric: BoolArray,
     factor: Factor | None = None,
+    held: bool = True,
 ) -> WaterLine:
     """Return the line with every bathymetric point (p,) in its best state at the stations of `state`.
 
     `network` is the measured one. A point that turns back from its last change lies on the water line between. When
     nothing changes any more, points near a tide are asked once more, whether another state would be better once the
     stations had followed; `factor` is that of the adjustment that led to `state`. Where the height of the
-    water is unknown, or waves go on it, nothing can be held on its line, and such a point rests as it is.
+    water is unknown, or waves go on it, nothing can be `held` on its line, and such a point rests as it is.
     """
     if not bathymetric.any():
         return line
-    fixed = network.water.unknown or network.sea is not None
+    fixed = network.water.unknown or network.sea is not None or not held
     height, water = heights_and_water(network, state, bathymetric)
     present, _ = refracted(network, line, state)
     near = np.zeros(network.points, dtype=bool)
@@ -228,44 +258,6 @@ def _reaches(network: Network, state: State, groups: Iterable[tuple[PointGroup, 
         square = np.max(np.square(normals.residual) * network.weight[group.rays], axis=(1, 2))
         out[group.point] = square * variance
     return np.sqrt(out)
-
-
-def next_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
-    """Return the line after the points have come to stand where they are in `state`: each at most one tide on.
-
-    A point that turns back rests: it lies on that water line within its own error, and either side serves.
-    """
-    height, tide = heights_and_water(network, state, bathymetric)
-    wanted, point = height < tide, network.point
-    if np.array_equal(wanted, line.wet):
-        return line
-    way = np.zeros_like(line.way)
-    way[point[line.wet & ~wanted]] = 1
-    way[point[~line.wet & wanted]] = -1
-    rests = line.rests | (way * line.way < 0)
-    way[rests] = 0
-    # the next tide on the way: the lowest of the wet rays dries first, the highest of the dry ones is flooded first
-    lowest = np.full(network.points, np.inf)
-    np.fmin.at(lowest, point[line.wet], tide[line.wet])
-    highest = np.full(network.points, -np.inf)
-    np.fmax.at(highest, point[~line.wet & wanted], tide[~line.wet & wanted])
-    dries = line.wet & (way[point] == 1) & (tide == lowest[point])
-    floods = wanted & ~line.wet & (way[point] == -1) & (tide == highest[point])
-    return replace(line, wet=line.wet & ~dries | floods, way=np.where(way != 0, way, line.way), rests=rests)
-
-
-def standing_line(network: Network, line: WaterLine, state: State, bathymetric: BoolArray) -> WaterLine:
-    """Return the line with bathymetric points (p,) where they stand in `state`, whatever tides they cross.
-
-    A point that turns back rests, as in `next_line`.
-    """
-    wanted = water_line(network, state, bathymetric).wet
-    if np.array_equal(wanted, line.wet):
-        return line
-    change, _ = _changes(network, line, wanted)
-    rests = line.rests | (change * line.way < 0)
-    way = np.where(rests | (change == 0), line.way, np.sign(change))
-    return replace(line, wet=np.where(rests[network.point], line.wet, wanted), way=way, rests=rests)
 
 
 def heights_and_water(

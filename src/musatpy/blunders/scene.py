@@ -26,7 +26,7 @@ from musatpy.adjustment.robust import cauchy, reweighted, robust_scale
 from musatpy.adjustment.sightings import all_residuals
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import SHORT, WaterLine, every_ray_wet, standing_line
+from musatpy.adjustment.waterline import WaterLine, at_rest_in_water, every_ray_wet
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import (
@@ -232,19 +232,15 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State,
     `SingularNormalsError`.
     """
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
-    short = 0
-    for _ in range(_TURNS):
-        outcome = adjusted(scene, factors, state, steps)
-        short = short + 1 if outcome.failure else 0
-        state = outcome.state
-        line = standing_line(scene.network, scene.line, state, scene.block.points.bathymetric)
-        changed = line.wet != scene.line.wet
-        scene = replace(scene, line=line)
-        if outcome.lost or short == SHORT or not changed.any():
-            break
-        scene = replace(scene, network=scene.network.with_plates(scene.network.xy, line.wet))
-        state = at_their_best(scene, factors, state, scene.network.point[changed])
-    return scene, state, outcome.factor
+    measured, bathymetric = weighted(scene.network, scene.block, factors), scene.block.points.bathymetric
+
+    def adjusted_once(network: Network, state: State, number: int) -> Outcome:
+        problem = Limited(network=network, options=scene.block.options, held=scene.held, effort=scene.effort)
+        return iterate(problem, problem.with_squares(state), steps)
+
+    _, line, outcome = at_rest_in_water(measured, scene.line, state, bathymetric, adjusted_once, range(_TURNS))
+    network = scene.network.with_plates(scene.network.xy, line.wet)
+    return replace(scene, network=network, line=line), outcome.state, outcome.factor
 
 
 def free_to_cross(scene: Scene, rays: BoolArray) -> Scene:
