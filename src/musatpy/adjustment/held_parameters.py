@@ -19,10 +19,9 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from musatpy.adjustment.collinear import eliminate
+from musatpy.adjustment.collinear import Follow, eliminate
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom
 from musatpy.adjustment.ground import hold, prior_rows
-from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.precision import Precision, left_out
@@ -59,11 +58,12 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Begun:
-    """A solution with an error of a parameter: its normal equations, and all residuals before they are solved."""
+    """A solution with an error of a parameter, before it is solved: its right side, how points follow, residuals."""
 
     network: Network
     state: State
-    line: Linearisation
+    rhs: FloatArray  # (u,) of its normal equations, whose matrix nobody needs
+    follows: list[Follow]
     residual: FloatArray  # (o,)
 
 
@@ -114,13 +114,13 @@ class _AtRest:
             ground[held] = hold(network, held, ground[held])
             state = replace(state, ground=ground)
         problem = Simultaneous(network=network, options=self.block.options, held=self.free.held)
-        line = problem.linearise(state)
-        return _Begun(network=network, state=state, line=line, residual=self.residuals(network, state))
+        line, residual = problem.linearise(state), self.residuals(network, state)
+        return _Begun(network=network, state=state, rhs=line.rhs, follows=line.context, residual=residual)
 
     def after(self, begun: _Begun, step: FloatArray) -> State:
         """Return the state after a step (u,), which all points follow."""
         network, state, ground = begun.network, begun.state, begun.state.ground.copy()
-        for follow in begun.line.context:
+        for follow in begun.follows:
             follow.move(network, state, step, ground)
         for group in left_out(network, self.part):
             eliminate(network, state, group).follow(group).move(network, state, step, ground)
@@ -176,7 +176,7 @@ def held_parameters(
     errors = [partial(parameter.altered, size=_STEP * parameter.reference) for parameter in held]
     runs = [rest.begun(network, state), *(rest.begun(*altered(network, state)) for altered in errors)]
     scale = known.full.scale[:, None]
-    steps = known.full.solve_scaled(np.stack([run.line.rhs for run in runs], axis=1) * scale) * scale
+    steps = known.full.solve_scaled(np.stack([run.rhs for run in runs], axis=1) * scale) * scale
     base, *others = runs
     resting = rest.after(base, steps[:, 0])
     left = rest.residuals(network, resting)
