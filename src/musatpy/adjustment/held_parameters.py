@@ -58,7 +58,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Begun:
-    """A solution with an error of a parameter, before it is solved: its right side, how points follow, residuals."""
+    """A solution with an error of a parameter, not yet solved: its right side, how points follow, the residuals."""
 
     network: Network
     state: State
