@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.adjustment.network import job_frame
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, finite_rows
-from musatpy.geometry import intersection
+from musatpy.geometry import collinearity, intersection
 from musatpy.geometry.frames import Frame
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, CoordinateSystem, Datum, Program
@@ -27,6 +27,7 @@ UNHELD = 0.1  # of the flying height: stations less sure than this are not found
 _NOMINAL_SCALE = (
     10.0  # m of flying height for a mm of focal length, photographs at 1:10,000: where nothing gives it
 )
+_TANGENTS = np.ones(()), np.zeros(2)  # focal length and principal point of images as tangents
 MOST_MISSED = 30.0  # plate sigmas: a resection that misses its points by more is none
 
 
@@ -314,10 +315,8 @@ def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
     ground = np.full((len(block.points.ids), 3), np.nan)
     rows = np.flatnonzero(place.found[sights.photo] != "")
     if rows.size:
-        vectors = np.concatenate([sights.x[rows], np.full((len(rows), 1), -1.0)], axis=1)
-        u = np.einsum("kji,kj->ki", place.M[sights.photo[rows]], vectors)
-        u /= np.linalg.norm(u, axis=1, keepdims=True)
-        P = place.C[sights.photo[rows]]
+        of = sights.photo[rows]
+        P, u = place.C[of], collinearity.ray(sights.x[rows], place.M[of], *_TANGENTS)
         point, start, count = np.unique(sights.point[rows], return_index=True, return_counts=True)
         for m in np.unique(count[count > 1]).tolist():
             rays = start[count == m][:, None] + np.arange(m)
@@ -347,10 +346,10 @@ def typical_height(block: Block, place: Place) -> float:
 def misfit(block: Block, sights: Sights, place: Place) -> tuple[int, float]:
     """Return how many photos are lost or do not fit the others, and the median image error (tangent) of all."""
     ground = _ground(block, sights, place)
-    p = np.einsum("kij,kj->ki", place.M[sights.photo], ground[sights.point] - place.C[sights.photo])
+    M, v = place.M[sights.photo], ground[sights.point] - place.C[sights.photo]
     with np.errstate(invalid="ignore", divide="ignore"):
-        error = np.linalg.norm(p[:, :2] / -p[:, 2:] - sights.x, axis=1)
-    error[~(p[:, 2] < 0) & np.isfinite(error)] = np.inf
+        error = np.linalg.norm(collinearity.image(v, M, *_TANGENTS) - sights.x, axis=1)
+    error[~collinearity.in_front(v, M) & np.isfinite(error)] = np.inf
     imaged = ~np.isnan(error)
     measured = np.unique(sights.photo)
     middle = [np.median(error[imaged & (sights.photo == photo)]) for photo in measured if place.found[photo]]
