@@ -12,7 +12,6 @@ from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.alternatives import exchanged_images
-from musatpy.blunders.checks import PointChecks
 from musatpy.blunders.explanation import (
     NEARLY,
     SENSIBLE,
@@ -44,6 +43,7 @@ from musatpy.model.ranking import falling
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted
+_NEARLY = 0.6  # of what was found, that a competitor must explain in the linear model
 _SAME = 1e-4  # of what they explain: smaller differences are those of the models
 _K = ObservationKind
 _IMAGES = (CauseKind.IMAGE, CauseKind.IMAGES)
@@ -69,14 +69,14 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     found, size = [*search.common, *members(search, most)], sizes(last.scene, last.state)
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
     rest = _rest(last, found[:most])
-    checks = _checks(rest, found[:most]) if rest else []
     out: list[Rival] = []
     for number, member in enumerate(found, 1):
         if len(out) >= most:
             break
         begin(last.scene.progress, "search for causes: what competes", number, len(found))
-        if number > GROUPS and member.kind in _IMAGES:
-            out.append(_of_images(rest, checks, _residual(whole), member, number))
+        if number > GROUPS and member.kind in _IMAGES:  # whose competitors nobody asks for
+            sized = _sized(of_taken_images(rest, member), _residual(whole)) if rest else member
+            out.append(Rival(hypothesis=sized, drop=sized.squares, group=number, rank=1))
             continue
         case = _without(whole, member, sea)
         if case is None:
@@ -112,23 +112,6 @@ def _rest(last: Snooped, found: list[Hypothesis]) -> LinearModel | None:
         network, factor = scene.problem(factors).network, judgement.factor
         return solved(scene, network, state, factor, judgement.cofactors, np.zeros(factor.matrix.size))
     return None
-
-
-def _checks(rest: LinearModel, found: list[Hypothesis]) -> list[PointChecks]:
-    """Return the checks of the points of what was found, by the search at rest."""
-    points = np.zeros(rest.network.points, dtype=bool)
-    points[[point for member in found for point in member.point]] = True
-    return list(rest.some(points).points)
-
-
-def _of_images(
-    rest: LinearModel | None, checks: list[PointChecks], residual: Factors, images: Hypothesis, group: int
-) -> Rival:
-    """Return images of one point that are out, with what they explain, whose competitors nobody asks for."""
-    if rest is None:
-        return Rival(hypothesis=images, drop=np.nan, group=group, rank=1)
-    found = _sized(of_taken_images(rest, checks, images), residual)
-    return Rival(hypothesis=found, drop=found.squares, group=group, rank=1)
 
 
 def members(search: Search, most: int) -> Iterator[Hypothesis]:
@@ -236,7 +219,7 @@ def _ranked(
         for option in options
         if option.key != first.key
         and sensible(option)
-        and option.squares >= NEARLY * first.squares
+        and option.squares >= _NEARLY * first.squares
         and not (covers(option, first) and option.gain(variance) < first.gain(variance))
     ]
     others = [others[row] for row in falling([option.gain(variance) for option in others]).tolist()]

@@ -49,6 +49,7 @@ SENSIBLE = {  # sizes of errors that are common to many observations, and can be
     CauseKind.INDEX: 0.2,
     CauseKind.TIDES: 30.0,  # m
 }
+_DOUBT = 2.0  # times what the linear model has misjudged of the best: by so much more it may of the others
 _GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much to adjust
 _ALIKE = 0.99  # of the squares that the best explains of gross errors
 _WEAK = 400.0  # squares over sigma0 squared: what explained more when it was taken was no neighbour's error
@@ -213,7 +214,7 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = trial = cheapest([with_hypothesis(case, option, sea) for option in options], variance)
+            best = trial = cheapest(_trials(case, model, options, variance, sea), variance)
             if not np.isfinite(best.squares):
                 break
         first = seen_from_first and best.scene is case.scene
@@ -257,6 +258,27 @@ def covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
         for each in (hypothesis, other)
     ]
     return bool(rows[1]) and rows[1] < rows[0]
+
+
+def _trials(
+    case: Case, model: LinearModel, options: list[Hypothesis], variance: float, sea: Sea | None
+) -> list[Case]:
+    """Return the cases with those of the hypotheses that may cost least, adjusted, the most promising first.
+
+    The others cost more by about as much as their linear model says, which errs by what all of them leave in: by
+    as much as it has misjudged those before.
+    """
+    size, factors = sizes(case.scene, case.state), case.factors()
+    given_up_before = (
+        float(np.nansum((factors[kind] * np.square(size[kind]))[mask > 0.0])) for kind, mask in case.out.items()
+    )
+    foreseen, misjudged, trials = model.squares - sum(given_up_before), 0.0, []
+    for option in options:
+        if options[0].gain(variance) - option.gain(variance) > _SAME + _DOUBT * misjudged:
+            break
+        trials.append(with_hypothesis(case, option, sea))
+        misjudged = max(misjudged, abs(trials[-1].squares + option.squares - foreseen) / variance)
+    return trials
 
 
 def _normal_limit(case: Case) -> float:

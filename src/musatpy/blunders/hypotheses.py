@@ -88,10 +88,10 @@ def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypoth
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
-def of_taken_images(model: LinearModel, points: list[PointChecks], images: Hypothesis) -> Hypothesis:
-    """Return a hypothesis, of images of one of some points that the model has taken out, with what it explains."""
+def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
+    """Return a hypothesis, of images of one point that the model has taken out, with what it explains."""
     rays, (point,) = images.given_up[0].row[::2], images.point
-    checks = next(checks.part(checks.point == point) for checks in points if point in checks.point)
+    checks = next(checks.part(checks.point == point) for checks in model.points if point in checks.point)
     order = np.flatnonzero(np.isin(checks.rays[0], rays))
     rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
     weight = model.scene.weight[_K.PLATE][checks.rays[:, order]].reshape(1, -1)
