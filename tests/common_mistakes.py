@@ -150,7 +150,7 @@ MISTAKES = (
         spoil=lambda block: altered(block, control={"position": lambda xyz: xyz[:, [1, 0, 2]]}),
         right=(_K.AXES,),
     ),
-    Mistake(name="control in feet", spoil=_unit(FEET), right=(_K.UNIT,)),
+    Mistake(name="control in feet", spoil=_unit(FEET), right=(_K.UNIT,), word="scale of control"),
     Mistake(name="control in km", spoil=_unit(1e-3), right=(_K.UNIT,)),
     Mistake(name="heights in feet", spoil=_scaled([2], FEET), right=(_K.UNIT,)),
     Mistake(name="photos exchanged", spoil=_exchanged_photos, right=(_K.LABELS,)),

@@ -380,6 +380,16 @@ def test_stations_far_from_given_positions() -> None:
     assert Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=Initial.COMPUTE))
 
 
+@pytest.mark.parametrize(("moved", "doubted"), [([0], True), ([0, 1], False)])
+def test_computed_stations_far_from_cards_that_most_others_agree_with(moved: list[int], doubted: bool) -> None:
+    """Exchanged photos stand so; where most cards are elsewhere, they are those of another job."""
+    good = solution()
+    cards = good.stations.position.copy()
+    cards[moved, 2] += 0.5 * flying_height(Statistics(good))
+    computed = replace(with_options(good, initial=Initial.COMPUTE), cards=cards)
+    assert (Concern.GIVEN_STATIONS in concerns(computed)) is doubted
+
+
 def turned_card(found: Solution, axis: int, degrees: float) -> Solution:
     """Return the solution with the attitude card of the first photo turned from its answer."""
     attitude = found.stations.attitude.copy()

@@ -34,8 +34,10 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     try:
         with numerics("the adjustment"):
             if block.options.plate_sigma_is is PlateSigma.KNOWN:
-                return program(block, progress, sea)
-            return estimated(block, lambda weighted: program(weighted, progress, sea))
+                solution = program(block, progress, sea)
+            else:
+                solution = estimated(block, lambda weighted: program(weighted, progress, sea))
+            return replace(solution, cards=block.photos.position)
     except NumericalError as error:
         advice = Problem(message="OP2 editing EDIT looks for gross errors and takes them out", severity="warning")
         suspicions = (Problem(message=text, severity="warning") for text in _suspicions(block, sea))

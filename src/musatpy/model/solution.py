@@ -234,6 +234,7 @@ class Solution:
     edited: Block | None = None  # the block without what was found; None: no search
     other_flags: OtherFlags | None = None  # None: no height contradicts its flag
     reduced: Reduced | None = None  # what the reduction of its plates did; None: they came refined
+    cards: FloatArray | None = None  # (n, 3) positions of the station cards; computed starts differ
     plate_factor: float = 1.0  # by which a guessed plate sigma was multiplied: the block has the product
     start: str = ""  # of two starts of IIIA, from which one it came, and how the other one ended; empty of one
     kernels: str = "numpy"  # that did the work point after point, or numba

@@ -243,16 +243,21 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
 
 
 def given_stations(statistics: Statistics) -> Iterator[Reason]:
-    """Yield the stations far from where the cards put them, and what a unit or another camera would explain."""
-    block, options = statistics.block, statistics.block.options
-    if options.initial is Initial.COMPUTE:
-        return
-    height = flying_height(statistics)
-    difference = metric_differences(block, block.photos.position, statistics.solution.stations.position)
+    """Yield the stations far from where the cards put them, and what a unit or another camera would explain.
+
+    Where stations are computed, cards count that most of them agree with: the others may be those of other photos.
+    """
+    block, options, solution = statistics.block, statistics.block.options, statistics.solution
+    height, given = flying_height(statistics), block.photos.position
+    computed = options.initial is Initial.COMPUTE
+    if computed and solution.cards is not None:
+        given = solution.cards
+    difference = metric_differences(block, given, solution.stations.position)
     with np.errstate(invalid="ignore"):
         distance = np.linalg.norm(difference, axis=1) / height
         far = np.flatnonzero(distance > options.station_limit)
-    if not len(far):
+        near = np.count_nonzero(distance <= options.station_limit)
+    if not len(far) or (computed and near <= len(far)):
         return
     worst = far[falling(distance[far], 2)]  # as they are printed
     text = (
