@@ -14,10 +14,11 @@ from adjustment.water_jobs import shore, st_thomas
 from altered import altered, put, with_options
 from benchmarks.blocks import make_block
 from musatpy import read_deck
-from musatpy.adjustment import adjust, kernels, wet_states
+from musatpy.adjustment import adjust, wet_states
 from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.iteration import iterate
 from musatpy.adjustment.job import prepared
+from musatpy.adjustment.lone_points import LonePoints
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, factorised
 from musatpy.adjustment.simultaneous import Simultaneous
@@ -148,7 +149,7 @@ def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
             wet[part.rays] = ~wet[part.rays]
             other = measured.with_plates(measured.xy, wet)
             X, first = state.ground[part.point], np.zeros(1, dtype=int)
-            lone = wet_states.lone_points(measured, state, part)
+            lone = LonePoints(network=measured, state=state, group=part)
             free, now = np.full(1, np.nan), present.refracted[part.rays]
             states = wet_states.States.of(measured, state, part)
             at = states.present(part, now, free, cofactors)
@@ -228,12 +229,8 @@ def test_points_cross_all_their_tides_at_once() -> None:
     assert (dry.way[np.unique(measured.point[line.wet])] > 0).all()
 
 
-@pytest.mark.parametrize("kind", [kernels.NUMPY, pytest.param(kernels.NUMBA, marks=pytest.mark.slow)])
-def test_submerged_points_that_take_no_part_are_where_they_would_be_intersected(
-    monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
+def test_submerged_points_that_take_no_part_are_where_they_would_be_intersected() -> None:
     """Those on land, which cross no tide, are left until all is at rest."""
-    monkeypatch.setenv(kernels.VARIABLE, kind)
     block = make_block(12, submerged=0.4, seed=3)
     rays = np.bincount(block.plates.point)
     out = np.flatnonzero(rays >= 3)[::7]

@@ -17,11 +17,10 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
 EVERYONE = {"errors", "units", "fortran", "files", "specs", "spec_keys", "draws", "json_files", "arrays", "canvas"}
-EVERYONE |= {"image_observations", "compiling", "probability"}
+EVERYONE |= {"image_observations", "probability"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
     "arrays": set(),
-    "compiling": set(),
     "errors": set(),
     "units": set(),
     "fortran": set(),

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment.ground import PARALLEL, settle_group
+from musatpy.adjustment.ground import PARALLEL
 from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.point_normals import settle_group
 from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface, water_heights

@@ -13,10 +13,10 @@ import numpy as np
 from scipy.linalg import qr
 
 from musatpy.adjustment.collinear import Elimination, eliminate
-from musatpy.adjustment.ground import point_normals
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix
+from musatpy.adjustment.point_normals import point_normals
 from musatpy.adjustment.rank import datum_motions, point_motions
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows

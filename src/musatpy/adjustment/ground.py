@@ -1,188 +1,33 @@
-"""Ground points for given stations: weighted intersection, with whatever is known of the points beforehand.
-
-Every point is brought to the optimum of its own plate residuals and priors. The images of that point are then the
-adjusted observations at which the conditions are linearised: only there does A'(GQG')^-1 A equal the reduced normal
-matrix of the bundle (docs/theory.md).
-"""
+"""Positions of ground points for given stations: first ones, and where they are at their best."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 
 from musatpy.adjustment import sightings
+from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, together
+from musatpy.adjustment.point_normals import better, point_normals, settle_group, with_known
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
-from musatpy.geometry import collinearity, intersection
+from musatpy.geometry import intersection
 from musatpy.model import ObservationKind
 
-MAX_STEPS = 25
-_FEW_STEPS = 5  # for a trial: points that take more of them are running away
-STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one
 _REACHED = 1e-9  # m from a height
 _STEPS_TO_LEVEL = 3  # at most, along a ray
-ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
-RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Priors:
-    """Known components of k points as four rows each: east, north, up, and up against the level of its group."""
-
-    axes: FloatArray  # (k, 3, 3) east, north, up
-    deviation: FloatArray  # (k, 4) m, known minus current
-    weight: FloatArray  # (k, 4) 1/m2
-    free: BoolArray  # (k, 3) the component may move
-
-    @property
-    def by_point(self) -> FloatArray:
-        """(k, 4, 3) partials of the rows by the free components."""
-        return np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * self.free[:, None, :]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PointNormals:
-    """Normal equations of k points with m rays, in east, north, up (working axes for points without priors)."""
-
-    images: sightings.Images
-    residual: FloatArray  # (k, m, 2) mm, adjusted minus measured
-    B: FloatArray  # (k, m, 2, 3) images by the free components of the point
-    matrix: FloatArray  # (k, 3, 3)
-    rhs: FloatArray  # (k, 3)
-    axes: FloatArray  # (k, 3, 3)
-    priors: Priors | None
-    objective: FloatArray  # (k,) weighted sum of squares, infinite where a point is behind a camera
-    ridge: FloatArray  # (k,) that the diagonals of the matrices have beyond what is observed
-
-
-def point_normals(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, stations: bool = True
-) -> PointNormals:
-    """Return the normal equations of the points of a group at positions `ground` (k, 3).
-
-    What is known of the points counts where the group says so. Without `stations` images have no partials by these.
-    """
-    rays = group.rays
-    X = np.repeat(ground[:, None], rays.shape[1], axis=1)
-    images = sightings.images(network, state, rays, X, stations)
-    residual = images.xy - network.xy[rays]
-    W = group.weights(network.weight)
-    priors = prior_rows(network, state, group.point, ground) if group.known else None
-    axes, B = np.broadcast_to(np.eye(3), (len(ground), 3, 3)), images.by_ground
-    if priors is not None:
-        axes = priors.axes
-        B = B @ np.swapaxes(axes, -1, -2)[:, None] * priors.free[:, None, None, :]
-    rows, weighted = B.reshape(len(ground), -1, 3), residual * W
-    matrix = np.swapaxes(rows, 1, 2) @ (rows * W.reshape(len(ground), -1, 1))
-    rhs = -np.einsum("kri,kr->ki", rows, weighted.reshape(len(ground), -1))
-    objective = np.einsum("kma,kma->k", residual, weighted)
-    diagonal = np.einsum("kii->ki", matrix)
-    if priors is not None:
-        weight, deviation = priors.weight, priors.deviation
-        diagonal += weight[:, :3]
-        diagonal[:, 2] += weight[:, 3] * priors.free[:, 2]
-        rhs += weight[:, :3] * deviation[:, :3]
-        rhs[:, 2] += weight[:, 3] * deviation[:, 3] * priors.free[:, 2]
-        diagonal += np.where(priors.free, 0.0, 1.0)
-        objective = objective + np.einsum("ka,ka,ka->k", deviation, weight, deviation)
-    ridge = RIDGE * diagonal.max(axis=1, keepdims=True)
-    diagonal += ridge
-    return PointNormals(
-        images=images,
-        residual=residual,
-        B=B,
-        matrix=matrix,
-        rhs=rhs,
-        axes=axes,
-        priors=priors,
-        objective=_unless_behind(network, state, rays, X, objective),
-        ridge=ridge[:, 0],
-    )
-
-
-def prior_rows(network: Network, state: State, point: IntArray, ground: FloatArray) -> Priors:
-    """Return what is known of the points, compared with their current positions (k, 3)."""
-    priors, frame = network.priors, network.frame
-    known, current = priors.known[point], frame.level(ground)
-    reference = _with_known(network, point, current)
-    axes, off = frame.axes_at(reference), frame.from_level(reference) - ground
-    deviation = np.zeros((len(point), 4))
-    deviation[:, :3] = np.where(known, np.einsum("kij,kj->ki", axes, off), 0.0)
-    group = priors.group[point]
-    grouped = group >= 0
-    deviation[grouped, 3] = state.levels[group[grouped]] - current[grouped, 2]
-    weight = np.concatenate([priors.weight[point], priors.group_weight[point][:, None]], axis=1)
-    return Priors(axes=axes, deviation=deviation, weight=weight, free=~priors.held[point])
-
-
-def _with_known(network: Network, point: IntArray, level: FloatArray, held_only: bool = False) -> FloatArray:
-    """Return level coordinates with the known (or only the held) components put in."""
-    mask = (network.priors.held if held_only else network.priors.known)[point]
-    # level coordinates are latitude, longitude, height; components are east, north, up: both horizontal or none
-    return np.where(mask, network.priors.given[point], level)
-
-
-def settle_group(
-    network: Network, state: State, group: PointGroup, ground: FloatArray, trial: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Return the optimal positions (k, 3) of the points of a group and their weighted squares (k,).
-
-    By Gauss-Newton with step halving; a `trial` goes some way only where points run away.
-    """
-    steps = _FEW_STEPS if trial else MAX_STEPS
-    X, best = ground, ground
-    best_objective = np.full(len(ground), np.inf)
-    step = np.zeros_like(ground)
-    gain = np.zeros(len(ground))
-    for _ in range(steps):
-        normals = point_normals(network, state, group, X, stations=False)
-        worse = ~(normals.objective <= best_objective * (1.0 + ROUNDING) + ROUNDING)
-        worse &= np.isfinite(best_objective)
-        local = np.linalg.solve(normals.matrix, normals.rhs[..., None])
-        new_step = (np.swapaxes(normals.axes, -1, -2) @ local)[..., 0]
-        best = np.where(worse[:, None], best, X)
-        best_objective = np.where(worse, best_objective, normals.objective)
-        gain = np.where(worse, 0.0, np.einsum("ki,kij->k", normals.rhs, local))
-        step = np.where(worse[:, None], 0.5 * step, new_step)
-        X = best + step
-        if group.known:
-            X = hold(network, group.point, X)
-        if np.abs(step).max(initial=0.0) < STEP_LIMIT:
-            break
-    # the last step is taken without looking: its gain in squares is known to the second order
-    return X, np.maximum(best_objective - gain, 0.0)
-
-
-def better(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:
-    """Return the positions (k, 3) of the points of a group: their optimum, or `ground` where that fits better."""
-    settled, _ = settle_group(network, state, group, ground, trial=True)
-    before, after = (point_squares(network, state, group, X) for X in (ground, settled))
-    return np.where((after < before)[:, None], settled, ground)
-
-
-def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:
-    """Put held components back exactly: a step along the local axes leaves a curved level surface."""
-    held = network.priors.held[point].any(axis=1)
-    if held.any():
-        ground = ground.copy()
-        level = network.frame.level(ground[held])
-        ground[held] = network.frame.from_level(_with_known(network, point[held], level, held_only=True))
-    return ground
 
 
 def settle(network: Network, state: State) -> State:
     """Return the state with every point of the solution at its optimum for the current stations and levels."""
     ground, squares = state.ground.copy(), np.zeros(network.points)
-    compiled, groups = network.compiled_settling, (*network.pass_groups, *network.control_groups)
-    if compiled is not None:
-        compiled.settle(state, ground, squares)
-        groups = compiled.others
-    for group in together(groups):
+    loops = loops_of(network, (*network.pass_groups, *network.control_groups))
+    for group in together(loops.settle(state, ground, squares)):
         ground[group.point], squares[group.point] = settle_group(network, state, group, ground[group.point])
     return replace(state, ground=ground, squares=squares)
 
@@ -221,27 +66,6 @@ def apart_at_their_best(
     return alone, every, settle(alone, replace(state, ground=first, squares=np.zeros(len(first))))
 
 
-def point_squares(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:
-    """Return the weighted squares (k,) of the points of a group at `ground` (k, 3), infinite behind a camera."""
-    rays = group.rays
-    X = np.repeat(ground[:, None], rays.shape[1], axis=1)
-    residual = sightings.image_coordinates(network, state, rays, X) - network.xy[rays]
-    squares = np.einsum("kma,kma,kma->k", residual, group.weights(network.weight), residual)
-    if group.known:
-        priors = prior_rows(network, state, group.point, ground)
-        squares += np.einsum("ka,ka,ka->k", priors.deviation, priors.weight, priors.deviation)
-    return _unless_behind(network, state, rays, X, squares)
-
-
-def _unless_behind(
-    network: Network, state: State, rays: IntArray, X: FloatArray, squares: FloatArray
-) -> FloatArray:
-    """Return the squares (k,) of points X (k, m, 3), infinite where one is behind a camera."""
-    photo = network.photo[rays]
-    seen = collinearity.in_front(X - state.position[photo], state.M[photo]).all(axis=1)
-    return np.where(seen & np.isfinite(squares), squares, np.inf)
-
-
 def start_ground(network: Network, state: State, parallel: BoolArray | None = None) -> State:
     """Return the state with first positions of the points and first levels of the groups.
 
@@ -249,22 +73,16 @@ def start_ground(network: Network, state: State, parallel: BoolArray | None = No
     at the mean height of the control. Sets which pass points (p,) have rays that are as good as `parallel`, where
     that is asked for.
     """
-    from musatpy.adjustment.compiled_start import CompiledStart  # which is made of networks and their points
-
-    ground, compiled = state.ground.copy(), CompiledStart.of(network)
-    mean_height, groups = _mean_height(network), network.groups
-    if compiled is not None:
-        of_points = compiled.nearest(state, PARALLEL, ground)
-        groups, known = compiled.others, compiled.sequence.point[compiled.known_rows]
-        _set_level(network, known, ground[known], ground)
-        if parallel is not None:
-            parallel[:] = of_points
-    for group in groups:
+    ground, near, mean_height = state.ground.copy(), np.zeros(network.points, dtype=bool), _mean_height(network)
+    several = [not group.kept and group.rays.shape[1] > 1 for group in network.groups]
+    left = loops_of(network, compress(network.groups, several)).meet(state, PARALLEL, ground, near)
+    for group in (*left, *compress(network.groups, np.logical_not(several))):
         ground[group.point] = nearest_ground(network, state, group, mean_height)
     if parallel is not None:
-        for group in network.pass_groups if compiled is None else compiled.others:
+        for group in left:
             _, direction = sightings.straight_rays(network, state, group.rays)
-            parallel[group.point] = intersection.widest_angle(direction) < PARALLEL
+            near[group.point] = intersection.widest_angle(direction) < PARALLEL
+        parallel[:] = near
     members = np.flatnonzero(network.priors.group >= 0)
     heights = network.frame.height(ground[members])
     number = network.border.count(ObservationKind.EQUAL_ELEVATION)
@@ -285,15 +103,8 @@ def level_start(network: Network, state: State) -> State:
         known = finite_rows(state.ground)
         heights = network.frame.height(state.ground[known])
     height = float(np.nanmedian(heights))
-    from musatpy.adjustment.compiled_start import CompiledStart  # which is made of networks and their points
-
-    ground, compiled, groups = state.ground.copy(), CompiledStart.of(network), network.groups
-    if compiled is not None:
-        groups, control = compiled.others, compiled.sequence.point[compiled.known_rows]
-        cut, direction = compiled.reach(state, height, _FLATTEST)
-        compiled.set_middles(state, _cut(network, cut, direction, height, _STEPS_TO_LEVEL - 1), ground)
-        _set_level(network, control, ground[control], ground)
-    for group in groups:
+    ground = state.ground.copy()
+    for group in network.groups:
         cut = _level(network, *sightings.straight_rays(network, state, group.rays), height)
         _set_level(network, group.point, cut.mean(axis=1), ground)
     return replace(state, ground=ground)
@@ -307,7 +118,7 @@ def _level(network: Network, origin: FloatArray, direction: FloatArray, height: 
 
 def _set_level(network: Network, point: IntArray, X: FloatArray, ground: FloatArray) -> None:
     """Set points of `ground` (p, 3) to X (k, 3) with what is known of them."""
-    ground[point] = network.frame.from_level(_with_known(network, point, network.frame.level(X)))
+    ground[point] = network.frame.from_level(with_known(network, point, network.frame.level(X)))
 
 
 def _bent_down(network: Network, origin: FloatArray, direction: FloatArray) -> FloatArray:
@@ -330,7 +141,7 @@ def nearest_ground(network: Network, state: State, group: PointGroup, mean_heigh
         ground = _cut(network, origin[:, 0], direction[:, 0], height)
     else:
         ground = intersection.nearest_point(origin, direction)
-    return network.frame.from_level(_with_known(network, group.point, network.frame.level(ground)))
+    return network.frame.from_level(with_known(network, group.point, network.frame.level(ground)))
 
 
 def _cut(
@@ -366,3 +177,12 @@ def intersect_freely(network: Network, state: State, groups: Iterable[PointGroup
         start = nearest_ground(network, state, group, 0.0)
         ground[group.point], _ = settle_group(network, state, group, start)
     return replace(state, ground=ground)
+
+
+def all_residuals(network: Network, state: State, chosen: BoolArray) -> FloatArray:
+    """Return the residuals (m, 2) mm of all measurements, of some that are not `chosen` (m,) NaN."""
+    out = np.full(network.xy.shape, np.nan)
+    loops_of(network, network.groups).set_residuals(state, out)
+    left = np.flatnonzero(chosen & np.isnan(out[:, 0]))
+    out[left] = sightings.residuals(network, state, left)
+    return out

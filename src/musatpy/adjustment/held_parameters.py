@@ -21,12 +21,12 @@ import numpy as np
 
 from musatpy.adjustment.collinear import Follow, eliminate
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom
-from musatpy.adjustment.ground import hold, prior_rows
+from musatpy.adjustment.ground import all_residuals
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
+from musatpy.adjustment.point_normals import hold, prior_rows
 from musatpy.adjustment.precision import Precision, left_out
 from musatpy.adjustment.rank import point_motions
-from musatpy.adjustment.sightings import all_residuals
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import tide_groups, water_heights

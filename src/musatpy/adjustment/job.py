@@ -16,6 +16,7 @@ from musatpy.adjustment.iteration import (
     Step,
     iterate,
 )
+from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import UNKNOWNS, kept_movement, largest_movements
 from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.network import (
@@ -222,6 +223,7 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
     frame = job_frame(block)
     part = participation(block)
     network = with_turned_axes(build_network(block, frame, part, sea))
+    loops_of(network, ()).get_ready(initial_state(network), lambda: begin(progress, "compiling, once"))
     parallel = np.zeros(network.points, dtype=bool)
     state = ground_points.start_ground(network, initial_state(network), parallel)
     left = _leave_out(block, network, parallel | ~finite_rows(state.ground), part)

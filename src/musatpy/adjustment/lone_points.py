@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from musatpy.adjustment.collinear import eliminate, local_normals
-from musatpy.adjustment.ground import hold, settle_group
 from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.point_normals import hold, settle_group
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 
@@ -23,25 +23,13 @@ class LocalNormals(NamedTuple):
     columns: IntArray  # (t, X) of the border
 
 
-class LonePoints(Protocol):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LonePoints:
     """Points of a group, each for itself, at stations as they are.
 
     Of `row` (t,), in which one can be more than once, those rays go through the water that are `wet` (t, m), and
     points are held on water lines `level` (t,), where there are any that are not NaN.
     """
-
-    def settled(
-        self, row: IntArray, wet: BoolArray, start: FloatArray, level: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return where the points come to rest (t, 3), from where they start, and their weighted squares (t,)."""
-
-    def normals(self, row: IntArray, wet: BoolArray, X: FloatArray, level: FloatArray) -> LocalNormals:
-        """Return their normals where they are."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlainLonePoints:
-    """Any points, by numpy."""
 
     network: Network
     state: State
@@ -50,11 +38,13 @@ class PlainLonePoints:
     def settled(
         self, row: IntArray, wet: BoolArray, start: FloatArray, level: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
+        """Return where the points come to rest (t, 3), from where they start, and their weighted squares (t,)."""
         network, group = self._apart(row, wet, level, self.group.known or level is not None)
         start = start if level is None else hold(network, group.point, start)
         return settle_group(network, self.state, group, start)
 
     def normals(self, row: IntArray, wet: BoolArray, X: FloatArray, level: FloatArray) -> LocalNormals:
+        """Return their normals where they are."""
         network, group = self._apart(row, wet, level, known=True)
         E = eliminate(network, self.state, group, X)
         matrix, rhs = local_normals(network, group, E)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
-from types import ModuleType
-from typing import TYPE_CHECKING, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -18,13 +16,6 @@ from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
-
-if TYPE_CHECKING:
-    from musatpy.adjustment.compiled_conditions import CompiledPassPoints
-    from musatpy.adjustment.compiled_points import CompiledPoints
-    from musatpy.adjustment.compiled_settling import CompiledSettling
-    from musatpy.adjustment.sequence import PointSequence
-
 
 ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
 _FEW = 2**12  # rays
@@ -164,8 +155,8 @@ class Network:
     measured: Mapping[ObservationKind, Measured]
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
     turned: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (n,) or (0,): see `unknowns`
-    # what is gathered of the points once, for all networks of the same points and rays
-    _gathered: list[PointSequence] = field(default_factory=list, repr=False)
+    # what was gathered of the points once, by its class, for all networks of the same points and rays
+    gathered: dict[type, Any] = field(default_factory=dict, repr=False)
 
     @property
     def photos(self) -> int:
@@ -181,35 +172,6 @@ class Network:
     def groups(self) -> tuple[PointGroup, ...]:
         """All points of the solution."""
         return (*self.pass_groups, *self.control_groups, *self.kept_groups)
-
-    @cached_property
-    def compiled(self) -> CompiledPoints | None:
-        """Its points for compiled kernels; None where numpy does all."""
-        from musatpy.adjustment.compiled_points import CompiledPoints  # which is made of networks
-
-        return CompiledPoints.of(self, self.groups)
-
-    @cached_property
-    def compiled_pass_points(self) -> CompiledPassPoints | None:
-        """Its pass points for those of IIA; None where numpy does all."""
-        from musatpy.adjustment.compiled_conditions import CompiledPassPoints  # which is made of networks
-
-        return CompiledPassPoints.of(self)
-
-    @cached_property
-    def compiled_settling(self) -> CompiledSettling | None:
-        """Its points for those that settle them; None where numpy does all."""
-        from musatpy.adjustment.compiled_settling import CompiledSettling  # which is made of networks
-
-        return CompiledSettling.of(self)
-
-    def sequence(self, kernels: ModuleType) -> PointSequence:
-        """Return the points that are eliminated one after the other, for compiled kernels."""
-        if not self._gathered:
-            from musatpy.adjustment.sequence import PointSequence  # numpy does without
-
-            self._gathered.append(PointSequence.of(kernels, self, (*self.pass_groups, *self.control_groups)))
-        return self._gathered[0]
 
     def unknowns(self, group: PointGroup, columns: IntArray) -> IntArray:
         """Return the unknowns (k, m q + X) of the photos of points, and in the `columns` (k, X) of the border."""
@@ -256,7 +218,7 @@ class Network:
             pass_groups=tuple(group for group in every if not group.known),
             control_groups=tuple(group for group in every if group.known),
             kept_groups=(),
-            _gathered=[],
+            gathered={},
         )
         return alone, every
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from musatpy.adjustment import reliability
 from musatpy.adjustment.dependence import Diagonal
+from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
@@ -217,14 +218,10 @@ def spread_to_observations(errors: Errors, block: Block, residual: FloatArray) -
     points = np.full((network.points, 3, 3), np.nan)
     parts, diagonal = list(reliability.direct(network, state, cofactors)), Diagonal(network)
     diagonal.add_direct(network, state)
-    groups, compiled = network.groups, None
+    groups: tuple[PointGroup, ...] = network.groups
     if errors.inner is None and not errors.of_parameters:
-        compiled = network.compiled
-    if compiled is not None:
-        groups = (*compiled.bound, *compiled.others)
-        spread = compiled.spread(state, cofactors, residual, diagonal)
-        points[spread.point] = spread.points
-        parts.append(spread.images)
+        groups, images = loops_of(network, groups).spread(state, cofactors, residual, points, diagonal)
+        parts += images
     for group in groups:
         for rows, piece in _pieces(errors, group):
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.adjustment import kernels, sightings
+from musatpy.adjustment import kernels
 from musatpy.adjustment.bathymetric import bathymetric_points
 from musatpy.adjustment.dependence import (
     Reach,
@@ -18,13 +18,14 @@ from musatpy.adjustment.dependence import (
     undetermined_points,
     undetermined_water,
 )
-from musatpy.adjustment.ground import point_squares
+from musatpy.adjustment.ground import all_residuals
 from musatpy.adjustment.held_parameters import held_parameters
 from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.kinds.water import level_corrections
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.normals import ILL_DETERMINED, Factor, NormalMatrix
+from musatpy.adjustment.point_normals import point_squares
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
 from musatpy.adjustment.propagation import count
 from musatpy.adjustment.rank import describe_weakness, unknown_name
@@ -333,7 +334,7 @@ def _tide_sigmas(block: Block, network: Network, known: Precision) -> FloatArray
 
 def _plate_residuals(network: Network, measured: Network, state: State, part: Participation) -> PlateResiduals:
     known = finite_rows(state.ground)[network.point]
-    residual = sightings.all_residuals(network, state, known)
+    residual = all_residuals(network, state, known)
     correction = network.xy - measured.xy
     bent = np.flatnonzero(known & network.refracted)
     wet = np.ones(len(bent), dtype=bool)

@@ -14,7 +14,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import Surface, by_tilt, surface
 from musatpy.adjustment.wavy_water import SeaIncidence
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind
 from musatpy.refraction import flat
@@ -108,16 +108,6 @@ def index_partials(network: Network, state: State, rays: IntArray) -> FloatArray
 def residuals(network: Network, state: State, rays: IntArray) -> FloatArray:
     """Return adjusted minus measured plate coordinates (r, 2) mm of measurements (r,), their points as they are."""
     return image_coordinates(network, state, rays, state.ground[network.point[rays]]) - network.xy[rays]
-
-
-def all_residuals(network: Network, state: State, chosen: BoolArray) -> FloatArray:
-    """Return the residuals (m, 2) mm of all measurements, of some that are not `chosen` (m,) NaN."""
-    out = np.full(network.xy.shape, np.nan)
-    if network.compiled is not None:
-        network.compiled.set_residuals(state, out)
-    left = np.flatnonzero(chosen & np.isnan(out[:, 0]))
-    out[left] = residuals(network, state, left)
-    return out
 
 
 def _surface(network: Network, state: State, photo: IntArray, ground: FloatArray) -> Surface:

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
-from musatpy.adjustment.ground import better, point_squares
 from musatpy.adjustment.iteration import Linearisation, not_raised
+from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import (
     UNKNOWNS,
     add_direct,
@@ -25,8 +25,9 @@ from musatpy.adjustment.kinds import (
 )
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
+from musatpy.adjustment.point_loops import Loops
+from musatpy.adjustment.point_normals import better, point_squares
 from musatpy.adjustment.propagation import redundancy
-from musatpy.adjustment.sequence import Last
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
@@ -54,12 +55,10 @@ class Simultaneous:
     options: Options  # its limits
     held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # what holds a free block
     curved: bool = False  # the second derivatives of the images by unknown waves count too
-    _total: Last[float] = field(default_factory=Last, init=False, repr=False)
 
     @cached_property
-    def _others(self) -> tuple[PointGroup, ...]:
-        """The points that compiled kernels do not eliminate."""
-        return together(self.network.groups if self.network.compiled is None else self.network.compiled.others)
+    def _loops(self) -> Loops:
+        return loops_of(self.network, self.network.groups)
 
     @cached_property
     def _redundancy(self) -> int:
@@ -70,16 +69,13 @@ class Simultaneous:
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
         follows: list[Follow] = []
-        of_points = 0.0
 
         def eliminated(part: PointGroup) -> tuple[Elimination, Reduced]:
             E = eliminate(network, state, part)
             return E, reduced(network, part, E)
 
-        if network.compiled is not None:
-            follow, of_points = network.compiled.add_eliminated(state, normals)
-            follows.append(follow)
-        parts = parts_of(self._others, RAYS)
+        left, of_points = self._loops.eliminate(state, normals, follows)
+        parts = parts_of(together(left), RAYS)
         for part, (E, equations) in zip(parts, side_by_side(eliminated, parts, len(network.photo)), strict=True):
             add_collinear(network, part, E, equations, normals)
             follows.append(E.follow(part))
@@ -113,8 +109,8 @@ class Simultaneous:
         return replace(matrix, corner=corner)
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
-        """Return the weighted sum of squares at `state`; the last one is kept, where the next step begins."""
-        return self._total.made(lambda: sum_of_squares(self.network, state), state)
+        """Return the weighted sum of squares at `state`."""
+        return sum_of_squares(self.network, state)
 
     def apply(self, state: State, step: FloatArray, context: list[Follow]) -> State:
         """Return the state after a step, which the ground points follow by back substitution.
@@ -149,11 +145,9 @@ class Simultaneous:
 
     def with_squares(self, state: State) -> State:
         """Return the state with the weighted squares of its points where they are."""
-        network, squares = self.network, state.squares.copy()
-        if network.compiled is not None:
-            network.compiled.set_squares(state, squares)
-        for group in self._others:
-            squares[group.point] = point_squares(network, state, group, state.ground[group.point])
+        squares = state.squares.copy()
+        for group in together(self._loops.set_squares(state, squares)):
+            squares[group.point] = point_squares(self.network, state, group, state.ground[group.point])
         return replace(state, squares=squares)
 
     def converged(self, step: FloatArray) -> bool:

@@ -8,9 +8,9 @@ from functools import cached_property, partial
 import numpy as np
 
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
-from musatpy.adjustment.compiled_points import CompiledPoints
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import add_direct, direct_squares, largest_movements, state_after
 from musatpy.adjustment.network import RAYS, Network, parts_of, together
 from musatpy.adjustment.normals import NormalEquations
@@ -20,6 +20,7 @@ from musatpy.adjustment.pass_points import (
     measured_conditions,
     simple_variances,
 )
+from musatpy.adjustment.point_loops import Loops
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
@@ -41,9 +42,11 @@ class Triangulation:
     fixed_scale: Scale = None  # the variances of equal weights, the same for the whole triangulation
 
     @cached_property
-    def _control(self) -> CompiledPoints | None:
-        """The points of which something is known, for compiled kernels; None where numpy does all."""
-        return CompiledPoints.of(self.network, self.network.control_groups)
+    def _loops(self) -> Loops:
+        """Over the points that enter by elimination; pass points by full weights do as well (docs/theory.md)."""
+        network = self.network
+        groups = network.pass_groups if self.options.weights is Weights.FULL else ()
+        return loops_of(network, (*groups, *network.control_groups))
 
     @cached_property
     def _redundancy(self) -> int:
@@ -53,14 +56,10 @@ class Triangulation:
         """Return the reduced normal equations of stations and levels at `state`."""
         network = self.network
         normals = NormalEquations(network.pattern, network.border.size)
+        left, _ = self._loops.eliminate(state, normals, [])
         scale: Scale = None
         if self.options.weights is Weights.FULL:
-            groups = network.pass_groups
-            compiled = network.compiled_pass_points
-            if compiled is not None:
-                compiled.add_conditions(state, normals)
-                groups = compiled.others
-            parts = parts_of(groups, RAYS)
+            parts = parts_of((group for group in left if not group.known), RAYS)
             for sums in side_by_side(partial(fully_weighted, network, state), parts, len(network.photo)):
                 normals.add_sums(sums)
         else:
@@ -68,11 +67,7 @@ class Triangulation:
             for group, variance in zip(network.pass_groups, scale, strict=True):
                 conditions = measured_conditions(network, state, group)
                 normals.add_sums(diagonally_weighted(network, group, conditions, variance))
-        control_groups = network.control_groups
-        if self._control is not None:
-            self._control.add_eliminated(state, normals)
-            control_groups = self._control.others
-        for group in together(control_groups):
+        for group in together([group for group in left if group.known]):
             E = eliminate(network, state, group)
             add_collinear(network, group, E, reduced(network, group, E), normals)
         add_direct(network, state, normals)

@@ -16,11 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.compiled_points import CompiledPoints
-from musatpy.adjustment.ground import hold, point_normals
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.network import Network, PointGroup, group_points, together
 from musatpy.adjustment.normals import Factor
+from musatpy.adjustment.point_normals import hold, point_normals
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
 from musatpy.adjustment.wet_states import States
@@ -245,12 +244,7 @@ def _reaches(network: Network, state: State, groups: Iterable[tuple[PointGroup, 
     other partials. NaN for others.
     """
     out = np.full(network.points, np.nan)
-    compiled = CompiledPoints.of(network, [group for group, entering in groups if entering])
-    others = [group for group, entering in groups if compiled is None or not entering]
-    if compiled is not None:
-        compiled.set_reaches(state, out)
-        others += compiled.others
-    for group in together(others):
+    for group in together([group for group, _ in groups]):
         X = state.ground[group.point]
         normals = point_normals(network, state, group, X, stations=False)
         up = np.einsum("kij,kj->ki", normals.axes, network.frame.vertical(X)[0])

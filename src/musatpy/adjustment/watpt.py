@@ -15,10 +15,10 @@ import numpy as np
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.collinear import eliminate
-from musatpy.adjustment.ground import settle_group
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.network import Network, PointGroup, together
 from musatpy.adjustment.normals import PARAMETERS, Factor
+from musatpy.adjustment.point_normals import settle_group
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows

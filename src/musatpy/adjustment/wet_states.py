@@ -12,8 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from musatpy.adjustment.compiled_lone_points import CompiledLonePoints
-from musatpy.adjustment.lone_points import LocalNormals, LonePoints, PlainLonePoints
+from musatpy.adjustment.lone_points import LocalNormals, LonePoints
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.unknowns import State
@@ -25,12 +24,6 @@ def water_over(network: Network, state: State, group: PointGroup, X: FloatArray)
     """Return the heights (k, m) of the water over points X (k, 3) at the photos of their rays."""
     tide = state.tide[network.photo[group.rays]]
     return water_heights(network.slope(state.tilt), tide, np.repeat(X[:, None], tide.shape[1], axis=1))
-
-
-def lone_points(network: Network, state: State, group: PointGroup) -> LonePoints:
-    """Return the points of a group, for compiled kernels where these can do it; `network` is the measured one."""
-    compiled = CompiledLonePoints.of(network, state, group)
-    return compiled or PlainLonePoints(network=network, state=state, group=group)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +62,7 @@ class States:
     @classmethod
     def of(cls, network: Network, state: State, group: PointGroup) -> States:
         """Return those of the points of a group; `network` is the measured one."""
-        start, points = state.ground[group.point], lone_points(network, state, group)
+        start, points = state.ground[group.point], LonePoints(network=network, state=state, group=group)
         tides = water_over(network, state, group, start)
         rank, tide = np.zeros(tides.shape, dtype=int), tides[:, :1]
         if (tides != tide).any():

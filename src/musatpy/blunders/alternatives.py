@@ -17,8 +17,9 @@ from typing import TypeVar
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.ground import point_squares
+from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, parts_of
+from musatpy.adjustment.point_normals import point_squares
 from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
@@ -225,10 +226,7 @@ def _intersected(
     """
     tried, every, met = ground_points.apart_at_their_best(network, state, groups, xy)
     # the squares that come with it hold near the optimum only, where wrong images may not have let it come
-    squares, others = np.empty(tried.points), every
-    if tried.compiled is not None:
-        tried.compiled.set_squares(met, squares)
-        others = list(tried.compiled.others)
-    for group in others:
+    squares = np.empty(tried.points)
+    for group in loops_of(tried, every).set_squares(met, squares):
         squares[group.point] = point_squares(tried, met, group, met.ground[group.point])
     return squares, met.ground

@@ -14,11 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
+from musatpy.adjustment.ground import nearest_ground
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes, state_after, station_rows
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
+from musatpy.adjustment.point_normals import point_squares, settle_group
 from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.water_surface import tide_groups

@@ -17,13 +17,13 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
+from musatpy.adjustment.ground import all_residuals
 from musatpy.adjustment.iteration import Outcome, SingularNormalsError, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED, SEARCHED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.robust import cauchy, reweighted, robust_scale
-from musatpy.adjustment.sightings import all_residuals
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import WaterLine, at_rest_in_water, every_ray_wet

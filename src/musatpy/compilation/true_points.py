@@ -14,8 +14,9 @@ import numpy as np
 from musatpy.adjustment.bathymetric import bathymetric_points
 from musatpy.adjustment.building import build_network
 from musatpy.adjustment.considered import extended
-from musatpy.adjustment.ground import PARALLEL, intersect_freely, settle_group
+from musatpy.adjustment.ground import PARALLEL, intersect_freely
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
+from musatpy.adjustment.point_normals import settle_group
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.unknowns import State, initial_state

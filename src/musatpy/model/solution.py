@@ -237,7 +237,7 @@ class Solution:
     cards: FloatArray | None = None  # (n, 3) positions of the station cards; computed starts differ
     plate_factor: float = 1.0  # by which a guessed plate sigma was multiplied: the block has the product
     start: str = ""  # of two starts of IIIA, from which one it came, and how the other one ended; empty of one
-    kernels: str = "numpy"  # that did the work point after point, or numba
+    kernels: str = "numpy"  # that did the work point after point
 
     def __post_init__(self) -> None:
         groups = len(self.block.equal_elevations.ids)

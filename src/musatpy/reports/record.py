@@ -44,7 +44,7 @@ _TABLES: tuple[Node[Statistics], ...] = (
             Field("name", "const", "name of the program", lambda s: "musatpy", choices=("musatpy",)),
             Field("version", "string", "version of the program", lambda s: musatpy.__version__),
             Field(
-                "kernels", "string", "that did the work point after point, numpy or numba; no difference to `diff`",
+                "kernels", "string", "that did the work point after point; no difference to `diff`",
                 lambda s: s.solution.kernels,
             ),
         ),

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment.ground import prior_rows
 from musatpy.adjustment.kinds.kind import Kind, Rows, Unknown
 from musatpy.adjustment.network import BACK, ORDER, Network
+from musatpy.adjustment.point_normals import prior_rows
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea

@@ -6,21 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kernels.points import (
-    LEVELS,
-    Known,
-    Measured,
-    Pairs,
-    Room,
-    Stations,
-    Water,
-    point_normals,
-    room_for,
-    weigh,
-)
-from musatpy.adjustment.kernels.points import Q as SIZE
+from musatpy.adjustment.compiled.compiler import called, compiled, inlined
+from musatpy.adjustment.compiled.elimination import Known, Pairs, Room, point_normals, room_for, weigh
+from musatpy.adjustment.compiled.rays import Measured, Stations, Water
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.compiling import compiled, inlined
 
 
 class Images(NamedTuple):
@@ -37,20 +26,19 @@ def room_for_images(m: int) -> Images:
 
 
 class Spread(NamedTuple):
-    """How errors spread to k points and those d of their r images that are asked for."""
+    """How errors spread to k points and their r images."""
 
-    place: IntArray  # (r,) rows of their images below
     axes: FloatArray  # (k, 3, 3) along which the points are told
     point: FloatArray  # (k, 3, 3) cofactors of the points
-    image: FloatArray  # (d, 2) cofactors of the adjusted images
-    covariance: FloatArray  # (d, 2, 3) of the positions and the adjusted images
+    image: FloatArray  # (r, 2) cofactors of the adjusted images
+    covariance: FloatArray  # (r, 2, 3) of the positions and the adjusted images
     diagonal: FloatArray  # (n, q) of the normal equations before points are eliminated, to which is added
 
 
-@inlined
-def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
+@called
+def _of_stations(p: int, m: int, water: Water, pairs: Pairs, Q: FloatArray, room: Room, of: Images) -> None:
     """Set C = A Q A', cofactors of its images by their stations, and D = C Y."""
-    pair, A, Y = pairs.start[p], room.A, room.Y
+    pair, size, A, Y = pairs.start[p], len(water.unknowns), room.A, room.Y
     for k in range(m):
         for c in range(2):
             for i in range(3):
@@ -79,31 +67,6 @@ def of_stations(p: int, m: int, size: int, pairs: Pairs, Q: FloatArray, room: Ro
 
 
 @inlined
-def _prepare(
-    p: int, m: int, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, pairs: Pairs,
-    Q: FloatArray, room: Room, of: Images,
-) -> None:  # fmt: skip
-    """Set the normals of a point, its partials in their weights, and `of_stations`."""
-    point_normals(p, at, stations, water, known, ridge, True, room)
-    weigh(m, room)
-    if len(water.rise):
-        of_stations(p, m, LEVELS, pairs, Q, room, of)
-    else:
-        of_stations(p, m, SIZE, pairs, Q, room, of)
-
-
-@inlined
-def _add_stations(m: int, room: Room, of: Images) -> None:
-    """Set N to the cofactors of a point along working axes, N_pp^-1 + Y' D."""
-    for i in range(3):
-        for j in range(3):
-            total = room.inverse[i, j]
-            for k in range(m):
-                total += of.D[k, 0, i] * room.Y[k, 0, j] + of.D[k, 1, i] * room.Y[k, 1, j]
-            room.N[i, j] = total
-
-
-@inlined
 def _image(k: int, c: int, room: Room, of: Images) -> float:
     """Return the weighted cofactor of an image whose point has N; set `room.vector` to that with the position."""
     total = of.C[k, c, k, c]
@@ -116,10 +79,15 @@ def _image(k: int, c: int, room: Room, of: Images) -> float:
     return total
 
 
-@inlined
+@called
 def _set_point(p: int, m: int, room: Room, of: Images, out: Spread) -> None:
-    """Set N to the cofactors of a point along working axes, and those along its own."""
-    _add_stations(m, room, of)
+    """Set N to the cofactors of a point along working axes, N_pp^-1 + Y' D, and those along its own."""
+    for i in range(3):
+        for j in range(3):
+            total = room.inverse[i, j]
+            for k in range(m):
+                total += of.D[k, 0, i] * room.Y[k, 0, j] + of.D[k, 1, i] * room.Y[k, 1, j]
+            room.N[i, j] = total
     for i in range(3):
         for j in range(3):
             total = 0.0
@@ -129,20 +97,20 @@ def _set_point(p: int, m: int, room: Room, of: Images, out: Spread) -> None:
             out.point[p, i, j] = total
 
 
-@inlined
-def _set_images(p: int, m: int, size: int, at: Measured, room: Room, of: Images, out: Spread) -> None:
+@called
+def _set_images(p: int, m: int, at: Measured, water: Water, room: Room, of: Images, out: Spread) -> None:
     """Set the cofactors of the images of a point, and of these with its position."""
     for k in range(m):
         r = at.start[p] + k
-        n, row = at.photo[r], out.place[r]
-        for a in range(size):
+        n = at.photo[r]
+        for a in range(len(water.unknowns)):
             out.diagonal[n, a] += room.A[k, 0, a] * room.A[k, 0, a] + room.A[k, 1, a] * room.A[k, 1, a]
         for c in range(2):
             root = 1.0 / at.root[r, c]
-            out.image[row, c] = _image(k, c, room, of) * root * root
+            out.image[r, c] = _image(k, c, room, of) * root * root
             x, y, z = room.vector[0] * root, room.vector[1] * root, room.vector[2] * root
             for i in range(3):
-                out.covariance[row, c, i] = out.axes[p, i, 0] * x + out.axes[p, i, 1] * y + out.axes[p, i, 2] * z
+                out.covariance[r, c, i] = out.axes[p, i, 0] * x + out.axes[p, i, 1] * y + out.axes[p, i, 2] * z
 
 
 @compiled
@@ -160,6 +128,8 @@ def spread(
     of = room_for_images(len(room.Y))
     for p in rows:
         m = at.start[p + 1] - at.start[p]
-        _prepare(p, m, at, stations, water, known, ridge, pairs, Q, room, of)
+        point_normals(p, at, stations, water, known, ridge, True, room)
+        weigh(m, room)
+        _of_stations(p, m, water, pairs, Q, room, of)
         _set_point(p, m, room, of, out)
-        _set_images(p, m, LEVELS if len(water.rise) else SIZE, at, room, of, out)
+        _set_images(p, m, at, water, room, of, out)

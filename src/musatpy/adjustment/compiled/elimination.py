@@ -4,8 +4,8 @@ The numpy twins are `sightings.images`, `ground.point_normals`, `collinear.elimi
 of single images `geometry.collinearity`, whose equations these loops follow. Points have no unknowns but their own
 three and those of their stations: six or, with a water level of each, seven. What has more goes by the twins.
 
-What every function works at are some `rows` of a sequence of points; where sums of several of them are added up is
-for who calls them, so that threads can share the work.
+Every function works at some `rows` of points; where sums of several of them are added up is for who calls them, so
+that threads can share the work.
 """
 
 from __future__ import annotations
@@ -13,48 +13,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from musatpy.adjustment.kernels.straight_rays import image_by_vector, to_point
-from musatpy.adjustment.kernels.wet_rays import bend, through_water
+from musatpy.adjustment.compiled.compiler import called, compiled, inlined
+from musatpy.adjustment.compiled.rays import Measured, Stations, Water, bend, image_off, through_water, to_point
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.compiling import compiled, inlined
 
 Q = 6  # unknowns of a station in its images; those with a level of its own have one more
-LEVELS = Q + 1
-
-
-class Stations(NamedTuple):
-    """n photos where they are."""
-
-    position: FloatArray  # (n, 3) working
-    M: FloatArray  # (n, 3, 3) working axes to photo
-    axes: FloatArray  # (n, 3, 3) east, north, up, along which positions are corrected
-    turn: FloatArray  # (n, 2) cosine and sine of kappa
-    focal_length: FloatArray  # (n,) mm
-    principal_point: FloatArray  # (n, 2) mm
-
-
-class Measured(NamedTuple):
-    """k points one after the other, and their r images: those of point p are `start[p]` to `start[p + 1]`."""
-
-    point: IntArray  # (k,) rows of the ground
-    start: IntArray  # (k + 1,)
-    photo: IntArray  # (r,)
-    xy: FloatArray  # (r, 2) mm
-    root: FloatArray  # (r, 2) 1/mm, of the weights
-    ground: FloatArray  # (k, 3) working, of the points: those of one photo stand together
-
-
-class Water(NamedTuple):
-    """Level water over the w rays that it refracts."""
-
-    row: IntArray  # (r,) of the ray among those, -1 where it is dry
-    normal: FloatArray  # (w, 3)
-    depth: FloatArray  # (w,) m, of the points
-    tangent: FloatArray  # (w,) of the angle in air, NaN until it is asked for: it stays as camera and point do
-    # (w + 1,) m of depth by one of the level of the photo, and 0: there are levels without wet rays, too; or (0,)
-    rise: FloatArray
-    refraction: float  # index of the water
 
 
 class Known(NamedTuple):
@@ -71,7 +36,7 @@ class Pairs(NamedTuple):
     """The blocks of the pairs of rays of k points: of p `start[p]` to `start[p + 1]`, as `triu_indices` has."""
 
     start: IntArray  # (k + 1,)
-    slot: IntArray  # rows of the blocks of the pattern
+    slot: NDArray[np.int32]  # rows of the blocks of the pattern
 
 
 class Sums(NamedTuple):
@@ -109,7 +74,7 @@ def room_for(start: IntArray, rows: IntArray) -> Room:
     for p in rows:
         m = max(m, start[p + 1] - start[p])
     return Room(
-        np.empty((m, 2, LEVELS)), np.empty((m, 2, 3)), np.empty((m, 2)),
+        np.empty((m, 2, Q + 1)), np.empty((m, 2, 3)), np.empty((m, 2)),
         np.empty((m, 2, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3),
     )  # fmt: skip
 
@@ -192,7 +157,7 @@ def _image(r: int, k: int, at: Measured, stations: Stations, by_station: bool, r
                 room.A[k, c, i] = -along
 
 
-@inlined
+@called
 def images(
     p: int, at: Measured, stations: Stations, water: Water, known: Known, by_station: bool, room: Room
 ) -> bool:
@@ -203,10 +168,8 @@ def images(
     seen, row = True, known.row[p]
     for r in range(at.start[p], at.start[p + 1]):
         n, k, w = at.photo[r], r - at.start[p], water.row[r]
-        v0 = at.ground[p, 0] - stations.position[n, 0]
-        v1 = at.ground[p, 1] - stations.position[n, 1]
-        v2 = at.ground[p, 2] - stations.position[n, 2]
-        seen &= stations.M[n, 2, 0] * v0 + stations.M[n, 2, 1] * v1 + stations.M[n, 2, 2] * v2 < 0.0
+        v0, v1, v2, in_front = to_point(r, p, at, stations)
+        seen &= in_front
         if w >= 0:
             v0, v1, v2, e0, e1, e2, H, t = bend(w, water, v0, v1, v2)
         room.vector[0], room.vector[1], room.vector[2] = v0, v1, v2
@@ -215,7 +178,7 @@ def images(
             through_water(w, water, e0, e1, e2, H, t, room.B[k], room.A[k], by_station)
             if by_station:
                 _through(room.A[k], stations.axes[n].T, room.A[k])
-        elif by_station and len(water.rise):
+        elif by_station and len(water.unknowns) > Q:
             room.A[k, 0, Q] = room.A[k, 1, Q] = 0.0
         if row >= 0:
             _along_known(known.axes[row], known.free[row], room.B[k])
@@ -238,7 +201,7 @@ def _inverted(N: FloatArray, out: FloatArray) -> None:
     out[1, 2] = out[2, 1] = -l21 * d2
 
 
-@inlined
+@called
 def point_normals(
     p: int, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, by_station: bool, room: Room
 ) -> float:
@@ -312,14 +275,10 @@ def _add_pair(
             sums.blocks[e - sums.first, a, b] += x * A[other, 0, b] + y * A[other, 1, b]
 
 
-@inlined
-def add_blocks(
-    p: int, m: int, size: int, pairs: Pairs, B: FloatArray, Y: FloatArray, A: FloatArray, sums: Sums
-) -> None:
-    """Add a point to the reduced normal matrix of its stations, A'(I - Y B')A with Y (m, 2, 3) = B N_pp^-1.
-
-    `collinear.reduced`.
-    """
+@called
+def _add_blocks(p: int, m: int, water: Water, pairs: Pairs, room: Room, sums: Sums) -> None:
+    """Add a point to the reduced normal matrix of its stations, A'(I - Y B')A: `collinear.reduced`."""
+    B, Y, size = room.B, room.Y, len(water.unknowns)
     pair = pairs.start[p]
     for k in range(m):
         for other in range(k, m):
@@ -328,54 +287,32 @@ def add_blocks(
             p01 = -Y[k, 0, 0] * B[other, 1, 0] - Y[k, 0, 1] * B[other, 1, 1] - Y[k, 0, 2] * B[other, 1, 2]
             p10 = -Y[k, 1, 0] * B[other, 0, 0] - Y[k, 1, 1] * B[other, 0, 1] - Y[k, 1, 2] * B[other, 0, 2]
             p11 = unit - Y[k, 1, 0] * B[other, 1, 0] - Y[k, 1, 1] * B[other, 1, 1] - Y[k, 1, 2] * B[other, 1, 2]
-            _add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, A, sums)
+            _add_pair(pairs.slot[pair], k, other, size, p00, p01, p10, p11, room.A, sums)
             pair += 1
 
 
-@inlined
-def add_right_sides(
-    p: int, m: int, size: int, at: Measured, room: Room, sums: Sums, x: float, y: float, z: float
+@called
+def _add_right_sides(
+    p: int, m: int, at: Measured, water: Water, room: Room, sums: Sums, x: float, y: float, z: float
 ) -> None:
-    """Add a point, whose shift is (x, y, z), to the right sides of its stations, of `size` unknowns each."""
+    """Add a point, whose shift is (x, y, z), to the right sides of its stations."""
     for k in range(m):
         n = at.photo[at.start[p] + k]
         v0, v1 = room.residual[k, 0], room.residual[k, 1]
         v0 += room.B[k, 0, 0] * x + room.B[k, 0, 1] * y + room.B[k, 0, 2] * z
         v1 += room.B[k, 1, 0] * x + room.B[k, 1, 1] * y + room.B[k, 1, 2] * z
-        for a in range(size):
+        for a in range(len(water.unknowns)):
             sums.rhs[n, a] -= room.A[k, 0, a] * v0 + room.A[k, 1, a] * v1
-
-
-@inlined
-def _add_point(
-    p: int,
-    size: int,
-    at: Measured,
-    pairs: Pairs,
-    matrix: bool,
-    room: Room,
-    sums: Sums,
-    x: float,
-    y: float,
-    z: float,
-) -> None:
-    """Add a point, whose shift is (x, y, z), to the normal equations of its stations, of `size` unknowns each."""
-    m = at.start[p + 1] - at.start[p]
-    add_right_sides(p, m, size, at, room, sums, x, y, z)
-    if matrix:
-        weigh(m, room)
-        add_blocks(p, m, size, pairs, room.B, room.Y, room.A, sums)
 
 
 @compiled
 def eliminate(
     rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, pairs: Pairs,
-    matrix: bool, sums: Sums, out: Eliminated,
+    sums: Sums, out: Eliminated,
 ) -> float:  # fmt: skip
     """Add points to the normal equations of their stations, set how they follow, and return r' N_pp^-1 r of all.
 
-    `collinear.eliminate` and `collinear.reduced`: N_ss - N_sp N_pp^-1 N_ps, point after point; without `matrix`
-    the right sides only.
+    `collinear.eliminate` and `collinear.reduced`: N_ss - N_sp N_pp^-1 N_ps, point after point.
     """
     room, gain = room_for(at.start, rows), 0.0
     for p in rows:
@@ -386,10 +323,10 @@ def eliminate(
         for i in range(3):
             for j in range(3):
                 out.inverse[p, i, j] = room.inverse[i, j]
-        if len(water.rise):
-            _add_point(p, LEVELS, at, pairs, matrix, room, sums, x, y, z)
-        else:
-            _add_point(p, Q, at, pairs, matrix, room, sums, x, y, z)
+        m = at.start[p + 1] - at.start[p]
+        weigh(m, room)
+        _add_right_sides(p, m, at, water, room, sums, x, y, z)
+        _add_blocks(p, m, water, pairs, room, sums)
     return gain
 
 
@@ -409,10 +346,8 @@ def follow(
             n, k = at.photo[r], r - at.start[p]
             for c in range(2):
                 change = 0.0
-                for a in range(Q):
+                for a in range(len(water.unknowns)):
                     change += room.A[k, c, a] * step[n, a]
-                if len(water.rise):
-                    change += room.A[k, c, Q] * step[n, Q]
                 for i in range(3):
                     room.rhs[i] += room.B[k, c, i] * change
         x, y, z = of.shift[p, 0], of.shift[p, 1], of.shift[p, 2]
@@ -426,63 +361,43 @@ def follow(
         out[g, 0], out[g, 1], out[g, 2] = at.ground[p, 0] + x, at.ground[p, 1] + y, at.ground[p, 2] + z
 
 
-@inlined
-def _off(r: int, p: int, at: Measured, stations: Stations, water: Water) -> tuple[float, float, bool]:
-    """Return the residuals of image r of point p, and whether its camera sees it."""
-    v0, v1, v2, seen = to_point(r, p, at, stations)
-    if water.row[r] >= 0:
-        v0, v1, v2, _, _, _, _, _ = bend(water.row[r], water, v0, v1, v2)
-    x, y, _, _, _, _, _, _ = image_by_vector(r, at, stations, v0, v1, v2)
-    return x, y, seen
-
-
 @compiled
-def reaches(
-    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, up: FloatArray,
-    out: FloatArray,
+def steps(
+    rows: IntArray, at: Measured, stations: Stations, water: Water, known: Known, ridge: float, shift: FloatArray,
+    squares: FloatArray, falls: FloatArray,
 ) -> None:  # fmt: skip
-    """Set the squares of how far points can move upward by their largest weighted residuals, rows of out (g,).
+    """Set the steps (k, 3) of points to their best, and by how much their squares (k,) fall: `ground.settle_group`.
 
-    up (g, 3): the vertical there. `waterline._reaches`.
+    The squares are those of the images, infinite behind a camera.
     """
     room = room_for(at.start, rows)
     for p in rows:
-        point_normals(p, at, stations, water, known, ridge, False, room)
-        row, g, largest = known.row[p], at.point[p], 0.0
-        for k in range(at.start[p + 1] - at.start[p]):
-            for c in range(2):
-                largest = max(largest, room.residual[k, c] ** 2)
-        for i in range(3):
-            room.vector[i] = up[g, i]
-        if row >= 0:
-            room.vector[0], room.vector[1], room.vector[2] = times(known.axes[row], up[g])
-        x, y, z = times(room.inverse, room.vector)
-        out[g] = largest * (x * room.vector[0] + y * room.vector[1] + z * room.vector[2])
-
-
-@compiled
-def squares(rows: IntArray, at: Measured, stations: Stations, water: Water, out: FloatArray) -> None:
-    """Set the weighted squares of the images of points, rows of out (g,), infinite behind a camera.
-
-    `ground.point_squares`.
-    """
-    for p in rows:
-        total = 0.0
-        for r in range(at.start[p], at.start[p + 1]):
-            x, y, seen = _off(r, p, at, stations, water)
-            x, y = x * at.root[r, 0], y * at.root[r, 1]
-            total += x * x + y * y
-            if not seen:
-                total = np.inf
-        out[at.point[p]] = total if total < np.inf else np.inf
+        squares[p] = point_normals(p, at, stations, water, known, ridge, False, room)
+        x, y, z = times(room.inverse, room.rhs)
+        falls[p] = x * room.rhs[0] + y * room.rhs[1] + z * room.rhs[2]
+        if known.row[p] >= 0:
+            x, y, z = from_axes(known.axes[known.row[p]], x, y, z)
+        shift[p, 0], shift[p, 1], shift[p, 2] = x, y, z
 
 
 @compiled
 def residuals(
-    rows: IntArray, at: Measured, stations: Stations, water: Water, rays: IntArray, out: FloatArray
+    rows: IntArray, at: Measured, stations: Stations, water: Water, out: FloatArray, squares: FloatArray
 ) -> None:
-    """Set the residuals of the images of points, rows `rays` (r,) of out (m, 2) mm: `sightings.residuals`."""
+    """Set the residuals (r, 2) mm of the images of points, and their weighted squares (k,).
+
+    These are infinite behind a camera. `sightings.residuals` and `ground.point_squares`.
+    """
     for p in rows:
+        total = 0.0
         for r in range(at.start[p], at.start[p + 1]):
-            x, y, _ = _off(r, p, at, stations, water)
-            out[rays[r], 0], out[rays[r], 1] = x, y
+            v0, v1, v2, seen = to_point(r, p, at, stations)
+            if water.row[r] >= 0:
+                v0, v1, v2, _, _, _, _, _ = bend(water.row[r], water, v0, v1, v2)
+            x, y = image_off(r, at, stations, v0, v1, v2)
+            out[r, 0], out[r, 1] = x, y
+            x, y = x * at.root[r, 0], y * at.root[r, 1]
+            total += x * x + y * y
+            if not seen:
+                total = np.inf
+        squares[p] = total if total < np.inf else np.inf

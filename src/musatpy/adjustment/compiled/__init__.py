@@ -1,0 +1,1 @@
+"""Loops that numba compiles (the extra `fast`), point after point; `adjustment.kernels` chooses them."""
