@@ -120,6 +120,7 @@ def test_reference_errors_move_what_an_adjustment_of_the_altered_deck_moves(name
             assert told == pytest.approx(relative.max(), rel=0.1, abs=0.1), parameter
 
 
+@pytest.mark.slow
 def test_a_parameter_is_held_or_is_left_out() -> None:
     def names(block: Block) -> list[str]:
         return adjust(block).held.names.tolist()
@@ -157,6 +158,7 @@ def test_the_focal_length_of_a_job_without_observed_stations_has_no_test_and_pag
     assert "focal length of RC8" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [3.0, -3.0])
 def test_the_focal_length_is_found_by_observed_stations(size: float) -> None:
     solution = adjust(wrong(observed(photos=5), "focal length", size))
@@ -169,6 +171,7 @@ def test_the_focal_length_is_found_by_observed_stations(size: float) -> None:
     )  # two hundredths of the focal length are not linear
 
 
+@pytest.mark.slow
 def test_signs_and_sizes_against_the_squares_of_altered_decks() -> None:
     # v'Pv with an error e of the card is that of the true one plus 2 v'Pr e + (r'Pr + v'P dr/de) e^2
     block = altered(observed(photos=4), options=TIGHT)
@@ -180,6 +183,7 @@ def test_signs_and_sizes_against_the_squares_of_altered_decks() -> None:
         assert held.pull[row] == pytest.approx(slope, abs=3e-2 * np.sqrt(held.redundant[row])), parameter
 
 
+@pytest.mark.slow
 def test_redundant_squares_are_those_of_altered_decks_without_other_errors() -> None:
     block = altered(_strip(7, 4, "IIIA", 1e-4, noise=0.0), options=TIGHT)
     before = adjust(block)

@@ -64,6 +64,7 @@ def test_errors_of_considered_water_are_not_those_of_plates() -> None:
     assert plate_component(considered) < plain
 
 
+@pytest.mark.slow
 def test_plates_that_nothing_checks_or_that_fail_keep_their_guess() -> None:
     made = simulate(Plan(photos_per_strip=3, seed=2))
     short = adjust(guessed(made, max_iterations=1))

@@ -76,6 +76,7 @@ def test_redundancy_numbers_are_those_of_the_dense_inverse() -> None:
     np.testing.assert_allclose(observed.redundancy[order], dense, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_inflation_of_the_levels_of_photos_is_that_of_the_dense_matrix() -> None:
     """They stand with the six unknowns of their photos, not in the border with the other ones of the water."""
     solution, J, inverse = with_all_water("all by photos")
@@ -91,6 +92,7 @@ def test_inflation_of_the_levels_of_photos_is_that_of_the_dense_matrix() -> None
     np.testing.assert_allclose(found.sigma[: len(photos)], sigma * solution.sigma0, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_inflation_and_correlations_are_those_of_the_dense_matrix() -> None:
     solution, J, inverse = with_all_water()
     found = solution.dependence
@@ -212,6 +214,7 @@ def assert_redundancy_numbers(exact: Solution, squares: np.ndarray) -> None:
     assert total.mean() == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof / BLOCKS))
 
 
+@pytest.mark.slow
 def test_test_values_find_a_gross_error_and_only_it() -> None:
     block = sea_block()
     rays = np.flatnonzero(block.plates.photo == 1)

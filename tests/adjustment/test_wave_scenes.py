@@ -147,6 +147,7 @@ def test_the_minima_know_the_lowest_and_what_is_nearly_as_low() -> None:
     assert np.isnan(minima.other_crests(np.ones(1, dtype=bool)).excess[0])  # too far above by now
 
 
+@pytest.mark.slow
 def test_waves_that_no_ray_meets_stay_as_given() -> None:
     made = scene(LEVEL_GUESS).block
     dry = np.zeros(len(made.points.ids), dtype=bool)
