@@ -242,7 +242,7 @@ def test_a_levelled_wave_is_known_and_the_other_is_not() -> None:
 
 
 @pytest.mark.slow
-def test_none_of_twenty_scenes_is_false() -> None:
+def test_none_of_ten_scenes_is_false() -> None:
     """Seeds of their own; of 500, the driver."""
-    every = [study.result(seed) for seed in range(2000, 2020)]
+    every = [study.result(seed) for seed in range(2000, 2010)]
     assert not [one.seed for one in every if one.status in ("FALSE", "failed")]
