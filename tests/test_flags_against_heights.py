@@ -201,6 +201,7 @@ def test_a_sigma_of_the_tide_counts() -> None:
     assert not of_flags(adjust(altered(block, photos={"tide_sigma": np.full(3, 1.0)})))
 
 
+@pytest.mark.slow
 def test_check_points_and_points_kept_out_count() -> None:
     block, point = with_flags(st_thomas(), False, "212"), st_thomas().points.ids.tolist().index("212")
     kept_out = altered(block, plates={"triangulated": put(block.plates.point == point, False)})

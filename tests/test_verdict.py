@@ -31,6 +31,7 @@ from musatpy.model.water import index_range
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import metric_differences
 from musatpy.statistics.gates import flying_height, ground_heights, named
+from musatpy.statistics.hidden import HiddenErrors
 from musatpy.statistics.quality import test_limit as limit_of
 from musatpy.statistics.verdict import normal_tests
 from sample_solutions import sample_solution
@@ -481,6 +482,23 @@ def test_hidden_errors_against_the_definition() -> None:
     assert statistics.hidden.shift[point] == pytest.approx(largest, rel=1e-5)
     assert statistics.hidden.sigmas[point] == pytest.approx(sigmas, rel=1e-5)
     assert statistics.hidden.weak[point] == (sigmas > 5.0)
+
+
+def test_a_point_is_weakly_checked_beyond_five_sigmas() -> None:
+    """As listing and page 1 say it."""
+    hidden = HiddenErrors(shift=np.array([0.1, 0.1, np.nan]), sigmas=np.array([4.9, 5.1, np.nan]))
+    assert hidden.weak.tolist() == [False, True, False]
+
+
+def test_a_redundancy_number_of_a_hundredth_is_needed_to_test_an_image() -> None:
+    """Below it an error ten times the smallest detectable one of a well checked image would not show."""
+    good = solution()
+    image = int(np.flatnonzero(good.observed.kind == ObservationKind.PLATE)[0])
+    for redundancy, tested in ((0.009, False), (0.011, True)):
+        altered = changed(good.observed.redundancy, image, redundancy)
+        statistics = Statistics(replace(good, observed=replace(good.observed, redundancy=altered)))
+        assert statistics.quality.testable[image] == tested
+        assert np.isfinite(statistics.normal_tests[image]) == tested
 
 
 # --- decks ---

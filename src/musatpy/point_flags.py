@@ -19,7 +19,6 @@ from musatpy.formats.parts import Parts, cards_of_parts, missing_parts
 from musatpy.jobs.naming import names_of, text_of
 from musatpy.jobs.plan_positions import area_of, plan
 from musatpy.model import Block, CoordinateSystem, Editing, Refraction, Solution, Treatment, WaterLevel
-from musatpy.reduction.readings_job import reduce
 from musatpy.statistics import Statistics
 
 BELOW = Path("BELOW")
@@ -100,7 +99,11 @@ def _first_adjustment(block: Block) -> Solution:
     options = replace(options, water_tilt=Treatment.KNOWN, water_index=Treatment.KNOWN)
     if options.refraction is Refraction.NONE:  # by which no height would speak against a flag
         options = replace(options, refraction=Refraction.RIGOROUS)
-    solution = programs.adjust(replace(reduce(block)[0] if block.raw else block, options=options))
+    if block.raw:
+        from musatpy.reduction.readings_job import reduce  # most jobs come refined
+
+        block, _ = reduce(block)
+    solution = programs.adjust(replace(block, options=options))
     if not solution.converged:
         message = "the first adjustment, which says where points are, does not converge: list them instead"
         raise AdjustmentError([Problem(message=message)])

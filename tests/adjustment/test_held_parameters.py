@@ -120,6 +120,7 @@ def test_reference_errors_move_what_an_adjustment_of_the_altered_deck_moves(name
             assert told == pytest.approx(relative.max(), rel=0.1, abs=0.1), parameter
 
 
+@pytest.mark.slow
 def test_a_parameter_is_held_or_is_left_out() -> None:
     def names(block: Block) -> list[str]:
         return adjust(block).held.names.tolist()
@@ -157,6 +158,7 @@ def test_the_focal_length_of_a_job_without_observed_stations_has_no_test_and_pag
     assert "focal length of RC8" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [3.0, -3.0])
 def test_the_focal_length_is_found_by_observed_stations(size: float) -> None:
     solution = adjust(wrong(observed(photos=5), "focal length", size))
@@ -169,6 +171,7 @@ def test_the_focal_length_is_found_by_observed_stations(size: float) -> None:
     )  # two hundredths of the focal length are not linear
 
 
+@pytest.mark.slow
 def test_signs_and_sizes_against_the_squares_of_altered_decks() -> None:
     # v'Pv with an error e of the card is that of the true one plus 2 v'Pr e + (r'Pr + v'P dr/de) e^2
     block = altered(observed(photos=4), options=TIGHT)
@@ -180,6 +183,7 @@ def test_signs_and_sizes_against_the_squares_of_altered_decks() -> None:
         assert held.pull[row] == pytest.approx(slope, abs=3e-2 * np.sqrt(held.redundant[row])), parameter
 
 
+@pytest.mark.slow
 def test_redundant_squares_are_those_of_altered_decks_without_other_errors() -> None:
     block = altered(_strip(7, 4, "IIIA", 1e-4, noise=0.0), options=TIGHT)
     before = adjust(block)
@@ -193,7 +197,7 @@ def test_redundant_squares_are_those_of_altered_decks_without_other_errors() -> 
 @pytest.mark.slow
 def test_tests_of_clean_draws_are_normal_and_find_the_smallest_error_in_four_of_five() -> None:
     tests, beyond, found = [], 0, []
-    for seed in range(50):
+    for seed in range(30):
         block = observed(seed=seed, photos=3, sigma=0.1)
         errors = Statistics(adjust(block)).common_errors
         tests.append(errors.test[errors.tested])
@@ -204,8 +208,8 @@ def test_tests_of_clean_draws_are_normal_and_find_the_smallest_error_in_four_of_
         found.append(abs(again.test[row]) > errors.limit)
     values = np.concatenate(tests)
     assert 0.85 < np.sqrt(np.mean(np.square(values))) < 1.15  # tests of one draw go together
-    assert beyond <= 3  # a hundredth of them: more has a chance of 2e-3
-    assert 0.65 < np.mean(found) < 0.93  # three sigmas about 0.80
+    assert beyond <= 2  # a hundredth of them: more has a chance of 3e-3
+    assert 0.58 < np.mean(found) < 0.99  # three sigmas about 0.80
 
 
 def test_of_a_guessed_plate_sigma_the_tests_are_relative() -> None:

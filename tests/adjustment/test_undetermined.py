@@ -70,6 +70,7 @@ def test_what_cards_give_a_sigma_is_known_by_it() -> None:
     assert np.isfinite(water.correction_sigma).all() and np.isfinite(water.index_sigma)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flagged", "sigmas"),
     [

@@ -19,7 +19,7 @@ from musatpy.model import Block, Program, Solution, Treatment, WaterLevel
 from musatpy.model.tables import taken
 from reference.networks import Plan, Simulated, simulate
 
-BLOCKS = 30  # of each kind, 90 together
+BLOCKS = 15  # of each kind, 45 together
 TIDE, TILT, INDEX = 0.10, 2e-4, 0.003  # sigmas of the priors: m, rad, 1
 DEEP = -1.5  # m; a point nearer to the water could be thrown over it by its errors
 LIMIT = 4.5  # standard errors: one in 10^5 of normal deviates is farther off, and here are some hundred of them

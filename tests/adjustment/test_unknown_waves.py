@@ -68,6 +68,7 @@ def test_the_truth_is_found_without_errors(interval: float) -> None:
     assert set(found.water.waves.verdicts.ravel()) == {"determined"} and not found.warnings
 
 
+@pytest.mark.slow
 def test_a_wave_guessed_to_be_none_is_found() -> None:
     """Without height nothing else shows at first; its sign, and half a length of the crest, may turn."""
     at = scene(EXACT)
@@ -190,6 +191,7 @@ def test_sigmas_are_honest() -> None:
     assert found.removed[1] > 0.7 and found.level[1] > 3.0 * found.known[1]
 
 
+@pytest.mark.slow
 def test_what_does_not_show_is_named() -> None:
     """On a sea that is as good as calm nobody can tell where its crests are, nor how long they are."""
     calm = Strip(rows=3, columns=5, control=4, deep_height=2e-4)
@@ -275,6 +277,7 @@ def test_observed_parameters_are_observations() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_record_and_listing_tell_the_waves() -> None:
     at = scene(Strip(rows=3, columns=5, control=4))
     sea = sea_of(at, 0.0, sigma=np.array([[0.6, np.nan, 0.1, 5.0]]))

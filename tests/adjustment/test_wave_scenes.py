@@ -147,6 +147,7 @@ def test_the_minima_know_the_lowest_and_what_is_nearly_as_low() -> None:
     assert np.isnan(minima.other_crests(np.ones(1, dtype=bool)).excess[0])  # too far above by now
 
 
+@pytest.mark.slow
 def test_waves_that_no_ray_meets_stay_as_given() -> None:
     made = scene(LEVEL_GUESS).block
     dry = np.zeros(len(made.points.ids), dtype=bool)
@@ -241,7 +242,7 @@ def test_a_levelled_wave_is_known_and_the_other_is_not() -> None:
 
 
 @pytest.mark.slow
-def test_none_of_twenty_scenes_is_false() -> None:
+def test_none_of_ten_scenes_is_false() -> None:
     """Seeds of their own; of 500, the driver."""
-    every = [study.result(seed) for seed in range(2000, 2020)]
+    every = [study.result(seed) for seed in range(2000, 2010)]
     assert not [one.seed for one in every if one.status in ("FALSE", "failed")]

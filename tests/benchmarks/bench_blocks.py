@@ -7,9 +7,10 @@ times in the process (three runs up to 1,000 photos, else one); the table has th
 rounds, CPU seconds beside them, and how many of the cores other processes kept busy. The kernels of numba have been
 loaded before, by a small block. All have the same images, starts and fixed control, and must come to one minimum,
 which one function takes from the stations and points of each. pycolmap (the `benchmark` extra) has its intrinsics
-fixed, no robust loss, as many threads as it likes, and stops at a relative change of 1e-9 of the cost; tuned it has
-next to no damping at the start. Its time is that of build and solution; its covariances, up to 1,000 photos, are
-those of the stations alone, where ours are those of points too, with redundancy numbers.
+fixed, no robust loss, as many threads as it likes, the solver that is its best here (SPARSE_SCHUR) and the
+tolerance of Ceres; tuned it has next to no damping at the start. Its time is that of build and solution; its
+covariances, up to 1,000 photos, are those of the stations alone, where ours are those of points too, with
+redundancy numbers.
 
 KIND is the network: `usual`, `corners` (four control points only), `gruber` (points at the positions of von Gruber
 only), `dense` (200 images on a photo) or `seed` (another one). The targets are those of `TARGETS`.
@@ -57,27 +58,29 @@ KINDS: dict[str, dict[str, Any]] = {
     "seed": {"seed": 7},
 }
 SAME = 1e-5  # relative difference of the weighted squares at the minimum: what the limits of the steps leave
+CERES_TOLERANCE = 1e-6  # relative change of the cost at which Ceres stops, unless it is told another
 OFTEN, ROUNDS = 1000, 3  # photos up to which a process adjusts three times
 TICKS = float(os.sysconf("SC_CLK_TCK")) if hasattr(os, "sysconf") else np.nan
 
 Rows = dict[str, dict[str, Any]]
 # Of the rows of one size: what is compared, and at most how much of it; sizes that it is wanted at.
 TARGETS: tuple[tuple[str, Callable[[Rows], float], float, tuple[int, ...]], ...] = (
-    ("IIIA of pycolmap", lambda of: of["IIIA"]["time"] / of["pycolmap"]["time"], 1 / 8, (1000, 5000, 20000)),
-    ("IIIA of pycolmap", lambda of: of["IIIA"]["time"] / of["pycolmap"]["time"], 1.0, (100,)),
-    ("IIIA of tuned", lambda of: of["IIIA"]["time"] / of["pycolmap tuned"]["time"], 1 / 4, (1000, 5000, 20000)),
-    ("IIIA, numpy of pycolmap", lambda of: of["IIIA, numpy"]["time"] / of["pycolmap"]["time"], 1.0, (1000, 5000)),
-    ("IIA of IIIA", lambda of: of["IIA"]["time"] / of["IIIA"]["time"], 1.15, (1000, 5000)),
-    ("IIIA wet of dry", lambda of: of[f"IIIA, {FEW_WET}"]["time"] / of["IIIA"]["time"], 1.15, (1000,)),
-    ("IIA wet of dry", lambda of: of[f"IIA, {FEW_WET}"]["time"] / of["IIA"]["time"], 1.3, (1000,)),
-    ("IIA WATPT of dry", lambda of: of[f"IIA WATPT, {FEW_WET}"]["time"] / of["IIA"]["time"], 2.0, (1000,)),
+    ("IIIA of pycolmap", lambda of: of["IIIA"]["time"] / of["pycolmap"]["time"], 1 / 4, (1000,)),
+    ("IIIA of pycolmap", lambda of: of["IIIA"]["time"] / of["pycolmap"]["time"], 1 / 5, (5000, 20000)),
+    ("IIIA of tuned", lambda of: of["IIIA"]["time"] / of["pycolmap tuned"]["time"], 1 / 3, (1000, 5000, 20000)),
+    ("IIIA, numpy of pycolmap", lambda of: of["IIIA, numpy"]["time"] / of["pycolmap"]["time"], 2.0, (1000,)),
+    ("IIA of IIIA", lambda of: of["IIA"]["time"] / of["IIIA"]["time"], 1.5, (1000, 5000)),
+    ("IIA of IIIA, numpy", lambda of: of["IIA, numpy"]["time"] / of["IIIA, numpy"]["time"], 2.5, (1000,)),
+    ("IIIA wet of dry", lambda of: of[f"IIIA, {FEW_WET}"]["time"] / of["IIIA"]["time"], 1.6, (1000,)),
+    ("IIA wet of dry", lambda of: of[f"IIA, {FEW_WET}"]["time"] / of["IIA"]["time"], 2.0, (1000,)),
+    ("IIA WATPT of dry", lambda of: of[f"IIA WATPT, {FEW_WET}"]["time"] / of["IIA"]["time"], 3.0, (1000,)),
     (
         "covariances of IIIA of those of pycolmap's stations",
         lambda of: of["IIIA"]["covariances"] / of["pycolmap"]["covariances"],
-        1 / 20,
+        1 / 10,
         (1000,),
     ),
-    ("GB without covariances", lambda of: of["IIIA"]["peak_gb"], 1.5, (20000,)),
+    ("GB without covariances", lambda of: of["IIIA"]["peak_gb"], 1.1, (5000,)),
 )
 
 
@@ -193,9 +196,12 @@ def _pycolmap(block: Any, tuned: bool) -> dict[str, Any]:
     options = pycolmap.BundleAdjustmentOptions(
         refine_focal_length=False, refine_extra_params=False, print_summary=False
     )
-    options.ceres.solver_options.function_tolerance = 1e-9
+    solver = options.ceres.solver_options
+    options.ceres.auto_select_solver_type = False  # from 1,000 photos on it would iterate, for longer
+    solver.linear_solver_type = type(solver.linear_solver_type).SPARSE_SCHUR
+    solver.function_tolerance = CERES_TOLERANCE
     if tuned:
-        options.ceres.solver_options.initial_trust_region_radius = 1e12
+        solver.initial_trust_region_radius = 1e12
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
     summary = adjuster.solve()
     total, cpu = time.perf_counter() - start, time.process_time() - cpu

@@ -232,7 +232,7 @@ def test_an_interrupted_batch_says_what_was_not_run(tmp_path):
     assert batch.returncode == 1
     assert "interrupted; what is finished is kept, and the same command goes on from there" in errors
     counts = summary_of(tmp_path)["counts"]
-    assert counts["not run"] >= 1 and counts["accepted"] == len(ledger_of(tmp_path))
+    assert counts["not run"] >= 1 and counts["accepted"] + counts["doubtful"] == len(ledger_of(tmp_path))
     assert (processes_in(tmp_path), leftovers(tmp_path)) == ([], [])
 
 
@@ -304,8 +304,9 @@ def test_a_full_disk_fails_only_what_goes_there(small_disk, tmp_path):
 def test_files_that_may_not_grow(tmp_path):
     """The same without a disk of its own: the records are larger than a file may be."""
     decks_in(tmp_path, small=2)
-    limit = 47_000  # bytes; a listing has 45 kB, a record 49 kB
-    assert len(expected(ST_THOMAS)[".lst"]) < limit < len(expected(ST_THOMAS)[".json"])
+    listing, record = (len(expected(ST_THOMAS)[suffix]) for suffix in (".lst", ".json"))
+    limit = (listing + record) // 2  # bytes
+    assert listing < limit < record
 
     def small_files():
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))

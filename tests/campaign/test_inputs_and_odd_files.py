@@ -70,6 +70,7 @@ def test_another_geoid_model_is_another_job(tmp_path, monkeypatch):
     assert check(tmp_path / "base").same
 
 
+@pytest.mark.slow
 def test_card_formats_that_are_edited_while_a_process_is_at_work(tmp_path):
     (deck,) = decks_in(tmp_path, small=1)
     formats = Path(shutil.copytree(ROOT / "card_formats" / "musat", tmp_path / "own"))

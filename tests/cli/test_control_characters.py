@@ -65,6 +65,7 @@ def test_names_of_soundings_are_escaped_in_their_listing(tmp_path):
     assert ESCAPED in listing and listing.replace("\n", "").replace("\f", "").isprintable()
 
 
+@pytest.mark.slow
 def test_a_letter_that_no_font_has_is_no_matter_of_the_user(tmp_path):
     deck = (ROOT / "fixtures/st_thomas/st_thomas.crd").read_text()
     (tmp_path / "deck.crd").write_text(deck)

@@ -41,6 +41,7 @@ def test_a_run_with_settings_is_that_of_a_deck_that_says_so(deck, tmp_path):
     assert "settings" not in without and with_settings == without
 
 
+@pytest.mark.slow
 def test_how_far_causes_are_searched_is_said_where_it_is_not_usual(deck):
     said = []
     for options in (("--causes", "none", *IIIA), ("--causes", "usual", *IIIA)):

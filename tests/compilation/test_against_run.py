@@ -87,12 +87,12 @@ def test_a_point_of_which_the_run_has_kept_out_one_reading_is_not_tested() -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("again", [True, False])
 def test_differences_are_as_large_as_their_covariances_say(solution: model.Solution, again: bool) -> None:
-    """Sixty runs of noise in plates and control; readings made again, or those of the run."""
+    """Twenty-five runs of noise in plates and control; readings made again, or those of the run."""
     block, draws, tests = solution.block, np.random.default_rng(5), []
     exact = block.plates.xy + solution.plates.residual
     control = block.control
     full = np.isfinite(control.position).all(axis=1)
-    for _ in range(60):
+    for _ in range(25):
         xy = exact + 0.005 * draws.normal(size=exact.shape)
         truth = solution.points.position[control.point]
         metres = control.sigma * draws.normal(size=control.sigma.shape) / [6.04e6, 6.35e6, 1.0]
@@ -102,4 +102,4 @@ def test_differences_are_as_large_as_their_covariances_say(solution: model.Solut
         read = exact + 0.005 * draws.normal(size=exact.shape) if again else xy
         found = against(run, read, 0.005 * run.unit_sigma)
         tests.append(found.test[np.isfinite(found.test)])
-    assert np.sqrt(np.mean(np.square(np.concatenate(tests)))) == pytest.approx(1.0, abs=0.08)
+    assert np.sqrt(np.mean(np.square(np.concatenate(tests)))) == pytest.approx(1.0, abs=0.12)

@@ -293,6 +293,7 @@ def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_pa
     assert 0.05 < far < 0.5
 
 
+@pytest.mark.slow
 def test_readings_that_give_no_point_are_listed_with_their_reasons(run: Path, tmp_path: Path) -> None:
     deck = changed(tmp_path, ("   3.994012", " 193.994012"), ("  10.548236", " -95.548236"))
     result = compiled(run, deck, tmp_path)
@@ -302,6 +303,7 @@ def test_readings_that_give_no_point_are_listed_with_their_reasons(run: Path, tm
     assert "Point 202 of model 2122: its rays meet behind a camera." in listing
 
 
+@pytest.mark.slow
 def test_a_blunder_of_the_operator_shows_in_its_y_parallax(run: Path, tmp_path: Path) -> None:
     result = compiled(run, changed(tmp_path, ("  85.021980", "  85.221980")), tmp_path)
     assert "point 102 of model 2122 has a y-parallax of -1" in result.output

@@ -173,6 +173,7 @@ def bottom(path: Path) -> Grid:
     return grid
 
 
+@pytest.mark.slow
 def test_rows_of_a_raster_are_the_whole_of_it(
     record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

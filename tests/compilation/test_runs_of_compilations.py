@@ -86,6 +86,7 @@ def test_a_verdict_against_the_run_is_said_on_every_page(runs: Path, tmp_path: P
     assert all(page.splitlines()[1] == f"*** THE RUN IS {grade} ***" for page in listing)
 
 
+@pytest.mark.slow
 def test_a_record_without_the_fields_of_later_versions_compiles_as_before(runs: Path, tmp_path: Path) -> None:
     """Fields that came after schema 2.0 was there have their defaults; what is there is held against the schema."""
     record = json.loads((runs / "st_thomas.json").read_bytes())
@@ -108,6 +109,7 @@ def test_a_record_without_the_fields_of_later_versions_compiles_as_before(runs: 
     assert refused.exit_code == 1 and "water.liquid: expected text, found 7" in refused.output
 
 
+@pytest.mark.slow
 def test_a_run_that_has_converged_has_no_word_of_it(runs: Path, tmp_path: Path) -> None:
     words = ("as11", "compile", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
     assert invoked(*words, "--anyway").exit_code == 0

@@ -212,6 +212,7 @@ def test_under_waves_short_beside_the_depth_points_are_lost_with_a_reason(sea: S
     assert [REASONS[row] for row in done.reason] == [NOT_FOLLOWED, ""]
 
 
+@pytest.mark.slow
 def test_readings_off_the_known_water_are_the_only_ones_lost() -> None:
     """A surface measured on a grid that ends in the middle of the model."""
     x, y = np.arange(-200.0, 405.0, 5.0), np.arange(-900.0, 905.0, 5.0)

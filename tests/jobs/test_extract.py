@@ -29,6 +29,7 @@ def measurements(block: Block) -> set[tuple[object, ...]]:
     }
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), system=st.sampled_from(list(CoordinateSystem)))
 def test_the_measurements_of_the_photos_and_no_others(seed: int, system: CoordinateSystem) -> None:

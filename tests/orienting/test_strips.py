@@ -140,6 +140,7 @@ def test_a_strip_whose_images_do_not_fit_is_rejected(tmp_path: Path) -> None:
     assert re.search(r"sigma0 [12]\.[0-9]+: the images do not fit, by the test of 99.9 %", result.output)
 
 
+@pytest.mark.slow
 def test_a_strip_whose_known_plane_does_not_settle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("musatpy.orientation.twomedia.strip._PASSES", 2)
     block, _ = strip_block("lab", 4, plane=model.PlaneTreatment.KNOWN)
@@ -148,6 +149,7 @@ def test_a_strip_whose_known_plane_does_not_settle(monkeypatch: pytest.MonkeyPat
     assert "*** NOT CONVERGED ***" in (tmp_path / "job.lst").read_text()
 
 
+@pytest.mark.slow
 def test_photos_of_a_strip_in_any_order(tmp_path: Path) -> None:
     block, true = strip_block("lab", 5)
     shuffled = np.array([3, 0, 2, 4, 1])

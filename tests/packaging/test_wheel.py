@@ -37,6 +37,7 @@ def examples_of(folder):
     return tomllib.loads((folder / "examples.toml").read_text(encoding="utf-8"))["example"]
 
 
+@pytest.mark.slow
 def test_the_wheel_is_small(wheel):
     """Of the examples 3 MB at most, and far less than that in all."""
     with zipfile.ZipFile(wheel) as archive:

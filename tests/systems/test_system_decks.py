@@ -215,6 +215,7 @@ def test_a_local_deck_has_other_angles(tmp_path):
     assert record["options"]["system"] == "LOCL"
 
 
+@pytest.mark.slow
 def test_a_geocentric_deck_answers_in_a_grid(tmp_path, base):
     """Its option card says the system; the answer is that of the same job in latitudes."""
     block, native = base

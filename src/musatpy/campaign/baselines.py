@@ -230,7 +230,7 @@ def _take_over(
         entries[name] = entry
         files |= {} if same else contents
     result = replace(baseline, entries=entries)
-    remove_leftovers([*files, baseline.folder / INDEX])
+    remove_leftovers([*files, baseline.folder / INDEX, *baseline.folder.rglob("*")])
     index = baseline.folder / INDEX
     if (entries or baseline.entries) and (files or outdated or not _is_kept(index, result.index())):
         # the index last: after a kill before it the old one is true of what is not there any more

@@ -117,7 +117,7 @@ class _Workers(Executor):
         self._address, self._say = address, say
         self._calls: set[Future[Any]] = set()
         self._ended = threading.Event()
-        threading.Thread(target=self._look, daemon=True).start()
+        threading.Thread(target=self._look, args=(bool(client.nthreads()), self._come()), daemon=True).start()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Return the future of a call."""
@@ -130,17 +130,27 @@ class _Workers(Executor):
         """Look at the workers no more."""
         self._ended.set()
 
-    def _look(self) -> None:
-        """Count the workers every second: the engine waits for them without a word, and for ever."""
-        ever, last, told = False, time.monotonic(), False
+    def _come(self) -> int:
+        """Return how many workers have come to the scheduler since it was started."""
+        events = (event for _, event in self._client.get_events("all"))
+        return sum(isinstance(event, dict) and event.get("action") == "add-worker" for event in events)
+
+    def _look(self, ever: bool, before: int) -> None:
+        """Count the workers every second: the engine waits for them without a word, and for ever.
+
+        `ever`: whether there were workers at the start; `before`: how many had come by then. Those that die as they
+        load may be gone before they are counted.
+        """
+        last, told = time.monotonic(), False
         while not self._ended.wait(1.0):
             try:
                 there = bool(self._client.nthreads())
+                ever = ever or there or self._come() > before
             except Exception:  # a scheduler that is lost, which the calls say
                 return
             alone = time.monotonic() - last
             if there:
-                ever, last = True, time.monotonic()
+                last = time.monotonic()
             elif not ever and not told and alone > _NONE_YET:
                 told = True
                 self._say(f"{self._address}: the scheduler has no workers yet, the jobs wait for the first one")

@@ -79,8 +79,8 @@ def test_of_full_weights_the_expected_squares_are_the_redundancy(method):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "TRIPLET", "COMBINED"])
 def test_squares_are_as_large_as_expected(method):
-    """The mean of 60 draws within four of its standard deviations; those of the triplet have 3.7 degrees."""
-    draws = [oriented(method, equal=True, seed=seed) for seed in range(60)]
+    """The mean of 30 draws within four of its standard deviations; those of the triplet have 3.7 degrees."""
+    draws = [oriented(method, equal=True, seed=seed) for seed in range(30)]
     deviation = np.sqrt(2.0 / draws[0].expected[1] / len(draws))
     assert np.mean([result.sigma0**2 for result in draws]) == pytest.approx(1.0, abs=4.0 * deviation)
     assert np.mean([result.fits for result in draws]) > 0.95

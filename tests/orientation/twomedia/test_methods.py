@@ -83,11 +83,11 @@ def test_the_truth_from_nothing(name, method):
     [(name, method) for name in KINDS for method in METHODS if name != "aerial" or not method.startswith("PAIR")],
 )
 def test_other_points_give_the_truth_from_nothing(name, method):
-    """In all of 30 draws of the points, to 1e-9 of the height and rad, where the plane is determined.
+    """In all of ten draws of the points, to 1e-9 of the height and rad, where the plane is determined.
 
-    Of 100 in 99 and more (half an hour for all methods and geometries).
+    In all of 30 as well, and of 100 in 99 and more (half an hour for all methods and geometries).
     """
-    for draw in range(1, 31):
+    for draw in range(1, 11):
         true = geometry(name, method, draw)
         result = orient(sights_of(true, control_of(METHODS[method])), METHODS[method], Plane(), true.kind.B)
         assert scaled_errors(result.at, true).max() < 1e-9, draw
@@ -306,7 +306,7 @@ def test_too_few_equations_say_what_is_lacking():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_true_errors_are_as_large_as_their_sigmas(method):
-    """1,000 draws in the laboratory: RMS of the errors over the sigmas .92 to 1.08, 3.6 of its own sigmas.
+    """500 draws in the laboratory: RMS of the errors over the sigmas .886 to 1.114, 3.6 of its own sigmas.
 
     From the truth, which is near enough for the last steps alone.
     """
@@ -314,7 +314,7 @@ def test_true_errors_are_as_large_as_their_sigmas(method):
     problem = problem_of(sights_of(true, control_of(METHODS[method])), METHODS[method], Plane())
     truth, ratios, passed = truth_of(true), [], 0
     rng, unknown = np.random.default_rng(6), problem.unknown
-    for _ in range(10):
+    for _ in range(5):
         image = problem.image + rng.normal(size=(100, *problem.image.shape)) * problem.image_sigma
         result = refined(problem, truth[np.zeros(100, dtype=int)], image)
         assert result.converged.all()
@@ -324,26 +324,22 @@ def test_true_errors_are_as_large_as_their_sigmas(method):
         ratios.extend((result.at.vector - truth.vector)[:, unknown] / sigma)
         passed += np.count_nonzero(chdtrc(oriented("lab", method).redundancy, result.squares) > 0.05)
     rms = np.sqrt(np.mean(np.square(ratios), axis=0))
-    assert (rms > 0.92).all(), rms
-    assert (rms < 1.08).all(), rms
-    assert 930 <= passed <= 970  # 950 +- 3 sigma
+    assert (rms > 0.886).all(), rms
+    assert (rms < 1.114).all(), rms
+    assert 460 <= passed <= 490  # 475 +- 3 sigma
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method", "share"),
     [
-        ("lab", "SINGLE-RAY", 100),
         ("aerial", "SINGLE-RAY", 100),
         ("lab", "SINGLE-FERMAT", 100),
         ("tank", "SINGLE-FERMAT", 98),
         ("lab", "PAIR-INDEPENDENT", 98),
-        ("tank", "PAIR-INDEPENDENT", 97),
-        ("lab", "PAIR-SUCCESSIVE", 98),
         ("aerial", "PAIR-SUCCESSIVE", 96),
         ("tank", "COMBINED", 100),
         ("lab", "TRIPLET", 88),
-        ("aerial", "TRIPLET", 98),
     ],
 )
 def test_how_far_the_unknowns_of_the_paper_lead(name, method, share, monkeypatch):

@@ -78,7 +78,7 @@ def test_a_limit_of_starts_limits_the_search():
 @pytest.mark.parametrize("method", _LEAST)
 def test_how_often_minimum_sets_have_other_solutions(method):
     """In the laboratory nearly always when 200 starts look for them: a minimum set is none to trust."""
-    counts = [len(roots_of(method, seed).level) - 1 for seed in range(10)]
+    counts = [len(roots_of(method, seed).level) - 1 for seed in range(5)]
     assert np.mean(np.array(counts) > 0) > 0.45
 
 
