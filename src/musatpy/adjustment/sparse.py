@@ -20,7 +20,7 @@ from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.threads import side_by_side
 from musatpy.arrays import FloatArray, IntArray, order_of
 
-_LIGHT = 4  # unknowns of as much work as a ray: fronts wait for one another where they are small
+_LIGHT = 2  # unknowns of as much work as a ray: fronts wait for one another where they are small
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
