@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from musatpy.statistics.hidden import HiddenErrors
 from scipy import stats
 
 from altered import altered, put, with_options
@@ -31,7 +32,6 @@ from musatpy.model.water import index_range
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import metric_differences
 from musatpy.statistics.gates import flying_height, ground_heights, named
-from musatpy.statistics.hidden import HiddenErrors
 from musatpy.statistics.quality import test_limit as limit_of
 from musatpy.statistics.verdict import normal_tests
 from sample_solutions import sample_solution

@@ -20,6 +20,8 @@ _ROUNDING = 1e-6
 _NOTHING = 1e-9  # and so may this growth, in squared sigmas: without errors the sum itself is rounding
 _LOST = "points stay behind their cameras"
 _STUCK = "no step lowers the sum of squares"
+_GAIN, _HALTED = 1e-4, 3  # share of the sum of squares, and damped steps in a row that gain less: they go nowhere
+_HALT = "damped steps hardly lower the sum of squares any more"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,10 +107,10 @@ def iterate(
     The limits are those of the problem for what it solves for; that nothing adjusted changes by more than `AT_REST`
     of its own sigma is the same for all problems.
     A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time;
-    every accepted step lets the damping go. From where the objective is infinite, steps are taken without looking,
+    every accepted step lets the damping go, and steps that gain next to nothing under it end. From where the objective is infinite, steps are taken without looking,
     but not for long. Raises `SingularNormalsError`.
     """
-    damping, blind, before = 0.0, 0, state
+    damping, blind, slow, before = 0.0, 0, 0, state
     step, change = np.zeros(0), 0.0
     for number in range(1, max_iterations + 1):
         line = problem.linearise(state)
@@ -134,6 +136,9 @@ def iterate(
         change = 0.0 if damping else line.change(step)
         if not (damping or blind) and change < AT_REST and problem.converged(step):
             return Outcome(state=state, last_step=step, failure="", change=change, factor=factor)
+        slow = slow + 1 if damping and line.objective - objective < _GAIN * line.objective else 0
+        if slow == _HALTED:
+            return Outcome(state=state, last_step=step, failure=_HALT, change=change)
         damping = 0.1 * damping if damping >= _FIRST_DAMPING else 0.0
         factor = taken = None  # which makes room for the next
     plural = "" if max_iterations == 1 else "s"
