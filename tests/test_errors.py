@@ -41,7 +41,7 @@ def test_what_is_quoted_is_cut_and_so_is_a_message_without_end():
 
 
 def test_the_size_of_a_cause_that_is_not_known_is_not_told():
-    cause = Cause(kind=CauseKind.BASE, cards=("ABL",), photos=("1", "2"), unit="m", advice="read it again")
+    cause = Cause(kind=CauseKind.AIR_BASE, cards=("ABL",), photos=("1", "2"), unit="m", advice="read it again")
     assert "off by" not in str(replace(cause, size=(math.nan,))) and "nan" not in str(
         replace(cause, size=(math.nan,))
     )

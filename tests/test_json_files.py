@@ -27,18 +27,19 @@ from record_rows import with_rows
 ROOT = Path(__file__).parents[1]
 OF_ROWS = Path(__file__).parent / "records" / "st_thomas_1.10.json.gz"
 DIGITS = """
+# The record was made with a matrix that was kept near the minimum: 2e-9 m in what points of equal height differ by.
 [[rule]]
 name = "digits"
-relative = 1e-8
-absolute = 1e-12
+relative = 2e-7
+absolute = 1e-10
 
-# Lengths of steps between heights of metres, by the order of the formula of their components: 3e-12 m.
+# Lengths of steps between heights of metres: normal equations of its own in every step, 8e-10 m.
 [[rule]]
 name = "steps"
 section = "^(iterations|water_passes)$"
 column = "^(translation|movement|rms_movement)$"
 relative = 1e-8
-absolute = 1e-11
+absolute = 1e-9
 """
 VERSIONS = (
     "[[rule]]\nname = 'versions'\nsection = '(top)'\ncolumn = '^(schema_version|content|settings)$'\nskip = true\n"
@@ -115,7 +116,7 @@ def test_a_record_of_rows_is_read_as_columns(tmp_path: Path) -> None:
     assert found["iterations"] == old["iterations"] and found["adjusted_water"]["waves"] is None
     now = tmp_path / "NOW.json"
     now.write_text(_text())
-    limit = "1e-8"  # sigmas: records of one deck, and digits that the new one has not
+    limit = "1e-7"  # sigmas: digits that the new one has not, and rounding of another solver loop (1.4e-8)
     assert CliRunner().invoke(main, ["compare", str(path), str(now), "--limit", limit]).exit_code == 0
     rules = tmp_path / "rules.toml"
     rules.write_text(DIGITS + VERSIONS + SINCE)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from musatpy.statistics.hidden import HiddenErrors
 from scipy import stats
 
 from altered import altered, put, with_options
@@ -33,6 +32,7 @@ from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import metric_differences
 from musatpy.statistics.gates import flying_height, ground_heights, named
 from musatpy.statistics.quality import test_limit as limit_of
+from musatpy.statistics.undetected import HiddenErrors
 from musatpy.statistics.verdict import normal_tests
 from sample_solutions import sample_solution
 
