@@ -106,9 +106,10 @@ def iterate(
 
     The limits are those of the problem for what it solves for; that nothing adjusted changes by more than `AT_REST`
     of its own sigma is the same for all problems.
-    A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time;
-    every accepted step lets the damping go, and a few in a row that gain next to nothing under it end the iteration.
-    From where the objective is infinite, steps are taken without looking, but not for long. Raises `SingularNormalsError`.
+    A step that would raise the objective is taken again with Levenberg's damping, ten times stronger each time.
+    Every accepted step lets the damping go; three in a row that gain next to nothing under it end the iteration.
+    From where the objective is infinite, steps are taken without looking, but not for long. Raises
+    `SingularNormalsError`.
     """
     damping, blind, slow, before = 0.0, 0, 0, state
     step, change = np.zeros(0), 0.0
