@@ -20,7 +20,7 @@ _ROUNDING = 1e-6
 _NOTHING = 1e-9  # and so may this growth, in squared sigmas: without errors the sum itself is rounding
 _LOST = "points stay behind their cameras"
 _STUCK = "no step lowers the sum of squares"
-_GAIN, _HALTED = 1e-4, 3  # share of the sum of squares, and damped steps in a row that gain less: they go nowhere
+_HALTED = 3  # damped steps in a row that gain no more than rounding
 _HALT = "damped steps hardly lower the sum of squares any more"
 
 
@@ -137,7 +137,7 @@ def iterate(
         change = 0.0 if damping else line.change(step)
         if not (damping or blind) and change < AT_REST and problem.converged(step):
             return Outcome(state=state, last_step=step, failure="", change=change, factor=factor)
-        slow = slow + 1 if damping and line.objective - objective < _GAIN * line.objective else 0
+        slow = slow + 1 if damping and line.objective - objective < _ROUNDING * line.objective else 0
         if slow == _HALTED:
             return Outcome(state=state, last_step=step, failure=_HALT, change=change)
         damping = 0.1 * damping if damping >= _FIRST_DAMPING else 0.0
