@@ -396,6 +396,7 @@ def test_explicit_points_are_read_as_python_does(text):
     assert same(read_number(text, edit), float(text.replace("D", "E")))
 
 
+@pytest.mark.slow
 @given(st.from_regex(r"[+-]?[0-9]{1,12}", fullmatch=True), st.integers(0, 9), st.integers(0, 5))
 def test_implied_points_are_read_exactly(text, decimals, before):
     edit = Edit(letter="F", width=len(text) + before + decimals + 1, decimals=decimals)

@@ -278,6 +278,7 @@ def test_listings_are_the_same_byte_by_byte(monkeypatch: pytest.MonkeyPatch, tmp
     assert "kernels" not in same
 
 
+@pytest.mark.slow
 def test_the_summary_names_kernels_that_are_not_the_plain_ones(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

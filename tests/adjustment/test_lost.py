@@ -125,6 +125,7 @@ def test_normal_equations_without_sense_end_the_run():
     assert outcome.state == "first"
 
 
+@pytest.mark.slow
 def test_a_run_that_falls_short_does_not_follow_the_water_line_for_long():
     """One iteration is not enough for any triangulation, and points change their sides of the water after each."""
     spec = spec_from_table(

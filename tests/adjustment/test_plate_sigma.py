@@ -33,6 +33,7 @@ def squared_errors(made: Simulated, solution: Solution) -> dict[str, np.ndarray]
     return {"stations": station**2 / of_stations, "points": points[~known], "control": points[known]}
 
 
+@pytest.mark.slow
 def test_plates_alone_are_weighed_until_their_component_is_one() -> None:
     made = simulate(Plan(submerged=True, station_sigma=0.05, photos_per_strip=4, seed=3))
     block = guessed(made)

@@ -34,6 +34,7 @@ def points_of(block: Block, *, flagged: bool) -> list[set[int]]:
     return [set(plates.point[rows & (plates.photo == photo)].tolist()) for photo in range(len(block.photos.ids))]
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_ties_and_parts(seed: int) -> None:
