@@ -1,7 +1,8 @@
 """What a version of the program makes of the frozen decks.
 
-`python -m frozen.outputs DECKS OUT`, with the version to be asked on PYTHONPATH, writes all that its commands
-say and leave, a file for each, below a folder. The number of the version is taken out of texts.
+`python -m frozen.outputs DECKS OUT [EVERY]`, with the version to be asked on PYTHONPATH, writes all that its
+commands say and leave, a file for each, below a folder, of all decks or of one of EVERY. The number of the
+version is taken out of texts.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ _FAMILIES = ("giant", "patb", "bingo", "jfk")
 _PAIRS = 200
 
 
-def main(decks: Path, out: Path) -> None:
-    """Run every command on every deck."""
+def main(decks: Path, out: Path, every: int = 1) -> None:
+    """Run every command on every deck, or on one of so many."""
     out.mkdir(parents=True)
     shutil.copytree(decks, out / "decks")
     os.chdir(out)
     manual.run(Path("decks/pages").resolve(), Path("manual").resolve())
     shutil.rmtree("decks/pages")
-    paths = sorted(Path("decks").rglob("*.crd"))
+    paths = sorted(Path("decks").rglob("*.crd"))[::every]
     for deck in paths:
         _deck(deck)
     _pairs(sorted(Path("runs").rglob("*.lst")), sorted(Path("runs").rglob("*.json")))
@@ -96,4 +97,4 @@ def _neutral(text: str) -> str:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve())
+    main(Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve(), *map(int, sys.argv[3:]))
