@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from common_mistakes import FAR, MISTAKES, outcome
+from drivers.common_mistakes import FAR, MISTAKES, outcome
 from musatpy.model import Grade
 
 _NAMED = {mistake.name: mistake for mistake in MISTAKES}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fuzz_inputs import fuzz
+from drivers.fuzz_inputs import fuzz
 
 
 @pytest.mark.slow
@@ -23,6 +23,6 @@ def test_spoilt_inputs_end_in_an_answer_or_a_message(seed: int) -> None:
 @pytest.mark.slow
 def test_a_case_that_hangs_outside_python_is_ended() -> None:
     """Such as OpenBLAS asking for memory: no handler of a signal is called there, the system ends the process."""
-    code = "from fuzzing import cpu_limit\nwith cpu_limit(1.0):\n    sum(range(10**11))"
+    code = "from drivers.fuzzing import cpu_limit\nwith cpu_limit(1.0):\n    sum(range(10**11))"
     ran = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, timeout=200, check=False)
     assert ran.returncode == -signal.SIGXCPU

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mutated_decks import absurdities, decks, run
+from drivers.mutated_decks import absurdities, decks, run
 
 _SLOW = [pytest.param(first, 48, marks=pytest.mark.slow) for first in range(12, 300, 48)]
 

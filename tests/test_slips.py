@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from drivers.slips import DECKS, UNUSABLE, slips
 from musatpy.model import Grade
-from slips import DECKS, UNUSABLE, slips
 
 
 @pytest.mark.slow

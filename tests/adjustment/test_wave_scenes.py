@@ -1,6 +1,6 @@
 """Random scenes through unknown waves: the true crests are found, and what cannot be told is said.
 
-The study of 500 scenes is `python tests/wave_scenes_study.py 500`.
+The study of 500 scenes is `python -m drivers.wave_scenes_study 500`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import pytest
 from scipy.optimize import minimize
 
 import musatpy
-import wave_scenes_study as study
 from altered import altered
+from drivers import wave_scenes_study as study
 from musatpy.adjustment import wave_trials
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import prepared

@@ -13,6 +13,7 @@ from adjustment.test_equivalence import SHORE, reference_at_the_tide, simulated
 from adjustment.water_jobs import shore, st_thomas
 from altered import altered, put, with_options
 from benchmarks.blocks import make_block
+from drivers.mutated_decks import decks
 from musatpy import read_deck
 from musatpy.adjustment import adjust, wet_states
 from musatpy.adjustment.collinear import eliminate, local_normals
@@ -30,7 +31,6 @@ from musatpy.adjustment.waterline import (
 )
 from musatpy.model import Block, Program, Refraction, Solution
 from musatpy.model.solution import Iteration
-from mutated_decks import decks
 from reference import compare
 
 DECK = Path(__file__).parents[2] / "fixtures/verdict/iiia_false_minimum.crd"

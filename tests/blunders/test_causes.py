@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from altered import added, altered
 from blunders import study
 from blunders.study import Trial, edited, strip
-from common_mistakes import MISTAKES, outcome, simulated
+from drivers.common_mistakes import MISTAKES, outcome, simulated
 from musatpy import adjust, read_deck
 from musatpy.cli.main import main
 from musatpy.formats.musat import check_deck

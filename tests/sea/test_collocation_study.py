@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import collocation_tables
+from drivers import collocation_tables
 from musatpy.sea.interpolation.correlation import Family
 from musatpy.sea.interpolation.prediction import Collocation
 from musatpy.sea.theory import linear_wave

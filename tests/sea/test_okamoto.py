@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-import okamoto_tables as tables
+from drivers import okamoto_tables as tables
 from studies import okamoto
 
 cells = cache(tables.cells)
@@ -66,6 +66,6 @@ def test_every_ray_of_the_paper_has_one_refraction_point() -> None:
 
 
 def test_the_page_and_its_table_are_up_to_date() -> None:
-    """`python tests/okamoto_tables.py` writes them."""
+    """`python -m drivers.okamoto_tables` writes them."""
     assert tables.PAGE.read_text(encoding="utf-8") == tables.page() + "\n"
     assert tables.TABLE.read_text(encoding="utf-8") == tables.table()

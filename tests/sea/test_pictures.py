@@ -9,11 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import collocation_tables
-import okamoto_tables
 import sea_fixtures
-import sea_tables
-import unknown_waves_study
+from drivers import collocation_tables, okamoto_tables, sea_tables, unknown_waves_study
 
 pytest.importorskip("matplotlib")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-import sea_tables
+from drivers import sea_tables
 from studies.stereo import Setup, run
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-import unknown_waves_study as study
+from drivers import unknown_waves_study as study
 from studies.strip import Strip
 from studies.unknown_waves import Guess, cells
 

@@ -1,20 +1,18 @@
 """Inputs that are spoilt, through the commands that read them: what ends in anything but an answer or a message.
 
-`python tests/fuzz_inputs.py [COUNT] [SEED] [TARGET...]` prints each case that does, and how many there were.
+`drivers.fuzzing` makes them by the thousand.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import random
 import re
 import shutil
 import signal
-import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,16 +21,16 @@ from typing import Any
 
 from click.testing import CliRunner
 
-from fuzzing import cpu_limit
+from drivers.fuzzing import cpu_limit
 from musatpy.cli.main import main
 from musatpy.runs import run_deck
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FIXTURES = ROOT / "fixtures"
 SECONDS = 10.0  # of CPU for a case
-_PAIR = ("--cameras", f"{FIXTURES}/sea/cameras.csv", "--index", "1.34")
-_LAGOON = ("--focal", "152.4", "--format", "228.6,228.6", "--index", "1.3398")
-_MODEL = ("--index", "1.34", "--depths", "5")
+_PAIR = f"--cameras {FIXTURES}/sea/cameras.csv --index 1.34"
+_LAGOON = "--focal 152.4 --format 228.6,228.6 --index 1.3398"
+_MODEL = "--index 1.34 --depths 5"
 _CONTROL = "\x1b[2J\x07\x9b31m\u202e"
 _NUMBERS = (
     "nan",
@@ -49,32 +47,10 @@ _NUMBERS = (
     "-1",
     "2.5",
 )
-_VALUES = (
-    *_NUMBERS,
-    '"\\u001b[2J"',
-    '""',
-    '"x"',
-    "[]",
-    "{}",
-    "true",
-    "[1, [2]]",
-    "[" * 3000 + "]" * 3000,
-    '"../x"',
-)
+_JSON = ('"\\u001b[2J"', '""', '"x"', "[]", "{}", "true", "[1, [2]]", "[" * 3000 + "]" * 3000, '"../x"')
+_VALUES = (*_NUMBERS, *_JSON)
 _NODES: tuple[Any, ...] = (
-    None,
-    True,
-    0,
-    -1,
-    1e308,
-    10**400,
-    float("nan"),
-    float("inf"),
-    "",
-    _CONTROL,
-    [],
-    {},
-    [[1]],
+    *(None, True, 0, -1, 1e308, 10**400, float("nan"), float("inf"), "", _CONTROL, [], {}, [[1]]),
 )
 
 
@@ -88,7 +64,7 @@ class Target:
 
     name: str
     source: Path
-    command: tuple[str, ...]
+    command: Sequence[str]
     beside: tuple[Path, ...] = ()  # files that are to stand in its folder
     weight: int = 10
 
@@ -122,120 +98,55 @@ def targets(made: Path) -> list[Target]:
     bay = FIXTURES / "st_thomas_as11/st_thomas_as11.crd"
     manifest = made / "strips.toml"
     manifest.write_text(f'out = "here"\nbrief = true\n[[job]]\ndeck = "{deck}"\npunch = "result"\n')
-    index = Target(
-        name="index", source=made / "base/baseline.json", command=("baseline", "list", "{folder}"), weight=8
-    )
-    return [
-        Target(name="spec", source=thomas / "st_thomas.toml", command=("simulate", "{}", "-o", "{out}")),
-        Target(
-            name="wave spec", source=FIXTURES / "waves/bay.toml", command=("waves", "{}", "-o", "{out}"), weight=3
-        ),
+    agency = [made / name for name in ("patb.im", "patb.ori", "giant.cnt", "giant.img") if (made / name).exists()]
+    mapped, control = FIXTURES / "collocation/mapped.csv", FIXTURES / "collocation/control.csv"
+    surface, places = made / "water.surface.json", FIXTURES / "groeneveld_meijer/table1.csv"
+    depth = f"depth correct {{}} -o {{out}}/o{{suffix}} --jobs 1 --cameras {lagoon}/cameras.csv {_LAGOON}"
+    rows: list[tuple[str, Path, str, int]] = [
+        ("spec", thomas / "st_thomas.toml", "simulate {} -o {out}", 10),
+        ("wave spec", FIXTURES / "waves/bay.toml", "waves {} -o {out}", 3),
+        *(("cards", one, f"check {deck} --formats {{folder}}", 1) for one in own),
         *(
-            Target(
-                name="cards",
-                source=one,
-                beside=own,
-                command=("check", str(deck), "--formats", "{folder}"),
-                weight=1,
-            )
-            for one in own
-        ),
-        *(
-            Target(
-                name="formats",
-                source=one,
-                beside=harbour,
-                command=("convert", "--formats", "{folder}", str(made / "job.hbi"), "{out}/o.hbs", "--to",
-                         "{name}"),
-            )
+            ("formats", one, f"convert --formats {{folder}} {made}/job.hbi {{out}}/o.hbs --to {{name}}", 10)
             for one in harbour
         ),
-        Target(name="compare", source=record, command=("compare", "{}", str(record)), weight=15),
-        Target(name="against", source=record, command=("audit", str(listing), "--against", "{}")),
-        Target(name="stations", source=local, command=("depth", "table", "--cameras", "{}", *_MODEL)),
-        Target(name="sea record", source=local, command=("sea", "fit", "{}", "-o", "{out}")),
-        Target(
-            name="points record",
-            source=local,
-            command=("sea", "interpolate", "{}", "{}", "-o", "{out}/o.csv"),
+        ("compare", record, f"compare {{}} {record}", 15),
+        ("against", record, f"audit {listing} --against {{}}", 10),
+        ("stations", local, f"depth table --cameras {{}} {_MODEL}", 10),
+        ("sea record", local, "sea fit {} -o {out}", 10),
+        ("points record", local, "sea interpolate {} {} -o {out}/o.csv", 10),
+        ("diff record", record, f"diff {{}} {record}", 5),
+        ("diff", listing, f"diff {{}} {listing}", 5),
+        ("audit", listing, "audit {}", 6),
+        ("scan", FIXTURES / "legacy/etl0306_table_6_5.lst", "audit {}", 15),
+        ("rules", thomas / "st_thomas.diff.toml", f"diff --rules {{}} {listing} {listing}", 10),
+        ("cameras", lagoon / "cameras.csv", f"depth table --cameras {{}} {_MODEL}", 10),
+        ("points", lagoon / "points.csv", depth, 10),
+        ("places", places, "depth table --height 2500 --base 1126 --index 1.35 --at {}", 10),
+        ("water", sea / "water.csv", "sea fit {} -o {out}", 2),
+        ("surface", surface, f"sea correct {sea}/bottom.csv -o {{out}}/o.csv --surface {{}} {_PAIR}", 10),
+        ("bottom", sea / "bottom.csv", f"sea correct {{}} -o {{out}}/o.csv --surface {surface} {_PAIR}", 10),
+        ("control", control, f"sea interpolate {mapped} {{}} -o {{out}}/o.csv --function gaussian", 3),
+        *(("cloud", one, depth, 10) for one in clouds),
+        *(("agency", one, f"convert --deck {deck} {{}} {{out}}/o.crd", 10) for one in agency),
+        ("stages", bay, f"as11 compile {record} {{}} -o {{out}}", 6),
+        (
+            "soundings",
+            bay.with_name("soundings.csv"),
+            f"as11 compare-soundings {record} {bay} {{}} -o {{out}} --plan-sigma 1",
+            4,
         ),
-        Target(name="diff record", source=record, command=("diff", "{}", str(record)), weight=5),
-        Target(name="diff", source=listing, command=("diff", "{}", str(listing)), weight=5),
-        Target(name="audit", source=listing, command=("audit", "{}"), weight=6),
-        Target(name="scan", source=FIXTURES / "legacy/etl0306_table_6_5.lst", command=("audit", "{}"), weight=15),
-        Target(
-            name="rules",
-            source=thomas / "st_thomas.diff.toml",
-            command=("diff", "--rules", "{}", str(listing), str(listing)),
-        ),
-        Target(
-            name="cameras", source=lagoon / "cameras.csv", command=("depth", "table", "--cameras", "{}", *_MODEL)
-        ),
-        Target(
-            name="points",
-            source=lagoon / "points.csv",
-            command=("depth", "correct", "{}", "-o", "{out}/o.csv", "--jobs", "1", "--cameras",
-                     str(lagoon / "cameras.csv"), *_LAGOON),
-        ),
-        Target(
-            name="places",
-            source=FIXTURES / "groeneveld_meijer/table1.csv",
-            command=("depth", "table", "--height", "2500", "--base", "1126", "--index", "1.35", "--at", "{}"),
-        ),
-        Target(name="water", source=sea / "water.csv", command=("sea", "fit", "{}", "-o", "{out}"), weight=2),
-        Target(
-            name="surface",
-            source=made / "water.surface.json",
-            command=("sea", "correct", str(sea / "bottom.csv"), "-o", "{out}/o.csv", "--surface", "{}", *_PAIR),
-        ),
-        Target(
-            name="bottom",
-            source=sea / "bottom.csv",
-            command=("sea", "correct", "{}", "-o", "{out}/o.csv", "--surface", str(made / "water.surface.json"),
-                     *_PAIR),
-        ),
-        Target(
-            name="control",
-            source=FIXTURES / "collocation/control.csv",
-            command=("sea", "interpolate", str(FIXTURES / "collocation/mapped.csv"), "{}", "-o", "{out}/o.csv",
-                     "--function", "gaussian"),
-            weight=3,
-        ),
-        *(
-            Target(
-                name="cloud",
-                source=cloud,
-                command=("depth", "correct", "{}", "-o", f"{{out}}/o{cloud.suffix}", "--jobs", "1", "--cameras",
-                         str(lagoon / "cameras.csv"), *_LAGOON),
-            )
-            for cloud in clouds
-        ),
-        *(
-            Target(
-                name="agency",
-                source=made / name,
-                command=("convert", "--deck", str(deck), "{}", "{out}/o.crd"),
-            )
-            for name in ("patb.im", "patb.ori", "giant.cnt", "giant.img")
-            if (made / name).exists()
-        ),
-        Target(
-            name="stages", source=bay, command=("as11", "compile", str(record), "{}", "-o", "{out}"), weight=6
-        ),
-        Target(
-            name="soundings",
-            source=bay.with_name("soundings.csv"),
-            command=("as11", "compare-soundings", str(record), str(bay), "{}", "-o", "{out}", "--plan-sigma", "1"),
-            weight=4,
-        ),
-        Target(
-            name="orientation", source=FIXTURES / "orientation/tank.crd", command=("orient", "{}", "-o", "{out}")
-        ),
-        Target(name="inquiry", source=record, command=("explain", "206", "{}")),
-        Target(name="page", source=record, command=("report", "{}", "-o", "{out}/o.html"), weight=3),
-        Target(name="manifest", source=manifest, command=("batch", "-q", "-j", "1", "{}"), weight=1),
-        index,
-    ]  # fmt: skip
+        ("orientation", FIXTURES / "orientation/tank.crd", "orient {} -o {out}", 10),
+        ("inquiry", record, "explain 206 {}", 10),
+        ("page", record, "report {} -o {out}/o.html", 3),
+        ("manifest", manifest, "batch -q -j 1 {}", 1),
+        ("index", made / "base/baseline.json", "baseline list {folder}", 8),
+    ]
+    beside = {"cards": own, "formats": harbour}
+    return [
+        Target(name=name, source=source, command=command.split(), beside=beside.get(name, ()), weight=weight)
+        for name, source, command, weight in rows
+    ]
 
 
 def _run(*arguments: object) -> None:
@@ -388,8 +299,8 @@ def _case(target: Target, folder: Path, seed: int, tally: Tally) -> str:
     file = given / target.source.name
     file.write_bytes(spoilt(target.source.read_bytes(), target.source.suffix, rng))
     before = set(folder.rglob("*"))
-    words = {"{}": str(file), "{folder}": str(given), "{name}": given.name}
-    arguments = [words.get(one, one.replace("{out}", str(out))) for one in target.command]
+    words = {"out": out, "folder": given, "name": given.name, "suffix": file.suffix}
+    arguments = [one.format(file, **words) for one in target.command]
     start = time.process_time()
     try:
         with _limited(SECONDS):
@@ -431,18 +342,3 @@ def _faults(text: str, error: BaseException | None, files: set[Path], folder: Pa
     outside = [path for path in files if not path.is_relative_to(folder / "out")]
     if outside and not any("batch" in path.name for path in outside):  # a manifest says where its results go
         yield f"writes {outside[0].relative_to(folder)}"
-
-
-def run() -> None:
-    """Print what comes of the cases that the command line asks for."""
-    count, seed = (int(text) for text in (*sys.argv[1:3], "300", "1")[:2])
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    start = time.process_time()
-    tally = fuzz(count, seed, tuple(sys.argv[3:]), lambda text: print(text, flush=True))
-    spent = time.process_time() - start
-    print(f"{tally.cases} cases in {spent:.0f} s, statuses {dict(tally.statuses)}, slowest {tally.slowest:.1f} s")
-    print(f"failures: {len(tally.failures)} {dict(Counter(name for name, _, _ in tally.failures))}")
-
-
-if __name__ == "__main__":
-    run()

@@ -15,7 +15,7 @@ import numpy as np
 from musatpy.sea.experiment import Errors, histogram, run, spread
 from studies import okamoto
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PRINTED = ROOT / "fixtures" / "okamoto" / "tables4to8.csv"
 PAGE = ROOT / "docs" / "okamoto_tables.md"
 TABLE = ROOT / "docs" / "studies" / "okamoto.csv"
@@ -165,7 +165,7 @@ _HEAD = """\
 
 Errors of a map that takes waves for level water: largest and standard errors (m) of 231 check points, from flying
 heights H + h above a bottom in depth h; mode A is simultaneous photography, B is not. Printed and computed values
-of every cell stand in [studies/okamoto.csv](studies/okamoto.csv); `python tests/okamoto_tables.py` computes them.
+of every cell stand in [studies/okamoto.csv](studies/okamoto.csv); `python -m drivers.okamoto_tables` computes them.
 The maximum is compared at the printed point number, because 14 printed maxima are exceeded elsewhere by more than
 0.01 m.
 

@@ -1,7 +1,8 @@
 """Mistakes that are common to a whole deck, put into three simulated blocks: what becomes of each run.
 
-`python tests/common_mistakes.py [--seeds N] [--block NAME] [MISTAKE ...]` prints for every mistake the verdict, the
-first cause, the first reason of page 1, and how far the worst station or point stands from the truth in its sigmas.
+`python -m drivers.common_mistakes [--seeds N] [--block NAME] [MISTAKE ...]` prints for every mistake the verdict,
+the first cause, the first reason of page 1, and how far the worst station or point stands from the truth in its
+sigmas.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from musatpy.simulation import Simulation, simulate
 from musatpy.simulation.simulation_spec import load_spec, spec_from_table
 from musatpy.statistics import Statistics, metric_differences
 
-FIXTURES = Path(__file__).parents[1] / "fixtures"
+FIXTURES = Path(__file__).parents[2] / "fixtures"
 FAR = 4.0  # sigmas
 REFUSED = "refused"  # by the check of the deck, or because it cannot be adjusted
 FEET = 3.2808

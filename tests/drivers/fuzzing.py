@@ -1,7 +1,7 @@
 """Decks and other inputs that are wrong by chance, by the thousand, in processes with limits of CPU and memory.
 
-`python tests/fuzzing.py decks|inputs [COUNT] [FIRST SEED] [PROCESSES]` runs so many and prints every fault, and the
-counts. A process that the system ends, because code outside Python hangs, is a fault of the case that it was at.
+`python -m drivers.fuzzing decks|inputs [COUNT] [FIRST SEED] [PROCESSES]` runs so many and prints every fault, and
+the counts. A process that the system ends, because code outside Python hangs, is a fault of its case.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+TESTS = Path(__file__).parents[1]
 _AT_ONCE = 25  # cases of a process
 _MEMORY = 3 << 30  # bytes of address space: what takes more is a fault
 
@@ -39,7 +40,7 @@ def _cases(kind: str, first: int, count: int) -> None:
     """Run cases, and print a line of JSON before each (its number) and after (status, CPU, faults)."""
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     if kind == "inputs":
-        from fuzz_inputs import fuzz
+        from drivers.fuzz_inputs import fuzz
 
         begun = partial(print, flush=True)
         tally = fuzz(count, first, tell=lambda text: None, begun=lambda case: begun(json.dumps({"at": case})))
@@ -47,7 +48,7 @@ def _cases(kind: str, first: int, count: int) -> None:
         statuses = {str(status): number for status, number in tally.statuses.items()}
         begun(json.dumps({"statuses": statuses, "seconds": tally.slowest, "faults": faults}))
         return
-    from mutated_decks import CPU, run
+    from drivers.mutated_decks import CPU, run
 
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(first, first + count):
@@ -65,15 +66,17 @@ def _cases(kind: str, first: int, count: int) -> None:
 
 def _process(kind: str, first: int, count: int) -> tuple[Counter[str], float, list[str]]:
     """Return statuses, most CPU and faults of cases run in a process."""
-    command = [sys.executable, __file__, "--cases", kind, str(first), str(count)]
+    command = [sys.executable, "-m", "drivers.fuzzing", "--cases", kind, str(first), str(count)]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    ran = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
-    rows = [json.loads(line) for line in ran.stdout.splitlines()]
+    ran = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, cwd=TESTS)
+    lines = ran.stdout.splitlines()
+    rows = [json.loads(line) for line in lines if line.startswith("{")]
     done = [row for row in rows if "faults" in row]
     statuses = Counter[str]()
     for row in done:
         statuses.update(row["statuses"])
     faults = [what for row in done for what in row["faults"]]
+    faults += [f"a library says {line.strip()}" for line in lines if not line.startswith("{")]
     if ran.returncode:
         at = rows[-1].get("at", first) if rows else first
         statuses["ended"] += 1

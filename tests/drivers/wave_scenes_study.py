@@ -1,4 +1,4 @@
-"""The study of random scenes through waves that are unknown: `python tests/wave_scenes_study.py [FIRST] COUNT`.
+"""The study of random scenes through waves that are unknown: `python -m drivers.wave_scenes_study [FIRST] COUNT`.
 
 Adjusts the scenes of `reference.wave_scenes` and says of each whether its answer can be used, for the page Waves as
 unknowns of the documents.

@@ -1,4 +1,4 @@
-"""Writes the table and the picture of the study of heights by collocation: `python tests/collocation_tables.py`.
+"""Writes the table and the picture of the study of heights by collocation: `python -m drivers.collocation_tables`.
 
 Takes minutes.
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from studies.collocation import Case, Outcome, SeaState, cases, study
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "docs" / "studies" / "collocation.csv"
 PICTURE = ROOT / "docs" / "pictures" / "collocation_study.png"
 HEAD = (

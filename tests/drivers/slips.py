@@ -1,6 +1,6 @@
 """Keypunch slips: one digit of a deck is another one. What becomes of the run, and of its points.
 
-`python tests/slips.py [COUNT] [SEED]` prints the table of both decks.
+`python -m drivers.slips [COUNT] [SEED]` prints the table of both decks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from musatpy.formats.musat import check_deck
 from musatpy.model import Block, Cause, Grade, Solution
 from musatpy.statistics import Statistics, metric_differences
 
-FIXTURES = Path(__file__).parents[1] / "fixtures"
+FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECKS = {"st_thomas": FIXTURES / "st_thomas/st_thomas.crd", "cayman": FIXTURES / "cayman/cayman_clean.crd"}
 _DATA = (b"CAM", b"WTR", b"STA", b"STX", b"ATT", b"TID", b"PLT", b"CTG", b"CTX", b"EQL")
 _COLUMNS = range(4, 72)

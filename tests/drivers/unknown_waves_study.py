@@ -15,7 +15,7 @@ import numpy as np
 from studies.strip import Strip
 from studies.unknown_waves import Cell, Guess, Summary, cells, run, summary
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "docs" / "studies" / "waves_as_unknowns.csv"
 PICTURE = ROOT / "docs" / "pictures" / "waves_as_unknowns.png"
 SEEDS = range(6)

@@ -1,4 +1,4 @@
-"""The table and the picture of the study of docs/waves_from_stereo.md: `python tests/sea_tables.py` computes them.
+"""The table and the picture of the study of docs/waves_from_stereo.md: `python -m drivers.sea_tables` computes it.
 
 Pictures need the extra `plots`. It takes some minutes.
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 from studies.stereo import Outcome, Setup, run
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "docs" / "studies" / "waves_from_stereo.csv"
 PICTURE = ROOT / "docs" / "pictures" / "waves_from_stereo.png"
 HEAD = (

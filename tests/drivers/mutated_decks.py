@@ -1,18 +1,15 @@
 """Decks with something wrong in them, by chance: what becomes of the run.
 
-`python tests/mutated_decks.py [COUNT] [FIRST SEED]` prints the counts of `COUNT` runs, one for each seed, and every
-fault: a run that ends in "unexpected", or calls an answer good that cannot be one; and those that take too long.
+A run that ends in "unexpected" has a fault, and so has one that calls an answer good that cannot be one, or takes
+too long; `drivers.fuzzing` runs them by the thousand.
 """
 
 from __future__ import annotations
 
 import re
 import signal
-import sys
-import tempfile
 import time
 import tomllib
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -22,11 +19,11 @@ from typing import Any
 import numpy as np
 from click.testing import CliRunner
 
-from fuzzing import cpu_limit
+from drivers.fuzzing import cpu_limit
 from musatpy.cli.main import main as musat
 from record_rows import read_rows
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FIXTURES = ROOT / "fixtures"
 CPU = 10.0  # seconds that a run may take
 _PATIENCE = 60.0  # seconds until one is stopped
@@ -290,11 +287,6 @@ class Run:
     seconds: float  # CPU
     faults: tuple[str, ...]
 
-    @property
-    def is_slow(self) -> bool:
-        """True where it took more CPU than any small deck may."""
-        return self.seconds > CPU
-
 
 def mutated(seed: int) -> tuple[str, tuple[str, ...], bytes]:
     """Return the name of a deck, small or large, the mutations done to it, most often one, and its cards then."""
@@ -433,35 +425,3 @@ def _upright(position: np.ndarray, centre: np.ndarray) -> np.ndarray:
     up = centre / np.linalg.norm(centre)
     east = np.cross([0.0, 0.0, 1.0], up) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], up))
     return (position - centre) @ np.stack([east, np.cross(up, east), up]).T
-
-
-def main() -> None:
-    """Print what became of the decks of some seeds."""
-    count, first = (int(text) for text in (*sys.argv[1:], "300", "0")[:2])
-    runs = []
-    with tempfile.TemporaryDirectory() as folder:
-        for seed in range(first, first + count):
-            runs.append(run(seed, Path(folder)))
-            one = runs[-1]
-            if one.faults or one.is_slow:
-                print(
-                    seed,
-                    one.deck,
-                    one.mutations,
-                    one.status,
-                    one.grade,
-                    f"{one.seconds:.1f} s",
-                    one.faults[:4],
-                    flush=True,
-                )
-    print(f"{count} decks from seed {first}: status {dict(sorted(Counter(one.status for one in runs).items()))}")
-    print(f"verdicts {dict(Counter(one.grade for one in runs))}")
-    slowest = max(runs, key=lambda one: one.seconds)
-    print(f"slowest: seed {slowest.seed}, {slowest.deck}, {slowest.mutations}, {slowest.seconds:.1f} s of CPU")
-    print(
-        f"with faults: {sum(bool(one.faults) for one in runs)}, CPU in all {sum(one.seconds for one in runs):.0f} s"
-    )
-
-
-if __name__ == "__main__":
-    main()
