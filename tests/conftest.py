@@ -21,9 +21,9 @@ _patched = False
 def pytest_configure():
     """Have equal blocks adjusted once: a solution is frozen, and may be shared."""
     import musatpy.adjustment  # after the threads are set
-    from musatpy.adjustment import programs
+    from musatpy.adjustment import job
 
-    adjust = programs.adjust
+    adjust = job.adjust
 
     def adjust_once(block, progress=None, sea=None):
         if progress is not None or sea is not None or _patched:
@@ -33,7 +33,7 @@ def pytest_configure():
             _adjusted[key] = adjust(block)
         return _adjusted[key]
 
-    programs.adjust = musatpy.adjustment.adjust = adjust_once
+    job.adjust = musatpy.adjustment.adjust = adjust_once
 
 
 def pytest_runtest_setup(item):

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.adjustment import programs
+from musatpy import adjustment
+from musatpy.adjustment.job import with_plate_sigmas
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Order, Solution
@@ -56,7 +57,7 @@ def adjust(
     if block.options.editing is not Editing.NONE:
         return _edited(block, progress, sea)
     try:
-        solution = programs.adjust(block, progress, sea)
+        solution = adjustment.adjust(block, progress, sea)
     except AdjustmentError as error:
         found, stopped = _causes(block, sea, progress, causes, None)
         texts = (*(f"possible cause: {cause}" for cause in found), *stopped)
@@ -71,7 +72,6 @@ def adjust(
         of_flags = () if causes is CauseSearch.NONE else tuple(flag_causes(solution))
     if not doubtful(solution):
         return replace(solution, causes=of_flags)
-    from musatpy.adjustment.programs import with_plate_sigmas  # most runs are accepted
     from musatpy.blunders.at_answer import check_point_causes
 
     if solution.plate_factor != 1.0:
@@ -155,7 +155,7 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
             result = search(block, progress, sea)
             listed, ranked = findings(result), causes(result, sea)
     except (*GIVEN_UP, NumericalError) as error:
-        solution = programs.adjust(block, progress, sea)
+        solution = adjustment.adjust(block, progress, sea)
         why = "without what it took out, unknowns were free"
         if isinstance(error, NumericalError):
             why = "points or stations run away in it"
@@ -167,7 +167,7 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
     refused = unedited(result) if edits else ""
     deck = as_it_stands(block) if refused else edited(result)
     try:
-        solution = programs.adjust(deck if edits else block, progress, sea)
+        solution = adjustment.adjust(deck if edits else block, progress, sea)
     except AdjustmentError as error:
         which = (
             f"{'without' if edits and not refused else 'with'} its {len(listed)} blunders"

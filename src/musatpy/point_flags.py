@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.adjustment import programs
+from musatpy import adjustment
 from musatpy.arrays import BoolArray
 from musatpy.errors import AdjustmentError, DeckError, Problem, numerics
 from musatpy.formats.cards.deck import write_cards
@@ -103,7 +103,7 @@ def _first_adjustment(block: Block) -> Solution:
         from musatpy.reduction.readings_job import reduce  # most jobs come refined
 
         block, _ = reduce(block)
-    solution = programs.adjust(replace(block, options=options))
+    solution = adjustment.adjust(replace(block, options=options))
     if not solution.converged:
         message = "the first adjustment, which says where points are, does not converge: list them instead"
         raise AdjustmentError([Problem(message=message)])

@@ -9,7 +9,7 @@ import pytest
 
 from altered import altered, with_options
 from musatpy import adjust
-from musatpy.adjustment.programs import plate_component, with_plate_sigmas
+from musatpy.adjustment.job import plate_component, with_plate_sigmas
 from musatpy.model import Block, PlateSigma, Program, Solution
 from reference.networks import Plan, Simulated, simulate
 

@@ -110,7 +110,7 @@ def test_a_job_that_cannot_be_adjusted_with_its_blunders_has_them_told_all_the_s
     def fails(block: object, progress: object, sea: object) -> None:
         raise AdjustmentError([Problem(message="photo 21 is free")])
 
-    monkeypatch.setattr("musatpy.adjustment.programs.adjust", fails)
+    monkeypatch.setattr("musatpy.adjustment.adjust", fails)
     result = CliRunner().invoke(main, ["run", str(spoilt(tmp_path, "LIST"))])
     assert result.exit_code != 0
     assert "with its 4 blunders the job cannot be adjusted" in result.stderr

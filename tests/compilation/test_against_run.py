@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from musatpy import model, read_deck
-from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.job import adjust
 from musatpy.compilation.against_run import AgainstRun, against_run
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.triangulation import of_solution

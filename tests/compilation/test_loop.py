@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from compilation.scenes import at_depth, flat_images, grid, pair
 from musatpy import model, read_deck
-from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.job import adjust
 from musatpy.cli.main import main as musat
 from musatpy.compilation.driving import driven, read_path
 from musatpy.compilation.loop import Drive, Loop

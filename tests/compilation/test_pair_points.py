@@ -9,7 +9,7 @@ import pytest
 
 from compilation.scenes import at_depth, flat_images, grid, pair
 from musatpy import model
-from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation import true_points as rays
 from musatpy.compilation.errors_of_pairs import joint_covariances

@@ -13,7 +13,7 @@ import scipy.stats
 
 from compilation.scenes import INDEX, pair
 from musatpy import model, read_deck
-from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.job import adjust
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, CompiledModel, compiled
 from musatpy.compilation.parallax_tests import parallax_tests

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from compilation.scenes import at_depth, grid, pair
 from compilation.test_true_points import PHOTO, compare, kept_out
 from musatpy import model, read_deck
-from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.as11_runs import run_of

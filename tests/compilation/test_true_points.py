@@ -10,7 +10,7 @@ import pytest
 
 from compilation.scenes import pair
 from musatpy import model, read_deck
-from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.job import adjust
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import BEHIND, PARALLEL_RAYS, Readings, TruePoints, true_points

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWaves, Solution

@@ -1,5 +1,5 @@
 """The adjustments: unknowns, normals, iteration, and the MUSAT programs themselves."""
 
-from musatpy.adjustment.programs import adjust
+from musatpy.adjustment.job import adjust
 
 __all__ = ["adjust"]

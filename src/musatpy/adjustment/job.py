@@ -1,49 +1,141 @@
-"""What the programs have in common: the checks before a run, its network, its iterations, and why it ended."""
+"""A job: from a block to its network and its iterations by the program that its options name, and why it ended.
+
+Where the plate sigma is a guess, the job is adjusted again with its variance component until that is 1 (Foerstner
+1979): v'Pv of the plate coordinates over the sum of their redundancy numbers estimates the factor of their variance
+alone, whatever the sigmas of stations and control are worth, which stay as their cards have them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.building import build_network
-from musatpy.adjustment.iteration import (
-    AT_REST,
-    LeastSquares,
-    Outcome,
-    SingularNormalsError,
-    Step,
-    iterate,
-)
+from musatpy.adjustment.iteration import AT_REST, LeastSquares, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.kernels import loops_of
-from musatpy.adjustment.kinds import UNKNOWNS, kept_movement, largest_movements
+from musatpy.adjustment.kinds import MEASURED, UNKNOWNS, kept_movement, largest_movements
 from musatpy.adjustment.kinds.kind import in_digits
+from musatpy.adjustment.misfits import most_at_odds
 from musatpy.adjustment.network import (
+    Border,
+    GroundPriors,
     Network,
     Participation,
     PointGroup,
     group_points,
+    inverse_squares,
     job_frame,
     participation,
 )
 from musatpy.adjustment.normals import SINGULAR
+from musatpy.adjustment.pattern import Pattern
+from musatpy.adjustment.precision import left_out
 from musatpy.adjustment.rank import describe_weakness
 from musatpy.adjustment.unknowns import State, initial_state, with_turned_axes
-from musatpy.adjustment.wavy_water import Sea, sea_of
-from musatpy.arrays import BoolArray, finite_rows
-from musatpy.errors import AdjustmentError, Problem
+from musatpy.adjustment.water_surface import water_knowledge
+from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
+from musatpy.arrays import BoolArray, FloatArray, finite_rows
+from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
+from musatpy.geometry.frames import Frame
 from musatpy.model import (
     Block,
     CoordinateSystem,
     Initial,
     Iteration,
+    ObservationKind,
+    PlateSigma,
     PointStatus,
+    Program,
     Refraction,
+    Solution,
     WaterPass,
 )
 from musatpy.model.progress import Progress, begin
 from musatpy.units import ARC_SECOND
+
+_ADJUSTMENTS = 20  # at most: plates that check themselves take three to five
+_COMPONENT_AT_REST = 1e-4  # of the plate sigma: a hundredth of what a million images tell of it
+_CHECKED = 1.0  # redundancy of all plates together, below which they say nothing of their sigma
+_FINEST = 1e-5  # mm: coordinates of six decimals without error have residuals below
+
+
+def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
+    """Return the solution of a block by the program of its options, converged or not.
+
+    Of a plate sigma that is a guess, stations and points are those by its variance component. `progress` is called
+    after every iteration; with a `sea`, rays are refracted by its waves (refraction RIGOROUS, and IIIA). Raises
+    `AdjustmentError` with every reason where the block cannot be adjusted.
+    """
+    # each run loads the program that it needs
+    if block.options.program is Program.IIIA:
+        from musatpy.adjustment.musat3a import adjust as program
+    else:
+        from musatpy.adjustment.musat2a import adjust as program
+    try:
+        with numerics("the adjustment"):
+            if block.options.plate_sigma_is is PlateSigma.KNOWN:
+                solution = program(block, progress, sea)
+            else:
+                solution = estimated(block, lambda weighted: program(weighted, progress, sea))
+            return replace(solution, cards=block.photos.position)
+    except NumericalError as error:
+        advice = Problem(message="OP2 editing EDIT looks for gross errors and takes them out", severity="warning")
+        suspicions = (Problem(message=text, severity="warning") for text in _suspicions(block, sea))
+        raise NumericalError([*error.problems, *suspicions, advice]) from error
+
+
+def _suspicions(block: Block, sea: Sea | None) -> tuple[str, ...]:
+    """Return which photos and points are most at odds at the start of a run; none where that makes no sense."""
+    try:
+        with numerics("the start"), np.errstate(all="ignore"):
+            job, state = prepared(block, None, sea)
+            return job.suspicions(state, "failed")
+    except AdjustmentError:
+        return ()
+
+
+def with_plate_sigmas(block: Block, factor: float) -> Block:
+    """Return the block with all its plate sigmas, of the job and of single images, times a factor."""
+    options = replace(block.options, plate_sigma=block.options.plate_sigma * factor)
+    return replace(block, options=options, plates=replace(block.plates, sigma=block.plates.sigma * factor))
+
+
+def estimated(block: Block, adjust: Callable[[Block], Solution]) -> Solution:
+    """Return the solution by the plate sigma that its own residuals show; its block has that one.
+
+    What has not converged, and plates that nothing checks, keep the sigma that they came with.
+    """
+    factor = 1.0
+    solution = adjust(block)
+    for _ in range(_ADJUSTMENTS):
+        component = plate_component(solution)
+        if not solution.converged or component is None:
+            break
+        component = max(component, _FINEST / float(np.median(solution.block.plate_sigmas)))
+        if abs(component - 1.0) < _COMPONENT_AT_REST:
+            break
+        factor *= component
+        solution = adjust(with_plate_sigmas(block, factor))
+    return replace(solution, plate_factor=factor)
+
+
+def plate_component(solution: Solution) -> float | None:
+    """Return the factor of the plate sigmas that the residuals of the plates show; None where nothing checks them.
+
+    What errors of considered water add to the residuals is no error of the plates.
+    """
+    observed = solution.observed
+    if observed is None:
+        return None
+    plates = observed.kind == ObservationKind.PLATE
+    redundancy = observed.redundancy[plates]
+    if redundancy.sum() < _CHECKED:
+        return None
+    variances = np.square(observed.sigma[plates])
+    squares = np.square(observed.residual[plates]) - observed.considered[plates]
+    return float(np.sqrt(max(np.sum(squares / variances), 0.0) / redundancy.sum()))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,39 +181,31 @@ class Job:
         """Return the job with another limit of its iterations."""
         return replace(self, block=replace(self.block, options=replace(self.block.options, max_iterations=most)))
 
-    def water_groups(self) -> tuple[PointGroup, ...]:
-        """Return the submerged points with the rays that give their positions."""
-        triangulated = self.part.status == PointStatus.TRIANGULATED
-        return (
-            *self.groups(self.part.used, self.bathymetric & triangulated),
-            *self.groups(np.ones(len(self.part.used), dtype=bool), self.bathymetric & self.left_out),
-        )
-
     @property
     def bathymetric(self) -> BoolArray:
         """(p,) the point is submerged."""
         return self.block.points.bathymetric
 
-    @property
-    def left_out(self) -> BoolArray:
-        return self.part.status == PointStatus.INTERSECTED
+    def water_groups(self) -> tuple[PointGroup, ...]:
+        """Return the submerged points with the rays that give their positions."""
+        network, enter = self.network, self.part.status == PointStatus.TRIANGULATED
+        solved = group_points(network.photo, network.point, self.part.used, self.bathymetric & enter)
+        return *solved, *self._submerged_left_out()
 
-    def groups(self, used: BoolArray, selected: BoolArray) -> tuple[PointGroup, ...]:
-        return group_points(self.network.photo, self.network.point, used, selected)
+    def _submerged_left_out(self) -> list[PointGroup]:
+        groups = left_out(self.network, self.part)
+        return [part for group in groups for part in group.some(self.bathymetric[group.point])]
 
     def with_left_out(self, network: Network, state: State) -> State:
         """Return the state with the points that took no part intersected as well."""
-        if not self.left_out.any():
-            return state
-        groups = self.groups(np.ones(len(self.part.used), dtype=bool), self.left_out)
-        return ground_points.intersect_freely(network, state, groups)
+        groups = left_out(network, self.part)
+        return ground_points.intersect_freely(network, state, groups) if groups else state
 
     def with_submerged_left_out(self, network: Network, state: State) -> State:
         """Return the state with only those of them that are submerged, as near as sides of the water ask for."""
-        submerged = self.left_out & self.bathymetric
-        if not submerged.any():
+        groups = self._submerged_left_out()
+        if not groups:
             return state
-        groups = self.groups(np.ones(len(self.part.used), dtype=bool), submerged)
         _, every, met = ground_points.apart_at_their_best(network, state, groups)
         ground = state.ground.copy()
         for group, alone in zip(groups, every, strict=True):
@@ -135,11 +219,7 @@ class Job:
         if unrest:
             number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
             reason = f"water points not at rest in {number}: {unrest}"
-        if not reason:
-            return ""
-        from musatpy.adjustment.misfits import most_at_odds  # only failed runs need it
-
-        worst = most_at_odds(self.block, network, outcome.state)
+        worst = most_at_odds(self.block, network, outcome.state) if reason else ()
         return reason + (f"; most at odds: {', '.join(worst)}" if worst else "")
 
     def suspicions(self, first: State, reason: str) -> tuple[str, ...]:
@@ -150,8 +230,6 @@ class Job:
         """
         if not reason:
             return ()
-        from musatpy.adjustment.misfits import most_at_odds  # only failed runs need it
-
         network = self.network
         level = ground_points.level_start(network, first)
         counts = np.array(network.priors.known.all(axis=1))
@@ -278,3 +356,92 @@ def _leave_out(block: Block, network: Network, lost: BoolArray, part: Participat
             reasons[int(point)] = "its rays are parallel"
             used[block.plates.point == point] = False
     return replace(part, status=status, used=used, reasons=reasons)
+
+
+def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | None = None) -> Network:
+    """Return the network of a block, with the measured plate coordinates and straight rays."""
+    photos, plates = block.photos, block.plates
+    position = frame.working(photos.position)
+    enters = part.status == PointStatus.TRIANGULATED
+    priors = _ground_priors(block, frame, enters)
+    by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
+    kept = np.unique(np.concatenate([kind.ends(block, enters).reshape(-1) for kind in MEASURED]))
+    measured = {kind.observed: kind.measured(block, enters) for kind in MEASURED}
+    eliminated = enters.copy()
+    eliminated[kept] = False
+    pass_groups, control_groups, kept_groups = (
+        group_points(plates.photo, plates.point, part.used, chosen)
+        for chosen in (eliminated & ~by_collinearity, eliminated & by_collinearity, enters & ~eliminated)
+    )
+    control_groups = tuple(replace(group, known=True) for group in control_groups)
+    besides = group_points(
+        plates.photo, plates.point, np.ones_like(part.used), part.status == PointStatus.INTERSECTED
+    )
+    together = [plates.photo[group.rays] for group in (*pass_groups, *control_groups, *besides)]
+    water = water_knowledge(block)
+    return Network(
+        frame=frame,
+        position=position,
+        attitude=photos.attitude,
+        axes=frame.axes(position),
+        position_weight=inverse_squares(photos.position_sigma),
+        attitude_weight=inverse_squares(photos.attitude_sigma),
+        focal_length=block.cameras.focal_length[photos.camera],
+        principal_point=block.cameras.principal_point[photos.camera],
+        water=water,
+        sea=None if sea is None else WorkingSea.of(sea, frame),
+        tilt_axes=np.asarray(frame.axes(np.zeros(3)))[:2],
+        photo=plates.photo,
+        point=plates.point,
+        xy=plates.xy,
+        weight=inverse_squares(block.plate_sigmas),
+        refracted=np.zeros(len(plates.photo), dtype=bool),
+        priors=priors,
+        border=Border(
+            columns={kind.observed: tuple(kind.names(block, water, sea)) for kind in UNKNOWNS}, kept=kept
+        ),
+        pass_groups=pass_groups,
+        control_groups=control_groups,
+        kept_groups=tuple(replace(group, kept=True, known=True) for group in kept_groups),
+        measured=measured,
+        pattern=Pattern.of(
+            len(photos.ids),
+            7 if water.per_photo else 6,
+            [*together, *(of.photo for of in measured.values() if of.photo.shape[1] > 1)],
+            position if np.isfinite(position).all() else None,
+        ),
+    )
+
+
+def _ground_priors(block: Block, frame: Frame, enters: BoolArray) -> GroundPriors:
+    control, groups, p = block.control, block.equal_elevations, len(block.points.ids)
+    given = np.full((p, 3), np.nan)
+    given[control.point] = level_coordinates(block, frame)
+    known = np.zeros((p, 3), dtype=bool)
+    known[control.point] = control.known & enters[control.point][:, None]
+    held = np.zeros((p, 3), dtype=bool)
+    held[control.point] = known[control.point] & control.fixed[:, None]
+    weight = np.zeros((p, 3))
+    weight[control.point] = inverse_squares(control.sigma)
+    group, group_weight = np.full(p, -1), np.zeros(p)
+    member = enters[groups.point]
+    group[groups.point[member]] = groups.group[member]
+    group_weight[groups.point[member]] = inverse_squares(groups.sigma)[groups.group[member]]
+    return GroundPriors(
+        given=given,
+        known=known,
+        held=held,
+        weight=np.where(known & ~held, weight, 0.0),
+        group=group,
+        group_weight=group_weight,
+    )
+
+
+def level_coordinates(block: Block, frame: Frame) -> FloatArray:
+    """Return control in level coordinates (k, 3); geocentric control must be complete to have any."""
+    level = np.array(block.control.position)
+    if block.options.system is CoordinateSystem.GEOCENTRIC:
+        complete = finite_rows(level)
+        level[~complete] = np.nan
+        level[complete] = frame.level(frame.working(level[complete]))
+    return level

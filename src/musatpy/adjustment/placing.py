@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.job import level_coordinates
 from musatpy.adjustment.network import job_frame
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, finite_rows
 from musatpy.geometry import collinearity, intersection
@@ -129,11 +130,7 @@ def _without_pairs(sights: Sights, photos: int) -> dict[int, str]:
 def _known(block: Block, frame: Frame, approximate: bool) -> _Known:
     """Return what is known in level coordinates; `approximate` lets given stations without sigma count as well."""
     control, photos = block.control, block.photos
-    level = np.array(control.position)
-    if block.options.system is CoordinateSystem.GEOCENTRIC:
-        complete = finite_rows(level)
-        level[~complete] = np.nan
-        level[complete] = frame.level(frame.working(level[complete]))
+    level = level_coordinates(block, frame)
     known = control.known & np.isfinite(level)
     submerged = block.points.bathymetric[control.point]
     given = finite_rows(photos.position)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.building import build_network
 from musatpy.adjustment.iteration import SingularNormalsError, iterate
+from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, participation
 from musatpy.adjustment.placing import Place
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment import programs
+from musatpy import adjustment
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import IntArray
@@ -43,7 +43,7 @@ def with_other_flags(solution: Solution, progress: Progress | None = None, sea: 
     turned = _with_flags_turned(block, points)
     changed = turned.points.bathymetric[points] != block.points.bathymetric[points]
     try:
-        other = programs.adjust(turned, progress, sea) if changed.any() else None
+        other = adjustment.adjust(turned, progress, sea) if changed.any() else None
     except AdjustmentError:
         other = None
     if other is not None and other.converged:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.bathymetric import bathymetric_points
-from musatpy.adjustment.building import build_network
 from musatpy.adjustment.considered import extended
 from musatpy.adjustment.ground import PARALLEL, intersect_freely
+from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
 from musatpy.adjustment.point_normals import settle_group
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
