@@ -266,11 +266,20 @@ def test_numbers_beyond_reach(tmp_path: Path, run: dict[str, Any], number: str) 
         read_json(path)
 
 
-@pytest.mark.parametrize("command", ["compare {0} {0}", "audit {1} --against {0}", "depth table --cameras {0}"])
-def test_commands_name_the_place(tmp_path: Path, run: dict[str, Any], command: str) -> None:
+@pytest.mark.parametrize(
+    ("command", "table", "field", "status"),
+    [
+        ("compare {0} {0}", "stations", "position", 1),
+        ("depth table --cameras {0}", "stations", "position", 1),
+        ("audit {1} --against {0}", "bathymetric_points", "predicted", 2),
+    ],
+)
+def test_commands_name_the_place(
+    tmp_path: Path, run: dict[str, Any], command: str, table: str, field: str, status: int
+) -> None:
     path, listing = tmp_path / "RUN.json", ROOT / "fixtures/st_thomas/st_thomas.lst"
-    run["stations"]["position"][1] = [0.0]
+    run[table][field][1] = [0.0]
     path.write_text(json.dumps(run))
     result = CliRunner().invoke(main, command.format(path, listing).split())
-    assert result.exit_code == (2 if "audit" in command else 1)
-    assert f"{path} stations.position[1]: expected 3 numbers, found 1" in result.stderr
+    assert result.exit_code == status
+    assert f"{path} {table}.{field}[1]: expected 3 numbers, found 1" in result.stderr

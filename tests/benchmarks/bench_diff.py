@@ -9,7 +9,6 @@ from __future__ import annotations
 import gc
 import json
 import random
-import resource
 import subprocess
 import sys
 import time
@@ -220,29 +219,3 @@ def test_records_of_1000_photos(tmp_path):
         ours, memory = measured("diff", *files)
         print(f"{case}: {ours:.2f} s, {ours / plain:.2f} of it; {memory / size:.1f} times the file")
         assert ours < 3 * plain  # measured: see docs/performance.md
-
-
-def test_audit_of_1000_photos(tmp_path):
-    """Audit the listing of a block, beside the comparison of two of them: lines in a CPU second of each."""
-    from benchmarks.blocks import make_block
-    from musatpy import adjust
-    from musatpy.reports.listing import listing as printed_listing
-
-    names = [str(tmp_path / name) for name in ("a.lst", "b.lst")]
-    text = printed_listing(adjust(make_block(1000)))
-    for name in names:
-        with open(name, "w", encoding="utf-8") as file:
-            file.write(text)
-
-    def seconds(*arguments):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, "-m", "musatpy", *arguments], check=True, capture_output=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
-
-    turns = [(seconds("audit", names[0]), seconds("diff", *names)) for _ in range(5)]
-    audited, compared = (min(column) for column in zip(*turns, strict=True))
-    lines = text.count("\n")
-    print(f"\n{lines:,} lines: audit {audited:.2f} s, diff of two such listings {compared:.2f} s")
-    rates = lines / audited, 2 * lines / compared
-    print(f"lines a second: {rates[0]:,.0f} and {rates[1]:,.0f}, {rates[0] / rates[1]:.2f} of it")

@@ -99,22 +99,6 @@ def test_a_file_of_another_kind_ends_with_2_as_listing_and_as_newer_run(kind, tm
         assert result.exit_code == 2 and "no analysis" in result.stderr and result.exception.__class__ is SystemExit
 
 
-def test_a_truncated_listing_is_not_consistent(tmp_path):
-    text = MODIFIED.read_text()
-    for share in (0.3, 0.55, 0.8, 0.95):
-        (path := tmp_path / "x.lst").write_text(text[: int(share * len(text))])
-        assert musat("audit", path).exit_code in (1, 2)
-
-
-def test_pages_of_one_table_with_other_columns_are_reported(tmp_path):
-    text = MODIFIED.read_text()
-    at = text.index("Adjusted Ground Points (continued)")
-    rule = text.index("--------  ----  ", at)
-    (path := tmp_path / "x.lst").write_text(text[:rule] + "---  ---  " + text[rule + 10 :])
-    result = musat("audit", path)
-    assert result.exit_code in (1, 2) and "other columns" in result.stdout
-
-
 def test_two_runs_beside_a_listing_say_what_is_left_out(tmp_path):
     standard = FIXTURES / "cayman" / "cayman_standard.lst"
     (both := tmp_path / "both.lst").write_text(standard.read_text() + "\f" + MODIFIED.read_text())

@@ -1,4 +1,4 @@
-"""`musat audit`: is a printed listing consistent with itself, and what does a newer run say?"""
+"""`musat audit`: are printed reports consistent with themselves, and what does a newer run say?"""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ INCONSISTENT, UNREADABLE = 1, 2
 )
 @click.pass_context
 def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bool, listed: int) -> None:
-    """Read a LISTING, ours or a legacy one, scanned or not, and check that its numbers agree with one another.
+    """Read the standard reports of a LISTING, legacy or ours, scanned or not, and check that their numbers agree.
 
-    Every repair of scanned text is reported. Exit status: 0 consistent, 1 inconsistent, 2 where a file, or a row of
+    These are the analyses, plate residuals of the frames and bathymetric points. Every repair of scanned text is
+    reported. Exit status: 0 consistent, 1 inconsistent, 2 where a file, or a row of
     the listing, cannot be read, or the results not be written.
     """
     from musatpy.listings.audit.against import side_by_side

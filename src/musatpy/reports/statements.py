@@ -40,14 +40,3 @@ def statements() -> tuple[Report[Any] | Mapped, ...]:
         for page in (answer, *listing.REPORTS, orientation, orientation_strip, *_OF_AS11)
         for table in getattr(page, "STATED", ())
     )
-
-
-def table_titles() -> tuple[str, ...]:
-    """Return the titles of all printed tables, or how they begin."""
-    return tuple(dict.fromkeys(report.title for report in statements() if isinstance(report, Report)))
-
-
-def headings(title: str) -> list[list[str]]:
-    """Return the headings of a table, one list for each set of columns that it may have."""
-    reports = (report for report in statements() if isinstance(report, Report) and report.title == title)
-    return [[column.heading for column in layout] for report in reports for layout in report.layouts()]

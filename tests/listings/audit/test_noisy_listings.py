@@ -20,10 +20,10 @@ KINDS = {
     "stray": (r"(?<=\d)(?= |$)|(?<= )(?=[-.\d])", lambda old, rng: rng.choice(",;:'`_"), RepairKind.STRAY),
     "split": (r"(?<=\d)(?=\.?\d)", lambda old, rng: " ", RepairKind.SPLIT),
 }
-# Rows of the reports and tables that a comparison takes.
+# Rows of the standard reports.
 ROW = re.compile(
-    r"^(?:Sample|Sum|Mean|RMS|Standard Dev|Maximum|Camera with|Point with|Frame  |\S* +[XYZ] "
-    r"|\d+ +(?:RC8|triang|full|check) |2[123]  |ROCK |\d{3}      )"
+    r"^(?:Sample S|Sum of|Mean Value|RMS of [ADNPT]|Standard Dev|Maximum D|Camera with|Point with|Frame  )"
+    r"|^(?:\S+ +| {9,})[XYZ] "
 )
 
 
@@ -88,8 +88,6 @@ def test_undeclared_noise_is_never_taken(name):
 @pytest.mark.parametrize(
     ("old", "new", "kinds"),
     [
-        ("Adjusted Ground Points", "Adjusted Gr0und Polnts", {RepairKind.ZERO}),
-        ("Adjusted Exposure Stations: Positions", "Adjusted Exposure Stations, Posi tions", {RepairKind.SPLIT}),
         ("Camera Station Position Analysis", "Camera Stati0n Posltion Analysis", {RepairKind.ZERO, RepairKind.ONE}),
         ("Plate Residuals\n", "P1ate Residua1s\n", {RepairKind.ONE}),
         ("Sum of Differences", "Sum 0f Differences", {RepairKind.ZERO}),
@@ -116,7 +114,6 @@ def test_titles_and_labels_are_repaired_too(old, new, kinds):
         ),
         ("Plate Residuals\n", "Plxte Rexiduals\n", "a report without a legible title"),
         ("Comparison of Computed Geocentric", "Cxmparison xf Computed Geocentric", "without a legible title"),
-        ("Adjusted Ground Points", "Axjusted Gxound Points", "a table under the unknown title"),
     ],
 )
 def test_a_report_whose_title_is_not_legible_is_missed(old, new, said):

@@ -1,4 +1,4 @@
-"""Pages, runs and lines of whole listings: what is missing, there twice, in upper case or below another run."""
+"""Whole listings: rows that are missing, upper case, ends of lines, and a run below another one."""
 
 from __future__ import annotations
 
@@ -9,45 +9,15 @@ from musatpy.listings.audit.against import side_by_side
 from musatpy.listings.audit.checks import audit
 from musatpy.listings.audit.listing_numbers import numbers_of
 from musatpy.listings.audit.reading import listing_of, read_listing
-from musatpy.listings.audit.structures import RepairKind
 
 STANDARD, MODIFIED = (FIXTURES / "cayman" / f"cayman_{name}.lst" for name in ("standard", "modified"))
 ST_THOMAS = FIXTURES / "st_thomas" / "st_thomas.lst"
-PAGES = ST_THOMAS.read_text().split("\f")
-
-
-def messages(text):
-    return [problem.message for problem in listing_of(text, "x").unreadable]
-
-
-@pytest.mark.parametrize("page", range(1, len(PAGES)))
-def test_a_page_that_is_missing_is_noted(page):
-    found = messages("\f".join(PAGES[: page - 1] + PAGES[page:]))
-    assert f"page {page} is missing before page {page + 1}: the listing is not whole" in found
-
-
-def test_pages_that_are_there_twice_or_in_another_order_are_noted():
-    assert "page 7 is there twice: the listing is not whole" in messages("\f".join(PAGES[:7] + PAGES[6:]))
-    turned = messages("\f".join([*PAGES[:5], PAGES[6], PAGES[5], *PAGES[7:]]))
-    assert "page 6 stands after page 7: the listing is not whole" in turned
-    assert "pages 3 to 5 are missing before page 6: the listing is not whole" in messages(
-        "\f".join(PAGES[:2] + PAGES[5:])
-    )
-
-
-def test_a_page_number_is_repaired_and_headers_of_others_are_not_counted():
-    noisy = ST_THOMAS.read_text().replace("PAGE     10", "PAGE     l0")
-    listing = listing_of(noisy, "x")
-    assert [one.kind for one in listing.repairs] == [RepairKind.ONE] and listing.unreadable == ()
-    pages = (f"AGENCY REPORT    PAGE {page}\n{table(number).read_text()}" for page, number in ((46, 1), (50, 5)))
-    text = "\f".join(pages)
-    assert messages(text) == []
 
 
 @pytest.mark.parametrize("second", [MODIFIED, ST_THOMAS], ids=["same job", "another job"])
 def test_runs_one_below_the_other_are_held_against_themselves_alone(second):
     listing = listing_of(STANDARD.read_text() + "\f" + second.read_text(), "x")
-    assert len(listing.runs) == 2 and listing.unreadable == () and audit(listing) == []
+    assert listing.repairs == listing.unreadable == () and audit(listing) == []
     assert len(listing.analyses) == sum(len(read_listing(one).analyses) for one in (STANDARD, second))
 
 
@@ -66,7 +36,7 @@ def test_what_two_runs_say_otherwise_is_not_compared(tmp_path):
     assert {key for key in compared if key.refracted} == {
         key for key in statistics_of(read_listing(MODIFIED)) if key.refracted
     }
-    assert compared.isdisjoint(found.several) and "adjusted points" in {key.report for key in found.several}
+    assert compared.isdisjoint(found.several) and "bathymetric points" in {key.report for key in found.several}
     assert set(found.several) == numbers_of(read_listing(both))[1]
 
 
@@ -157,13 +127,3 @@ def test_an_rms_that_nothing_bounds_from_above_is_found_without_a_proposal():
     (finding,) = audit(listing_of(text, "x"))
     assert finding.item == "Latitude"
     assert ("RMS", "") in [(suspect.item, suspect.expected) for suspect in finding.suspects]
-
-
-@pytest.mark.parametrize("heading", ["Point ", "Photo "])
-def test_tables_without_the_column_of_their_ids_are_noted(heading):
-    text = ST_THOMAS.read_text()
-    start = text.index("\n", text.index("\nAdjusted Exposure Stations: Positions"))
-    listing = listing_of(text[:start] + text[start:].replace(heading, "#" * len(heading)), "x")
-    assert any("without a legible heading: '##" in one.message for one in listing.unreadable)
-    audit(listing)  # none of the checks needs the column
-    assert "adjusted stations" in {key.report for key in statistics_of(listing)} or heading == "Photo "

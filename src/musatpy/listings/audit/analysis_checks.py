@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterator
 
 from musatpy.listings.audit.analysis_tables import MAXIMUM_ID, SIZE
-from musatpy.listings.audit.cells import printed
-from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
 from musatpy.listings.audit.samples import Interval, consistent, implied, sizes_implied
 from musatpy.listings.audit.structures import Analysis, Component, Listing
@@ -25,25 +23,6 @@ def check_analyses(listing: Listing) -> Iterator[Misprint]:
             yield from _column(analysis, component)
         yield from _sizes(analysis)
     yield from _ids(listing)
-    for analysis in _of_soundings(listing):
-        yield from _column(analysis, analysis.components[0])
-
-
-def _of_soundings(listing: Listing) -> Iterator[Analysis]:
-    """Yield the samples of differences from soundings, each a row of its table, as analyses of one component."""
-    table = listing.table(Title.SOUNDINGS)
-    columns = {"Sum": "sum", "Mean": "mean", "RMS": "rms", "Deviation": "deviation", "Maximum": "maximum"}
-    if table is None or not {"Sample", "Size", *columns} <= set(table.headings):
-        return
-    for line, row in table.rows():
-        if row["Size"].isdigit():
-            cells = {name: printed(row[head], line) for head, name in columns.items() if row[head].strip()}
-            component = Component(
-                name=row["Sample"], unit="m", size=int(row["Size"]), statistics=cells, maximum_id=""
-            )
-            yield Analysis(
-                kind="soundings", refracted=None, line=table.line, components=(component,), lines={SIZE: line}
-            )
 
 
 def _fields(analysis: Analysis, component: Component) -> Iterator[Misprint]:
@@ -100,26 +79,21 @@ def _sizes(analysis: Analysis) -> Iterator[Misprint]:
 def _ids(listing: Listing) -> Iterator[Misprint]:
     """Yield ids of maxima that the listing does not know, or that look unlike all others."""
     frames = {frame for table in listing.plates for frame in table.frames}
-    adjusted = listing.table(Title.POINTS)
-    points = set(adjusted.columns.get("Point", ())) if adjusted else set()
     for analysis in listing.analyses:
-        known = frames if analysis.kind.startswith("station") else points
+        known = frames if analysis.kind.startswith("station") else set()
         for component in analysis.components:
-            name = component.maximum_id
-            if not name:
-                continue
-            message = ""
-            if known and name not in known:
+            name, message = component.maximum_id, ""
+            if name and known and name not in known:
                 message = f"the maximum is at {name}, which is not in the listing"
-            elif not known:
+            elif name and not known:
                 message = _odd_width(listing, analysis, name)
             if message:
                 yield Misprint(analysis.lines[MAXIMUM_ID], analysis.name, component.name, message)
 
 
 def _odd_width(listing: Listing, analysis: Analysis, name: str) -> str:
-    """Return a doubt about an id that is longer or shorter than all others of a listing without a point table."""
-    if analysis.kind.startswith("station") or listing.cut:
+    """Return a doubt about an id that is longer or shorter than all others."""
+    if analysis.kind.startswith("station"):
         return ""
     ids = [
         component.maximum_id

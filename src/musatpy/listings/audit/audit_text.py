@@ -38,7 +38,6 @@ def _contents(listing: Listing) -> str:
         (len(listing.analyses), "analysis", "analyses"),
         (len(listing.plates), "table of plate residuals", "tables of plate residuals"),
         (len(listing.submerged), "table of bathymetric points", "tables of bathymetric points"),
-        (len(listing.tables), "other table", "other tables"),
     )
     return (
         ", ".join(f"{count} {noun if count == 1 else plural}" for count, noun, plural in counts if count)

@@ -292,11 +292,6 @@ def _divisions(words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], ...]]:
             yield words[:first], words[first:second], words[second:]
 
 
-def all_are(pattern: str, cells: Sequence[str]) -> bool:
-    """Tell whether all cells are of a pattern: in one look at all of them, which is what long tables need."""
-    return re.fullmatch(rf"(?:(?:{pattern})\n)*+", "\n".join([*cells, ""])) is not None
-
-
 def printed(text: str, line: int) -> Printed:
     """Return the number of a cell: seconds of `-0 8 46.908`, or the number itself, with half its last digit."""
     parts = text.split()

@@ -13,6 +13,7 @@ from musatpy.listings.audit.scan import Line
 from musatpy.listings.audit.spelling import noisy_pattern, pattern, plain, required, respelt
 from musatpy.listings.audit.structures import Repair, RepairKind
 
+_OFTEN = 3  # places where a word stands as it is
 _NOISE = r"[^A-HJKM-Za-hjkm-z]*"  # what may stand left of a label: no word; l and I may be a border
 
 
@@ -21,9 +22,9 @@ class Notes:
     """Repairs and problems of one listing, gathered by its readers."""
 
     file: str
+    text: str
     repairs: list[Repair] = field(default_factory=list)
     unreadable: list[Problem] = field(default_factory=list)
-    ids: set[str] = field(default_factory=set)  # of photos and points, as the tables below rules have them
     titled: set[int] = field(default_factory=set)  # lines of rows below a legible title, whether read or not
 
     def cells(
@@ -37,7 +38,7 @@ class Notes:
     ) -> Reading | None:
         """Return the cells right of the label of a row; None, and a problem noted, where they are unreadable."""
         words = words_of(rest)
-        if set(kinds) == {"id"} and len(words) == len(kinds) and self.ids.issuperset(words):
+        if set(kinds) == {"id"} and len(words) == len(kinds) and all(map(self.stands, words)):
             return Reading.of(words)
         reading = read_cells(words, kinds, decimals, places)
         if reading is None:
@@ -52,9 +53,13 @@ class Notes:
 
     def id_of(self, words: Sequence[str], width: int | None) -> Reading | None:
         """Return the id that words are, as it is where the listing has it elsewhere too; most have a `width`."""
-        if len(words) == 1 and words[0] in self.ids:
+        if len(words) == 1 and self.stands(words[0]):
             return Reading.of(words)
         return read_cells(words, ["id"], width=width)
+
+    def stands(self, word: str) -> bool:
+        """Tell whether a word is in the listing so often that noise alone cannot have made it."""
+        return len(re.findall(rf"(?<!\S){re.escape(word)}(?!\S)", self.text)) >= _OFTEN
 
     def repair(self, line: int, kind: RepairKind, printed: str, read: str = "") -> None:
         """Note a repair of a line; with nothing to be read, what is left out."""

@@ -7,6 +7,7 @@ is the share of the others: within 0 and 1, and the same in x and in y.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 
 from musatpy.listings.audit.misprints import Misprint, Suspect, range_like
@@ -21,7 +22,9 @@ _SLACK = 1e-9  # mm^2 relative: a number exactly between two prints may have gon
 def check_plates(listing: Listing) -> Iterator[Misprint]:
     """Yield what contradicts in the plate tables of a listing."""
     for table in listing.plates:
-        for frame in table.frames:
+        for frame, count in Counter(table.frames).items():
+            if count > 1:
+                yield Misprint(table.line, table.name, f"frame {frame}", f"is there {count} times")
             yield from _negative(table, frame)
             yield from _frame(table, frame)
         for group in GROUPS:

@@ -34,15 +34,19 @@ _PUNCTUATION = ",;:.'\"`_-"
 def read_plates(reports: list[StandardReport], notes: Notes) -> list[PlateTable]:
     """Return the tables; those of the same run that follow one another are one, ten frames on each."""
     tables: list[PlateTable] = []
+    last: PlateTable | None = None  # where no other report stands between
     for report in reports:
+        if report.kind != "plates":
+            last = None
+            continue
         table = _read(_with_labels(report), notes)
         if table is None:
             continue
-        last = tables[-1] if tables else None
         if last and last.refracted == table.refracted and not set(last.frames) & set(table.frames):
             tables[-1] = _together(last, table)
         else:
             tables.append(table)
+        last = tables[-1]
     return tables
 
 

@@ -7,11 +7,6 @@ from dataclasses import dataclass
 from musatpy.listings.audit.structures import Printed, run_name
 
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
-# In these words the adjustment has attitudes, and coordinates in each of its systems.
-LOCAL_VERTICAL = "omega, phi, kappa in the local vertical"
-NATIVE = {"GEOG": "geographic, ellipsoidal heights", "GEOC": "geocentric", "LOCL": "local"}
-# Names of the same in other words.
-SAME = {"Omega": "X-Tilt", "Phi": "Y-Tilt", "Kappa": "Heading", "Height": "Elevation"}
 
 
 @dataclass(frozen=True)
@@ -22,12 +17,11 @@ class Key:
     refracted: bool | None
     item: str  # component, frame, point
     statistic: str
-    words: str = ""  # the system of a coordinate, what an attitude is of; nothing where there is no choice
 
     @property
     def heading(self) -> str:
-        """The report with its run, and in which words."""
-        return f"{self.report}{run_name(self.refracted)}" + (f": {self.words}" if self.words else "")
+        """The report with its run."""
+        return f"{self.report}{run_name(self.refracted)}"
 
 
 @dataclass(frozen=True)

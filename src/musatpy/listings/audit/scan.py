@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from musatpy.listings.audit.spelling import (
     any_of,
-    canonical,
     canonical_rows,
     noisy_pattern,
     pattern,
@@ -32,8 +31,6 @@ _TITLES = (
 )
 _REQUIRED = {title: required(title) for _, title, _ in _TITLES}
 _HAS_TITLE = any_of(_REQUIRED.values())
-_ANSWER = canonical("Verdict")  # the title of page 1 of our listings, which tells what later pages show
-_OURS = canonical("AEROTRIANGULATION")  # the first title behind it
 _RUNS = ((False, ("No Refraction Correction", "Standard")), (True, ("Refraction Correction Applied", "Modified")))
 WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
 _NEAR = 6  # lines below a title that still belong to it
@@ -74,26 +71,6 @@ def lines_of(rows: Sequence[str]) -> list[Line]:
         return lines
     spaced = ([*[Line(line.number, "")] * n, line] for line, n in zip(lines, skipped, strict=True))
     return list(chain.from_iterable(spaced))
-
-
-def runs_of(lines: Sequence[Line]) -> list[list[Line]]:
-    """Return the lines of each run: listings of ours, one after the other, and what stands before the first.
-
-    Pages with the answer and the index of one are left out: they have no tables of their own.
-    """
-    titles = [(at, line.canonical) for at, line in enumerate(lines) if line.canonical in (_ANSWER, _OURS)]
-    blanked = list(lines)
-    for (first, title), (last, following) in pairwise(titles):
-        if (title, following) == (_ANSWER, _OURS):
-            blanked[first:last] = [Line(blank.number, "") for blank in lines[first:last]]
-    starts = [at for at, title in titles if title == _OURS]
-    runs = [blanked[first:last] for first, last in pairwise([0, *starts, len(lines)])]
-    return [run for run in runs if any(line.text for line in run)] or [blanked]
-
-
-def starts_ours(line: Line) -> bool:
-    """Tell whether a line is the first title of a listing of ours behind its page 1."""
-    return line.canonical == _OURS
 
 
 def standard_reports(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[StandardReport]:

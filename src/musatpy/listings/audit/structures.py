@@ -1,17 +1,12 @@
-"""What a listing says: numbers with their rounding, analyses, plate tables, coordinates, other tables; repairs."""
+"""What a listing says: numbers with their rounding, analyses, plate tables, coordinates; repairs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from musatpy.errors import Problem
-
-if TYPE_CHECKING:
-    from musatpy.listings.audit.columns import Cells  # whose numbers are printed ones
 
 
 class RepairKind(StrEnum):
@@ -120,53 +115,15 @@ class SubmergedTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
-    """A table whose columns are shown by a rule of dashes: stations, points, residuals, and whatever else."""
-
-    title: str
-    line: int
-    headings: tuple[str, ...]
-    units: tuple[str, ...]  # their lower lines
-    lines: Sequence[int]  # of the rows
-    columns: dict[str, Cells]  # by heading, of all rows
-    illegible_cells: dict[int, frozenset[str]]  # line -> headings, where there are any
-
-    @property
-    def name(self) -> str:
-        """How messages call it."""
-        return self.title.partition(": Adjusted Minus")[0].lower()
-
-    def rows(self) -> Iterator[tuple[int, dict[str, str]]]:
-        """Yield the line and the cells of each row by heading: of large tables, `columns` are at hand sooner."""
-        for line, row in zip(self.lines, zip(*self.columns.values(), strict=True), strict=True):
-            yield line, dict(zip(self.columns, row, strict=True))
-
-    @cached_property
-    def illegible(self) -> frozenset[str]:
-        """Headings of columns that have cells which are not legible."""
-        return frozenset(heading for headings in self.illegible_cells.values() for heading in headings)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Listing:
     """All that was found in a listing, the repairs that it took, and the rows that cannot be read."""
 
     name: str
-    options: dict[str, str]  # "Initial values" -> "GIVEN  station and attitude cards"
     analyses: tuple[Analysis, ...]
     plates: tuple[PlateTable, ...]
     submerged: tuple[SubmergedTable, ...]
-    tables: tuple[Table, ...]
-    undetermined: tuple[str, ...]  # points said to have no position
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
-    cut: bool = False  # tables that a brief listing has cut to their worst rows are left out
-    parts: tuple[Listing, ...] = ()  # its runs, where it has several; repairs and problems are of the whole alone
-
-    @property
-    def runs(self) -> tuple[Listing, ...]:
-        """What belongs together: its runs, or itself."""
-        return self.parts or (self,)
 
     @property
     def rows(self) -> set[int]:
@@ -175,19 +132,6 @@ class Listing:
         numbers |= {cell.line for table in self.plates for row in table.rms.values() for cell in row.values()}
         points = (point for table in self.submerged for point in table.points)
         return numbers | {cell.line for point in points for cell in point.xyz.values()}
-
-    @property
-    def stated(self) -> bool:
-        """True where tables of coordinates are in another system or other angles than the analyses."""
-        return any(name.startswith(("Input, ", "Answer, ")) for name in self.options)
-
-    def table(self, title: str) -> Table | None:
-        """Return the ruled table whose title starts with `title`."""
-        return next((table for table in self.tables if table.title.startswith(title)), None)
-
-    def tables_titled(self, *titles: str) -> list[Table]:
-        """Return the ruled tables of several titles, as far as the listing has them."""
-        return [table for title in titles if (table := self.table(title))]
 
 
 def run_name(refracted: bool | None) -> str:

@@ -6,7 +6,6 @@ from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from statistics import median
 
-from musatpy.listings.audit.headings import Title
 from musatpy.listings.audit.misprints import Misprint, Suspect, text_like
 from musatpy.listings.audit.structures import Listing, SubmergedPoint, SubmergedTable
 from musatpy.listings.audit.submerged_tables import AXES, COLUMNS
@@ -18,10 +17,8 @@ _FEW = 3  # other points that make a median
 
 def check_submerged(listing: Listing) -> Iterator[Misprint]:
     """Yield coordinates that refraction cannot have put where they are."""
-    depths = listing.table(Title.DEPTHS)
     for table in listing.submerged:
-        # Where the listing has depths, the predicted points are held against these: no threshold is needed.
-        for column in COLUMNS[1:] if depths is None else COLUMNS[2:]:
+        for column in COLUMNS[1:]:
             for axis in AXES:
                 yield from _outliers(table, column, axis)
 

@@ -45,7 +45,7 @@ def read_submerged(reports: list[StandardReport], notes: Notes) -> list[Submerge
     """Return the tables; pages that follow one another without a point twice are of one."""
     tables: list[tuple[int, list[SubmergedPoint]]] = []
     names: set[str] = set()  # in the last of them
-    for report in reports:
+    for report in (report for report in reports if report.kind == "submerged"):
         table = _read(report, notes)
         if table is None:
             continue
