@@ -15,7 +15,7 @@ from musatpy.comparison import Comparison, compare
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem
-from musatpy.model.adjusted_waves import PARAMETERS
+from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports.comparison import comparison_record, comparison_text
 from musatpy.reports.record import dumps, record
 from record_rows import with_columns, with_rows
@@ -96,14 +96,14 @@ def test_order_does_not_matter_and_what_is_in_one_only_is_listed() -> None:
 def with_waves_found(one: dict, sigma: dict[str, list[float | None]], **changes: list[float]) -> dict:
     """Return a record whose waves were unknown: found where they were given, but for changes added, with sigmas."""
     one = copy.deepcopy(one)
-    waves = [{name: row[name] for name in ("wave", *PARAMETERS)} for row in one["waves"]]
+    waves = [{name: row[name] for name in ("wave", *WAVE_VALUES)} for row in one["waves"]]
     for row in waves:
-        for name, change in zip(PARAMETERS, changes.get(row["wave"], [0.0] * 4), strict=True):
+        for name, change in zip(WAVE_VALUES, changes.get(row["wave"], [0.0] * 4), strict=True):
             row[name] += change
     parameters = [
         {"wave": wave, "parameter": name, "sigma": value}
         for wave, values in sigma.items()
-        for name, value in zip(PARAMETERS, values, strict=True)
+        for name, value in zip(WAVE_VALUES, values, strict=True)
     ]
     one["adjusted_water"]["waves"] = {"waves": waves, "parameters": parameters}
     return one

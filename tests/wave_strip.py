@@ -17,8 +17,8 @@ from musatpy.formats import musat
 from musatpy.model import Block, CoordinateSystem
 from musatpy.model.block import in_order
 from musatpy.model.tables import taken
-from musatpy.model.waves import SIGMAS
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.model.water import WAVE_SIGMAS
+from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.units import DEGREE
 from reference import waves
 from reference.networks import Plan
@@ -63,7 +63,7 @@ def wave_cards() -> model.Waves:
         height=HEIGHT,
         azimuth=np.array(AZIMUTH) * DEGREE,
         crest=CREST,
-        **dict.fromkeys(SIGMAS, unknown),
+        **dict.fromkeys(WAVE_SIGMAS, unknown),
     )
 
 

@@ -16,7 +16,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import wrapped
-from musatpy.model.adjusted_waves import PARAMETERS
+from musatpy.model.solution import WAVE_VALUES
 
 Record = Mapping[str, Any]
 
@@ -33,7 +33,7 @@ NEEDS = {
     "plate_statistics": ("total_rms",),
 }
 OPTIONAL = {  # what records of earlier versions have not, or those without tables of images
-    "waves": ("wave", *PARAMETERS),
+    "waves": ("wave", *WAVE_VALUES),
     "wave_origin": (),
     "adjusted_water": ("waves",),
     "plates": ("residual", "refraction"),
@@ -185,8 +185,8 @@ def _waves_of(record: Record) -> Record:
         sigmas = {(wave, parameter): sigma for wave, parameter, sigma in zip(*columns, strict=True)}
     return {
         "wave": table["wave"],
-        "value": [[table[name][row] for name in PARAMETERS] for row in range(len(table["wave"]))],
-        "sigma": [[sigmas.get((wave, name)) for name in PARAMETERS] for wave in table["wave"]],
+        "value": [[table[name][row] for name in WAVE_VALUES] for row in range(len(table["wave"]))],
+        "sigma": [[sigmas.get((wave, name)) for name in WAVE_VALUES] for wave in table["wave"]],
     }
 
 
@@ -196,14 +196,14 @@ def _waves(first: _Named, second: _Named, one_origin: bool) -> Differences:
     A crest a length away is one of the same wave. Where crests count from two origins, they are not compared.
     """
     ids = second.common(first)
-    value = second.array(ids, "value", len(PARAMETERS))
-    difference = value - first.array(ids, "value", len(PARAMETERS))
-    length, azimuth, crest = (PARAMETERS.index(name) for name in ("length", "azimuth", "crest"))
+    value = second.array(ids, "value", len(WAVE_VALUES))
+    difference = value - first.array(ids, "value", len(WAVE_VALUES))
+    length, azimuth, crest = (WAVE_VALUES.index(name) for name in ("length", "azimuth", "crest"))
     for column, period in ((azimuth, 2.0 * np.pi), (crest, value[:, length])):
         difference[:, column] -= period * np.rint(difference[:, column] / period)
     if not one_origin:
         difference[:, crest] = np.nan
-    return _sorted(ids, difference, second.array(ids, "sigma", len(PARAMETERS)), np.zeros(len(ids), dtype=bool))
+    return _sorted(ids, difference, second.array(ids, "sigma", len(WAVE_VALUES)), np.zeros(len(ids), dtype=bool))
 
 
 def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray, submerged: BoolArray) -> Differences:

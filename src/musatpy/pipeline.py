@@ -13,9 +13,9 @@ from musatpy.adjustment.job import with_plate_sigmas
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
 from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Order, Solution
-from musatpy.model.ordering import in_order_of_ids
+from musatpy.model.block import in_order_of_ids
+from musatpy.model.findings import NO_CARD_EXPLAINS, OF_FLAGS
 from musatpy.model.progress import Progress
-from musatpy.model.verdict import NO_CARD_EXPLAINS, OF_FLAGS
 from musatpy.statistics import Statistics
 from musatpy.statistics.verdict import verdict
 

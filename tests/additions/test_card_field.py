@@ -27,7 +27,7 @@ from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted
 from musatpy.jobs.merge import merged
 from musatpy.jobs.punch import punched
-from musatpy.model.ordering import in_order_of_ids
+from musatpy.model.block import in_order_of_ids
 import musatpy
 
 deck = Path(sys.argv[1])

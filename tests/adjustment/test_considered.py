@@ -15,9 +15,9 @@ from altered import altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.formats.musat import read_deck
 from musatpy.model import Block, CoordinateSystem, Datum, Program, Refraction, Solution, Treatment, WaterLevel
-from musatpy.model.control import Distances, HeightDifferences
+from musatpy.model.photos import Distances, HeightDifferences
 from musatpy.model.tables import empty
-from musatpy.model.waves import known_waves
+from musatpy.model.water import known_waves
 from musatpy.reports.record import record_of
 from musatpy.statistics import Statistics
 from reference import compare, finite_difference_bundle

@@ -13,7 +13,7 @@ from musatpy.adjustment.datum import freedom, moved_to
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds.water import moved_levels, turned_slopes
 from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.geometry.frames import middle_of
+from musatpy.geometry.geodesy import middle_of
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.similarity import Similarity, fit
 from musatpy.model import (

@@ -15,7 +15,7 @@ from musatpy.adjustment.sightings import condition_rays, images
 from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CoordinateSystem, Program, Refraction, Treatment
-from musatpy.refraction.harmonic import sinusoidal
+from musatpy.refraction.waves import sinusoidal
 from reference import compare, waves
 from reference.networks import Plan
 

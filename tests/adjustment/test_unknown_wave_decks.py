@@ -18,9 +18,8 @@ from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.listings import compare_texts, parse_rules
 from musatpy.model import Datum, Editing, Solution, WaveOrigin, Waves
 from musatpy.model.tables import empty
-from musatpy.model.waves import SIGMAS
-from musatpy.refraction.harmonic import sinusoidal
-from musatpy.refraction.trains import LENGTH
+from musatpy.model.water import WAVE_SIGMAS
+from musatpy.refraction.waves import LENGTH, sinusoidal
 from musatpy.reports.record import dumps, record
 from musatpy.sea.theory import linear_wave
 from musatpy.simulation import simulate
@@ -57,7 +56,7 @@ def test_the_waves_of_the_deck_are_found() -> None:
         return float(np.sqrt(np.mean(np.square(solution.points.position[wet, 2] - true))))
 
     block = musat.read_deck(DECK)
-    as_on_card = replace(block.waves, **{name: [np.nan] for name in SIGMAS})
+    as_on_card = replace(block.waves, **{name: [np.nan] for name in WAVE_SIGMAS})
     assert heights(solved()) < 0.12  # 0.08 m; sigmas of the heights are about that
     assert heights(musatpy.adjust(replace(block, waves=as_on_card))) > 0.25  # 0.3 m with the card taken for true
 
@@ -133,10 +132,10 @@ def test_a_result_has_the_adjusted_waves_and_a_restart_those_of_the_deck() -> No
             assert got[0] == pytest.approx(want[0, column], abs=5.1e-4 * unit)  # half a last decimal of the card
     assert np.isnan(again.period[0]) and np.isnan(again.speed[0])
     without, _ = punched(solved(), Punch(content=Content.RESULT, sigmas=False))
-    assert np.isnan([getattr(without.waves, name)[0] for name in SIGMAS]).all()
+    assert np.isnan([getattr(without.waves, name)[0] for name in WAVE_SIGMAS]).all()
     restart, _ = punched(solved(), Punch())
     given = musat.read_deck(DECK).waves
-    for name in ("height", "length", "azimuth", "crest", *SIGMAS):
+    for name in ("height", "length", "azimuth", "crest", *WAVE_SIGMAS):
         np.testing.assert_array_equal(getattr(restart.waves, name), getattr(given, name))
 
 

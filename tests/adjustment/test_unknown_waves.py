@@ -18,12 +18,9 @@ from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sightings import images
 from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.errors import AdjustmentError
-from musatpy.geometry.frames import LocalFrame
+from musatpy.geometry.geodesy import LocalFrame
 from musatpy.model import Block, CoordinateSystem, Datum, ObservationKind, Program, Solution, WaterLevel
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
-from musatpy.refraction.superposed import superposed
-from musatpy.refraction.trains import Trains
-from musatpy.refraction.trochoid import Trochoid
+from musatpy.refraction.waves import Harmonic, Trains, Trochoid, sinusoidal, superposed
 from musatpy.reports.record import dumps, record
 from musatpy.units import ARC_SECOND, MICROMETRE
 from record_rows import with_rows

@@ -28,7 +28,7 @@ from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, levelled, s
 from musatpy.adjustment.wave_trials import Minima, WaveTrials
 from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.model import ObservationKind, Solution
-from musatpy.refraction.superposed import superposed
+from musatpy.refraction.waves import superposed
 from reference import wave_scenes
 from reference.wave_scenes import Scene, TrueWaves, entries, optical_path
 

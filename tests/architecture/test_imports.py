@@ -319,7 +319,7 @@ def test_a_run_loads_nothing_heavy():
 @pytest.mark.parametrize(
     ("module", "source", "found"),
     [
-        ("musatpy.model.block", "from musatpy.geometry import frames", "geometry"),
+        ("musatpy.model.block", "from musatpy.geometry import geodesy", "geometry"),
         ("musatpy.model.block", "import musatpy.formats.musat", "formats"),
         ("musatpy.model.block", "from musatpy import runs", "runs"),
         ("musatpy.model.block", "def late():\n    from musatpy.reports.table import Table", "reports"),
@@ -343,7 +343,7 @@ def test_a_breach_is_found(module, source, found):
     [
         ("musatpy.model.block", "from musatpy.model.tables import freeze\nfrom . import arrays"),
         ("musatpy.model.block", "import musatpy\nfrom musatpy import __version__, units"),
-        ("musatpy.refraction.flat", "from ..geometry.frames import Frame\nimport numpy as np"),
+        ("musatpy.refraction.flat", "from ..geometry.geodesy import Frame\nimport numpy as np"),
         ("musatpy.cli.run", "def command():\n    from musatpy.runs import run_deck"),
         ("musatpy.simulation.water_keys", "from musatpy.formats.refractive_index import index_of"),
     ],

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from musatpy.refraction import fermat, flat
-from musatpy.refraction.harmonic import sinusoidal
 from musatpy.refraction.stationary import Rays, path, stationary
+from musatpy.refraction.waves import sinusoidal
 
 INDEX, SEARCHED, NETTED, REGULAR = 1.34, 200, 3, 50_000
 CAMERA = np.array([300.0, 100.0, 1500.0])

@@ -32,8 +32,8 @@ from musatpy.geometry.systems import LocalRectangular
 from musatpy.model.compilation import Compilation
 from musatpy.model.tables import empty
 from musatpy.refraction import bending
-from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import sinusoidal
+from musatpy.refraction.surface import Gridded
+from musatpy.refraction.waves import sinusoidal
 from musatpy.reports.record import dumps, record
 from musatpy.simulation import simulate
 from musatpy.simulation.simulation_spec import spec_from_table

@@ -20,8 +20,7 @@ from musatpy.cli.main import main
 from musatpy.depth.correction import Correction
 from musatpy.depth.point_positions import Ground, Tilt
 from musatpy.depth.run_cameras import read_run
-from musatpy.geometry.frames import GeocentricFrame
-from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.geodesy import Ellipsoid, GeocentricFrame
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import Geocentric
 

@@ -214,7 +214,7 @@ Figures 8 and 9, the errors in height in depth 20 m from 1500 m, simultaneous ph
 
 def pictures() -> dict[str, bytes]:
     """Return Figures 7, 8 and 9 as PNG files, by name."""
-    from musatpy.refraction.harmonic import sinusoidal
+    from musatpy.refraction.waves import sinusoidal
     from studies.crossing import crossing
     from studies.pictures import height_histogram, refraction_picture
 

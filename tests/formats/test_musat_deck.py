@@ -18,7 +18,7 @@ from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.draft import draft_of
 from musatpy.model import CoordinateSystem
 from musatpy.model.block import linking
-from musatpy.model.waves import PARAMETERS, SIGMAS
+from musatpy.model.water import WAVE_SIGMAS
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
 
 SYSTEMS = list(CoordinateSystem)
@@ -83,7 +83,7 @@ ROUNDING = {
     "ReseauCrosses.xy": 0.5e-5,
     "CrossMeasurements.xy": 0.5e-6,
     "Photos.time": 0.5e-3,
-    **{f"Waves.{name}": 0.5e-3 for name in (*PARAMETERS, *SIGMAS)},
+    **{f"Waves.{name}": 0.5e-3 for name in ("period", "length", "speed", "height", "crest", *WAVE_SIGMAS)},
     "Waves.depth": 0.5e-2,
     "Waves.azimuth": 0.5e-3 * DEGREE,
     "Waves.azimuth_sigma": 0.5e-3 * DEGREE,

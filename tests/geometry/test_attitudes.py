@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from musatpy.geometry.attitudes import (
+from musatpy.geometry.rotations import (
     AngleForm,
     angle_rates,
     angles_by_turn,
     angles_of,
+    attitude_from_matrix,
+    attitude_matrix,
     gimbal,
     in_axes,
     matrix_of,
-    nearest_rotation,
+    orthogonal,
 )
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 
 OPK, POK, ATS = AngleForm
 FORMS = pytest.mark.parametrize("form", list(AngleForm))
@@ -153,8 +154,10 @@ def test_axes_turn_what_a_photo_sees():
 
 def test_rounded_matrices_become_rotations_and_mirrors_do_not():
     M = of_scipy(ANGLES, OPK)
-    rotation, missed = nearest_rotation(np.round(M, 6))
-    assert 0.0 < missed.max() < 1.5e-6  # three roundings of 5e-7 meet in one element at most
+    rounded = np.round(M, 6)
+    rotation = orthogonal(rounded)
+    assert 0.0 < np.abs(rotation - rounded).max() < 1.5e-6  # three roundings of 5e-7 meet in one element at most
     np.testing.assert_allclose(rotation @ rotation.swapaxes(1, 2), np.tile(np.eye(3), (40, 1, 1)), atol=ROUNDING)
     np.testing.assert_allclose(np.linalg.det(rotation), 1.0, atol=ROUNDING)
-    assert nearest_rotation(M * [[1.0], [1.0], [-1.0]])[1].min() > 0.1
+    mirrored = M * [[1.0], [1.0], [-1.0]]
+    assert np.abs(orthogonal(mirrored) - mirrored).max(axis=(1, 2)).min() > 0.1

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame, LocalFrame
-from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame
 
 ORIGIN = np.array([1_100_000.0, -5_900_000.0, 2_100_000.0])  # m, the Cayman Islands
 PLACES = np.array([[[0.0, 0.0, 0.0], [900.0, -400.0, 80.0]], [[-2000.0, 10.0, 5.0], [3.0, 7000.0, -60.0]]])

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from musatpy.geometry import collinearity
-from musatpy.geometry.coplanarity import coplanarity, scale_restraint
+from musatpy.geometry.intersection import coplanarity, scale_restraint
 from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
 from musatpy.refraction import bending, fermat, flat
-from musatpy.refraction.trains import Trains
+from musatpy.refraction.waves import Trains
 from refraction.seas import CHOP, SEAS, Tilted
 
 F, PP, N = 152.3, np.array([0.12, -0.07]), 1.34

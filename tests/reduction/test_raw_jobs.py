@@ -29,7 +29,7 @@ from musatpy.model import (
     Refused,
     Transformation,
 )
-from musatpy.model.reduced import Reduced
+from musatpy.model.reduction import Reduced
 from musatpy.model.tables import empty
 from musatpy.reduction.readings_job import reduce
 from musatpy.reduction.refined_block import reduction_of

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.geometry.frames import middle_of
+from musatpy.geometry.geodesy import middle_of
 from musatpy.model import Block, CoordinateSystem, Treatment, WaterLevel
 from reference.rays import rotation, sighted
 

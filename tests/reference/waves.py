@@ -9,7 +9,7 @@ from scipy.optimize import fsolve
 
 from musatpy.model import Block
 from musatpy.model.tables import taken
-from musatpy.refraction.harmonic import Harmonic
+from musatpy.refraction.waves import Harmonic
 from reference import networks
 from reference.earth import earth_of
 from reference.networks import Plan

@@ -6,12 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import sinusoidal, stokes
-from musatpy.refraction.plane import Plane
-from musatpy.refraction.superposed import Superposed, superposed
-from musatpy.refraction.surface import Limits, Relief, Surface
-from musatpy.refraction.trochoid import Trochoid
+from musatpy.refraction.surface import Gridded, Limits, Plane, Relief, Surface
+from musatpy.refraction.waves import Superposed, Trochoid, sinusoidal, stokes, superposed
 
 SWELL = sinusoidal(amplitude=0.49, length=92.0, azimuth=0.5, speed=9.2, crest=7.0, level=0.3)
 CHOP = sinusoidal(

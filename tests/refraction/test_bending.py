@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from musatpy.refraction import bending, flat
-from musatpy.refraction.harmonic import sinusoidal
-from musatpy.refraction.plane import Plane
+from musatpy.refraction.surface import Plane
+from musatpy.refraction.waves import sinusoidal
 from refraction.seas import SEAS
 
 CAMERA = np.array([10.0, -20.0, 300.0])

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from musatpy.refraction import bending, fermat, flat
 from musatpy.refraction.all_refraction_points import search
-from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import sinusoidal
-from musatpy.refraction.plane import Plane
 from musatpy.refraction.stationary import Rays
+from musatpy.refraction.surface import Gridded, Plane
+from musatpy.refraction.waves import sinusoidal
 from refraction.seas import SEAS
 
 CAMERA = np.array([40.0, -60.0, 480.0])

@@ -7,11 +7,9 @@ import pytest
 
 from musatpy.refraction import fermat
 from musatpy.refraction.all_refraction_points import disc, search
-from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import sinusoidal, stokes
 from musatpy.refraction.stationary import Rays, path, stationary
-from musatpy.refraction.surface import Surface
-from musatpy.refraction.trochoid import Trochoid
+from musatpy.refraction.surface import Gridded, Surface
+from musatpy.refraction.waves import Trochoid, sinusoidal, stokes
 
 N = 1.34
 CROSSING = sinusoidal(amplitude=[0.3, 0.2], length=[8.0, 6.0], azimuth=[0.4, 1.7], crest=[1.0, -2.0])

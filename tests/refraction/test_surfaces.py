@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from musatpy.refraction.gridded import Gridded
-from musatpy.refraction.harmonic import Harmonic, second_harmonic, sinusoidal, stokes
-from musatpy.refraction.superposed import superposed
-from musatpy.refraction.trochoid import Trochoid
+from musatpy.refraction.surface import Gridded
+from musatpy.refraction.waves import Harmonic, Trochoid, second_harmonic, sinusoidal, stokes, superposed
 from refraction.seas import CHOP, SEAS, SWELL, measured
 
 PLACES = np.random.default_rng(1).uniform(-90.0, 90.0, (300, 2))

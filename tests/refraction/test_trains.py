@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from musatpy.refraction.trains import LENGTH, Trains, about
+from musatpy.refraction.waves import LENGTH, Trains, about
 from musatpy.sea.theory import linear_wave
 from refraction.seas import CHOP, SWELL
 

@@ -12,7 +12,7 @@ import pytest
 from musatpy import read_deck
 from musatpy.formats.musat import deck_bytes
 from musatpy.model import Order
-from musatpy.model.ordering import in_order_of_ids, natural_order
+from musatpy.model.block import in_order_of_ids, natural_order
 from musatpy.runs import run_deck
 from sample_solutions import sample_solution
 

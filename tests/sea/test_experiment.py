@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from musatpy.refraction.harmonic import sinusoidal
-from musatpy.refraction.plane import Plane
+from musatpy.refraction.surface import Plane
+from musatpy.refraction.waves import sinusoidal
 from musatpy.sea.experiment import Experiment, histogram, intersect, run, spread, verdict
 from studies.crossing import crossing
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.stereo import fourier, splines
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.fitted import height_sigma

@@ -10,8 +10,7 @@ import pytest
 from musatpy.geometry.intersection import nearest_point
 from musatpy.refraction import fermat
 from musatpy.refraction.apparent import Stations, true_points
-from musatpy.refraction.plane import Plane
-from musatpy.refraction.surface import Surface
+from musatpy.refraction.surface import Plane, Surface
 from musatpy.sea.stereo.corrected_points import REASONS, Fault, correct
 from musatpy.sea.stereo.estimate import fit_fourier, fit_grid
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersection_covariance

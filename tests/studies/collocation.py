@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.experiment import Experiment, run
 from musatpy.sea.interpolation.correlation import Correlation, Family
 from musatpy.sea.interpolation.estimation import estimate

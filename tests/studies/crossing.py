@@ -8,8 +8,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.refraction import fermat
-from musatpy.refraction.harmonic import Harmonic
 from musatpy.refraction.surface import unit_direction
+from musatpy.refraction.waves import Harmonic
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.experiment import Experiment
 from musatpy.units import DEGREE
 

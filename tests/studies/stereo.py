@@ -16,9 +16,8 @@ from musatpy.arrays import BoolArray, FloatArray
 from musatpy.draws import Draws
 from musatpy.geometry.rotations import cross
 from musatpy.refraction import fermat
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
-from musatpy.refraction.plane import Plane
-from musatpy.refraction.surface import Surface
+from musatpy.refraction.surface import Plane, Surface
+from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.stereo.corrected_points import Endless
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.spectrum import mean_spacing

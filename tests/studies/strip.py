@@ -16,7 +16,7 @@ from musatpy.geometry import collinearity
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model.tables import empty
 from musatpy.refraction import fermat
-from musatpy.refraction.harmonic import Harmonic, sinusoidal
+from musatpy.refraction.waves import Harmonic, sinusoidal
 from musatpy.sea.theory import linear_wave
 from musatpy.units import DEGREE, MICROMETRE
 

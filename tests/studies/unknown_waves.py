@@ -16,7 +16,7 @@ from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWaves, Solution
-from musatpy.refraction.trains import HEIGHT, LENGTH, Trains
+from musatpy.refraction.waves import HEIGHT, LENGTH, Trains
 from musatpy.units import DEGREE
 from studies.strip import Photographed, Strip, photographed
 

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from musatpy.adjustment import adjust
 from musatpy.errors import SystemsError
-from musatpy.geometry.attitudes import AngleForm, matrix_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Geoid, Projected
+from musatpy.geometry.rotations import AngleForm, matrix_of
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, TangentPlane
 from musatpy.model import (
     ControlKind,

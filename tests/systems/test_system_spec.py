@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from musatpy.errors import SystemsError
-from musatpy.geometry.attitudes import AngleForm
+from musatpy.geometry.rotations import AngleForm
 from musatpy.systems import Axes, Sigmas, SystemSpec, statement_of
 from reference.networks import Plan
 from reference.networks import simulate as network

@@ -38,7 +38,7 @@ from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, finite_rows
 from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
-from musatpy.geometry.frames import Frame
+from musatpy.geometry.geodesy import Frame
 from musatpy.model import (
     Block,
     CoordinateSystem,

@@ -11,7 +11,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Sums, summed, upper
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
-from musatpy.geometry.coplanarity import coplanarity, scale_restraint
+from musatpy.geometry.intersection import coplanarity, scale_restraint
 from musatpy.model import Weights
 
 

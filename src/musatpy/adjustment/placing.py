@@ -10,7 +10,7 @@ from musatpy.adjustment.job import level_coordinates
 from musatpy.adjustment.network import job_frame
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, finite_rows
 from musatpy.geometry import collinearity, intersection
-from musatpy.geometry.frames import Frame
+from musatpy.geometry.geodesy import Frame
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, CoordinateSystem, Datum, Program
 from musatpy.orientation.absolute import Targets, absolute_orientation, levelling

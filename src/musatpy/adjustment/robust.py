@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
-from musatpy.geometry import robust
+from musatpy.geometry import similarity
 
 Weights = TypeVar("Weights")
 
@@ -28,12 +28,12 @@ def chi_square_limit(redundancy: int, normal: float = FITS) -> float:
 def cauchy(size: FloatArray, scale: float) -> FloatArray:
     """Return Cauchy's weights of residuals `size` in sigmas; NaN counts as lost."""
     size = np.nan_to_num(size, nan=_LOST, posinf=_LOST, neginf=-_LOST)
-    return np.maximum(robust.cauchy(size, scale), _LEAST)
+    return np.maximum(similarity.cauchy(size, scale), _LEAST)
 
 
 def robust_scale(size: FloatArray) -> float:
     """Return the scale of residuals in sigmas by their median, at least 1: what is good stays so."""
-    return robust.spread(np.abs(size[np.isfinite(size)]), 1.0)
+    return similarity.spread(np.abs(size[np.isfinite(size)]), 1.0)
 
 
 def reweighted(

@@ -16,9 +16,15 @@ import numpy as np
 from musatpy.adjustment.network import BACK, ORDER, Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.attitudes import AngleForm, angle_rates
-from musatpy.geometry.frames import Frame
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, attitude_matrix_partials, wrapped
+from musatpy.geometry.geodesy import Frame
+from musatpy.geometry.rotations import (
+    AngleForm,
+    angle_rates,
+    attitude_from_matrix,
+    attitude_matrix,
+    attitude_matrix_partials,
+    wrapped,
+)
 from musatpy.model import ObservationKind, Photos
 from musatpy.units import DEGREE
 

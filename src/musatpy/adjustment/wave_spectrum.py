@@ -20,7 +20,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import CREST, HEIGHT, LENGTH, WorkingSea, wave_names
 from musatpy.arrays import FloatArray, IntArray, finite_rows
 from musatpy.model import ObservationKind
-from musatpy.refraction.trains import Trains
+from musatpy.refraction.waves import Trains
 
 _PART = 48  # waves at a time, at most
 _CELLS = 4e6  # of the normal equations of single points: what they need in memory stays within some ten megabytes

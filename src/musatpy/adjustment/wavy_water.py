@@ -19,16 +19,16 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.geometry.frames import Frame
+from musatpy.geometry.geodesy import Frame
 from musatpy.model import Block, Datum, Program, Refraction, Treatment
-from musatpy.model.waves import SIGMAS
+from musatpy.model.water import WAVE_SIGMAS
 from musatpy.refraction.flat import Incidence, RefractedRay
 
 if TYPE_CHECKING:  # most runs have no waves
     from musatpy.refraction.bending import WaveRay
     from musatpy.refraction.fermat import WaveIncidence
     from musatpy.refraction.surface import Surface
-    from musatpy.refraction.trains import Trains
+    from musatpy.refraction.waves import Trains
 
 Result = TypeVar("Result")
 
@@ -68,8 +68,7 @@ class Sea:
     @cached_property
     def trains(self) -> Trains:
         """The waves with their parameters. Raises `ValueError` where the surface is no sum of sinusoidal waves."""
-        from musatpy.refraction.harmonic import Harmonic
-        from musatpy.refraction.trains import Trains
+        from musatpy.refraction.waves import Harmonic, Trains
 
         if not isinstance(self.surface, Harmonic):
             raise ValueError("only sinusoidal waves and sums of them can be unknown")
@@ -262,10 +261,10 @@ def wave_names(sea: Sea) -> tuple[str, ...]:
     """Return names of the unknown parameters of the waves, in their order."""
     if not sea.unknown.any():
         return ()
-    from musatpy.model.adjusted_waves import PARAMETERS
+    from musatpy.model.solution import WAVE_VALUES
 
     ids = names_of_waves(sea)
-    return tuple(f"wave {ids[wave]} {PARAMETERS[of]}" for wave, of in np.argwhere(sea.unknown).tolist())
+    return tuple(f"wave {ids[wave]} {WAVE_VALUES[of]}" for wave, of in np.argwhere(sea.unknown).tolist())
 
 
 def names_of_waves(sea: Sea) -> tuple[str, ...]:
@@ -293,7 +292,7 @@ def sea_of(block: Block, given: Sea | None) -> Sea | None:
         raise AdjustmentError([Problem(message=reason) for reason in reasons])
     from musatpy.sea import deck_waves  # most jobs have none
 
-    sigma = np.stack([getattr(waves, name) for name in SIGMAS], axis=1)
+    sigma = np.stack([getattr(waves, name) for name in WAVE_SIGMAS], axis=1)
     known = not np.isfinite(sigma).any()
     try:
         surface = deck_waves.surface_of(waves)

@@ -41,7 +41,7 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.model.progress import Progress
-from musatpy.model.waves import known_waves
+from musatpy.model.water import known_waves
 
 Factors = dict[ObservationKind, FloatArray]  # on weights: (rows, components), those of `Observations`
 _K = ObservationKind

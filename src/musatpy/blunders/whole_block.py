@@ -21,7 +21,7 @@ from musatpy.blunders import revisions
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import revised
 from musatpy.blunders.scene import STEP, Effort, Scene, sees_water
-from musatpy.geometry.frames import Frame
+from musatpy.geometry.geodesy import Frame
 from musatpy.jobs.extract import extracted
 from musatpy.model import Block, CauseKind, CoordinateSystem, Initial
 from musatpy.units import DEGREE, FOOT, YARD

@@ -25,7 +25,7 @@ from musatpy.compilation.views_of_points import MISSED, in_models, incidences, r
 from musatpy.errors import CompilationError, Problem
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import AGAIN, RECOVERABLE, SHORE, Compilation, Mode, StageReadings
-from musatpy.model.reduced import Reduced
+from musatpy.model.reduction import Reduced
 
 if TYPE_CHECKING:
     from musatpy.compilation.answers import StatedPoints

@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.errors import CompilationError, Problem, ProblemsError
-from musatpy.geometry.frames import Frame
+from musatpy.geometry.geodesy import Frame
 from musatpy.model.compilation import SoundingDatum
 
 if TYPE_CHECKING:

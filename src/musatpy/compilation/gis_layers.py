@@ -16,8 +16,7 @@ from musatpy.compilation.grids import PostGrid
 from musatpy.compilation.joined_surfaces import Of
 from musatpy.compilation.point_orders import orders_of_points
 from musatpy.errors import CompilationError, Problem
-from musatpy.geometry.crs import system_of
-from musatpy.geometry.plan import Plan
+from musatpy.geometry.crs import Plan, system_of
 from musatpy.geometry.projected import crs_of
 from musatpy.geometry.systems import Geocentric
 from musatpy.interchange.layers import Column, Grid, Lines, Points

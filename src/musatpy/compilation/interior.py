@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.model.compilation import Compilation
-from musatpy.model.reduced import Reduced
+from musatpy.model.reduction import Reduced
 from musatpy.reduction.readings_job import reduce
 
 

@@ -21,7 +21,7 @@ from musatpy.compilation.compiled import Compiled, CompiledModel
 from musatpy.compilation.datums import Datum
 from musatpy.compilation.profiles import profiles_of
 from musatpy.errors import SurfaceError
-from musatpy.geometry.plan import Plan
+from musatpy.geometry.crs import Plan
 from musatpy.model.compilation import AGAIN, SHORE
 from musatpy.surfaces.tin import Tin
 

@@ -17,7 +17,7 @@ from numpy import einsum
 from musatpy.adjustment.point_normals import RIDGE
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.bent_rays import Image, Matrix, Numbers, Value, Vector, bent, matrix, pictured
-from musatpy.geometry.frames import Frame, GeocentricFrame
+from musatpy.geometry.geodesy import Frame, GeocentricFrame
 
 Vertical = tuple[FloatArray, FloatArray]  # up (3, c) and height (c,) m
 CHUNK = 12288  # points at a time

@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.pair_errors import Described, PairErrors, described
 from musatpy.compilation.pair_images import APART, AT_REST, chunks, met, sunk
-from musatpy.geometry.frames import Frame, GeographicFrame
+from musatpy.geometry.geodesy import Frame, GeographicFrame
 
 if TYPE_CHECKING:
     from musatpy.compilation.true_points import Readings, TruePoints

@@ -13,7 +13,7 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.compiled import Compiled, CompiledModel
 from musatpy.compilation.datums import Datum
 from musatpy.errors import CompilationError, Problem
-from musatpy.geometry.plan import Plan
+from musatpy.geometry.crs import Plan
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
 from musatpy.surfaces.lags import Lag, lag_of

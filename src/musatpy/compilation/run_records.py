@@ -42,10 +42,9 @@ from musatpy.model import (
     WaveOrigin,
     Waves,
 )
-from musatpy.model.adjusted_waves import PARAMETERS
+from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.tables import empty
-from musatpy.model.water import index_fault
-from musatpy.model.waves import SIGMAS
+from musatpy.model.water import WAVE_SIGMAS, index_fault
 from musatpy.units import AngleUnit
 
 _NEEDS = {
@@ -225,7 +224,7 @@ def _waves(record: Any) -> dict[str, Any]:
 
     code = {str(shape): letters for letters, shape in SHAPES.items()}
     given = {name: f"given_{name}" for name in ("period", "length", "speed")}
-    same = ("depth", "height", "azimuth", "crest", *SIGMAS)
+    same = ("depth", "height", "azimuth", "crest", *WAVE_SIGMAS)
     waves = Waves(
         ids=np.array(table["wave"], dtype=np.str_),
         shape=np.array([code[shape] for shape in table["shape"]], dtype=np.str_),
@@ -238,7 +237,7 @@ def _adjusted_waves(water: Any) -> FloatArray | None:
     """Return the parameters (k, 4) of waves that the run has adjusted, None where there are none."""
     if water is None or water["waves"] is None:
         return None
-    return np.stack([_array(water["waves"]["waves"][name]) for name in PARAMETERS], axis=1)
+    return np.stack([_array(water["waves"]["waves"][name]) for name in WAVE_VALUES], axis=1)
 
 
 def _plates(record: Any) -> PlateMeasurements:

@@ -15,8 +15,7 @@ from musatpy.adjustment.water_surface import is_considered, water_knowledge
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, CompilationError, Problem
-from musatpy.geometry.frames import Frame, GeocentricFrame, GeographicFrame
-from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame
 from musatpy.geometry.systems import Geocentric, Geographic, System
 from musatpy.model import (
     Block,

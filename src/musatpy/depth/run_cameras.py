@@ -18,7 +18,7 @@ from musatpy.depth.cameras import Cameras
 from musatpy.depth.point_positions import Tilt
 from musatpy.errors import DepthError, Problem, RecordError, SystemsError
 from musatpy.geometry.crs import LongitudeLatitude
-from musatpy.geometry.frames import middle_of
+from musatpy.geometry.geodesy import middle_of
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.json_files import Needs

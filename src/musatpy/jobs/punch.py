@@ -39,7 +39,7 @@ from musatpy.model import (
 )
 from musatpy.model.block import in_order
 from musatpy.model.tables import empty, stacked, taken
-from musatpy.model.waves import SIGMAS, known_waves
+from musatpy.model.water import WAVE_SIGMAS, known_waves
 
 
 class Content(StrEnum):
@@ -334,7 +334,7 @@ def _waves_found(waves: Waves, solution: Solution) -> Waves:
     if not adjusted or not len(waves.ids):
         return waves
     height, length, azimuth, crest = adjusted.value.T
-    sigmas = dict(zip(SIGMAS, adjusted.sigma.T, strict=True))
+    sigmas = dict(zip(WAVE_SIGMAS, adjusted.sigma.T, strict=True))
     return replace(
         waves,
         height=np.abs(height),

@@ -6,23 +6,28 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import musatpy
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model.adjusted_waves import AdjustedWaves
 from musatpy.model.block import Block
 from musatpy.model.findings import Cause, Finding
 from musatpy.model.kinds import ObservationKind
-from musatpy.model.reliability import ConsideredWater, Dependence, HeldParameters, Observations
 from musatpy.model.tables import Table, freeze, per_row
+from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
-    from musatpy.model.reduced import Reduced  # of raw plates only
+    from musatpy.model.reduction import Reduced  # of raw plates only
 
 _REASON = 200  # characters of a reason that are shown
+WAVE_VALUES = ("height", "length", "azimuth", "crest")
+CORRELATED = 0.95  # as where correlations are listed: so much of a parameter is another's
+_SEEN = 5.0  # sigmas of a height that is no noise: of many waves, one always fits it by three or four
+OPEN = 0.5  # of a length: a guess that leaves crests more open than that may lead to wrong ones
+_SURE = 0.5  # of the sigma before: a parameter whose sigma is at most that much of it is determined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,6 +198,169 @@ class Departure:
 
     def __str__(self) -> str:
         return f"{self.sigmas:.2f} sigma from that of RIGOROUS: {self.farthest}"
+
+
+def _in_words(wave: FloatArray) -> str:
+    """Return height, length, azimuth and crest (4,) as a deck states them."""
+    height, length, azimuth, crest = wave.tolist()
+    return (
+        f"height {height:.2f} m, length {length:.2f} m, towards {azimuth / DEGREE:.2f} degrees, crest {crest:.2f} m"
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AdjustedWaves(Table):
+    """k waves after the adjustment, (k, 4): height (m), length (m), azimuth (rad), crest (m), as on their cards.
+
+    Heights are from trough to crest, azimuths clockwise from true north (+Y of local jobs), crests distances from
+    the origin of the waves at time 0. Sigmas and variance inflation are NaN for what was known.
+    """
+
+    ids: TextArray = per_row()  # (k,)
+    value: FloatArray = per_row(4)
+    prior: FloatArray = per_row(4)  # what was given
+    prior_sigma: FloatArray = per_row(4)
+    sigma: FloatArray = per_row(4)  # a posteriori
+    kept: FloatArray = per_row(4)  # a priori sigma over that of the prior: 1 where nothing was learnt
+    inflation: FloatArray = per_row(4)  # variance inflation factors
+    speed: FloatArray = per_row()  # (k,) m/s of the crests
+    open: FloatArray = per_row()  # (k,) of a length: sigma, as given, of crests at the typical distance of points
+    rival: FloatArray = per_row(4)  # of other crests that fit nearly as well, NaN where none were met
+    excess: FloatArray = per_row()  # (k,) by which the sum of squares is higher with these
+    searched: BoolArray = per_row()  # (k,) the search went over all that the sigmas allow
+    first: TextArray = per_row(rows="pairs")  # (c,) names of unknown parameters,
+    second: TextArray = per_row(rows="pairs")  # (c,) of these, of the other water, and of one station height each,
+    correlation: FloatArray = per_row(rows="pairs")  # (c,) and how they are correlated
+
+    @property
+    def period(self) -> FloatArray:
+        """(k,) s, length over speed; infinite for waves that stand still."""
+        with np.errstate(divide="ignore"):
+            return self.value[:, WAVE_VALUES.index("length")] / self.speed
+
+    @property
+    def unsure(self) -> BoolArray:
+        """(k,) True where other crests fit nearly as well, or may lie where they were not looked for."""
+        return np.isfinite(self.excess) | ((self.open > OPEN) & ~self.searched)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for every wave of which too little was given, and every parameter that was not determined."""
+        vague = tuple(
+            f"what is given of wave {self.ids[wave]} leaves its crests open by {self.open[wave]:.1f} of a length "
+            f"(1 sigma) at the typical distance of the points from the origin of the waves, too much to search: "
+            f"the crests may be others; an origin, and a time 0, in the middle of the points leave less open"
+            for wave in np.flatnonzero((self.open > OPEN) & ~self.searched).tolist()
+        )
+        rivals = tuple(
+            f"other crests of wave {self.ids[wave]} fit nearly as well: {_in_words(self.rival[wave])} raise the "
+            f"weighted sum of squares by {self.excess[wave]:.1f} only"
+            for wave in np.flatnonzero(np.isfinite(self.excess)).tolist()
+        )
+        lost = tuple(
+            f"the {WAVE_VALUES[parameter]} of wave {self.ids[wave]} is {self.verdicts[wave, parameter]}"
+            for wave, parameter in np.argwhere(np.char.startswith(self.verdicts, "not")).tolist()
+        )
+        return vague + rivals + lost
+
+    @cached_property
+    def verdicts(self) -> TextArray:
+        """(k, 4) whether each parameter was determined, and if not, why; empty for what was known."""
+        tied = self.inflation >= 1.0 / (1.0 - CORRELATED**2)
+        verdict = np.where(self.kept <= _SURE, "determined", "weakly determined")
+        verdict = np.where(self.kept >= CORRELATED, "not determined: does not show", verdict)
+        verdict = np.where((self.kept >= CORRELATED) & tied, "not determined: not apart from others", verdict)
+        with np.errstate(invalid="ignore"):
+            faint = np.abs(self.value[:, :1]) < _SEEN * self.sigma[:, :1]
+        faint = faint & (np.arange(4) > 0) & (self.kept < CORRELATED)
+        verdict = np.where(faint, "not determined: lost in the noise", verdict)
+        return np.asarray(np.where(np.isnan(self.kept), "", verdict), dtype=np.str_)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observations(Table):
+    """The o scalar observations that took part in an adjustment, in the units of their kinds.
+
+    `influence` is what an error of one unit does to the position that the observation belongs to, east, north, up
+    in metres: that of its ground point, or of its exposure station; of the second end of a base, distance or height
+    difference; NaN for the water.
+    """
+
+    kind: IntArray = per_row()  # (o,) ObservationKind
+    row: IntArray = per_row()  # (o,) link to the table of the kind
+    component: IntArray = per_row()  # (o,)
+    residual: FloatArray = per_row()  # (o,) adjusted minus observed
+    sigma: FloatArray = per_row()  # (o,) a priori
+    redundancy: FloatArray = per_row()  # (o,) share of an error that shows in the residual
+    influence: FloatArray = per_row(3)  # (o, 3)
+    considered: FloatArray = per_row(blank=0.0)  # (o,) variance of the residual from considered water
+
+    @property
+    def share(self) -> FloatArray:
+        """(o,) variance that the residual should have, over that of the observation: the redundancy number.
+
+        Considered parameters add to it.
+        """
+        return self.redundancy + self.considered / np.square(self.sigma)
+
+    @property
+    def visibility(self) -> FloatArray:
+        """(o,) sigmas of the residual by which an error of one sigma of the observation moves it."""
+        share = np.maximum(self.share, 0.0)
+        return np.divide(self.redundancy, np.sqrt(share), out=np.zeros_like(share), where=share > 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConsideredWater(Table):
+    """c parameters of the water that have a sigma and were not adjusted; their errors are in all sigmas."""
+
+    names: TextArray = per_row()  # (c,)
+    units: TextArray = per_row()  # (c,) in which a sigma is read: m, arc sec, deg, or none for the index
+    sigma: FloatArray = per_row()  # (c,) m, rad, or none for the index
+    explained: float  # of the weighted sum of squares: what errors of such sigmas explain best
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dependence(Table):
+    """How the unknowns of the normal equations depend on one another.
+
+    The variance inflation factor of an unknown is the diagonal element of the normal matrix, before any point is
+    eliminated, times its cofactor: 1/(1 - R^2) of its column against all others. Correlations are those of 0.95 and
+    more between unknowns of a photo, of photos that have a point in common, and of the globals with all others.
+    """
+
+    station_inflation: FloatArray = per_row(6)  # (n, 6) NaN where a parameter was held
+    names: TextArray = per_row(rows="globals")  # (g,) the global unknowns: levels, water, kept points
+    sigma: FloatArray = per_row(rows="globals")  # (g,) a posteriori, in m, rad, or none for the index
+    inflation: FloatArray = per_row(rows="globals")  # (g,)
+    first: TextArray = per_row(rows="pairs")  # (c,) names of correlated unknowns, the most correlated ones first
+    second: TextArray = per_row(rows="pairs")  # (c,)
+    correlation: FloatArray = per_row(rows="pairs")  # (c,)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldParameters(Table):
+    """The h parameters that an adjustment holds and that many observations have in common, each with what it does.
+
+    An error e of one (given minus true) adds c e to the residuals, of which the adjustment leaves r e: c'Pc is the
+    `whole` column, r'Pr its `redundant` part, v'Pr the `pull` of the residuals v. What moves most in its own sigmas
+    goes by `shift` metres and `sigmas` for an error of one unit: of the stations, the points, the depths; -1, and
+    NaN, where nothing has a sigma.
+    """
+
+    names: TextArray = per_row()  # (h,)
+    units: TextArray = per_row()  # (h,) of the errors: mm, m, or none
+    reference: FloatArray = per_row()  # (h,) error by which movements are stated
+    limit: FloatArray = per_row()  # (h,) error beyond which nobody believes the parameter
+    pull: FloatArray = per_row()
+    redundant: FloatArray = per_row()
+    whole: FloatArray = per_row()
+    considered: FloatArray = per_row()  # (h,) variance of the pull from considered parameters
+    moved: IntArray = per_row(3)  # (h, 3) links to photos, points, points
+    shift: FloatArray = per_row(3)  # (h, 3) m
+    sigmas: FloatArray = per_row(3)  # (h, 3)
+    adjusted: int  # parameters of the kind that are unknowns
+    known_with_sigma: int  # those that are considered
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

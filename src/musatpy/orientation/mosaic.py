@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from musatpy.arrays import ComplexArray, FloatArray, IntArray
-from musatpy.geometry.robust import cauchy, spread
+from musatpy.geometry.similarity import cauchy, spread
 from musatpy.orientation.relative import plane_similarity
 from musatpy.orientation.strips import Model, Sights, common_images, padded
 

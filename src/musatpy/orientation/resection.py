@@ -12,8 +12,8 @@ from itertools import combinations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.robust import TO_SIGMA, cauchy
 from musatpy.geometry.rotations import cross, orthogonal, skew, turn
+from musatpy.geometry.similarity import TO_SIGMA, cauchy
 
 _SAMPLES = 150  # of three points
 _ROUNDS = 15

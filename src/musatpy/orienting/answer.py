@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import numerics
 from musatpy.model import Block, OrientationMethod, StripPlane, Weights
-from musatpy.model.verdict import Concern, Grade, Reason
+from musatpy.model.findings import Concern, Grade, Reason
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
 from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation

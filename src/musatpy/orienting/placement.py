@@ -11,8 +11,8 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import Block, Grade
-from musatpy.model.verdict import Concern, Reason
-from musatpy.model.verdict import Verdict as RunVerdict
+from musatpy.model.findings import Concern, Reason
+from musatpy.model.findings import Verdict as RunVerdict
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orienting.scene import Scene
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.frames import Frame, LocalFrame
+from musatpy.geometry.geodesy import Frame, LocalFrame
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
     Block,

@@ -11,7 +11,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import similarity
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, wrapped
 from musatpy.model import Solution
-from musatpy.model.verdict import Concern, Grade, Reason
+from musatpy.model.findings import Concern, Grade, Reason
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector
 from musatpy.orientation.twomedia.oriented import Verdict
 from musatpy.orientation.twomedia.rays import Orientation

@@ -16,7 +16,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.fortran import decimals_of
-from musatpy.model.reduced import BY_HEIGHTS
+from musatpy.model.reduction import BY_HEIGHTS
 from musatpy.reduction import planar
 from musatpy.reduction.planar import Fit, Kind
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.model.reduced import Quantity, Unit
+from musatpy.model.reduction import Quantity, Unit
 from musatpy.reduction import comparator, distortion, planar
 from musatpy.reduction.atmosphere import Refraction
 from musatpy.reduction.comparator import Comparator

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray
 from musatpy.model import Block, CrossMeasurements, FiducialMeasurements, ReductionOptions, Refused
-from musatpy.model.reduced import Reduced, ReducedPlate, ReductionStep, Spread
+from musatpy.model.reduction import Reduced, ReducedPlate, ReductionStep, Spread
 from musatpy.model.tables import empty, renumbered, taken
 from musatpy.reduction.plate_steps import PlateReduction
 from musatpy.reduction.quantities import quantities

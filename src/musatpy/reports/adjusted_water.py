@@ -6,7 +6,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWater, AdjustedWaves
-from musatpy.model.adjusted_waves import PARAMETERS
+from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports import quality_record
 from musatpy.reports.editing import number_text
 from musatpy.reports.origin import Mapped, Origin
@@ -70,7 +70,7 @@ def _in_unit(heading: str, edit: str, name: str, minus: str = "") -> Column[Adju
     """Return a column of numbers in the units of their parameters."""
 
     def printed(waves: AdjustedWaves, name: str) -> FloatArray:
-        units = np.tile([DEGREE if parameter == "azimuth" else 1.0 for parameter in PARAMETERS], len(waves.ids))
+        units = np.tile([DEGREE if parameter == "azimuth" else 1.0 for parameter in WAVE_VALUES], len(waves.ids))
         numbers: FloatArray = quality_record.PARAMETERS_OF_WAVES.column(name, waves) / units
         return numbers
 

@@ -16,8 +16,8 @@ from musatpy.model import (
     Finding,
     Verdict,
 )
-from musatpy.model.adjusted_waves import PARAMETERS
-from musatpy.model.verdict import Reason
+from musatpy.model.findings import Reason
+from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
 from musatpy.statistics.exact_water import exact_water
@@ -86,8 +86,8 @@ PARAMETERS_OF_WAVES = Rows[AdjustedWaves, AdjustedWaves](
     "one row per parameter of a wave, known or not",
     same,
     (
-        Field("wave", "string", "wave id", lambda w: np.repeat(w.ids, len(PARAMETERS))),
-        Field("parameter", "string", "of the wave", lambda w: PARAMETERS * len(w.ids), choices=PARAMETERS),
+        Field("wave", "string", "wave id", lambda w: np.repeat(w.ids, len(WAVE_VALUES))),
+        Field("parameter", "string", "of the wave", lambda w: WAVE_VALUES * len(w.ids), choices=WAVE_VALUES),
         Field("given", "number", "of the deck", lambda w: w.prior.ravel(), _OF_WAVE),
         Field(
             "given_sigma", "number?", "of the deck; null where it was known", lambda w: w.prior_sigma.ravel(),

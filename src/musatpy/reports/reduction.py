@@ -17,7 +17,7 @@ from musatpy.model import (
     Refused,
     Transformation,
 )
-from musatpy.model.reduced import SPREAD_LEVEL, Quantity, Reduced, ReducedPlate
+from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced, ReducedPlate
 from musatpy.reports import brevity
 from musatpy.reports.editing import edited, number_text
 from musatpy.reports.origin import Mapped, Origin

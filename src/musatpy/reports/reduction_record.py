@@ -19,7 +19,7 @@ from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
 
 if TYPE_CHECKING:
-    from musatpy.model.reduced import Quantity, Reduced, ReducedPlate, ReductionStep, Spread
+    from musatpy.model.reduction import Quantity, Reduced, ReducedPlate, ReductionStep, Spread
 
 _OPTIONS: Group[Reduced, ReductionOptions] = Group(
     "options",

@@ -8,8 +8,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import Waves, WaveShape
-from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
+from musatpy.refraction.waves import superposed
 from musatpy.sea.surfaces import Shape, wave_surface
 from musatpy.sea.theory import LinearWave, linear_wave, period_of
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction import bending, fermat
-from musatpy.refraction.plane import Plane
-from musatpy.refraction.surface import Surface
+from musatpy.refraction.surface import Plane, Surface
 
 _PART = 4096  # points at a time: what a pair of rays needs on the way would fill the memory for a million
 

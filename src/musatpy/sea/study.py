@@ -9,8 +9,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SpecError
-from musatpy.refraction.superposed import superposed
 from musatpy.refraction.surface import Surface
+from musatpy.refraction.waves import superposed
 from musatpy.sea.experiment import Errors, Experiment, Histogram, Spread, Verdict, histogram, run, spread, verdict
 from musatpy.sea.experiment_spec import WaveSpec
 from musatpy.sea.surfaces import Shape, wave_surface

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from musatpy.refraction.harmonic import sinusoidal, stokes
 from musatpy.refraction.surface import Surface
-from musatpy.refraction.trochoid import Trochoid
+from musatpy.refraction.waves import Trochoid, sinusoidal, stokes
 
 
 class Shape(StrEnum):

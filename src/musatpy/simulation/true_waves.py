@@ -14,7 +14,7 @@ from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SpecError
 from musatpy.model import WaveOrigin, Waves, WaveShape
 from musatpy.model.tables import empty
-from musatpy.model.waves import SIGMAS
+from musatpy.model.water import WAVE_SIGMAS
 from musatpy.simulation.simulation_spec import SimulationSpec, WaveTrain
 from musatpy.simulation.world import World
 from musatpy.units import DEGREE
@@ -86,7 +86,7 @@ def _true_words(trains: tuple[WaveTrain, ...]) -> Waves:
         ids=np.array([train.id for train in trains]),
         shape=np.array([train.shape for train in trains]),
         **{name: np.array(column) * (DEGREE if name == "azimuth" else 1.0) for name, column in values.items()},
-        **dict.fromkeys(SIGMAS, np.full(len(trains), np.nan)),
+        **dict.fromkeys(WAVE_SIGMAS, np.full(len(trains), np.nan)),
     )
 
 
@@ -95,7 +95,7 @@ def _cards(trains: tuple[WaveTrain, ...], true: Waves) -> Waves:
     from musatpy.sea.deck_waves import wave_trains
 
     wrong = {name: np.array([getattr(train, f"{name}_error") for train in trains]) for name in _WRONG}
-    sigmas = {name: np.array([getattr(train, name) for train in trains], dtype=float) for name in SIGMAS}
+    sigmas = {name: np.array([getattr(train, name) for train in trains], dtype=float) for name in WAVE_SIGMAS}
     length = np.where(wrong["length"] != 0.0, wave_trains(true).length, true.length)
     given = {**{name: getattr(true, name) for name in _WRONG}, "length": length}
     for name in _WRONG:

@@ -16,20 +16,3 @@ from musatpy.statistics.analyses import (
     rectangular,
 )
 from musatpy.statistics.words import Words
-
-__all__ = [
-    "LARGE_RESIDUAL",
-    "PLATE_KINDS",
-    "Analysis",
-    "ControlDifferences",
-    "DifferenceStatistics",
-    "PlateStatistics",
-    "Statistics",
-    "Words",
-    "difference_statistics",
-    "elevations",
-    "metric_components",
-    "metric_differences",
-    "position_components",
-    "rectangular",
-]

@@ -6,8 +6,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray
 from musatpy.model import Block, Program, Refraction, Treatment, WaterLevel
-from musatpy.model.adjusted_waves import PARAMETERS
-from musatpy.model.waves import SIGMAS
+from musatpy.model.solution import WAVE_VALUES
+from musatpy.model.water import WAVE_SIGMAS
 
 _NAMED = 8  # photos: of more, the first ones are named
 
@@ -35,7 +35,7 @@ def exact_water(block: Block) -> tuple[str, ...]:
     for row, name in enumerate(waves.ids.tolist()):
         known = [
             parameter
-            for parameter, sigma in zip(PARAMETERS, SIGMAS, strict=True)
+            for parameter, sigma in zip(WAVE_VALUES, WAVE_SIGMAS, strict=True)
             if not getattr(waves, sigma)[row] > 0.0
         ]
         if known:

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.errors import Problem
-from musatpy.geometry.attitudes import nearest_rotation
+from musatpy.geometry.rotations import orthogonal
 from musatpy.geometry.systems import Geocentric, System
 from musatpy.model import Block, CoordinateSystem, ReductionOptions, WaveOrigin
 from musatpy.systems.sigmas import Findings, Owners, propagated
@@ -181,7 +181,8 @@ def _angles_or_matrices(given: Stated, statement: Statement, findings: Findings)
             return np.full((len(photos.ids), 3, 3), np.nan)
         known = np.isfinite(matrices).all(axis=(1, 2))
         out, missed = np.full(matrices.shape, np.nan), np.zeros(len(matrices))
-        out[known], missed[known] = nearest_rotation(matrices[known])
+        out[known] = orthogonal(matrices[known])
+        missed[known] = np.abs(matrices - out)[known].max(axis=(1, 2))  # of a mirror image about 2
         findings.refuse(
             missed > _ROUNDED, "photo", photos.ids, "its matrix is no rotation (right-handed, of unit rows)"
         )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy import model
-from musatpy.geometry.frames import middle_of
+from musatpy.geometry.geodesy import middle_of
 from musatpy.model.tables import taken
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Sights

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from adjustment.case_decks import load_case
-from musatpy.geometry.coplanarity import scale_restraint
+from musatpy.geometry.intersection import scale_restraint
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import orient

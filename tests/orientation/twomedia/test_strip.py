@@ -10,7 +10,7 @@ import pytest
 from musatpy.arrays import FloatArray
 from musatpy.geometry.rotations import turn
 from musatpy.geometry.similarity import Similarity, fit, small
-from musatpy.model.orientation import PlaneTreatment
+from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia import joins, moved
 from musatpy.orientation.twomedia.oriented import OrientationError, Verdict
 from musatpy.orientation.twomedia.sights import Plane, Sights

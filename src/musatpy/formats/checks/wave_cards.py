@@ -10,7 +10,7 @@ from musatpy.errors import Problem
 from musatpy.formats.assembly import waves_of
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Datum, Editing, Program, Refraction, Treatment, WaveShape
-from musatpy.model.waves import SIGMAS
+from musatpy.model.water import WAVE_SIGMAS
 
 _PERIODS = 100.0  # from time 0; a thousandth of so many is a tenth of a length
 _TILTS = ("tilt_east", "tilt_north")
@@ -78,7 +78,7 @@ def unknown(draft: Draft) -> Iterator[Problem]:
     Program IIA propagates them, which asks for waves of the same shape.
     """
     sigmas, options = draft.rows["wave_sigmas"], draft.options
-    positive = {name: sigmas[f"waves.{name}"] > 0.0 for name in SIGMAS}
+    positive = {name: sigmas[f"waves.{name}"] > 0.0 for name in WAVE_SIGMAS}
     doubtful = np.any(list(positive.values()), axis=0)
     reasons, adjusted = [], options.program is Program.IIIA
     if adjusted and options.datum is Datum.FREE:
@@ -86,7 +86,7 @@ def unknown(draft: Draft) -> Iterator[Problem]:
     if adjusted and options.editing is not Editing.NONE:
         reasons.append(f"such waves and the editing {options.editing} exclude each other: look with known ones")
     for row in np.flatnonzero(doubtful).tolist():
-        name = next(one for one in SIGMAS if positive[one][row])
+        name = next(one for one in WAVE_SIGMAS if positive[one][row])
         for reason in reasons:
             message = f"a sigma makes wave {sigmas['waves.ids'][row]} unknown: {reason}"
             yield draft.problem("wave_sigmas", row, message, path=f"waves.{name}")

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.robust import spread
+from musatpy.geometry.similarity import spread
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits, sampled
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import (

@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
-from musatpy.model.orientation import PlaneTreatment
+from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.relative import model_points, solutions
 from musatpy.orientation.twomedia.conditions import intersection
 from musatpy.orientation.twomedia.helmert import Group

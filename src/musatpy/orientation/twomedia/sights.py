@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model.orientation import PlaneTreatment
+from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.helmert import Group, Problem
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
 

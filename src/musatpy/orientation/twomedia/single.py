@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.rotations import attitude_from_matrix
-from musatpy.model.orientation import PlaneTreatment
+from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.resection import resections
 from musatpy.orientation.twomedia.conditions import fermat, refracted
 from musatpy.orientation.twomedia.helmert import Group

@@ -15,7 +15,7 @@ from scipy.special import chdtrc, chdtri
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity, small
-from musatpy.model.orientation import PlaneTreatment
+from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.drift import Drift, drift_of
 from musatpy.orientation.twomedia.joins import Join, JoinError, joined
 from musatpy.orientation.twomedia.moved import moved_planes

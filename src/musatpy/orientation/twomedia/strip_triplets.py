@@ -10,7 +10,7 @@ import numpy as np
 from musatpy.arrays import IntArray
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.similarity import Similarity
-from musatpy.model.orientation import PlaneTreatment
+from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, orient, settled
 from musatpy.orientation.twomedia.pair import along_axes
 from musatpy.orientation.twomedia.rays import Orientation

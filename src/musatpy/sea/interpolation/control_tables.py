@@ -20,8 +20,7 @@ from musatpy.arrays import FloatArray
 from musatpy.depth.run_cameras import job_system, level_positions
 from musatpy.depth.run_cameras import read_record as run_record
 from musatpy.errors import CollocationError, Problem
-from musatpy.geometry.crs import LongitudeLatitude
-from musatpy.geometry.plan import Plan
+from musatpy.geometry.crs import LongitudeLatitude, Plan
 from musatpy.geometry.systems import System
 from musatpy.model import Block, ControlKind
 from musatpy.pointfiles.csv_tables import number, separator_faults

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.plan import Plan
+from musatpy.geometry.crs import Plan
 from musatpy.pointfiles.las_files import rewrite
 from musatpy.sea.interpolation.interpolate import Interpolation
 from musatpy.sea.interpolation.mapped_points import Corrected, Progress, Tally, correct

@@ -13,7 +13,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.errors import CollocationError, Problem
 from musatpy.files import whole_file
-from musatpy.geometry.plan import Plan
+from musatpy.geometry.crs import Plan
 from musatpy.pointfiles.csv_tables import ENCODING, Layout
 from musatpy.sea.interpolation.control_tables import Mapped, RecordPoint, number_fault
 from musatpy.sea.interpolation.interpolate import Interpolation

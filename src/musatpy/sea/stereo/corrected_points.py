@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.plan import Plan
+from musatpy.geometry.crs import Plan
 from musatpy.refraction.surface import Limits, Relief, Surface, everywhere
 from musatpy.sea.stereo.fitted import FittedSurface
 from musatpy.sea.stereo.surface_points import SurfacePoints

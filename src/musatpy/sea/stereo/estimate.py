@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.robust import spread
+from musatpy.geometry.similarity import spread
 from musatpy.sea.stereo import fourier, grid
 from musatpy.sea.stereo.fourier import FourierSurface, Search, Step
 from musatpy.sea.stereo.grid import GridSurface, Mesh

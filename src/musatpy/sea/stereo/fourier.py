@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.robust import spread
-from musatpy.refraction.harmonic import Harmonic
+from musatpy.geometry.similarity import spread
+from musatpy.refraction.waves import Harmonic
 from musatpy.sea.stereo.spectrum import Band, spectrum
 from musatpy.sea.stereo.surface_points import SurfacePoints
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.refraction.gridded import Gridded
+from musatpy.refraction.surface import Gridded
 from musatpy.sea.stereo.spectrum import mean_spacing
 from musatpy.sea.stereo.splines import Rows, banded, bandwidth, node_places, rows
 from musatpy.sea.stereo.surface_points import SurfacePoints

@@ -19,7 +19,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.depth.run_cameras import job_system, level_positions, read_record
 from musatpy.errors import Problem, SeaError
-from musatpy.geometry.plan import Plan
+from musatpy.geometry.crs import Plan
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System
 from musatpy.pointfiles.csv_tables import names_of, number, separator_faults

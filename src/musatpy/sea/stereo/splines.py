@@ -1,7 +1,8 @@
 """Bicubic splines over a grid as linear functions of their coefficients.
 
-The knots are those of the interpolating spline of `refraction.gridded` (all nodes but the second and the last but
-one, "not a knot"), so that the spline of the coefficients and the surface of the node heights are one and the same.
+The knots are those of the interpolating spline of `refraction.surface.Gridded` (all nodes but the second and the
+last but one, "not a knot"), so that the spline of the coefficients and the surface of the node heights are one and
+the same.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.robust import spread
+from musatpy.geometry.similarity import spread
 from musatpy.sea.stereo.fitted import FittedSurface, height_sigma
 from musatpy.sea.stereo.surface_points import SurfacePoints
 
