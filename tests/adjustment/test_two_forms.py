@@ -14,14 +14,13 @@ import pytest
 
 from altered import with_options
 from musatpy import read_deck
-from musatpy.adjustment import adjust, pass_points
+from musatpy.adjustment import adjust, triangulation
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
-from musatpy.adjustment.pass_points import fully_weighted
 from musatpy.adjustment.sightings import image_coordinates
-from musatpy.adjustment.triangulation import Triangulation
+from musatpy.adjustment.triangulation import Triangulation, fully_weighted
 from musatpy.adjustment.unknowns import State
 from musatpy.model import Block, Program, Refraction, Weights
 
@@ -122,7 +121,7 @@ def test_a_sign_that_is_turned_is_seen(
     monkeypatch: pytest.MonkeyPatch, name: str, ray: int, column: int, refraction: Refraction
 ) -> None:
     """Of the partials by a coordinate of an origin, or of a direction; values are 0 at adjusted images."""
-    right = getattr(pass_points, name)
+    right = getattr(triangulation, name)
 
     def turned(P: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value, partials = right(P, u)
@@ -131,5 +130,5 @@ def test_a_sign_that_is_turned_is_seen(
         return value, partials
 
     seen = last_of("st_thomas/st_thomas.crd", refraction)
-    monkeypatch.setattr(pass_points, name, turned)
+    monkeypatch.setattr(triangulation, name, turned)
     assert max(differences(*off(seen))) > 1e-4

@@ -15,20 +15,15 @@ from altered import altered, put, with_options
 from benchmarks.blocks import make_block
 from drivers.mutated_decks import decks
 from musatpy import read_deck
-from musatpy.adjustment import adjust, wet_states
+from musatpy.adjustment import adjust
 from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.iteration import iterate
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.lone_points import LonePoints
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, factorised
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.waterline import (
-    best_line,
-    heights_and_water,
-    starting_line,
-)
+from musatpy.adjustment.waterline import LonePoints, States, best_line, heights_and_water, starting_line
 from musatpy.model import Block, Program, Refraction, Solution
 from musatpy.model.solution import Iteration
 from reference import compare
@@ -151,7 +146,7 @@ def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
             X, first = state.ground[part.point], np.zeros(1, dtype=int)
             lone = LonePoints(network=measured, state=state, group=part)
             free, now = np.full(1, np.nan), present.refracted[part.rays]
-            states = wet_states.States.of(measured, state, part)
+            states = States.of(measured, state, part)
             at = states.present(part, now, free, cofactors)
             _, own = lone.settled(first, now, X)
             there, squares = lone.settled(first, wet[part.rays], X)

@@ -12,9 +12,8 @@ from musatpy.adjustment import result
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import Job, prepared, unrest_of_water
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.pass_points import simple_variances
 from musatpy.adjustment.sightings import residuals
-from musatpy.adjustment.triangulation import Triangulation
+from musatpy.adjustment.triangulation import Triangulation, simple_variances
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import SHORT, at_rest_in_water, best_line, water_line
 from musatpy.adjustment.watpt import corrected_plates

@@ -304,22 +304,6 @@ class Factor:
         inverse = Cofactors(pattern=self.matrix.pattern, blocks=blocks, border=border, corner=corner)
         return inverse.scaled(self.scale)
 
-    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
-        """Return what `Cofactors.with_border` does, without any others: worth while for a few points."""
-        size = photo.shape[1] * self.matrix.pattern.size + index.shape[1]
-        return self.cofactors_of(photo, index, np.broadcast_to(np.eye(size), (len(photo), size, size)))
-
-    def cofactors_of(self, photo: IntArray, index: IntArray, partials: FloatArray) -> FloatArray:
-        """Return what `Cofactors.cofactors_of` does, without any others: worth while for a few points."""
-        rows, g = self.matrix.pattern.rows(photo), len(self.matrix.corner)
-        split = rows.shape[1]
-        scaled = partials * self.scale[np.concatenate([rows, self.matrix.pattern.order + index], axis=1)][:, None]
-        out = self.sparse.cofactors_of(photo, scaled[:, :, :split])
-        if g:
-            edge = scaled[:, :, split:] @ np.eye(g)[index] - scaled[:, :, :split] @ self.solved_border[rows]
-            out += edge @ cho_solve(self.corner, np.eye(g)) @ np.swapaxes(edge, 1, 2)
-        return out
-
 
 def factorised(matrix: NormalMatrix, damping: float = 0.0) -> Factor | None:
     """Return the factor of N + damping diag(N), or None where it is not positive definite."""

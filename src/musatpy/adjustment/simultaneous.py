@@ -14,7 +14,7 @@ import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
 from musatpy.adjustment.iteration import Linearisation, not_raised
-from musatpy.adjustment.kernels import loops_of
+from musatpy.adjustment.kernels import Loops, loops_of
 from musatpy.adjustment.kinds import (
     UNKNOWNS,
     add_direct,
@@ -25,7 +25,6 @@ from musatpy.adjustment.kinds import (
 )
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
-from musatpy.adjustment.point_loops import Loops
 from musatpy.adjustment.point_normals import better, point_squares
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side

@@ -12,22 +12,22 @@ So it is in IIA, where WATPT corrects the images and no point can be held, in II
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.network import Network, PointGroup, group_points, together
-from musatpy.adjustment.normals import Factor
-from musatpy.adjustment.point_normals import hold, point_normals
+from musatpy.adjustment.normals import Cofactors, Factor
+from musatpy.adjustment.point_normals import hold, point_normals, settle_group
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
-from musatpy.adjustment.wet_states import States
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle
-_FEW = 2.0  # points, times the root of the photos: one after the other they take less than the whole inverse
 # triangulations in a row that end short of their limits: one may be helped by the next, while rays change their
 # sides of the water; where that ends short too, points are no guide to the water, and more of them only take time
 SHORT = 2
@@ -146,8 +146,7 @@ def best_line(
     again = [(states.part(rows), part.part(rows)) for states, part, rows in asked if rows.any()]
     if fixed or factor is None or not again or not new.same_as(line):
         return new
-    few = sum(len(group.point) for _, group in again) <= _FEW * np.sqrt(network.photos)
-    cofactors, wet, level = factor if few else factor.cofactors(), line.wet.copy(), line.level.copy()
+    cofactors, wet, level = factor.cofactors(), line.wet.copy(), line.level.copy()
     for states, group in again:
         at = states.present(group, line.wet[group.rays], line.level[group.point], cofactors)
         wet[group.rays], level[group.point] = states.best(at)
@@ -278,3 +277,162 @@ def water_over(network: Network, state: State) -> FloatArray:
         photo, ground = network.photo[rays], state.ground[network.point[rays]]
         water[rays] += network.sea.at(state.waves).elevations(photo, ground)
     return water
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Present:
+    """The normals of k points in the states that they have, and the cofactors (k, u, u) of all their unknowns."""
+
+    normals: LocalNormals
+    cofactors: FloatArray
+
+    def following(self, row: IntArray, other: LocalNormals) -> tuple[FloatArray, FloatArray]:
+        """Return by how much squares fall and heights rise (t,) where stations follow points `row` (t,) to others.
+
+        With N' = N + dN and the right side dr that is left of an adjustment at its minimum, the step is N'^-1 dr,
+        and the sum of squares falls by dr' N'^-1 dr; of N'^-1 only the part of the point is needed,
+        (I + Q dN)^-1 Q.
+        """
+        Q, dr = self.cofactors[row], (other.rhs - self.normals.rhs[row])[..., None]
+        change = np.eye(Q.shape[1]) + Q @ (other.matrix - self.normals.matrix[row])
+        step = np.linalg.solve(change, Q @ dr)[..., 0]
+        return np.sum(dr[..., 0] * step, axis=1), np.sum(other.rise * step, axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class States:
+    """The states of k points with m rays and T tides, with the points at rest in each, at stations as they are.
+
+    Rays of lower tides dry first: state j of a point has those of its j lowest tides dry, and agrees with where
+    the point then stands if that is not below tide j, but below tide j + 1. Where each point has one tide, its rays
+    dry together. Where state j - 1 takes the point over tide j and state j takes it back under, the sum of squares
+    has a minimum on that water line, at the kink of its images.
+    """
+
+    lone: LonePoints
+    row: IntArray  # (k,) of the group of `lone`
+    rank: IntArray  # (k, m) of the tides of rays
+    tide: FloatArray  # (k, T) ascending
+    start: FloatArray  # (k, 3) where the points are
+    X: FloatArray  # (k, T + 1, 3)
+    squares: FloatArray  # (k, T + 1)
+
+    @classmethod
+    def of(cls, network: Network, state: State, group: PointGroup) -> States:
+        """Return those of the points of a group; `network` is the measured one."""
+        start, points = state.ground[group.point], LonePoints(network=network, state=state, group=group)
+        given = state.tide[network.photo[group.rays]]
+        tides = water_heights(network.slope(state.tilt), given, np.repeat(start[:, None], given.shape[1], axis=1))
+        rank, tide = np.zeros(tides.shape, dtype=int), tides[:, :1]
+        if (tides != tide).any():
+            rank = np.argsort(np.argsort(tides, axis=1, kind="stable"), axis=1, kind="stable")
+            tide = np.sort(tides, axis=1)
+        k, T = tide.shape
+        row, number = np.repeat(np.arange(k), T + 1), np.tile(np.arange(T + 1), k)
+        X, squares = points.settled(row, rank[row] >= number[:, None], start[row])
+        return cls(
+            lone=points,
+            row=np.arange(k),
+            rank=rank,
+            tide=tide,
+            start=start,
+            X=X.reshape(k, T + 1, 3),
+            squares=squares.reshape(k, T + 1),
+        )
+
+    def part(self, chosen: BoolArray) -> States:
+        """Return those of some of the points."""
+        arrays = {one.name: getattr(self, one.name)[chosen] for one in fields(self)[1:]}
+        return replace(self, **arrays)
+
+    def present(self, group: PointGroup, wet: BoolArray, level: FloatArray, cofactors: Cofactors) -> Present:
+        """Return the normals of the points, those of `group`, as rays are `wet` (k, m) and points held.
+
+        `cofactors` are those of the adjustment that has them so, at its minimum.
+        """
+        normals = self.lone.normals(self.row, wet, self.start, level)
+        Q = cofactors.with_border(self.lone.network.photo[group.rays], normals.columns)
+        return Present(normals=normals, cofactors=Q)
+
+    def best(self, present: Present | None = None) -> tuple[BoolArray, FloatArray]:
+        """Return which rays (k, m) of the points are wet, and the water line (k,) that they are on, or NaN.
+
+        The least squares count, of the states that agree with where the points then stand, and of the water lines
+        between states that do not. Stations stay as they are; with `present` they follow each point.
+        """
+        (k, T), frame = self.tide.shape, self.lone.network.frame
+        squares, height = np.full((k, 2 * T + 1), np.inf), frame.height(self.X)
+        squares[:, ::2] = self.squares
+        if present is not None:
+            row, number = np.repeat(np.arange(k), T + 1), np.tile(np.arange(T + 1), k)
+            fall, rise = self._following(present, row, self.rank[row] >= number[:, None], self.X.reshape(-1, 3))
+            squares[:, ::2] -= fall.reshape(k, -1)
+            height = height + rise.reshape(k, -1)
+        # under tide j in state j, and over it in state j - 1
+        sunk, risen = height[:, 1:] < self.tide, height[:, :-1] >= self.tide
+        squares[:, 2::2][sunk] = squares[:, :-1:2][risen] = np.inf
+        row, number = np.nonzero(sunk & risen)
+        if len(row):
+            wet, level = self.rank[row] > number[:, None], self.tide[row, number]
+            X, on_line = self.lone.settled(self.row[row], wet, self.start[row], level)
+            if present is not None:
+                on_line -= self._following(present, row, wet, X, level)[0]
+            squares[row, 2 * number + 1] = on_line
+        squares[~np.isfinite(squares)] = np.inf
+        some = np.isfinite(squares).any(axis=1)
+        best = np.where(some, np.argmin(squares, axis=1), 2 * np.sum(self.tide <= height[:, :1], axis=1))
+        dry = (best + 1) // 2  # so many tides; on a water line its own is, as good as wet
+        line = self.tide[np.arange(k), np.minimum(best // 2, T - 1)]
+        return self.rank >= dry[:, None], np.where(best % 2 == 1, line, np.nan)
+
+    def _following(
+        self, present: Present, row: IntArray, wet: BoolArray, X: FloatArray, level: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        level = np.full(len(row), np.nan) if level is None else level
+        return present.following(row, self.lone.normals(self.row[row], wet, X, level))
+
+
+class LocalNormals(NamedTuple):
+    """The reduced normals of t points, each for itself: u unknowns, those of its stations and X global ones."""
+
+    matrix: FloatArray  # (t, u, u)
+    rhs: FloatArray  # (t, u)
+    rise: FloatArray  # (t, u) of the height of the point, which follows
+    columns: IntArray  # (t, X) of the border
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LonePoints:
+    """Points of a group, each for itself, at stations as they are.
+
+    Of `row` (t,), in which one can be more than once, those rays go through the water that are `wet` (t, m), and
+    points are held on water lines `level` (t,), where there are any that are not NaN.
+    """
+
+    network: Network
+    state: State
+    group: PointGroup
+
+    def settled(
+        self, row: IntArray, wet: BoolArray, start: FloatArray, level: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return where the points come to rest (t, 3), from where they start, and their weighted squares (t,)."""
+        network, group = self._apart(row, wet, level, self.group.known or level is not None)
+        start = start if level is None else hold(network, group.point, start)
+        return settle_group(network, self.state, group, start)
+
+    def normals(self, row: IntArray, wet: BoolArray, X: FloatArray, level: FloatArray) -> LocalNormals:
+        """Return their normals where they are."""
+        network, group = self._apart(row, wet, level, known=True)
+        E = eliminate(network, self.state, group, X)
+        matrix, rhs = local_normals(network, group, E)
+        up = np.einsum("kij,kj->ki", E.normals.axes, network.frame.axes(X)[:, 2])
+        return LocalNormals(matrix, rhs, -np.einsum("ki,kiu->ku", up, E.F), E.extras.index)
+
+    def _apart(
+        self, row: IntArray, wet: BoolArray, level: FloatArray | None, known: bool
+    ) -> tuple[Network, PointGroup]:
+        group = replace(self.group.part(row), known=known)
+        xy = self.network.xy[group.rays.reshape(-1)]
+        network, (group,) = self.network.apart([group], xy, wet.reshape(-1))
+        return network if level is None else network.with_heights_held(level), group

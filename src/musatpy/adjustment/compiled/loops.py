@@ -15,10 +15,10 @@ from musatpy.adjustment.compiled.compiler import is_kept
 from musatpy.adjustment.compiled.elimination import Eliminated, Known, Pairs, Sums
 from musatpy.adjustment.compiled.rays import Measured, Stations, Water
 from musatpy.adjustment.dependence import Diagonal
+from musatpy.adjustment.kernels import Groups, Loops
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
-from musatpy.adjustment.point_loops import Groups, Loops
 from musatpy.adjustment.point_normals import RIDGE, Priors, hold, prior_rows, steps_to_best, with_known
 from musatpy.adjustment.reliability import Part
 from musatpy.adjustment.threads import side_by_side
