@@ -11,10 +11,9 @@ import pytest
 from altered import added, altered
 from blunders.study import strip
 from musatpy.adjustment.point_normals import point_squares
-from musatpy.blunders.checks import dropped, put_in_again
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
-from musatpy.blunders.linear_model import linear_model
+from musatpy.blunders.linear_model import dropped, linear_model, put_in_again
 from musatpy.blunders.scene import Effort, staged
 from musatpy.model import CauseKind
 

@@ -12,8 +12,9 @@ from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.blunders.competition import Rival, rivals
 from musatpy.blunders.finding_list import flag_findings
+from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import FAR, exchanged_photos, flying_height
-from musatpy.blunders.revisions import CARDS, CONTROL, PLATES, STATIONS, Revision, in_words
+from musatpy.blunders.revisions import CARDS, CONTROL, PLATES, STATIONS, in_words
 from musatpy.blunders.scene import Scene
 from musatpy.blunders.search import Search
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial
@@ -122,20 +123,22 @@ def _misplaced(block: Block, scene: Scene, state: State) -> Iterator[list[Cause]
     whose, _ = in_feet(scene.network.frame.working(photos.position[given]), state.position[given])
     if whose and block.options.system is CoordinateSystem.LOCAL:
         member = {"control": CONTROL, "stations": STATIONS}[whose]
-        yield [_in_words(block, Revision(kind=CauseKind.UNIT, member=member, value=1.0 / FOOT), size=(1.0 / FOOT,))]
+        yield [
+            _in_words(block, Hypothesis(kind=CauseKind.UNIT, member=member, value=1.0 / FOOT), size=(1.0 / FOOT,))
+        ]
         return
     exchanged: set[int] = set()
     for pair in exchanged_photos(block, scene, state):
         if far[list(pair)].max() > 0.0:
             exchanged |= set(pair)
-            labels = [Revision(kind=CauseKind.LABELS, photo=pair, member=which) for which in (CARDS, PLATES)]
+            labels = [Hypothesis(kind=CauseKind.LABELS, photo=pair, member=which) for which in (CARDS, PLATES)]
             yield [_in_words(block, revision) for revision in labels]
     for photo in np.argsort(-worst, kind="stable").tolist():
         if worst[photo] > 1.0 and photo not in exchanged and block.options.initial is not Initial.COMPUTE:
             yield [_start(block, photo, shift[photo], turn[photo], far[photo] > 1.0)]
 
 
-def _in_words(block: Block, revision: Revision, size: tuple[float, ...] = ()) -> Cause:
+def _in_words(block: Block, revision: Hypothesis, size: tuple[float, ...] = ()) -> Cause:
     words = in_words(revision)
     return Cause(
         kind=revision.kind,

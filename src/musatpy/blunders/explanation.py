@@ -21,7 +21,7 @@ from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders.hypotheses import Hypothesis, common_errors, hypotheses
 from musatpy.blunders.linear_model import LinearModel, linear_model
-from musatpy.blunders.revisions import Revision, moved_state, revised
+from musatpy.blunders.revisions import moved_state, revised
 from musatpy.blunders.scene import (
     GIVEN_UP,
     PENALTY,
@@ -73,7 +73,7 @@ class Case:
     state: State
     out: Factors  # 1 for what is given up
     taken: tuple[Hypothesis, ...]
-    revisions: tuple[Revision, ...]
+    revisions: tuple[Hypothesis, ...]
     squares: float  # of all that is in; infinite where it is not adjusted yet, or cannot be
 
     def factors(self) -> Factors:
@@ -359,7 +359,7 @@ def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
     return case
 
 
-def with_revision(case: Case, revision: Revision, sea: Sea | None) -> Case:
+def with_revision(case: Case, revision: Hypothesis, sea: Sea | None) -> Case:
     """Return the case with something revised, re-adjusted."""
     old = case.scene
     block = revised(old.block, revision)

@@ -7,26 +7,19 @@ camera constant, the index, a unit of length, the tides of several photos.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from musatpy.adjustment import reliability
-from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.kinds.water import level_corrections
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.kinds import MEASURED, PRIORS
+from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Factor
+from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.water_surface import tide_groups
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.checks import (
-    Drop,
-    PointChecks,
-    dropped,
-    put_in_again,
-)
-from musatpy.blunders.linear_model import Column, LinearModel
-from musatpy.blunders.revisions import Revision
+from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks, dropped, put_in_again
 from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY
 from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.ranking import falling
@@ -57,9 +50,14 @@ class GivenUp:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hypothesis(Revision):
+class Hypothesis:
     """Something that may be wrong; numbers are those of the tables of the block."""
 
+    kind: CauseKind
+    member: int = 0  # camera; twice the camera plus the axis; whose unit, whose labels
+    photo: tuple[int, ...] = ()
+    point: tuple[int, ...] = ()
+    value: float = 0.0  # given minus true, as revised; of a unit of length, what the given ones are divided by
     given_up: tuple[GivenUp, ...] = ()  # empty: something is revised
     squares: float = 0.0  # that it explains
     parameters: int = 1
@@ -82,9 +80,12 @@ def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypoth
 
     Of all points, or of those only that are `near` (p,).
     """
-    points = model if near is None else model.some(near)
+    block, points = model.scene.block, model.points
+    if near is not None:
+        points = tuple(checks.part(near[checks.point]) for checks in points)
+    cards = {kind.observed: first_rows(kind.points(block), model.network.points) for kind in PRIORS}
     options = [*common_errors(model), *_direct(model), *_stations(model)]
-    options += [option for checks in points.points for option in _of_points(model.network, checks)]
+    options += [option for checks in points for option in _of_points(model.network, checks, cards)]
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
@@ -100,11 +101,12 @@ def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
     return _hypothesis(images.kind, drop, 0, photo=images.photo, point=images.point, given_up=images.given_up)
 
 
-def _of_points(network: Network, checks: PointChecks) -> Iterator[Hypothesis]:
-    """Yield single images, all images, and what is known of points."""
-    if not len(checks.point):
-        return
+def _of_points(
+    network: Network, checks: PointChecks, cards: dict[ObservationKind, IntArray]
+) -> Iterator[Hypothesis]:
+    """Yield single images, all images, and what is known of points: the rows (p,) of their `cards`."""
     m = checks.rays.shape[1]
+    has_priors = bool((checks.weight[:, 2 * m :] > 0.0).any())
     for image in range(m):
         yield from _of_images(network, checks, CauseKind.IMAGE, np.array([image]))
     if m > 1:
@@ -115,8 +117,8 @@ def _of_points(network: Network, checks: PointChecks) -> Iterator[Hypothesis]:
         (CauseKind.CONTROL, np.arange(3)),
         (CauseKind.ELEVATION, np.array([3])),
     ):
-        if checks.has_priors and (checks.weight[:, 2 * m + components] > 0.0).any():
-            yield from _of_priors(checks, kind, components)
+        if has_priors and (checks.weight[:, 2 * m + components] > 0.0).any():
+            yield from _of_priors(checks, kind, components, cards)
 
 
 def _of_images(network: Network, checks: PointChecks, kind: CauseKind, images: IntArray) -> Iterator[Hypothesis]:
@@ -127,18 +129,19 @@ def _of_images(network: Network, checks: PointChecks, kind: CauseKind, images: I
         yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
 
 
-def _of_priors(checks: PointChecks, kind: CauseKind, components: IntArray) -> Iterator[Hypothesis]:
+def _of_priors(
+    checks: PointChecks, kind: CauseKind, components: IntArray, cards: dict[ObservationKind, IntArray]
+) -> Iterator[Hypothesis]:
     """Yield what is known of points, some `components` of it."""
     rows = 2 * checks.rays.shape[1] + components
     drop, known = checks.drop(rows), checks.weight[:, rows] > 0.0
     # with one of its parts known only, it is that part
     both = kind is not CauseKind.CONTROL or known[:, :2].any(axis=1) & known[:, 2]
+    observed = _K.EQUAL_ELEVATION if kind is CauseKind.ELEVATION else _K.CONTROL
     for k in _most(drop, both):
-        if kind is CauseKind.ELEVATION:
-            given_up = GivenUp.of_row(_K.EQUAL_ELEVATION, int(checks.member[k]), np.array([0]))
-        else:
-            given_up = GivenUp.of_row(_K.CONTROL, int(checks.control[k]), components[known[k]])
-        yield _hypothesis(kind, drop, k, point=(int(checks.point[k]),), given_up=(given_up,))
+        point, given = int(checks.point[k]), components[known[k]]
+        part = GivenUp.of_row(observed, int(cards[observed][point]), given * (observed is _K.CONTROL))
+        yield _hypothesis(kind, drop, k, point=(point,), given_up=(part,))
 
 
 def _stations(model: LinearModel) -> Iterator[Hypothesis]:
@@ -204,43 +207,101 @@ def _hypothesis(
     )
 
 
-def common_errors(model: LinearModel) -> Iterator[Hypothesis]:
-    """Yield what is common to many observations: an unknown more, one solution of the normal equations each."""
-    sums = model.common
-    some = np.flatnonzero(sums.weight > 0.0)
-    columns = [sums.columns[number] for number in some.tolist()]
-    return _unknowns_more(columns, sums.weight[some], sums.pull[some], sums.coupling[some], model.factor)
+def common_errors(model: LinearModel) -> list[Hypothesis]:
+    """Return what is common to many observations: camera constants, the index, and common errors of tides.
+
+    An error of one unit adds a column c to the observations. As an unknown more it explains
+    (c'Pv)^2 / c'P Qvv P c, where c'P Qvv P c = c'Pc - (A'Pc)' N^-1 (A'Pc) (Baarda 1968); points are eliminated, and
+    follow.
+    """
+    network, state, block = model.network, model.state, model.scene.block
+    index = _index_counts(network)
+    cameras = range(_cameras(block))
+    columns = [
+        Hypothesis(kind=kind, member=member)
+        for camera in cameras
+        for kind, member in (
+            (CauseKind.FOCAL_LENGTH, camera),
+            (CauseKind.PRINCIPAL_POINT, 2 * camera),
+            (CauseKind.PRINCIPAL_POINT, 2 * camera + 1),
+        )
+    ]
+    columns += [Hypothesis(kind=CauseKind.INDEX)] if index else []
+    weight, pull = np.zeros((2, len(columns)))
+    coupling = np.zeros((len(columns), len(model.step)))
+    for checks in model.points:
+        rows = slice(0, 2 * checks.rays.shape[1])
+        c = _errors_of_images(network, state, block, checks.rays)
+        weighted = np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
+        by_point = weighted @ checks.ground[:, rows]
+        weight += np.einsum("kco,koc->c", weighted, c)
+        weight -= np.einsum("kci,kci->c", by_point @ checks.inverse, by_point)
+        pull += np.einsum("kco,ko->c", weighted, checks.residual[:, rows])
+        coupled = (weighted @ checks.partials[:, rows]).transpose(1, 0, 2).reshape(len(columns), -1)
+        for row, values in zip(coupling, coupled, strict=True):
+            row += np.bincount(checks.unknowns.reshape(-1), values, coupling.shape[1])
+    tides: Iterator[Hypothesis] = iter(())
+    if network.water.per_photo:
+        tides = common_tides(block, network, model.station_weight[:, LEVEL], model.stations[:, LEVEL], model.factor)
+    return [*_unknowns_more(columns, weight, pull, coupling, model.factor), *tides]
 
 
 def common_tides(
-    block: Block, network: Network, state: State, factor: Factor, taken: BoolArray
+    block: Block, network: Network, weight: FloatArray, residual: FloatArray, factor: Factor
 ) -> Iterator[Hypothesis]:
-    """Yield what is common to known tides of several photos; photos that are `taken` (n,) belong to none."""
-    weight, q = network.water.level_weight, network.pattern.size
-    columns = [Column.of_tides(*group, network) for group in tide_groups(block, (weight > 0.0) & ~taken)]
-    coupling, pull = np.zeros((len(columns), factor.matrix.size)), level_corrections(network, state) * weight
-    for row, column in zip(coupling, columns, strict=True):
-        photo = np.array(column.photo)
-        row[photo * q + LEVEL] = weight[photo]
-    pulls = np.array([float(pull[list(column.photo)].sum()) for column in columns])
-    return _unknowns_more(columns, coupling.sum(axis=1), pulls, coupling, factor)
+    """Yield what is common to known tides of several photos: weights and residuals (n,), adjusted minus observed.
+
+    Photos without a weight belong to none.
+    """
+    groups = list(tide_groups(block, weight > 0.0))
+    columns = [Hypothesis(kind=CauseKind.TIDES, name=name, photo=tuple(photo.tolist())) for name, photo in groups]
+    coupling = np.zeros((len(columns), factor.matrix.size))
+    for row, (_, photo) in zip(coupling, groups, strict=True):
+        row[photo * network.pattern.size + LEVEL] = weight[photo]
+    pull = np.array([float((weight * residual)[photo].sum()) for _, photo in groups])
+    return _unknowns_more(columns, coupling.sum(axis=1), pull, coupling, factor)
 
 
 def _unknowns_more(
-    columns: Sequence[Column], weight: FloatArray, pull: FloatArray, coupling: FloatArray, factor: Factor
+    columns: Sequence[Hypothesis], weight: FloatArray, pull: FloatArray, coupling: FloatArray, factor: Factor
 ) -> Iterator[Hypothesis]:
-    """Yield what errors explain whose sums are those of `CommonErrors`."""
+    """Yield what errors explain, of columns c: c'Pc and c'Pv (C,), and c'PA (C, u) by stations and globals."""
     scaled = coupling * factor.scale
     by_others = np.einsum("cu,uc->c", scaled, factor.solve_scaled(scaled.T))
     for number, column in enumerate(columns):
         checked = weight[number] - by_others[number]
         if checked > _COMMON_CHECKED * weight[number]:
-            yield Hypothesis(
-                kind=column.kind,
-                photo=column.photo,
-                member=column.member,
-                name=column.name,
+            yield replace(
+                column,
                 squares=float(pull[number] ** 2 / checked),
                 error=np.array([-pull[number] / checked]),
                 sigma=np.array([1.0 / np.sqrt(checked)]),
             )
+
+
+def _index_counts(network: Network) -> bool:
+    """Return whether the index of the water, which is no unknown itself, is worth a hypothesis."""
+    unknown = network.water.unknown or network.border.count(_K.WAVE) > 0
+    return bool(unknown and not network.border.count(_K.WATER_INDEX))
+
+
+def _cameras(block: Block) -> int:
+    """Return how many cameras photos have, the last of them included."""
+    return int(block.photos.camera.max()) + 1
+
+
+def _errors_of_images(network: Network, state: State, block: Block, rays: IntArray) -> FloatArray:
+    """Return what errors of one unit add to images (k, m): (k, 2m, C), in the order of `common_errors`."""
+    cameras = _cameras(block)
+    photo, index = network.photo[rays], _index_counts(network)
+    camera = 3 * block.photos.camera[photo]
+    image = network.xy[rays] + residuals(network, state, rays.reshape(-1)).reshape(*rays.shape, 2)
+    ray = (image - network.principal_point[photo]) / network.focal_length[photo][..., None]
+    out = np.zeros((*rays.shape, 2, 3 * cameras + index))
+    np.put_along_axis(out, camera[..., None, None], -ray[..., None], axis=-1)
+    for axis in range(2):
+        np.put_along_axis(out[:, :, axis], camera[..., None] + 1 + axis, -1.0, axis=-1)
+    if index:
+        wet = network.refracted[rays]
+        out[wet, :, -1] = -index_partials(network, state, rays[wet])
+    return out.reshape(len(rays), 2 * rays.shape[1], -1)

@@ -1,37 +1,30 @@
-"""The adjustment of a scene made linear: residuals at the minimum, and how far the rest checks each of them.
+"""The adjustment of a scene made linear: residuals at the minimum, and how far the rest checks groups of them.
 
-Errors that are common to many observations: one of one unit adds a column c to them. As an unknown more it explains
-(c'Pv)^2 / c'P Qvv P c, where c'P Qvv P c = c'Pc - (A'Pc)' N^-1 (A'Pc) (Baarda 1968); points are eliminated, and
-follow.
+For a group S of observations that may all be wrong (Baarda 1968, alternatives of several dimensions), with
+r = P v and R = P Qvv P, the sum of squares falls by r_S' R_SS^-1 r_S when they are given up, and their errors
+are -R_SS^-1 r_S. One factor of the normal equations serves for all groups.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment import reliability
 from musatpy.adjustment.ground import nearest_ground
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import kept_axes, state_after, station_rows
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.point_normals import point_squares, settle_group
-from musatpy.adjustment.sightings import index_partials, residuals
-from musatpy.adjustment.unknowns import LEVEL, State
-from musatpy.adjustment.water_surface import tide_groups
-from musatpy.arrays import FloatArray, IntArray
-from musatpy.blunders.checks import (
-    CheckedPoints,
-    Drop,
-    checked_points,
-    dropped,
-)
-from musatpy.blunders.scene import OTHERS_CHECKED, Factors, Scene
-from musatpy.model import Block, CauseKind, ObservationKind
+from musatpy.adjustment.propagation import pieces
+from musatpy.adjustment.reliability import Piece
+from musatpy.adjustment.unknowns import State
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.blunders.scene import IMAGES_CHECKED, OTHERS_CHECKED, Factors, Scene
 
 _FAR = 100.0  # squares of a point: control or images are more than some sigmas off
 _STEPS = 4  # of an adjustment, that it takes as much as
@@ -39,10 +32,58 @@ _MEETS = 40.0  # squares for each of its images that say that these meet: statio
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinearModel(CheckedPoints):
+class Drop:
+    """What giving up k groups of s observations explains."""
+
+    squares: FloatArray  # (k,) by which v'Pv falls
+    parameters: IntArray  # (k,) errors that are really tested
+    error: FloatArray  # (k, s) given minus true, zero where nothing checks it
+    sigma: FloatArray  # (k, s) for sigma0 of 1, NaN where nothing checks it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointChecks:
+    """The images (m of each), then the four priors of k points if any has some: o = 2 m + 4 rows, or 2 m."""
+
+    point: IntArray  # (k,)
+    rays: IntArray  # (k, m)
+    residual: FloatArray  # (k, o) adjusted minus observed
+    weight: FloatArray  # (k, o)
+    partials: FloatArray  # (k, o, T) by the unknowns, the point following
+    ground: FloatArray  # (k, o, 3) by the point
+    inverse: FloatArray  # (k, 3, 3) of the normal equations of the point
+    unknowns: IntArray  # (k, T) of the normal equations
+    photo: IntArray  # (k, m)
+    extras: IntArray  # (k, X) further unknowns
+    cofactors: Cofactors  # of the unknowns
+
+    @cached_property
+    def cofactor(self) -> FloatArray:
+        """(k, o, o) cofactors of the adjusted observations."""
+        by_stations = self.cofactors.cofactors_of(self.photo, self.extras, self.partials)
+        return by_stations + self.ground @ self.inverse @ np.swapaxes(self.ground, 1, 2)
+
+    def part(self, taken: BoolArray) -> PointChecks:
+        """Return some of the points."""
+        rows = {one.name: getattr(self, one.name)[taken] for one in fields(self) if one.name != "cofactors"}
+        return PointChecks(**rows, cofactors=self.cofactors)
+
+    def drop(self, rows: IntArray) -> Drop:
+        """Return what the observations `rows` (s,) of every point explain."""
+        checked = IMAGES_CHECKED if rows.max(initial=0) < 2 * self.rays.shape[1] else OTHERS_CHECKED
+        return dropped(
+            self.residual[:, rows], self.weight[:, rows], self.cofactor[:, rows[:, None], rows[None]], checked
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearModel:
     """The linear adjustment of a scene at a state, some observations out; its points after the step."""
 
     scene: Scene
+    network: Network  # with the weights of what is in
+    state: State  # at which it is linear, its points at their best for the stations
+    points: tuple[PointChecks, ...]
     factor: Factor
     cofactors: Cofactors  # of stations and globals
     step: FloatArray  # (u,) to the minimum
@@ -52,18 +93,19 @@ class LinearModel(CheckedPoints):
     @cached_property
     def minimum(self) -> State:
         """Stations and kept points after the step, for the observations of these alone."""
-        return _after(self.network, self.state, self.step)
-
-    @cached_property
-    def common(self) -> CommonErrors:
-        """What errors do that are common to many observations."""
-        return CommonErrors.of(self)
+        network, step = self.network, self.step
+        after, kept = state_after(network, self.state, step), network.border.kept
+        if not len(kept):
+            return after
+        ground, local = self.state.ground.copy(), step[network.pattern.order + network.border.kept_columns(kept)]
+        ground[kept] += np.einsum("kji,kj->ki", kept_axes(network, ground[kept]), local)
+        return replace(after, ground=ground)
 
     @property
     def squares(self) -> float:
         """v'Pv at the minimum, of images, control and stations."""
-        squares = sum(float(np.sum(checks.squares)) for checks in self.points)
-        return squares + float(np.sum(self.station_weight * np.square(self.stations)))
+        of_points = sum(float(np.sum(checks.weight * np.square(checks.residual))) for checks in self.points)
+        return of_points + float(np.sum(self.station_weight * np.square(self.stations)))
 
     def station_drop(self, columns: IntArray) -> Drop:
         """Return what some of the observations of each photo (n,) explain."""
@@ -82,7 +124,7 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     scene.effort.spend_steps(scene.network, _STEPS)
     problem = scene.problem(factors)
     network = problem.network
-    state = by_images(network, ground_points.settle(network, state))
+    state = _by_images(network, ground_points.settle(network, state))
     line = problem.linearise(state)
     factor = factorised(line.matrix)
     if factor is None:
@@ -94,13 +136,16 @@ def solved(
     scene: Scene, network: Network, state: State, factor: Factor, cofactors: Cofactors, step: FloatArray
 ) -> LinearModel:
     """Return the linear adjustment of a scene, `step` (u,) from its minimum, with the factor of its normals."""
-    points = checked_points(scene.block, network, state, cofactors, step)
     station_weight, residual = station_rows(network, state)
     return LinearModel(
+        scene=scene,
         network=network,
         state=state,
-        points=points.points,
-        scene=scene,
+        points=tuple(
+            _checks_of(network, piece, cofactors, step)
+            for group in network.groups
+            for _, piece in pieces(network, state, group, cofactors)
+        ),
         factor=factor,
         cofactors=cofactors,
         step=step,
@@ -109,7 +154,7 @@ def solved(
     )
 
 
-def by_images(network: Network, state: State) -> State:
+def _by_images(network: Network, state: State) -> State:
     """Return the state with control points where their images meet, where these meet well and control is far off.
 
     Images are linear near their point only; control is linear everywhere.
@@ -128,119 +173,60 @@ def by_images(network: Network, state: State) -> State:
     return replace(state, ground=ground)
 
 
-def _after(network: Network, state: State, step: FloatArray) -> State:
-    """Return the state with stations, water and kept points moved by a step."""
-    after, kept = state_after(network, state, step), network.border.kept
-    if not len(kept):
-        return after
-    ground, local = state.ground.copy(), step[network.pattern.order + network.border.kept_columns(kept)]
-    ground[kept] += np.einsum("kji,kj->ki", kept_axes(network, ground[kept]), local)
-    return replace(after, ground=ground)
+def _checks_of(network: Network, piece: Piece, cofactors: Cofactors, step: FloatArray) -> PointChecks:
+    E, rays = piece.E, piece.group.rays
+    k = len(rays)
+    a, b = reliability.image_partials(network, piece)
+    v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
+    known = E.normals.priors
+    if known is not None:
+        a_known, b_known = reliability.prior_partials(piece)
+        a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
+        v = np.concatenate([v, -known.deviation], axis=1)
+        weight = np.concatenate([weight, known.weight], axis=1)
+    unknowns = network.unknowns(piece.group, E.extras.index)
+    return PointChecks(
+        point=piece.group.point,
+        rays=rays,
+        residual=v + (b @ E.shift[..., None])[..., 0] + (a @ step[unknowns][..., None])[..., 0],
+        weight=weight,
+        partials=a,
+        ground=b,
+        inverse=E.inverse,
+        unknowns=unknowns,
+        photo=piece.photo,
+        extras=E.extras.index,
+        cofactors=cofactors,
+    )
 
 
-_K = ObservationKind
+def dropped(v: FloatArray, weight: FloatArray, Q: FloatArray, checked: float) -> Drop:
+    """Return what groups of observations explain: residuals and weights (k, s), cofactors (k, s, s) adjusted."""
+    root = np.sqrt(weight)
+    used = root > 0.0
+    share = np.eye(v.shape[1]) * used[:, None, :] - root[:, :, None] * Q * root[:, None, :]
+    values, vectors = np.linalg.eigh(0.5 * (share + np.swapaxes(share, 1, 2)))
+    tested = values > checked
+    inverse = np.where(tested, 1.0 / np.where(tested, values, 1.0), 0.0)
+    u = np.einsum("kij,ki->kj", vectors, root * v)
+    sigma = np.where(used, 1.0 / np.where(used, root, 1.0), 0.0)
+    spread = vectors * inverse[:, None, :]
+    blind = np.einsum("kij,kj->ki", np.square(vectors), ~tested * 1.0) > 0.5
+    variance = np.einsum("kij,kij->ki", spread, vectors) * np.square(sigma)
+    return Drop(
+        squares=np.einsum("kj,kj->k", np.square(u), inverse),
+        parameters=np.count_nonzero(tested, axis=1),
+        error=-sigma * np.einsum("kij,kj->ki", spread, u),
+        sigma=np.where(blind | ~used, np.nan, np.sqrt(variance)),
+    )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Column:
-    """What an error of one unit adds to the observations, if it is common to many."""
+def put_in_again(v: FloatArray, weight: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return residuals and cofactors of groups of observations that take part, from those by all others alone.
 
-    kind: CauseKind
-    member: int = 0
-    photo: tuple[int, ...] = ()
-    name: str = ""
-    on_images: bool = False  # `_errors_of_images`
-    stations: FloatArray | None = None  # (n, q)
-
-    @classmethod
-    def of_tides(cls, name: str, photo: IntArray, network: Network) -> Column:
-        """Return the error of the tides of some photos (k,)."""
-        stations = np.zeros((network.photos, network.pattern.size))
-        stations[photo, LEVEL] = 1.0
-        return cls(kind=CauseKind.TIDES, photo=tuple(photo.tolist()), name=name, stations=stations)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CommonErrors:
-    """c'Pc (C,) and c'Pv (C,) of columns c of observations, and c'PA (C, u) by stations and globals."""
-
-    columns: tuple[Column, ...]
-    weight: FloatArray
-    pull: FloatArray
-    coupling: FloatArray
-
-    @classmethod
-    def of(cls, model: LinearModel) -> CommonErrors:
-        """Return those of all observations of a linear model."""
-        block = model.scene.block
-        columns = tuple(_columns(model.network, block))
-        sums = cls(
-            columns=columns,
-            weight=np.zeros(len(columns)),
-            pull=np.zeros(len(columns)),
-            coupling=np.zeros((len(columns), len(model.step))),
-        )
-        sums._add(block, model)
-        for number, column in enumerate(columns):
-            if column.stations is not None:
-                weighted = model.station_weight * column.stations
-                sums.coupling[number, : weighted.size] += weighted.reshape(-1)
-                sums.weight[number] += float(np.sum(weighted * column.stations))
-                sums.pull[number] += float(np.sum(weighted * model.stations))
-        return sums
-
-    def _add(self, block: Block, points: CheckedPoints) -> None:
-        """Add what the observations of points have in these sums."""
-        on_images = [number for number, column in enumerate(self.columns) if column.on_images]
-        for checks in points.points:
-            rows = slice(0, 2 * checks.rays.shape[1])
-            c = _errors_of_images(points.network, points.state, block, checks.rays)
-            weighted = np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
-            by_point = weighted @ checks.ground[:, rows]
-            self.weight[on_images] += np.einsum("kco,koc->c", weighted, c)
-            self.weight[on_images] -= np.einsum("kci,kci->c", by_point @ checks.inverse, by_point)
-            self.pull[on_images] += np.einsum("kco,ko->c", weighted, checks.residual[:, rows])
-            coupled = (weighted @ checks.partials[:, rows]).transpose(1, 0, 2).reshape(len(on_images), -1)
-            for number, values in zip(on_images, coupled, strict=True):
-                self.coupling[number] += np.bincount(checks.unknowns.reshape(-1), values, self.coupling.shape[1])
-
-
-def _index_counts(network: Network) -> bool:
-    """Return whether the index of the water, which is no unknown itself, is worth a hypothesis."""
-    unknown = network.water.unknown or network.border.count(_K.WAVE) > 0
-    return bool(unknown and not network.border.count(_K.WATER_INDEX))
-
-
-def _columns(network: Network, block: Block) -> Iterator[Column]:
-    """Yield camera constants, the index, and common errors of tides."""
-    for camera in range(_cameras(block)):
-        yield Column(kind=CauseKind.FOCAL_LENGTH, member=camera, on_images=True)
-        for axis in range(2):
-            yield Column(kind=CauseKind.PRINCIPAL_POINT, member=2 * camera + axis, on_images=True)
-    if _index_counts(network):
-        yield Column(kind=CauseKind.INDEX, on_images=True)
-    if network.water.per_photo:
-        for name, photos in tide_groups(block, network.water.level_weight > 0.0):
-            yield Column.of_tides(name, photos, network)
-
-
-def _cameras(block: Block) -> int:
-    """Return how many cameras photos have, the last of them included."""
-    return int(block.photos.camera.max()) + 1
-
-
-def _errors_of_images(network: Network, state: State, block: Block, rays: IntArray) -> FloatArray:
-    """Return what errors of one unit add to images (k, m): (k, 2m, C), columns of `_columns` in their order."""
-    cameras = _cameras(block)
-    photo, index = network.photo[rays], _index_counts(network)
-    camera = 3 * block.photos.camera[photo]
-    image = network.xy[rays] + residuals(network, state, rays.reshape(-1)).reshape(*rays.shape, 2)
-    ray = (image - network.principal_point[photo]) / network.focal_length[photo][..., None]
-    out = np.zeros((*rays.shape, 2, 3 * cameras + index))
-    np.put_along_axis(out, camera[..., None, None], -ray[..., None], axis=-1)
-    for axis in range(2):
-        np.put_along_axis(out[:, :, axis], camera[..., None] + 1 + axis, -1.0, axis=-1)
-    if index:
-        wet = network.refracted[rays]
-        out[wet, :, -1] = -index_partials(network, state, rays[wet])
-    return out.reshape(len(rays), 2 * rays.shape[1], -1)
+    Residuals (k, s) and cofactors (k, s, s) of what the others predict; they come in with weights (k, s): with
+    G = P^1/2 Q P^1/2, P^1/2 v becomes (1 + G)^-1 P^1/2 v, and G becomes 1 - (1 + G)^-1.
+    """
+    root, unit = np.sqrt(weight), np.eye(v.shape[1])
+    left = np.linalg.inv(unit + root[:, :, None] * Q * root[:, None, :])
+    return np.einsum("kij,kj->ki", left, root * v) / root, (unit - left) / (root[:, :, None] * root[:, None, :])

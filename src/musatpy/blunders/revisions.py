@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import IntArray
+from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.model import Block, CauseKind, CoordinateSystem
 from musatpy.model.findings import CONTROL_CARD, STATION_CARD
 from musatpy.units import length_unit
@@ -53,18 +54,7 @@ MEMBERS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Revision:
-    """What is revised: value is given minus true; of a unit of length, what the given ones are divided by."""
-
-    kind: CauseKind
-    member: int = 0  # camera; twice the camera plus the axis; whose unit, whose labels
-    photo: tuple[int, ...] = ()
-    point: tuple[int, ...] = ()
-    value: float = 0.0
-
-
-def revised(block: Block, revision: Revision) -> Block:
+def revised(block: Block, revision: Hypothesis) -> Block:
     """Return the block with something revised."""
     photo = np.array(revision.photo, dtype=int)
     cameras, photos, value = block.cameras, block.photos, revision.value
@@ -116,7 +106,7 @@ def _with_other_axes(block: Block, member: int) -> Block:
     return replace(block, plates=replace(block.plates, xy=xy))
 
 
-def _rescaled(block: Block, revision: Revision) -> Block:
+def _rescaled(block: Block, revision: Hypothesis) -> Block:
     if revision.member == PLATES_TO_FOCAL_LENGTH:
         return replace(block, plates=replace(block.plates, xy=block.plates.xy / revision.value))
     of_all = block.options.system is CoordinateSystem.LOCAL and revision.member != HEIGHTS
@@ -129,7 +119,7 @@ def _rescaled(block: Block, revision: Revision) -> Block:
     return replace(block, photos=replace(block.photos, position=position))
 
 
-def moved_state(state: State, revision: Revision) -> State:
+def moved_state(state: State, revision: Hypothesis) -> State:
     """Return a state that goes with what is revised."""
     photo, value = list(revision.photo), revision.value
     match revision.kind:
@@ -146,7 +136,7 @@ def moved_state(state: State, revision: Revision) -> State:
     return state
 
 
-def in_words(revision: Revision) -> Words:
+def in_words(revision: Hypothesis) -> Words:
     """Return what a revision is in words; its `value` is that of the unit of length."""
     kind = revision.kind
     words = MEMBERS.get((kind, revision.member), Words(kind.cards, kind.component, kind.advice))

@@ -8,16 +8,15 @@ against what the others predict, whose variance is added to its own. Both are di
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment import reliability
 from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.kinds.water import level_corrections
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, factorised
-from musatpy.adjustment.propagation import pieces, point_covariances
+from musatpy.adjustment.precision import Errors, spread_to_observations
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.alternatives import wrong_images
@@ -122,22 +121,13 @@ class Judgement:
     freedom: float  # degrees of freedom of what is in
     factor: Factor
     cofactors: Cofactors
-    points: FloatArray  # (p, 3, 3) m2, cofactors along working axes, NaN for points that take no part
-    network: Network
+    covariance: FloatArray  # (p, 3, 3) m2, east, north, up of the points, NaN for those that take no part
     state: State
 
     @cached_property
     def error(self) -> FloatArray:
         """(o,) estimated: given minus what the others say."""
         return -self.units.gathered(self.residuals) / self.redundancy
-
-    @cached_property
-    def covariance(self) -> FloatArray:
-        """(p, 3, 3) m2, east, north, up of the points that take part."""
-        covariance, determined = np.full(self.points.shape, np.nan), np.isfinite(self.points).all(axis=(1, 2))
-        axes = self.network.frame.axes(self.state.ground[determined])
-        covariance[determined] = axes @ self.points[determined] @ np.swapaxes(axes, 1, 2) * self.sigma0**2
-        return covariance
 
     @cached_property
     def unit_test(self) -> FloatArray:
@@ -342,10 +332,17 @@ def judged(
     cofactors = factor.cofactors().holding(scene.held)
     if _is_weak(factor, cofactors):
         raise SingularNormalsError(factor.matrix)
-    of_points, of_observations = _adjusted_cofactors(scene, problem.network, state, cofactors)
     residuals, size = scene.residuals_and_sizes(state)
+    errors = Errors(network=problem.network, state=state, cofactors=cofactors)
+    spread = spread_to_observations(errors, scene.block, residuals[_K.PLATE])
+    adjusted = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
+    for part in spread.parts:
+        # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
+        if part.kind in adjusted:
+            observed = part.weight > 0.0
+            adjusted[part.kind][part.row[observed], part.component[observed]] = part.cofactor[observed]
     # in a priori sigmas, and their squares
-    v, leverage = units.gathered(size), units.weight * units.gathered(of_observations)
+    v, leverage = units.gathered(size), units.weight * units.gathered(adjusted)
     taken = np.flatnonzero(out[units.unit])  # few, and what is done about them costs little
     r, used, least = 1.0 - leverage, v.copy(), units.checked.copy()
     r[taken] = 1.0 - units.gathered(factors)[taken] * leverage[taken]
@@ -369,34 +366,9 @@ def judged(
         freedom=f,
         factor=factor,
         cofactors=cofactors,
-        points=of_points,
-        network=problem.network,
+        covariance=spread.points * sigma0**2,
         state=state,
     )
-
-
-def _adjusted_cofactors(
-    scene: Scene, network: Network, state: State, cofactors: Cofactors
-) -> tuple[FloatArray, Factors]:
-    """Return cofactors of points (p, 3, 3) m2 along working axes, NaN if not determined, and of observations.
-
-    Those that `cofactors` of the unknowns give at a state; `network` has the weights of the scene now.
-    """
-    points = np.full((network.points, 3, 3), np.nan)
-    tables = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
-    parts = list(reliability.direct(network, state, cofactors))
-    not_asked_for = network.xy  # residuals
-    for group in network.groups:
-        for rows, piece in pieces(network, state, group, cofactors):
-            working = replace(piece, axes=np.swapaxes(piece.E.normals.axes, 1, 2))
-            points[group.point[rows]] = point_covariances(network, working, cofactors, None)
-            parts += [reliability.images(network, piece, not_asked_for), *reliability.priors(piece, scene.block)]
-    for part in parts:
-        # the priors of tilt and index hold the water of the whole job: no card of one photo or point is to blame
-        if part.kind in tables:
-            observed = part.weight > 0.0
-            tables[part.kind][part.row[observed], part.component[observed]] = part.cofactor[observed]
-    return points, tables
 
 
 def _is_weak(factor: Factor, cofactors: Cofactors) -> bool:
@@ -410,13 +382,13 @@ def _is_weak(factor: Factor, cofactors: Cofactors) -> bool:
 
 def worst_common_tide(scene: Scene, state: State, judgement: Judgement) -> Hypothesis | None:
     """Return the common error of the tides of several photos that is the surest one, None where none is tested."""
-    units, block = judgement.units, scene.block
-    if not scene.network.water.per_photo:
+    units, network = judgement.units, scene.network
+    if not network.water.per_photo:
         return None
-    taken = np.ones(len(block.photos.ids), dtype=bool)
-    inside = units.kind[units.first] == _K.WATER_LEVEL
-    taken[units.row[units.first][inside & ~judgement.out]] = False
-    errors = common_tides(block, scene.network, state, judgement.factor, taken)
+    inside = np.zeros(network.photos, dtype=bool)
+    inside[units.row[units.first[(units.kind[units.first] == _K.WATER_LEVEL) & ~judgement.out]]] = True
+    weight = np.where(inside, network.water.level_weight, 0.0)
+    errors = common_tides(scene.block, network, weight, level_corrections(network, state), judgement.factor)
     return max(errors, key=lambda error: error.squares, default=None)
 
 
