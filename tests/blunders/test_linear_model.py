@@ -30,8 +30,7 @@ def wrong() -> Case:
         block, control={"position": added(1, SHIFT)}, cameras={"focal_length": block.cameras.focal_length + 0.05}
     )
     scene, state = staged(block, None, None, Effort(left=math.inf))
-    nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
-    return first_case(block, scene, state, nothing)
+    return first_case(block, scene, state)
 
 
 @lru_cache(maxsize=1)

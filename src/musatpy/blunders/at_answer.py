@@ -18,7 +18,7 @@ from musatpy.adjustment.job import prepared
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import IntArray
 from musatpy.errors import AdjustmentError
-from musatpy.model import Block, Cause, CauseKind, Initial, OtherFlags, Solution
+from musatpy.model import Block, Cause, CauseKind, OtherFlags, Solution
 from musatpy.model.findings import mnemonics
 from musatpy.model.progress import Progress
 from musatpy.statistics import Statistics
@@ -151,23 +151,10 @@ def first_look(solution: Solution, sea: Sea | None) -> tuple[Cause, ...]:
     from musatpy.blunders.explanation import NEARLY, sensible
     from musatpy.blunders.hypotheses import hypotheses
     from musatpy.blunders.linear_model import linear_model
-    from musatpy.blunders.scene import Effort, ones, scene_of, search_block
+    from musatpy.blunders.scene import Effort, ones, scene_of, search_block, standing
 
-    block, stations, photos = solution.block, solution.stations, solution.block.photos
-    observed = [
-        np.asarray(np.isfinite(sigma).any(axis=1))[:, None]
-        for sigma in (photos.position_sigma, photos.attitude_sigma)
-    ]
-    at_answer = replace(
-        block,
-        options=replace(block.options, initial=Initial.GIVEN),
-        photos=replace(
-            photos,
-            position=np.where(observed[0], photos.position, stations.position),
-            attitude=np.where(observed[1], photos.attitude, stations.attitude),
-        ),
-    )
-    job, state = prepared(search_block(at_answer, sea), None, sea)
+    block = solution.block
+    job, state = prepared(search_block(standing(block, solution.stations), sea), None, sea)
     scene = scene_of(job, state, Effort(left=math.inf))
     model = linear_model(scene, ones(scene), state)
     options = [option for option in hypotheses(model) if sensible(option) and option.parameters]

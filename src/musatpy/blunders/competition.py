@@ -17,7 +17,6 @@ from musatpy.blunders.explanation import (
     SENSIBLE,
     Case,
     covers,
-    first_case,
     given_up,
     model_of,
     readjusted,
@@ -63,8 +62,13 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
     """Return what was found, group by group with what competes, the largest group first, until there are `most`."""
     last, variance = search.last, search.last.judgement.sigma0**2
     final = squares_in(last.scene, last.out(), last.state)
-    whole = replace(
-        first_case(search.revised, last.scene, last.state, last.out()), taken=search.common, squares=final
+    whole = Case(
+        block=search.revised,
+        scene=last.scene,
+        state=last.state,
+        out=last.out(),
+        taken=search.common,
+        squares=final,
     )
     found, size = [*search.common, *members(search, most)], sizes(last.scene, last.state)
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]

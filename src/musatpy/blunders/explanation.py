@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.robust import FITS, chi_square_limit
 from musatpy.adjustment.unknowns import State
@@ -29,13 +28,13 @@ from musatpy.blunders.scene import (
     Scene,
     adjusted,
     at_their_best,
-    scene_of,
+    rebuilt,
     sizes,
     taking_part,
 )
 from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
-from musatpy.model import Block, CauseKind, Initial, ObservationKind
+from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.progress import begin
 from musatpy.model.ranking import falling
 from musatpy.statistics.quality import test_limit
@@ -72,17 +71,25 @@ class Case:
     scene: Scene
     state: State
     out: Factors  # 1 for what is given up
-    taken: tuple[Hypothesis, ...]
-    revisions: tuple[Hypothesis, ...]
-    squares: float  # of all that is in; infinite where it is not adjusted yet, or cannot be
+    taken: tuple[Hypothesis, ...] = ()
+    alike: tuple[Hypothesis, ...] = ()  # revisions that explain the same as those taken
+    squares: float = np.inf  # of all that is in; infinite where it is not adjusted yet, or cannot be
 
     def factors(self) -> Factors:
         """Return the factors on the weights."""
         return factors_of(self.out, sizes(self.scene, self.state))
 
     def cost(self, variance: float) -> float:
-        """Return the cost of the explanation."""
-        return self.squares / variance + PENALTY * sum(hypothesis.parameters for hypothesis in self.taken)
+        """Return the cost of the explanation: of a point with no image left, as many as had checked it."""
+        network, (x, y) = self.scene.network, (self.out[ObservationKind.PLATE] > 0.0).T
+        lost = np.bincount(network.point[x | y], minlength=network.points)
+        seen = np.bincount(network.point[taking_part(network)], minlength=network.points)
+        known = network.priors.known.sum(axis=1) + (network.priors.group >= 0)
+        checks = np.maximum(2 * seen + np.minimum(known, 3) - 3, 0)
+        others = (np.count_nonzero(mask) for kind, mask in self.out.items() if kind is not ObservationKind.PLATE)
+        revisions = sum(not hypothesis.given_up for hypothesis in self.taken)
+        prices = revisions + sum(others) + int(np.minimum(2 * lost, checks).sum())
+        return self.squares / variance + PENALTY * prices
 
 
 def squares_in(scene: Scene, out: Factors, state: State) -> float:
@@ -91,22 +98,6 @@ def squares_in(scene: Scene, out: Factors, state: State) -> float:
     for kind, size in sizes(scene, state).items():
         total += float(np.square(size[out[kind] == 0.0]).sum())
     return total if np.isfinite(total) else np.inf
-
-
-def cost(scene: Scene, out: Factors, state: State, revisions: int, variance: float) -> float:
-    """Return the cost of a state with observations out: of a point with none left, as many as had checked it."""
-    prices = revisions
-    for kind, mask in out.items():
-        if kind is not ObservationKind.PLATE:
-            prices += int(np.count_nonzero(mask))
-    network, (x, y) = scene.network, (out[ObservationKind.PLATE] > 0.0).T
-    wrong = x | y
-    lost = np.bincount(network.point[wrong], minlength=network.points)
-    seen = np.bincount(network.point[taking_part(network)], minlength=network.points)
-    known = network.priors.known.sum(axis=1) + (network.priors.group >= 0)
-    checks = np.maximum(2 * seen + np.minimum(known, 3) - 3, 0)
-    prices += int(np.minimum(2 * lost, checks).sum())
-    return squares_in(scene, out, state) / variance + PENALTY * prices
 
 
 def starts(last: Snooped) -> list[tuple[Factors, bool]]:
@@ -172,9 +163,10 @@ def submerged_points_dry(last: Snooped) -> bool:
     return bool(dry > _DRY * np.count_nonzero(submerged))
 
 
-def first_case(block: Block, scene: Scene, state: State, out: Factors) -> Case:
-    """Return a block with nothing explained, but what is `out` from the start."""
-    return Case(block=block, scene=scene, state=state, out=out, taken=(), revisions=(), squares=np.inf)
+def first_case(block: Block, scene: Scene, state: State) -> Case:
+    """Return a block with nothing explained."""
+    nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
+    return Case(block=block, scene=scene, state=state, out=nothing)
 
 
 def readjusted(case: Case, factors: Factors | None = None) -> Case:
@@ -196,7 +188,7 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     With `only_common` it ends where something else than what is common to many observations would explain more, not
     adjusted again if that is at once. Raises `SingularNormalsError`.
     """
-    seen_from_first, trial = True, None
+    block, seen_from_first, trial = case.block, True, None
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
         model = model_of(case)
@@ -219,7 +211,7 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
                 break
         first = seen_from_first and best.scene is case.scene
         case = replace(best, state=case.state, squares=np.inf) if first else best
-    if only_common and not case.revisions:
+    if only_common and case.block is block:
         return case
     return taken_back(case if np.isfinite(case.squares) else readjusted(case), variance)
 
@@ -361,23 +353,13 @@ def _revised(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
 
 def with_revision(case: Case, revision: Hypothesis, sea: Sea | None) -> Case:
     """Return the case with something revised, re-adjusted."""
-    old = case.scene
-    block = revised(old.block, revision)
-    given = replace(block, options=replace(block.options, initial=Initial.GIVEN))
     try:
-        scene = scene_of(*prepared(given, None, sea), old.effort)
+        scene, state = rebuilt(
+            case.scene, revised(case.scene.block, revision), moved_state(case.state, revision), sea
+        )
     except AdjustmentError:
         return replace(case, squares=np.inf)
-    wet = scene.network.with_plates(scene.network.xy, old.line.wet)
-    return readjusted(
-        replace(
-            case,
-            block=revised(case.block, revision),
-            scene=replace(scene, network=wet, line=old.line, held=old.held),
-            state=moved_state(case.state, revision),
-            revisions=(*case.revisions, revision),
-        )
-    )
+    return readjusted(replace(case, block=revised(case.block, revision), scene=scene, state=state))
 
 
 def taken_back(case: Case, variance: float) -> Case:

@@ -25,15 +25,17 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.robust import cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import WaterLine, at_rest_in_water, every_ray_wet
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import (
+    AdjustedStations,
     Block,
     Datum,
     Initial,
     ObservationKind,
+    Photos,
     Program,
     Refraction,
     Treatment,
@@ -200,6 +202,47 @@ def scene_of(job: Job, state: State, effort: Effort) -> Scene:
         effort=effort,
         progress=job.progress,
     )
+
+
+def rebuilt(scene: Scene, block: Block, state: State, sea: Sea | None) -> tuple[Scene, State]:
+    """Return the scene of a block in which something was revised, and in it the state of the scene before.
+
+    `block` has the photos, points and measurements of that before, some of them with other values, names or flags;
+    it stands where its stations are given. Rays keep their sides of the water, but for those of points that are
+    flagged otherwise. Raises `AdjustmentError`.
+    """
+    given = replace(block, options=replace(block.options, initial=Initial.GIVEN))
+    job, fresh = prepared(search_block(given, sea), None, sea)
+    again = replace(scene_of(job, fresh, scene.effort), held=scene.held, progress=scene.progress)
+    flagged = scene.block.points.bathymetric[scene.network.point]
+    line = replace(scene.line, wet=np.where(again.line.wet == flagged, scene.line.wet, again.line.wet))
+    old, new = scene.network.frame, again.network.frame
+    return (
+        replace(again, line=line, network=again.network.with_plates(again.network.xy, line.wet)),
+        replace(
+            fresh,
+            position=new.working(old.system(state.position)),
+            attitude=attitude_in(state, fresh.axes, fresh.attitude),
+            ground=new.working(old.system(state.ground)),
+            tide=state.tide,
+            tilt=state.tilt,
+            index=state.index,
+        ),
+    )
+
+
+def standing(block: Block, stations: Photos | AdjustedStations) -> Block:
+    """Return the block with given stations where they are observed, and other `stations` where they are not."""
+    photos = block.photos
+    values = {
+        name: np.where(
+            np.isfinite(getattr(photos, f"{name}_sigma")).any(axis=1)[:, None],
+            getattr(photos, name),
+            getattr(stations, name),
+        )
+        for name in ("position", "attitude")
+    }
+    return replace(block, options=replace(block.options, initial=Initial.GIVEN), photos=replace(photos, **values))
 
 
 def _softened(network: Network, state: State) -> Network:

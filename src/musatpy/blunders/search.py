@@ -14,17 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.job import prepared
 from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray
 from musatpy.blunders.alternatives import misfit, wrong_flags
 from musatpy.blunders.explanation import (
     Case,
-    cost,
     explained,
-    first_case,
     single_images,
+    squares_in,
     starts,
     submerged_points_dry,
     with_revision,
@@ -38,13 +36,12 @@ from musatpy.blunders.scene import (
     STEP,
     Effort,
     Factors,
-    scene_of,
-    search_block,
+    rebuilt,
     sees_water,
     taking_part,
 )
 from musatpy.blunders.snooping import Snooped, snooped
-from musatpy.blunders.starts import Start, best_start
+from musatpy.blunders.whole_block import best_start
 from musatpy.model import Block, Initial, ObservationKind, Solution
 from musatpy.model.progress import Progress, begin
 
@@ -92,13 +89,13 @@ def search(
     """
     effort = effort or explicit_effort(block)
     begin(progress, "search for blunders: robust weights")
-    start = best_start(block, progress, sea, effort)
+    start, given = best_start(block, progress, sea, effort)
     best = _begun(start, sea)
-    if best.common or (best.last.judgement.out.any() and not single_images(best.last)):
+    if best.case.taken or (best.last.judgement.out.any() and not single_images(best.last)):
         best = _with_exchanges(block, _cheaper(best, sea), sea)
-    if start.given and best.last.judgement.out.any():
-        best = _or_as_given(best, start.given, sea, effort)
-    last, revised = best.last, best.block
+    if given is not None and best.last.judgement.out.any():
+        best = _or_as_given(best, given, sea, effort)
+    last, revised = best.last, best.case.block
     renamings: tuple[Renaming, ...] = ()
     flags: dict[int, float] = {}
     alike = _lookalikes(last)
@@ -120,8 +117,8 @@ def search(
         alike=alike,
         renamings=renamings,
         flags=flags,
-        common=best.common,
-        alike_revisions=(*start.alike, *best.alike),
+        common=best.case.taken,
+        alike_revisions=best.case.alike,
     )
 
 
@@ -140,31 +137,25 @@ def usual_effort(block: Block, solution: Solution | None, times: float) -> Effor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Explained:
-    """The search at rest under an explanation, and what that costs."""
+    """The search at rest under an explanation."""
 
+    case: Case
     last: Snooped
-    block: Block
-    common: tuple[Hypothesis, ...]
-    cost: float
-    alike: tuple[Hypothesis, ...] = ()  # exchanged labels, or revisions of all, that explain about the same
 
 
-def _begun(start: Start, sea: Sea | None) -> _Explained:
+def _begun(start: Case, sea: Sea | None) -> _Explained:
     """Return the search from robust weights on; where that leaves unknowns free, hypothesis by hypothesis.
 
     Raises `SingularNormalsError`.
     """
-    scene, state, common = start.scene, start.state, start.common
     try:
-        last = snooped(scene, state)
+        return _at_rest(start, None)
     except GIVEN_UP:
-        nothing = {kind: np.zeros_like(weight) for kind, weight in scene.weight.items()}
-        case = replace(first_case(start.block, scene, state, nothing), taken=common)
-        return _at_rest(explained(case, 1.0, sea), 1.0)
-    return _priced(last, start.block, common, last.judgement.sigma0**2)
+        case = explained(start, 1.0, sea)
+        return _at_rest(case, case.out)
 
 
-def _or_as_given(best: _Explained, given: Start, sea: Sea | None, effort: Effort) -> _Explained:
+def _or_as_given(best: _Explained, given: Case, sea: Sea | None, effort: Effort) -> _Explained:
     """Return the explanation under a revision of the whole block, or the cheaper one of the block as `given`.
 
     What explains everything leaves nothing to explain; where it does, half of the effort goes to what is simpler.
@@ -172,13 +163,11 @@ def _or_as_given(best: _Explained, given: Start, sea: Sea | None, effort: Effort
     share = Effort(left=0.5 * effort.left)
     effort.left -= share.left
     try:
-        other = _begun(replace(given, scene=replace(given.scene, effort=share)), sea)
-        other = _cheaper(other, sea)
+        other = _cheaper(_begun(replace(given, scene=replace(given.scene, effort=share)), sea), sea)
     except GIVEN_UP:
         return best
     variance = min(one.last.judgement.sigma0 for one in (best, other)) ** 2
-    best, other = (_priced(one.last, one.block, one.common, variance) for one in (best, other))
-    return other if other.cost < best.cost else best
+    return other if other.case.cost(variance) < best.case.cost(variance) else best
 
 
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
@@ -188,12 +177,13 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
         chosen = any(mask.any() for mask in case.out.values())  # which is out for good
         try:
             case = explained(case, variance, sea, only_common)
-            if (only_common and not case.revisions) or case.cost(variance) > _HOPELESS * best.cost:
+            unchanged = case.block is start.case.block
+            if (only_common and unchanged) or case.cost(variance) > _HOPELESS * best.case.cost(variance):
                 continue
-            other = _at_rest(case, variance, not chosen)
+            other = _at_rest(case, case.out, not chosen)
         except GIVEN_UP:
             continue
-        if other.cost < best.cost + (PENALTY if best is start else 0.0):
+        if other.case.cost(variance) < best.case.cost(variance) + (PENALTY if best is start else 0.0):
             best = other
     return best
 
@@ -203,7 +193,7 @@ def _first_cases(start: _Explained) -> Iterator[tuple[Case, bool]]:
 
     Wrong tides may have dried points that are submerged: once more with all rays wet.
     """
-    last, case = start.last, _case(start)
+    last, case = start.last, start.case
     begun = starts(last)
     for out, only_common in begun:
         yield replace(case, out=out), only_common
@@ -217,44 +207,38 @@ def _first_cases(start: _Explained) -> Iterator[tuple[Case, bool]]:
 def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation with labels that have been exchanged, where that costs less."""
     variance = start.last.judgement.sigma0**2
-    trials = []
+    cost, trials = start.case.cost(variance), []
     exchanged = list(exchanges(block, start.last))
     for number, hypothesis in enumerate(exchanged, 1):
         begin(start.last.scene.progress, "search for blunders: exchange of labels", number, len(exchanged))
-        case = _case(start)
+        case = start.case
         out = _in_again(case.out, hypothesis, case.scene.block)
         case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), hypothesis, sea)
         try:
-            other = _at_rest(case, variance) if np.isfinite(case.squares) else None
+            other = _at_rest(case, case.out) if np.isfinite(case.squares) else None
         except GIVEN_UP:
             continue
-        if other is not None and other.cost < start.cost:
-            explains = replace(hypothesis, squares=(start.cost - other.cost) * variance)
-            trials.append(replace(other, common=(*start.common, explains)))
+        if other is not None and (gain := cost - other.case.cost(variance)) > 0.0:
+            explains = replace(hypothesis, squares=gain * variance)
+            trials.append(replace(other, case=replace(other.case, taken=(*start.case.taken, explains))))
     if not trials:
         return start
-    best = min(trials, key=lambda trial: trial.cost)
-    alike = tuple(trial.common[-1] for trial in trials if trial.cost < best.cost + PENALTY)
-    return replace(best, alike=alike)
+    best = min(trials, key=lambda trial: trial.case.cost(variance))
+    most = best.case.cost(variance) + PENALTY
+    alike = tuple(trial.case.taken[-1] for trial in trials if trial.case.cost(variance) < most)
+    return replace(best, case=replace(best.case, alike=(*start.case.alike, *alike)))
 
 
-def _case(start: _Explained) -> Case:
-    last = start.last
-    return replace(first_case(start.block, last.scene, last.state, last.out()), taken=start.common)
-
-
-def _at_rest(case: Case, variance: float, returning: bool = True) -> _Explained:
-    """Return the search from an explanation on, what is out `returning` or not.
+def _at_rest(case: Case, first: Factors | None, returning: bool = True) -> _Explained:
+    """Return the search of a case from what is out at `first` on, that `returning` or not.
 
     Raises `SingularNormalsError`.
     """
-    last = snooped(case.scene, case.state, case.out, returning)
-    return _priced(last, case.block, tuple(one for one in case.taken if not one.given_up), variance)
-
-
-def _priced(last: Snooped, block: Block, common: tuple[Hypothesis, ...], variance: float) -> _Explained:
-    price = cost(last.scene, last.out(), last.state, len(common), variance)
-    return _Explained(last=last, block=block, common=common, cost=price)
+    last = snooped(case.scene, case.state, first, returning)
+    revisions = tuple(one for one in case.taken if not one.given_up)
+    squares = squares_in(last.scene, last.out(), last.state)
+    case = replace(case, scene=last.scene, state=last.state, out=last.out(), taken=revisions, squares=squares)
+    return _Explained(case=case, last=last)
 
 
 def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
@@ -319,20 +303,11 @@ def _revised(block: Block, names: tuple[Renaming, ...], flags: Iterable[int]) ->
 
 
 def _searched_again(
-    revised: Block,
-    before: Snooped,
-    names: tuple[Renaming, ...],
-    flags: Iterable[int],
-    sea: Sea | None,
+    revised: Block, before: Snooped, names: tuple[Renaming, ...], flags: Iterable[int], sea: Sea | None
 ) -> Snooped:
     """Return the search of a revised block, from where the search before has come to rest."""
     old = before.scene.block
-    given = replace(revised, photos=old.photos, options=replace(revised.options, initial=Initial.GIVEN))
-    job, fresh = prepared(search_block(given, sea), before.scene.progress, sea)
-    scene = replace(scene_of(job, fresh, before.scene.effort), held=before.scene.held)
-    state, out = before.state, before.out()
-    state = replace(fresh, position=state.position, attitude=state.attitude, tide=state.tide, ground=state.ground)
-    plates = old.plates
-    touched = [*flags, *(name.point for name in names), *(int(plates.point[name.row]) for name in names)]
-    anew = np.isin(revised.plates.point, touched)
+    scene, state = rebuilt(before.scene, replace(revised, photos=old.photos), before.state, sea)
+    touched = [*flags, *(name.point for name in names), *(int(old.plates.point[name.row]) for name in names)]
+    anew, out = np.isin(revised.plates.point, touched), before.out()
     return snooped(scene, state, out | {_PLATE: np.maximum(out[_PLATE], anew[:, None])})

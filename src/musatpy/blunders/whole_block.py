@@ -1,29 +1,48 @@
-"""What may be wrong with a block as a whole: axes reversed or exchanged, factors between its lengths.
+"""Where the search starts: the block as it is given, or, where that leads nowhere, under an error of all of it.
 
-One of them explains everything, so they are tried before anything else is blamed, on a connected part of the block:
-plates and control alone say where the stations are. Images cannot tell mirrored plates: with C = diag(1, -1, 1)
-cameras, points, level water and refraction mirror exactly. x reversed, y reversed, x and y exchanged differ by a
-turn of the plate and are, with exchanged horizontal axes of the control, one class.
+Stations far from their places, axes reversed or exchanged, factors between lengths: one of them explains everything
+and leaves nothing that robust weights could hold on to. So they are tried where the block as given does not fit, or
+stands where no block does; first on a connected part of it: plates and control alone say where the stations are.
+Images cannot tell mirrored plates: with C = diag(1, -1, 1) cameras, points, level water and refraction mirror
+exactly. x reversed, y reversed, x and y exchanged differ by a turn of the plate and are, with exchanged horizontal
+axes of the control, one class.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
+from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.placing import MODEL, misfit, models_of, placed, sights_of, typical_height
-from musatpy.adjustment.unknowns import State, given_minus
+from musatpy.adjustment.unknowns import given_minus
 from musatpy.adjustment.waterline import heights_and_water
-from musatpy.arrays import BoolArray, FloatArray, finite_rows
+from musatpy.adjustment.wavy_water import Sea
+from musatpy.arrays import BoolArray, finite_rows
 from musatpy.blunders import revisions
+from musatpy.blunders.explanation import Case, first_case
 from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.revisions import revised
-from musatpy.blunders.scene import STEP, Effort, Scene, sees_water
-from musatpy.geometry.geodesy import Frame
+from musatpy.blunders.scene import (
+    GIVEN_UP,
+    STEP,
+    Effort,
+    SearchLimitError,
+    rebuilt,
+    sees_water,
+    sizes,
+    staged,
+    standing,
+    taking_part,
+)
+from musatpy.errors import AdjustmentError
 from musatpy.jobs.extract import extracted
-from musatpy.model import Block, CauseKind, CoordinateSystem, Initial
+from musatpy.model import Block, CauseKind, CoordinateSystem, Initial, ObservationKind
+from musatpy.model.progress import Progress, begin
 from musatpy.units import DEGREE, FOOT, YARD
 
 MIRRORED = (  # one class, the cheapest to check first
@@ -40,6 +59,131 @@ _TURNED = 30.0 * DEGREE  # from that of its attitude: not where it should be
 _MOSTLY = 0.5  # of the photos, or points, that speak against a block
 
 
+_LOST = 6.0  # sigmas beyond which an observation counts as this
+_FITS = 2.5  # mean of the squares so cut: one observation in 20 may be lost
+_MOST = 0.5  # of the images of a photo, beyond 6 sigmas: its place is wrong
+_FEW, _MUCH = 3, 0.25  # control points beyond 6 sigmas, and share of them: no single cards
+_BETTER = 0.5  # of that of the block as given, for another start to be taken
+_TRIED = 4  # revisions of the whole block that are adjusted
+
+_K = ObservationKind
+
+
+def best_start(
+    block: Block, progress: Progress | None, sea: Sea | None, effort: Effort
+) -> tuple[Case, Case | None]:
+    """Return the start that fits best, and beside one under a revision of the whole block that as given, if any.
+
+    A revision is taken where nothing speaks against the block under it. Raises `AdjustmentError`,
+    `SingularNormalsError` or `SearchLimitError` where the block as given does and no other start helps.
+    """
+    failure: AdjustmentError | SingularNormalsError | SearchLimitError | None = None
+    given: Case | None = None
+    try:
+        given = _start(block, (), progress, sea, effort)
+        if _fits(given) and not doubts(given).any:
+            return given, None
+    except (AdjustmentError, *GIVEN_UP) as error:
+        failure = error
+    begin(progress, "search for blunders: axes and units of the whole block")
+    share = Effort(left=0.75 * effort.left)  # the rest searches from what is found
+    alike = _explaining(part_of(block), sea, share)
+    effort.left -= 0.75 * effort.left - share.left
+    if alike:
+        start = None
+        if block.options.initial is Initial.GIVEN:  # which its cards suit, or it is no explanation
+            with suppress(AdjustmentError, *GIVEN_UP):
+                start = _start(revised(block, alike[0]), alike[:1], None, sea, effort)
+        if start is None or not _fits(start):
+            start = _computed(block, alike[0], sea, effort)
+        if start is not None and _fits(start):
+            return replace(start, alike=alike), given
+    if given is not None and _fits(given):
+        return given, None
+    start = _computed(block, None, sea, effort)
+    if start is not None and (given is None or _misfit(start) < _BETTER * _misfit(given)):
+        return start, None
+    if given is None:
+        assert failure is not None  # nothing else leaves no start
+        raise failure
+    return given, None
+
+
+def _explaining(block: Block, sea: Sea | None, effort: Effort) -> tuple[Hypothesis, ...]:
+    """Return the revisions of a part of a block under which it fits and nothing speaks against it.
+
+    None where it does so as it is. Of a class that only cards tell apart, all where these tell nothing.
+    """
+    start = _computed(block, None, sea, effort)
+    against = doubts(start) if start and _fits(start) else None
+    if against and not against.any:
+        return ()
+    explaining: list[Hypothesis] = []
+    with suppress(AdjustmentError, *GIVEN_UP):  # what has been found by then stands
+        for revision in islice(likely(block, against, effort), _TRIED):
+            members = MIRRORED if revision.kind is CauseKind.AXES and revision.member in MIRRORED else ()
+            found = []
+            for one in [replace(revision, member=member) for member in members] or [revision]:
+                trial = _computed(block, one, sea, effort)
+                if trial is None or not _fits(trial):
+                    break  # nor does any other of its class: images cannot tell them apart
+                doubt = doubts(trial)
+                found += [] if doubt.reversed or doubt.water else [(one, doubt)]
+            agree = [one for one, doubt in found if not doubt.cards]
+            if 0 < len(agree) < len(found):
+                agree = [replace(one, name="the station cards agree with this one") for one in agree]
+            explaining += agree or [one for one, _ in found if members]
+            if members and explaining:
+                break
+    return tuple(explaining)
+
+
+def _start(
+    block: Block, taken: tuple[Hypothesis, ...], progress: Progress | None, sea: Sea | None, effort: Effort
+) -> Case:
+    return replace(first_case(block, *staged(block, progress, sea, effort)), taken=taken)
+
+
+def _computed(block: Block, revision: Hypothesis | None, sea: Sea | None, effort: Effort) -> Case | None:
+    """Return the start of a block under a revision from plates and control alone, None where there is none.
+
+    Observed stations are compared with it, no more.
+    """
+    if revision is not None:
+        block = revised(block, revision)
+    nothing = np.full((len(block.photos.ids), 3), np.nan)
+    alone = replace(
+        block,
+        options=replace(block.options, initial=Initial.COMPUTE),
+        photos=replace(block.photos, position_sigma=nothing, attitude_sigma=nothing),
+    )
+    try:
+        scene, state = staged(alone, None, sea, effort)
+        scene, state = rebuilt(scene, standing(block, scene.block.photos), state, sea)
+    except (AdjustmentError, *GIVEN_UP):
+        return None
+    return replace(first_case(block, scene, state), taken=() if revision is None else (revision,))
+
+
+def _misfit(start: Case) -> float:
+    """Return the mean square of the residuals of images and control, all cut at the same size."""
+    size = sizes(start.scene, start.state)
+    squares = [np.square(size[kind][start.scene.weight[kind] > 0.0]) for kind in (_K.PLATE, _K.CONTROL)]
+    return float(np.minimum(np.nan_to_num(np.concatenate(squares), nan=_LOST**2), _LOST**2).mean())
+
+
+def _fits(start: Case) -> bool:
+    """Return whether a start is one to search from: no photo has lost most of its images, nor it much control."""
+    network, used, size = start.scene.network, taking_part(start.scene.network), sizes(start.scene, start.state)
+    lost, gone = (~(np.abs(size[kind]) <= _LOST).all(axis=1) for kind in (_K.PLATE, _K.CONTROL))
+    share = np.bincount(network.photo[lost & used], minlength=network.photos)
+    some = bool((share > _MOST * np.bincount(network.photo[used], minlength=network.photos)).any())
+    much = np.count_nonzero(gone) >= max(
+        _FEW, _MUCH * np.count_nonzero(start.scene.block.control.known.any(axis=1))
+    )
+    return _misfit(start) <= _FITS and not some and not much
+
+
 @dataclass(frozen=True, kw_only=True)
 class Doubts:
     """What speaks against a block as a whole, where its stations have been found."""
@@ -54,9 +198,9 @@ class Doubts:
         return self.reversed or self.water or self.cards
 
 
-def doubts(block: Block, scene: Scene, state: State) -> Doubts:
-    """Return what speaks against a state of a block: cards count that have sigmas, or start it."""
-    network, photos = scene.network, block.photos
+def doubts(start: Case) -> Doubts:
+    """Return what speaks against the state of a block: cards count that have sigmas, or start it."""
+    block, network, state, photos = start.block, start.scene.network, start.state, start.block.photos
     height, water = heights_and_water(network, state)
     submerged = block.points.bathymetric[network.point]
     axes = np.asarray(network.frame.axes(state.position))
@@ -69,25 +213,17 @@ def doubts(block: Block, scene: Scene, state: State) -> Doubts:
     counts = finite_rows(np.concatenate([photos.position, photos.attitude], axis=1))
     if block.options.initial is Initial.COMPUTE:
         counts &= np.isfinite(np.concatenate([photos.position_sigma, photos.attitude_sigma], axis=1)).any(axis=1)
-    off = off_the_cards(block, network.frame, state.position, state.M, float(np.median(np.abs(above))), counts)
+    off = given_minus(photos, network.frame, state.position, state.M, counts)[counts]
+    far = np.linalg.norm(off[:, :3], axis=1) > _FAR * float(np.median(np.abs(above)))
     return Doubts(
         reversed=_most(looks_up | (above < 0.0)),
         water=flagged and (_most(wrong_side[submerged]) or _most(wrong_side[~submerged])),
-        cards=_most(off),
+        cards=_most(far | (np.abs(off[:, 3:]) > _TURNED).any(axis=1)),
     )
 
 
 def _most(wrong: BoolArray) -> bool:
     return bool(np.count_nonzero(wrong) > _MOSTLY * len(wrong))
-
-
-def off_the_cards(
-    block: Block, frame: Frame, position: FloatArray, M: FloatArray, height: float, given: BoolArray
-) -> BoolArray:
-    """Return which of some `given` stations (n,) are not where their cards put them, flown at a `height` (m)."""
-    difference = given_minus(block.photos, frame, position, M, given)[given]
-    far = np.linalg.norm(difference[:, :3], axis=1) > _FAR * height
-    return np.asarray(far | (np.abs(difference[:, 3:]) > _TURNED).any(axis=1))
 
 
 def part_of(block: Block) -> Block:
