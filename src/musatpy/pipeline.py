@@ -66,13 +66,13 @@ def adjust(
         ) from error
     of_flags: tuple[Cause, ...] = ()
     if len(Statistics(solution).flags.doubted):
-        from musatpy.blunders.at_answer import flag_causes, with_other_flags  # few heights contradict flags
+        from musatpy.blunders.causes import flag_causes, with_other_flags  # few heights contradict flags
 
         solution = with_other_flags(solution, progress, sea)
         of_flags = () if causes is CauseSearch.NONE else tuple(flag_causes(solution))
     if not doubtful(solution):
         return replace(solution, causes=of_flags)
-    from musatpy.blunders.at_answer import check_point_causes
+    from musatpy.blunders.causes import check_point_causes  # most runs are accepted
 
     if solution.plate_factor != 1.0:
         block = with_plate_sigmas(block, solution.plate_factor)
@@ -114,7 +114,7 @@ def _causes(
     block: Block, sea: Sea | None, progress: Progress | None, causes: CauseSearch, solution: Solution | None
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes of a run that is not accepted, or has no solution, and that their search was stopped."""
-    from musatpy.blunders.at_answer import first_look  # most runs are accepted
+    from musatpy.blunders.causes import first_look  # most runs are accepted
     from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import usual_effort
 
@@ -139,10 +139,8 @@ def doubtful(solution: Solution) -> bool:
 
 
 def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solution:
-    from musatpy.blunders.at_answer import with_other_flags
-    from musatpy.blunders.causes import causes  # most jobs do without all this
-    from musatpy.blunders.edits import edited, lost_points, unedited, without_positions
-    from musatpy.blunders.finding_list import findings
+    from musatpy.blunders.causes import causes, with_other_flags  # most jobs do without all this
+    from musatpy.blunders.findings import edited, findings, lost_points, unedited, without_positions
     from musatpy.blunders.scene import GIVEN_UP, SearchLimitError
     from musatpy.blunders.search import search
 

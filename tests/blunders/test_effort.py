@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from altered import added, altered
 from blunders.study import strip
 from musatpy import adjust
-from musatpy.blunders.at_answer import first_look
+from musatpy.blunders.causes import first_look
 from musatpy.cli.main import main
 from musatpy.model import CauseKind, CauseSearch
 

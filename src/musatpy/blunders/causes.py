@@ -1,41 +1,59 @@
-"""The ranked causes of what does not fit, in words: what may be wrong, its size, and which card to read again."""
+"""The ranked causes of what does not fit, in words: what may be wrong, its size, and which card to read again.
+
+Those that the search has found; and those that the answer of a run shows by itself. Heights may contradict flags;
+check points, which take no part in the adjustment, may not agree: their cards and their images explain that alike;
+and, where there is no time for a search, the linear model at the answer says what explains the misfit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from musatpy import adjustment
+from musatpy.adjustment.job import prepared
 from musatpy.adjustment.unknowns import State, given_minus
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import FloatArray
+from musatpy.arrays import IntArray, finite_rows
 from musatpy.blunders.competition import Rival, rivals
-from musatpy.blunders.finding_list import flag_findings
-from musatpy.blunders.hypotheses import Hypothesis
+from musatpy.blunders.explanation import NEARLY, sensible
+from musatpy.blunders.findings import flag_findings
+from musatpy.blunders.hypotheses import Hypothesis, hypotheses
+from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.names import FAR, exchanged_photos, flying_height
 from musatpy.blunders.revisions import CARDS, CONTROL, PLATES, STATIONS, in_words
-from musatpy.blunders.scene import Scene
+from musatpy.blunders.scene import Effort, Scene, ones, scene_of, search_block, standing
 from musatpy.blunders.search import Search
-from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial
+from musatpy.errors import AdjustmentError
+from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial, OtherFlags, Solution
 from musatpy.model.findings import mnemonics
-from musatpy.statistics.verdict import in_feet
+from musatpy.model.progress import Progress
+from musatpy.statistics import Statistics
+from musatpy.statistics.analyses import elevations
+from musatpy.statistics.flags import NO_BETTER
+from musatpy.statistics.verdict import CHECK_POINT_RISK, in_feet
 from musatpy.units import DEGREE, FOOT
 
 MOST = 12  # causes that are named
+_CHECK_POINTS = 3  # the worst first
+_FIRST = 3  # hypotheses of the linear model at the answer
 _TURNED = 10.0 * DEGREE  # farther than any start value that serves
 
 
 def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
     """Return the causes, `MOST` at most: the group that explains most first, its equal explanations together."""
-    ranked: dict[int, list[Cause]] = {}
-    for rival in rivals(search, sea, MOST):
-        cause = cause_of(search.block, search.last.judgement.sigma0, rival)
-        ranked.setdefault(rival.group, []).append(cause)
+    block, last = search.block, search.last
     groups = [
-        *ranked.values(),
+        *(
+            [cause_of(block, last.judgement.sigma0, rival) for rival in group]
+            for group in rivals(search, sea, MOST)
+        ),
         *([cause] for cause in _named(search)),
-        *_misplaced(search.block, search.last.scene, search.last.state),
+        *_misplaced(block, last.scene, last.state),
     ]
     groups.sort(key=lambda group: -max(np.inf if np.isnan(cause.drop) else cause.drop for cause in group))
     said: dict[str, Cause] = {}  # the whole and its parts may say the same
@@ -48,58 +66,65 @@ def causes(search: Search, sea: Sea | None) -> tuple[Cause, ...]:
 def cause_of(block: Block, sigma0: float, rival: Rival) -> Cause:
     """Return a hypothesis in words."""
     hypothesis = rival.hypothesis
-    kind, words = hypothesis.kind, in_words(hypothesis)
+    kind = hypothesis.kind
     size, sigma = hypothesis.error / kind.scale, hypothesis.sigma * sigma0 / kind.scale
     if kind is CauseKind.UNIT:
         size, sigma = np.array([hypothesis.value]), np.full(1, np.nan)
     shown = (len(kind.axes) or len(size)) if kind.sized else 0
-    name = f"; {hypothesis.name}" if kind is CauseKind.AXES and hypothesis.name else ""
-    return Cause(
-        kind=kind,
-        cards=mnemonics(words.cards, block.options.system),
-        photos=tuple(block.photos.ids[list(hypothesis.photo)].tolist()),
-        points=tuple(block.points.ids[list(hypothesis.point)].tolist()),
-        component=(kind is CauseKind.TIDES and hypothesis.name) or words.component,
+    return replace(
+        _in_words(block, hypothesis),
         size=tuple(size[:shown].tolist()),
         sigma=tuple(sigma[:shown].tolist()),
-        unit=kind.unit,
         parameters=hypothesis.parameters,
         drop=rival.drop,
         test=float(np.sqrt(max(rival.drop, 0.0) / max(hypothesis.parameters, 1)) / sigma0),
         rank=rival.rank,
-        advice=f"{words.advice}{name}",
+    )
+
+
+def _in_words(block: Block, hypothesis: Hypothesis) -> Cause:
+    """Return what a hypothesis says, without its size."""
+    kind, words = hypothesis.kind, in_words(hypothesis)
+    name = f"; {hypothesis.name}" if kind is CauseKind.AXES and hypothesis.name else ""
+    component = (kind is CauseKind.TIDES and hypothesis.name) or words.component
+    cause = _cause(block, kind, hypothesis.photo, hypothesis.point, component=component)
+    return replace(cause, cards=mnemonics(words.cards, block.options.system), advice=f"{words.advice}{name}")
+
+
+def _cause(
+    block: Block, kind: CauseKind, photos: Sequence[int] = (), points: Sequence[int] = (), **fields: Any
+) -> Cause:
+    """Return a cause that concerns some photos and points (numbers), as the table of kinds has it."""
+    return Cause(
+        kind=kind,
+        cards=mnemonics(kind.cards, block.options.system),
+        photos=tuple(block.photos.ids[list(photos)].tolist()),
+        points=tuple(block.points.ids[list(points)].tolist()),
+        **{"unit": kind.unit, "advice": kind.advice} | fields,
     )
 
 
 def _named(search: Search) -> Iterator[Cause]:
     """Yield images with wrong names, and wrong flags."""
     block, variance = search.block, search.last.judgement.sigma0**2
-    photos, points = block.photos.ids, block.points.ids
     for renaming in search.renamings:
-        old, new = str(points[block.plates.point[renaming.row]]), str(points[renaming.point])
-        yield Cause(
-            kind=CauseKind.NAME,
-            cards=mnemonics(CauseKind.NAME.cards, block.options.system),
-            photos=(str(photos[block.plates.photo[renaming.row]]),),
-            points=(old, new),
+        yield _cause(
+            block,
+            CauseKind.NAME,
+            [int(block.plates.photo[renaming.row])],
+            [int(block.plates.point[renaming.row]), renaming.point],
+            unit="",
             parameters=2,
             drop=renaming.test**2 * variance,
             test=renaming.test,
-            advice=f"it is point {new}: {CauseKind.NAME.advice}",
+            advice=f"it is point {block.points.ids[renaming.point]}: {CauseKind.NAME.advice}",
         )
-    changed = {str(points[point]) for point in search.flags}
+    changed = set(block.points.ids[list(search.flags)].tolist())
     for finding in flag_findings(search):
-        yield Cause(
-            kind=CauseKind.FLAG,
-            cards=mnemonics(CauseKind.FLAG.cards, block.options.system),
+        yield replace(
+            _cause(block, CauseKind.FLAG, component=finding.blunder, size=finding.size, test=finding.test),
             points=(finding.point,),
-            component=finding.blunder,
-            size=finding.size,
-            unit=CauseKind.FLAG.unit,
-            parameters=1,
             drop=finding.test**2 * variance if finding.point in changed else 0.0,
-            test=finding.test,
-            advice=CauseKind.FLAG.advice,
         )
 
 
@@ -109,7 +134,7 @@ def _misplaced(block: Block, scene: Scene, state: State) -> Iterator[list[Cause]
     In groups of equal explanations: a unit of length, labels, or wrong cards.
     """
     photos = block.photos
-    given = np.isfinite(np.concatenate([photos.position, photos.attitude], axis=1)).all(axis=1)
+    given = finite_rows(np.concatenate([photos.position, photos.attitude], axis=1))
     if not given.any():
         return
     difference = given_minus(photos, scene.network.frame, state.position, state.M, given)
@@ -123,43 +148,145 @@ def _misplaced(block: Block, scene: Scene, state: State) -> Iterator[list[Cause]
     whose, _ = in_feet(scene.network.frame.working(photos.position[given]), state.position[given])
     if whose and block.options.system is CoordinateSystem.LOCAL:
         member = {"control": CONTROL, "stations": STATIONS}[whose]
-        yield [
-            _in_words(block, Hypothesis(kind=CauseKind.UNIT, member=member, value=1.0 / FOOT), size=(1.0 / FOOT,))
-        ]
+        unit = Hypothesis(kind=CauseKind.UNIT, member=member, value=1.0 / FOOT)
+        yield [replace(_in_words(block, unit), size=(1.0 / FOOT,))]
         return
     exchanged: set[int] = set()
     for pair in exchanged_photos(block, scene, state):
         if far[list(pair)].max() > 0.0:
             exchanged |= set(pair)
             labels = [Hypothesis(kind=CauseKind.LABELS, photo=pair, member=which) for which in (CARDS, PLATES)]
-            yield [_in_words(block, revision) for revision in labels]
+            yield [_in_words(block, hypothesis) for hypothesis in labels]
     for photo in np.argsort(-worst, kind="stable").tolist():
         if worst[photo] > 1.0 and photo not in exchanged and block.options.initial is not Initial.COMPUTE:
-            yield [_start(block, photo, shift[photo], turn[photo], far[photo] > 1.0)]
+            by_place = far[photo] > 1.0
+            card = CauseKind.POSITION if by_place else CauseKind.ATTITUDE
+            start = _cause(block, CauseKind.START, [photo], component=card.component, parameters=3, drop=0.0)
+            size = shift[photo] if by_place else turn[photo] / DEGREE
+            yield [
+                replace(
+                    start,
+                    cards=mnemonics(card.cards, block.options.system),
+                    size=tuple(size.tolist()),
+                    unit="m" if by_place else "degrees",
+                )
+            ]
 
 
-def _in_words(block: Block, revision: Hypothesis, size: tuple[float, ...] = ()) -> Cause:
-    words = in_words(revision)
-    return Cause(
-        kind=revision.kind,
-        cards=mnemonics(words.cards, block.options.system),
-        photos=tuple(block.photos.ids[list(revision.photo)].tolist()),
-        component=words.component,
-        size=size,
-        advice=words.advice,
+def with_other_flags(solution: Solution, progress: Progress | None = None, sea: Sea | None = None) -> Solution:
+    """Return a solution with what becomes of points that contradict their flags when all have the other one.
+
+    That is one more adjustment. A point can be flagged where there is an index, and a tide at all its photos.
+    """
+    statistics = Statistics(solution)
+    points = statistics.flags.point[statistics.flags.doubted]
+    if not len(points) or not solution.converged:
+        return solution
+    block, height, squares, consistent = solution.block, np.full(len(points), np.nan), np.nan, False
+    turned = _with_flags_turned(block, points)
+    changed = turned.points.bathymetric[points] != block.points.bathymetric[points]
+    try:
+        other = adjustment.adjust(turned, progress, sea) if changed.any() else None
+    except AdjustmentError:
+        other = None
+    if other is not None and other.converged:
+        again, unit = Statistics(other), max(solution.unit_sigma, other.unit_sigma)
+        height = np.where(changed, elevations(block, other.points.position)[points], np.nan)
+        squares = other.sum_of_squares
+        as_good = squares - solution.sum_of_squares < NO_BETTER * unit**2
+        consistent = bool(changed.all() and as_good and not len(again.flags.doubted))
+    other_flags = OtherFlags(point=points, height=height, sum_of_squares=squares, consistent=consistent)
+    return replace(solution, other_flags=other_flags)
+
+
+def _with_flags_turned(block: Block, points: IntArray) -> Block:
+    """Return a block with the flags of some points the other way, as far as water over them is known."""
+    without = block.points.ids != ""  # no index: no point can be refracted
+    if block.water is not None:
+        without = np.zeros(len(without), dtype=bool)
+        without[block.plates.point[np.isnan(block.photos.tide[block.plates.photo])]] = True
+    wet = block.points.bathymetric.copy()
+    wet[points] = ~wet[points] & ~without[points]
+    return replace(block, points=replace(block.points, bathymetric=wet))
+
+
+def flag_causes(solution: Solution) -> Iterator[Cause]:
+    """Yield what explains heights that contradict flags: the flags, and an offset of the water where one does.
+
+    The flags are the likelier; the offset alone, where so many contradict theirs that other ones do not end it.
+    """
+    statistics, block = Statistics(solution), solution.block
+    tests = statistics.flags
+    rows = tests.doubted
+    if not len(rows):
+        return
+    test = float(tests.sigmas[rows[0]])
+    flags = _cause(
+        block,
+        CauseKind.FLAG,
+        points=tests.point[rows].tolist(),
+        size=(float(tests.wrong_side[rows[0]]),),
+        sigma=(float(tests.sigma[rows[0]]),),
+        test=test,
     )
+    least, most = tests.offset
+    if not (np.isfinite(least) and least <= most < np.inf):
+        yield flags
+        return
+    size, sigma = -0.5 * (least + most), 0.5 * (most - least) / tests.limit
+    tides = _cause(block, CauseKind.TIDES, size=(size,), sigma=(sigma,), test=test)
+    yield from (tides,) if tests.is_of_the_whole(solution.other_flags) else (flags, tides)
 
 
-def _start(block: Block, photo: int, shift: FloatArray, turn: FloatArray, far: bool) -> Cause:
-    kind = CauseKind.POSITION if far else CauseKind.ATTITUDE
-    return Cause(
-        kind=CauseKind.START,
-        cards=mnemonics(kind.cards, block.options.system),
-        photos=(str(block.photos.ids[photo]),),
-        component=kind.component,
-        size=tuple((shift if far else turn / DEGREE).tolist()),
-        unit="m" if far else "degrees",
-        parameters=3,
-        drop=0.0,
-        advice=CauseKind.START.advice,
+def check_point_causes(solution: Solution) -> Iterator[Cause]:
+    """Yield card and images of each check point beyond its own test, as equal causes."""
+    if solution.observed is None:
+        return
+    statistics, block = Statistics(solution), solution.block
+    check = statistics.check_test
+    beyond = np.flatnonzero(check.probability < CHECK_POINT_RISK)
+    worst = beyond[np.argsort(-check.squares[beyond], kind="stable")][:_CHECK_POINTS]
+    for number, place in enumerate(worst.tolist(), 1):
+        row, squares = int(check.row[place]), float(check.squares[place])
+        point, components = int(block.control.point[row]), int(check.components[place])
+        images = block.plates.photo[block.plates.point == point]
+        size = -statistics.control.difference[row]  # given minus what the images say
+        sigma = np.hypot(statistics.point_sigmas[point], np.nan_to_num(block.control.sigma[row]))
+        known = np.isfinite(size)
+        tested: dict[str, Any] = {
+            "parameters": components,
+            "drop": squares * statistics.check_sigma0**2,
+            "test": float(np.sqrt(squares / components)),
+            "group": number,
+        }
+        yield _cause(
+            block,
+            CauseKind.CONTROL,
+            points=[point],
+            component="check point",
+            size=tuple(size[known].tolist()),
+            sigma=tuple(sigma[known].tolist()),
+            **tested,
+        )
+        yield _cause(block, CauseKind.IMAGES, list(dict.fromkeys(images.tolist())), [point], **tested)
+
+
+def first_look(solution: Solution, sea: Sea | None) -> tuple[Cause, ...]:
+    """Return the hypotheses that explain most, each taken alone, of a linear model at the answer of a run.
+
+    It takes one factorisation. Raises `AdjustmentError` and `SingularNormalsError`.
+    """
+    block = solution.block
+    job, state = prepared(search_block(standing(block, solution.stations), sea), None, sea)
+    scene = scene_of(job, state, Effort(left=math.inf))
+    model = linear_model(scene, ones(scene), state)
+    options = [option for option in hypotheses(model) if sensible(option) and option.parameters]
+    best = max((option.squares for option in options), default=0.0)
+    if not best > 0.0:
+        return ()
+    rest = max(model.squares - best, 0.0) / max(solution.degrees_of_freedom - 1, 1)
+    sigma0 = float(np.sqrt(max(rest, 1.0)))
+    near = [option for option in options if option.squares >= NEARLY * best][:_FIRST]
+    return tuple(
+        cause_of(block, sigma0, Rival(option, option.squares, number)) for number, option in enumerate(near, 1)
     )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from musatpy.blunders.explanation import (
     model_of,
     readjusted,
     sensible,
-    squares_in,
     with_hypothesis,
     with_revision,
 )
@@ -32,10 +32,9 @@ from musatpy.blunders.hypotheses import (
     hypotheses,
     of_taken_images,
 )
-from musatpy.blunders.linear_model import LinearModel, linear_model, solved
+from musatpy.blunders.linear_model import LinearModel
 from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, Scene, sizes, taking_part
 from musatpy.blunders.search import Search
-from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
 from musatpy.model.ranking import falling
@@ -48,74 +47,42 @@ _K = ObservationKind
 _IMAGES = (CauseKind.IMAGE, CauseKind.IMAGES)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rival:
+class Rival(NamedTuple):
     """A hypothesis beside those that explain the same."""
 
     hypothesis: Hypothesis
     drop: float  # of the squares, re-adjusted
-    group: int
-    rank: int  # in the group: equal ones explain alike
+    rank: int  # in its group: equal ones explain alike
 
 
-def rivals(search: Search, sea: Sea | None, most: int) -> list[Rival]:
-    """Return what was found, group by group with what competes, the largest group first, until there are `most`."""
-    last, variance = search.last, search.last.judgement.sigma0**2
-    final = squares_in(last.scene, last.out(), last.state)
-    whole = Case(
-        block=search.revised,
-        scene=last.scene,
-        state=last.state,
-        out=last.out(),
-        taken=search.common,
-        squares=final,
-    )
-    found, size = [*search.common, *members(search, most)], sizes(last.scene, last.state)
+def rivals(search: Search, sea: Sea | None, most: int) -> list[list[Rival]]:
+    """Return what was found, each with what competes, what explains most first, until there are `most` of them."""
+    whole, size = search.case, sizes(search.case.scene, search.case.state)
+    found = [*whole.taken, *members(search, most)]
     found = [found[row] for row in falling([_explained(member, size) for member in found]).tolist()]
-    rest = _rest(last, found[:most])
-    out: list[Rival] = []
+    rest: LinearModel | None = None
+    if any(member.point or member.kind in SENSIBLE for member in found[:most]):
+        with suppress(*GIVEN_UP):
+            rest = model_of(whole)
+    left = {one.key: one for one in common_errors(rest)} if rest else {}
+    groups: list[list[Rival]] = []
     for number, member in enumerate(found, 1):
-        if len(out) >= most:
+        if sum(len(group) for group in groups) >= most:
             break
-        begin(last.scene.progress, "search for causes: what competes", number, len(found))
+        begin(whole.scene.progress, "search for causes: what competes", number, len(found))
         if number > GROUPS and member.kind in _IMAGES:  # whose competitors nobody asks for
-            sized = _sized(of_taken_images(rest, member), _residual(whole)) if rest else member
-            out.append(Rival(hypothesis=sized, drop=sized.squares, group=number, rank=1))
-            continue
-        case = _without(whole, member, sea)
-        if case is None:
-            alike = [other for other in search.alike_revisions if other.kind is member.kind] or [member]
-            out += [Rival(hypothesis=other, drop=other.squares, group=number, rank=1) for other in alike]
+            sized = _sized(of_taken_images(rest, member), whole) if rest else member
+            groups.append([Rival(sized, sized.squares, 1)])
+        elif (case := _without(whole, member, sea)) is None:
+            alike = [other for other in whole.alike if other.kind is member.kind] or [member]
+            groups.append([Rival(other, other.squares, 1) for other in alike])
         else:
+            if not member.given_up and member.key in left:  # its size where the search has come to rest
+                more = left[member.key]
+                member = replace(member, error=member.error + more.error, sigma=more.sigma)
             few = COMPETITORS if number <= GROUPS else 0
-            out += _ranked(case, _size_at_rest(rest, member), final, variance, few, number, sea)
-    return out
-
-
-def _size_at_rest(rest: LinearModel | None, member: Hypothesis) -> Hypothesis:
-    """Return what is revised with its size where the search has come to rest: what is left of it there is added."""
-    left = common_errors(rest) if rest and not member.given_up else ()
-    return next(
-        (replace(member, error=member.error + one.error, sigma=one.sigma) for one in left if one.key == member.key),
-        member,
-    )
-
-
-def _rest(last: Snooped, found: list[Hypothesis]) -> LinearModel | None:
-    """Return the linear model of the search at rest, None where nothing of points or common to many was found.
-
-    Also where it is singular.
-    """
-    if not any(member.point or member.kind in SENSIBLE for member in found):
-        return None
-    scene, state, judgement = last.scene, last.state, last.judgement
-    factors = factors_of(last.out(), sizes(scene, state))
-    with suppress(*GIVEN_UP):
-        if state is not judgement.state:  # it was stopped
-            return linear_model(scene, factors, state)
-        network, factor = scene.problem(factors).network, judgement.factor
-        return solved(scene, network, state, factor, judgement.cofactors, np.zeros(factor.matrix.size))
-    return None
+            groups.append(_ranked(case, member, whole.squares, search.last.judgement.sigma0**2, few, sea))
+    return groups
 
 
 def members(search: Search, most: int) -> Iterator[Hypothesis]:
@@ -172,10 +139,8 @@ def _member(
 ) -> Hypothesis:
     count = sum(len(part.row) for part in parts)
     nothing = np.full(count, np.nan)
-    return Hypothesis(
-        kind=kind, photo=photo, point=point, given_up=parts, squares=np.nan, parameters=count, error=nothing,
-        sigma=nothing,
-    )  # fmt: skip
+    member = Hypothesis(kind=kind, photo=photo, point=point, given_up=parts, parameters=count)
+    return replace(member, squares=np.nan, error=nothing, sigma=nothing)
 
 
 def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
@@ -200,20 +165,17 @@ def _explained(member: Hypothesis, size: Factors) -> float:
 
 
 def _ranked(
-    case: Case,
-    member: Hypothesis,
-    final: float,
-    variance: float,
-    few: int,
-    group: int,
-    sea: Sea | None,
+    case: Case, member: Hypothesis, final: float, variance: float, few: int, sea: Sea | None
 ) -> list[Rival]:
-    """Return a hypothesis and its competitors, the cheapest explanation first."""
+    """Return a hypothesis and a `few` competitors, the cheapest explanation first.
+
+    `case` is without it, the squares with it are `final`.
+    """
     try:
         near = _same_photos(case.scene, member) if member.kind in _IMAGES else None
         options = hypotheses(model_of(case), near)
     except GIVEN_UP:
-        return [Rival(hypothesis=member, drop=np.nan, group=group, rank=1)]
+        return [Rival(member, np.nan, 1)]
     first = next((option for option in options if option.key == member.key), None)
     first = first or replace(member, squares=max(readjusted(case).squares - final, 0.0))
     if not first.given_up:  # the model without it is far from the minimum: so is its size
@@ -228,22 +190,21 @@ def _ranked(
     ]
     others = [others[row] for row in falling([option.gain(variance) for option in others]).tolist()]
     worst = final + first.squares
-    whole = replace(case, out=given_up(case.out, first)) if first.given_up else case
-    tried = [(_sized(first, _residual(whole)), final)]
+    tried = [(_sized(first, case), final)]
     if first.kind in _IMAGES and few:
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
         trial = with_hypothesis(case, option, sea)
         if worst - trial.squares >= NEARLY * (worst - final):
-            tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
+            tried.append((_sized(trial.taken[-1], trial), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]
     equal = PENALTY + _SAME * (worst - final) / variance
     better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
     ranks = 1 + np.unique(better, return_inverse=True)[1]
     cheap = list(CauseKind)
     order = sorted(range(len(tried)), key=lambda k: (ranks[k], cheap.index(tried[k][0].kind)))
-    return [Rival(hypothesis=tried[k][0], drop=worst - tried[k][1], group=group, rank=int(ranks[k])) for k in order]
+    return [Rival(tried[k][0], worst - tried[k][1], int(ranks[k])) for k in order]
 
 
 def _same_photos(scene: Scene, images: Hypothesis) -> BoolArray:
@@ -255,14 +216,11 @@ def _same_photos(scene: Scene, images: Hypothesis) -> BoolArray:
     return near
 
 
-def _residual(case: Case) -> Factors:
-    return case.scene.residuals_and_sizes(case.state)[0]
-
-
-def _sized(hypothesis: Hypothesis, residual: Factors) -> Hypothesis:
-    """Return a hypothesis with the errors that the adjustment without its observations says."""
+def _sized(hypothesis: Hypothesis, case: Case) -> Hypothesis:
+    """Return a hypothesis with the errors that a case, adjusted without its observations, says."""
     if not hypothesis.given_up:
         return hypothesis
+    residual, _ = case.scene.residuals_and_sizes(case.state)
     error = -np.concatenate([residual[part.kind][part.row, part.component] for part in hypothesis.given_up])
     return replace(hypothesis, error=np.where(np.isfinite(hypothesis.error), error, np.nan))
 

@@ -2,8 +2,7 @@
 
 It starts with everything in. Each time the hypotheses that explain most in the linear model, and nearly as much as
 each other, are really adjusted; the one with the least cost stays. The cost of an explanation is its weighted sum
-of squares over sigma0 squared, and a price for each parameter. Last, what the others have come to explain is taken
-back.
+of squares over sigma0 squared, and a price for each parameter.
 """
 
 from __future__ import annotations
@@ -51,7 +50,6 @@ SENSIBLE = {  # sizes of errors that are common to many observations, and can be
 _DOUBT = 2.0  # times what the linear model has misjudged of the best: by so much more it may of the others
 _GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much to adjust
 _ALIKE = 0.99  # of the squares that the best explains of gross errors
-_WEAK = 400.0  # squares over sigma0 squared: what explained more when it was taken was no neighbour's error
 NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried
 _ITERATIONS = 6  # of a re-adjustment
 _REFINEMENTS = 2  # of the size of what is revised
@@ -188,32 +186,22 @@ def explained(case: Case, variance: float, sea: Sea | None, only_common: bool = 
     With `only_common` it ends where something else than what is common to many observations would explain more, not
     adjusted again if that is at once. Raises `SingularNormalsError`.
     """
-    block, seen_from_first, trial = case.block, True, None
+    begun = case.block
     for step in range(1, STEPS + 1):
         begin(case.scene.progress, "search for blunders: hypothesis", step, STEPS)
         model = model_of(case)
         options = shortlist(case, model, variance)
-        if only_common and options and options[0].given_up:
+        if not options or (only_common and options[0].given_up):
             break
-        if not options and seen_from_first:
-            # the first state serves as long as something is not explained: it may bend the adjusted one
-            seen_from_first = False
-            case = trial or readjusted(replace(case, state=model.state), case.factors())
-            options = shortlist(case, model_of(case), variance) if np.isfinite(case.squares) else []
-        if not options:
-            break
-        trial = None
         if len(options) == 1 and options[0].given_up:
             best = _taking(case, options[0])
         else:
-            best = trial = cheapest(_trials(case, model, options, variance, sea), variance)
+            best = cheapest(_trials(case, model, options, variance, sea), variance)
             if not np.isfinite(best.squares):
                 break
-        first = seen_from_first and best.scene is case.scene
-        case = replace(best, state=case.state, squares=np.inf) if first else best
-    if only_common and case.block is block:
-        return case
-    return taken_back(case if np.isfinite(case.squares) else readjusted(case), variance)
+        case = best
+    untouched = only_common and case.block is begun
+    return case if untouched or np.isfinite(case.squares) else readjusted(case)
 
 
 def model_of(case: Case) -> LinearModel:
@@ -360,19 +348,3 @@ def with_revision(case: Case, revision: Hypothesis, sea: Sea | None) -> Case:
     except AdjustmentError:
         return replace(case, squares=np.inf)
     return readjusted(replace(case, block=revised(case.block, revision), scene=scene, state=state))
-
-
-def taken_back(case: Case, variance: float) -> Case:
-    """Return the case without the hypotheses that the others have come to explain, the weakest first.
-
-    Only what the others predict well enough is put in again, and the adjustment decides. What was taken last was
-    worth its price beside all others.
-    """
-    worth = case.taken[-1:] if case.taken and case.taken[-1].gain(variance) > _SAME else ()
-    order = sorted(case.taken, key=lambda hypothesis: hypothesis.squares)
-    for hypothesis in order if len(order) > 1 else ():
-        if hypothesis.given_up and hypothesis.squares < variance * _WEAK and hypothesis not in worth:
-            less = tuple(other for other in case.taken if other is not hypothesis)
-            trial = readjusted(replace(case, out=given_up(case.out, hypothesis, 0.0), taken=less))
-            case = trial if trial.cost(variance) <= case.cost(variance) else case
-    return case

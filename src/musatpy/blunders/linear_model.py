@@ -129,13 +129,7 @@ def linear_model(scene: Scene, factors: Factors, state: State) -> LinearModel:
     factor = factorised(line.matrix)
     if factor is None:
         raise SingularNormalsError(line.matrix)
-    return solved(scene, network, state, factor, factor.cofactors().holding(scene.held), factor.solve(line.rhs))
-
-
-def solved(
-    scene: Scene, network: Network, state: State, factor: Factor, cofactors: Cofactors, step: FloatArray
-) -> LinearModel:
-    """Return the linear adjustment of a scene, `step` (u,) from its minimum, with the factor of its normals."""
+    cofactors, step = factor.cofactors().holding(scene.held), factor.solve(line.rhs)
     station_weight, residual = station_rows(network, state)
     return LinearModel(
         scene=scene,

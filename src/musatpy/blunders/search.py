@@ -16,7 +16,6 @@ import numpy as np
 
 from musatpy.adjustment.waterline import every_ray_wet
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import FloatArray
 from musatpy.blunders.alternatives import misfit, wrong_flags
 from musatpy.blunders.explanation import (
     Case,
@@ -69,13 +68,11 @@ class Search:
     """What the search found. Rows are those of the tables of the block, whose points it does not number anew."""
 
     block: Block  # the job, as it was given
-    revised: Block  # with right names and flags
-    last: Snooped  # the search of the revised block
-    alike: list[Lookalike]  # images that lie on other points and keep their names
+    case: Case  # the explanation at rest: the block with right names and flags, and with what is common revised
+    last: Snooped  # the search of that
+    lookalikes: list[Lookalike]  # images that lie on other points and keep their names
     renamings: tuple[Renaming, ...]
     flags: dict[int, float]  # points whose images want the other flag, with the test values of that
-    common: tuple[Hypothesis, ...]  # what is wrong with many observations at once, as revised
-    alike_revisions: tuple[Hypothesis, ...]  # exchanges of labels, or revisions of all, that explain what those do
 
 
 def search(
@@ -95,31 +92,21 @@ def search(
         best = _with_exchanges(block, _cheaper(best, sea), sea)
     if given is not None and best.last.judgement.out.any():
         best = _or_as_given(best, given, sea, effort)
-    last, revised = best.last, best.case.block
     renamings: tuple[Renaming, ...] = ()
     flags: dict[int, float] = {}
-    alike = _lookalikes(last)
+    alike = _lookalikes(best.last)
     for number in range(1, _REVISIONS + 1):
         begin(progress, "search for blunders: names and flags", number, _REVISIONS)
+        last = best.last
         names = tuple(entry for entry in _renamings(last, alike) if entry.row not in {old.row for old in renamings})
         blamed = wrong_flags(last.scene, last.state, last.judgement.sigma0) if sees_water(block) else {}
         wrong = {point: test for point, test in blamed.items() if point not in flags}
         if not names and not wrong:
             break
         renamings, flags = renamings + names, flags | wrong
-        revised = _revised(revised, names, wrong)
-        last = _searched_again(revised, last, names, wrong, sea)
-        alike = _lookalikes(last)
-    return Search(
-        block=block,
-        revised=revised,
-        last=last,
-        alike=alike,
-        renamings=renamings,
-        flags=flags,
-        common=best.case.taken,
-        alike_revisions=best.case.alike,
-    )
+        best = _renamed(best.case, names, wrong, sea)
+        alike = _lookalikes(best.last)
+    return Search(block=block, case=best.case, last=best.last, lookalikes=alike, renamings=renamings, flags=flags)
 
 
 def explicit_effort(block: Block) -> Effort:
@@ -251,19 +238,6 @@ def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
     return masks
 
 
-def plate_errors(last: Snooped) -> tuple[FloatArray, FloatArray]:
-    """Return the test values (m,) of the images, the larger of x and y, and their errors (m, 2) mm.
-
-    NaN if not tested. Errors are measured minus what all else predicts.
-    """
-    units, judgement = last.units, last.judgement
-    plate = units.of_kinds[_PLATE]
-    test, error = np.full((2, *last.scene.weight[_PLATE].shape), np.nan)
-    test.reshape(-1)[units.element[plate]] = np.abs(judgement.test[plate])
-    error.reshape(-1)[units.element[plate]] = judgement.error[plate]
-    return np.maximum(test[:, 0], test[:, 1]), error
-
-
 def _lookalikes(last: Snooped) -> list[Lookalike]:
     """Return the images out, or of no point that takes part, that lie on other points."""
     scene, network = last.scene, last.scene.network
@@ -274,9 +248,11 @@ def _lookalikes(last: Snooped) -> list[Lookalike]:
 
 
 def _renamings(last: Snooped, alike: list[Lookalike]) -> list[Renaming]:
-    (test, error), certain = plate_errors(last), [one for one in alike if one.certain]
+    judgement, certain = last.judgement, [one for one in alike if one.certain]
+    test = np.abs(judgement.table(_PLATE, judgement.test)).max(axis=1)
+    error = judgement.table(_PLATE, judgement.error)
     rows = np.array([one.row for one in certain if np.isnan(test[one.row])], dtype=int)
-    test[rows] = misfit(last.scene.network, last.state, last.scene.network.point[rows]) / last.judgement.sigma0
+    test[rows] = misfit(last.scene.network, last.state, last.scene.network.point[rows]) / judgement.sigma0
     return [
         Renaming(
             row=one.row,
@@ -289,25 +265,21 @@ def _renamings(last: Snooped, alike: list[Lookalike]) -> list[Renaming]:
     ]
 
 
-def _revised(block: Block, names: tuple[Renaming, ...], flags: Iterable[int]) -> Block:
-    """Return the block with new names and flags; its points keep their numbers."""
-    point, bathymetric = block.plates.point.copy(), block.points.bathymetric.copy()
+def _renamed(case: Case, names: tuple[Renaming, ...], flags: Iterable[int], sea: Sea | None) -> _Explained:
+    """Return the search of the block with new names and flags, from where that before has come to rest."""
+    block, old = case.block, case.block.plates.point
+    point, bathymetric = old.copy(), block.points.bathymetric.copy()
     for renaming in names:
         point[renaming.row] = renaming.point
     bathymetric[list(flags)] ^= True
-    return replace(
+    block = replace(
         block,
         plates=replace(block.plates, point=point),
         points=replace(block.points, bathymetric=bathymetric),
     )
-
-
-def _searched_again(
-    revised: Block, before: Snooped, names: tuple[Renaming, ...], flags: Iterable[int], sea: Sea | None
-) -> Snooped:
-    """Return the search of a revised block, from where the search before has come to rest."""
-    old = before.scene.block
-    scene, state = rebuilt(before.scene, replace(revised, photos=old.photos), before.state, sea)
-    touched = [*flags, *(name.point for name in names), *(int(old.plates.point[name.row]) for name in names)]
-    anew, out = np.isin(revised.plates.point, touched), before.out()
-    return snooped(scene, state, out | {_PLATE: np.maximum(out[_PLATE], anew[:, None])})
+    at_rest = replace(block, photos=case.scene.block.photos)
+    scene, state = rebuilt(case.scene, at_rest, case.state, sea)
+    rows = [name.row for name in names]
+    anew = np.isin(point, [*flags, *point[rows], *old[rows]])
+    out = case.out | {_PLATE: np.maximum(case.out[_PLATE], anew[:, None])}
+    return _at_rest(replace(case, block=block, scene=scene, state=state), out)

@@ -120,14 +120,18 @@ class Judgement:
     sigma0: float
     freedom: float  # degrees of freedom of what is in
     factor: Factor
-    cofactors: Cofactors
     covariance: FloatArray  # (p, 3, 3) m2, east, north, up of the points, NaN for those that take no part
-    state: State
 
     @cached_property
     def error(self) -> FloatArray:
         """(o,) estimated: given minus what the others say."""
         return -self.units.gathered(self.residuals) / self.redundancy
+
+    def table(self, kind: ObservationKind, values: FloatArray) -> FloatArray:
+        """Return values (o,) of observations in the table of a kind, NaN for what takes no part."""
+        table, rows = np.full(self.residuals[kind].shape, np.nan), self.units.of_kinds[kind]
+        table.reshape(-1)[self.units.element[rows]] = values[rows]
+        return table
 
     @cached_property
     def unit_test(self) -> FloatArray:
@@ -365,9 +369,7 @@ def judged(
         sigma0=sigma0,
         freedom=f,
         factor=factor,
-        cofactors=cofactors,
         covariance=spread.points * sigma0**2,
-        state=state,
     )
 
 
