@@ -8,6 +8,9 @@ Equal blocks are adjusted once.
 import os
 import pickle
 import sys
+from pathlib import Path
+
+import pytest
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -40,3 +43,12 @@ def pytest_runtest_setup(item):
     """Have tests that put something in the place of a part of the program adjust anew."""
     global _patched
     _patched = "monkeypatch" in item.fixturenames
+
+
+@pytest.fixture(scope="session")
+def run_record(tmp_path_factory):
+    """The record of the run of St. Thomas, in a folder of its own: for tests that only read it."""
+    from musatpy.runs import run_deck
+
+    deck = Path(__file__).parents[1] / "fixtures" / "st_thomas" / "st_thomas.crd"
+    return run_deck(deck, tmp_path_factory.mktemp("st_thomas")).record

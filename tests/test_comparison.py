@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from cli.commands import musat
 from musatpy.cli.main import main
 from musatpy.comparison import Comparison, compare
 from musatpy.errors import MusatError
@@ -222,7 +223,7 @@ def test_bad_files_end_in_a_message(tmp_path, text, message) -> None:
     good.write_text(dumps(with_columns(solution_record())))
     if text is not None:
         bad.write_text(text)
-    done = CliRunner().invoke(main, ["compare", str(good), str(bad)])
+    done = musat("compare", good, bad)
     assert done.exit_code == 1
     assert message in done.output
     assert "Traceback" not in done.output

@@ -1,17 +1,26 @@
-"""How a problem is shown."""
+"""Messages with their cards, limits of inputs, and draws of chance."""
+
+from __future__ import annotations
 
 import math
 import shutil
-from dataclasses import replace
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg
+from scipy.stats import kstest
 
+from cli.commands import musat
+from musatpy.draws import Draws
 from musatpy.errors import NumericalError, Problem, numerics, of_each_kind, printable
+from musatpy.interchange import xyz
 from musatpy.model import Cause, CauseKind
+from musatpy.pointfiles.csv_tables import number
 from musatpy.runs import ExitStatus, run_deck
+from musatpy.specs import Reader, key, read_toml
 
 ROOT = Path(__file__).parents[1]
 
@@ -110,3 +119,106 @@ def test_kinds_of_long_messages_are_told_apart_at_once() -> None:
     """A message of a million letters: its kind took the square of that."""
     far = Problem(message=f"{'x' * 1_000_000} is no number")
     assert list(of_each_kind([far])) == [far]
+
+
+DEEP = "[" * 100_000
+
+
+@dataclass(frozen=True)
+class Spec:
+    length: float = key(1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1e308", math.inf), ("-1e16", -math.inf), ("1e-320", 0.0), ("1e15", 1e15), ("-2.5", -2.5), ("1e-12", 1e-12)],
+)
+def test_numbers_of_files_are_within_reach(text: str, value: float) -> None:
+    assert number(text) == value
+
+
+@pytest.mark.parametrize("value", [10**400, 1e16, -1e308])
+def test_numbers_of_specs_are_within_reach(value: float) -> None:
+    reader = Reader("s.toml")
+    assert reader.table(Spec, {"length": value}, "") is None
+    (problem,) = reader.problems
+    assert "is beyond 1e+15" in str(problem) and len(str(problem)) < 80
+
+
+@pytest.mark.parametrize("text", [f"a = {DEEP}", "a = " + "1" * 5000, "a = "])
+def test_toml_that_cannot_be_read_is_a_value_error(tmp_path: Path, text: str) -> None:
+    (path := tmp_path / "a.toml").write_text(text)
+    with pytest.raises(ValueError, match=r"nested too deep|Exceeds the limit|Invalid value"):
+        read_toml(path)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "simulate {}", "waves {}", "batch {}", "diff --rules {} {lst} {lst}", "check --formats {folder} {crd}",
+        "convert --formats {folder} {crd} x",
+    ],
+)  # fmt: skip
+def test_deep_nesting_is_a_problem_of_the_file(tmp_path: Path, command: str) -> None:
+    (path := tmp_path / "deep.toml").write_text(f"a = {DEEP}")
+    thomas = ROOT / "fixtures/st_thomas/st_thomas"
+    words = command.format(path, lst=f"{thomas}.lst", crd=f"{thomas}.crd", folder=tmp_path).split()
+    ran = musat(*words)
+    assert ran.exit_code in (1, 2) and "nested too deep" in ran.stderr and "unexpected" not in ran.stderr
+
+
+@pytest.mark.parametrize("text", ["a.b." * 10_000 + "c = 1", "b = 1.5\n[" + "'a' . " * 20_000 + "c]"])
+def test_a_key_of_many_parts_is_refused_before_it_is_taken_apart(tmp_path: Path, text: str) -> None:
+    """Its parser keeps all beginnings of a key: those of 20,000 parts take 1.6 GB."""
+    (path := tmp_path / "a.toml").write_text(text)
+    line = text.count("\n") + 1
+    with pytest.raises(ValueError, match=rf"nested too deep: a key of more than 100 parts \(at line {line}\)"):
+        read_toml(path)
+    path.write_text("a" + ".a" * 99 + " = [" + "1.5, 2.5, " * 500 + "]")
+    assert read_toml(path)["a"]["a"]
+
+
+def test_a_head_of_brackets_takes_no_time(tmp_path: Path) -> None:
+    (path := tmp_path / "a.csv").write_text("x,y,z," + "[" * 200_000 + "\n1,2,3,4\n")
+    start = time.process_time()
+    assert len(xyz.read(path).xyz) == 1
+    assert time.process_time() - start < 2.0  # half an hour where all are tried against all
+    path.write_text("x,y,z,depth [m]\n1,2,3,4\n")
+    assert xyz.read(path).columns["depth"].unit == "m"
+
+
+def test_a_field_of_any_size_is_a_problem_of_its_line(tmp_path: Path) -> None:
+    points = tmp_path / "points.csv"
+    points.write_text("id,x,y,z\nA,1,2," + "9" * 200_000 + "\n")
+    ran = musat("sea", "fit", points, "--sigma", "1,1,1")
+    assert ran.exit_code == 1 and f"{points}:2" in ran.stderr
+
+
+def test_streams_are_fixed():
+    """The odd multiples of 2^-53 that PCG64 seeded with (1, crc32 of the name) gives: a change breaks old decks."""
+    ticks = Draws(1).uniform("noise", 3) * 2.0**53
+    assert [int(tick) for tick in ticks] == [523372235525975, 1260930369451103, 75577409678649]
+    assert all(tick == int(tick) and int(tick) % 2 for tick in ticks)
+
+
+def test_streams_go_on_and_do_not_depend_on_each_other():
+    together, apart = Draws(3), Draws(3)
+    apart.uniform("other", 5)
+    first = [*apart.uniform("noise", 2), *apart.uniform("noise", 2)]
+    np.testing.assert_array_equal(together.uniform("noise", 4), first)
+    assert together.uniform("other", 1) != together.uniform("another", 1)
+
+
+def test_normal_deviates_are_normal():
+    assert kstest(Draws(2).normal("noise", 20000), "norm").pvalue > 0.01  # a fixed sample: it passes or never does
+
+
+def test_pick_takes_different_rows_in_order():
+    rows = Draws(4).pick("rows", 50, 20)
+    assert len(set(rows.tolist())) == 20 and np.all(np.diff(rows) > 0) and rows.max() < 50
+
+
+@pytest.mark.parametrize("shape", [(0,), (3,), (2, 3)])
+def test_shapes_and_signs(shape):
+    signs = Draws(5).signs("signs", *shape)
+    assert signs.shape == shape and np.all(np.abs(signs) == 1.0)

@@ -1,4 +1,4 @@
-"""JSON files: what is refused of a record before anything is read of it, with the place where it stands."""
+"""Records read from JSON, by rows or columns, and their tables of images."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from cli.commands import musat
 from json_schema import load_schema, violations
 from musatpy import adjust, json_files, read_deck
-from musatpy.cli.main import main
 from musatpy.comparison import NEEDS, OPTIONAL
 from musatpy.errors import RecordError
-from musatpy.image_observations import with_images
+from musatpy.image_observations import FIELDS, are_apart, with_images
 from musatpy.json_files import Needs, read_json, read_json_file, read_record
+from musatpy.listings import compare_texts, parse_rules
 from musatpy.model import RecordContent
-from musatpy.reports.record import dumps, record
+from musatpy.reports.record import dumps, record, record_of
 from musatpy.runs import run_deck
+from musatpy.statistics import Statistics
 from record_rows import with_rows
 
 ROOT = Path(__file__).parents[1]
@@ -117,10 +119,10 @@ def test_a_record_of_rows_is_read_as_columns(tmp_path: Path) -> None:
     now = tmp_path / "NOW.json"
     now.write_text(_text())
     limit = "1e-7"  # sigmas: digits that the new one has not, and rounding of another solver loop (1.4e-8)
-    assert CliRunner().invoke(main, ["compare", str(path), str(now), "--limit", limit]).exit_code == 0
+    assert musat("compare", path, now, "--limit", limit).exit_code == 0
     rules = tmp_path / "rules.toml"
     rules.write_text(DIGITS + VERSIONS + SINCE)
-    result = CliRunner().invoke(main, ["diff", str(path), str(now), "--rules", str(rules)])
+    result = musat("diff", path, now, "--rules", rules)
     assert result.exit_code == 0, result.output
 
 
@@ -153,7 +155,7 @@ def test_a_table_that_was_left_out_is_told(tmp_path: Path) -> None:
         "plates: is missing: the record was written with --record tables"
     ]
     assert read_record(path, NEEDS, OPTIONAL).keys() == {*NEEDS, *OPTIONAL} - {"plates"}
-    assert CliRunner().invoke(main, ["compare", str(path), str(path)]).exit_code == 0
+    assert musat("compare", path, path).exit_code == 0
     schema = load_schema()
     assert not list(violations(run, schema, schema))
 
@@ -234,7 +236,6 @@ LARGE = (
 
 @pytest.mark.parametrize("text", LARGE)
 def test_large_files_are_read_as_small_ones(tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("orjson")
     path = tmp_path / "FILE.json"
     path.write_text(text, encoding="utf-8")
 
@@ -280,6 +281,99 @@ def test_commands_name_the_place(
     path, listing = tmp_path / "RUN.json", ROOT / "fixtures/st_thomas/st_thomas.lst"
     run[table][field][1] = [0.0]
     path.write_text(json.dumps(run))
-    result = CliRunner().invoke(main, command.format(path, listing).split())
+    result = musat(*command.format(path, listing).split())
     assert result.exit_code == status
     assert f"{path} {table}.{field}[1]: expected 3 numbers, found 1" in result.stderr
+
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+DECKS = ("st_thomas/st_thomas.crd", "cayman/cayman_modified.crd")  # the latter with plates that took no part
+IMAGE_TABLES = {"observations": (), "plates": ()}
+BY_DIGITS = parse_rules("[[rule]]\nrelative = 1e-9\nabsolute = 1e-15\n")
+NAMES = ("a.json", "b.json")
+
+
+@cache
+def solution(deck):
+    return adjust(read_deck(FIXTURES / deck))
+
+
+@cache
+def written(deck=DECKS[0]):
+    return dumps(record(solution(deck)))
+
+
+def as_numbers(column):
+    return np.array(column, dtype=float)
+
+
+@pytest.mark.parametrize("deck", DECKS)
+def test_what_is_read_of_a_file_is_what_the_solution_has(tmp_path, deck):
+    path = tmp_path / "run.json"
+    path.write_text(written(deck))
+    assert are_apart(json.loads(written(deck)))
+    found, whole = read_record(path, IMAGE_TABLES), record_of(Statistics(solution(deck)), IMAGE_TABLES.keys())
+    assert found["plates"] == json.loads(json.dumps(whole["plates"]))
+    given, back = whole["observations"], found["observations"]
+    assert list(back) == list(given)
+    for name in ("kind", "of", "component", "residual", "sigma"):
+        assert back[name] == given[name]
+    for name in (*FIELDS, "test", "estimated_error"):
+        np.testing.assert_allclose(as_numbers(back[name]), as_numbers(given[name]), rtol=1e-9, atol=0.0)
+
+
+def test_a_file_says_an_image_once():
+    content = json.loads(written())
+    assert "plate" not in content["observations"]["kind"]
+    taken = content["plates"]["triangulated"]
+    assert [pair != [None, None] for pair in content["plates"]["redundancy"]] == taken
+
+
+def test_a_record_that_has_them_in_one_table_says_the_same(tmp_path):
+    content = with_images(json.loads(written()))
+    assert not are_apart(content)
+    one_table = dumps(content)
+    for pair in ((one_table, written()), (written(), one_table)):
+        assert compare_texts(*pair, BY_DIGITS, NAMES).same
+    path = tmp_path / "earlier.json"
+    path.write_text(one_table)
+    assert read_record(path, IMAGE_TABLES) == {name: content[name] for name in IMAGE_TABLES}
+
+
+def test_a_difference_is_found_where_one_record_has_them_in_one_table():
+    content = with_images(json.loads(written()))
+    content["observations"]["redundancy"][3] += 0.01
+    (one,) = compare_texts(dumps(content), written(), BY_DIGITS, NAMES).findings
+    assert (one.section, one.column) == ("observations", "redundancy")
+
+
+def broken(change):
+    content = copy.deepcopy(json.loads(written()))
+    change(content)
+    return dumps(content)
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        (lambda content: content["plates"].pop("effect"), "plates.effect"),
+        (lambda content: content["plates"].update(standardised=[1.0] * len(content["plates"]["photo"])), "plates"),
+        (lambda content: content["plates"].update(redundancy=content["plates"]["redundancy"][:-1]), "plates"),
+        (lambda content: content["solution"].update(unit_sigma="large"), "solution.unit_sigma"),
+    ],
+)
+def test_tables_that_are_wrong_are_told(tmp_path, change, where):
+    path = tmp_path / "run.json"
+    path.write_text(broken(change))
+    with pytest.raises(RecordError, match=where):
+        read_record(path, IMAGE_TABLES)
+
+
+def test_tables_that_are_wrong_are_held_against_another_record_as_they_are():
+    found = compare_texts(
+        dumps(with_images(json.loads(written()))),
+        broken(lambda content: content["plates"].pop("effect")),
+        BY_DIGITS,
+        NAMES,
+    )
+    assert not found.same

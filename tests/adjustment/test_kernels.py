@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from cli.commands import musat
 from musatpy import read_deck
 from musatpy.adjustment import adjust, ground, kernels, reliability, sightings, threads
 from musatpy.adjustment.iteration import Linearisation
@@ -30,7 +30,6 @@ from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State
 from musatpy.cli import run
-from musatpy.cli.main import main as musat
 from musatpy.errors import AdjustmentError
 from musatpy.model import Options, Program, Refraction, WaterLevel
 
@@ -269,12 +268,12 @@ def test_listings_are_the_same_byte_by_byte(monkeypatch: pytest.MonkeyPatch, tmp
     source.write_text(text)
     for kind in BOTH:
         monkeypatch.setenv(kernels.VARIABLE, kind)
-        assert CliRunner().invoke(musat, ["run", "-q", str(source), "-o", str(tmp_path / kind)]).exit_code == 0
+        assert musat("run", "-q", source, "-o", tmp_path / kind).exit_code == 0
     a, b = ((tmp_path / kind / "job.lst").read_bytes() for kind in BOTH)
     assert a == b
     records = [tmp_path / kind / "job.json" for kind in BOTH]
     assert [json.loads(path.read_text())["program"]["kernels"] for path in records] == list(BOTH)
-    same = CliRunner().invoke(musat, ["diff", *(str(path) for path in records)]).output
+    same = musat("diff", *(str(path) for path in records)).output
     assert "kernels" not in same
 
 
@@ -284,7 +283,7 @@ def test_the_summary_names_kernels_that_are_not_the_plain_ones(
 ) -> None:
     for kind, words in (("numpy", ", listing"), ("numba", ", numba kernels, listing")):
         monkeypatch.setenv(kernels.VARIABLE, kind)
-        output = CliRunner().invoke(musat, ["run", str(FIXTURES / DECKS[0]), "-o", str(tmp_path)]).output
+        output = musat("run", FIXTURES / DECKS[0], "-o", tmp_path).output
         assert f"water passes: 4{words}" in output
 
 
@@ -293,10 +292,10 @@ def test_a_large_block_without_numba_says_what_it_would_gain(
 ) -> None:
     monkeypatch.setattr(run, "_LARGE", 2)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    output = CliRunner().invoke(musat, ["run", str(FIXTURES / DECKS[0]), "-o", str(tmp_path)]).output
+    output = musat("run", FIXTURES / DECKS[0], "-o", tmp_path).output
     assert output.count("pip install 'musatpy[fast]'") == 1
     monkeypatch.undo()
-    output = CliRunner().invoke(musat, ["run", str(FIXTURES / DECKS[0]), "-o", str(tmp_path)]).output
+    output = musat("run", FIXTURES / DECKS[0], "-o", tmp_path).output
     assert "musatpy[fast]" not in output
 
 

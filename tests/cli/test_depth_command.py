@@ -225,7 +225,6 @@ def test_a_missing_package_is_named(
 
 @pytest.mark.slow
 def test_a_picture_of_the_model(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     result = depth("picture", tmp_path / "model.png", *PAIR, "--width", 2250)
     assert result.exit_code == 0, result.output
     assert result.output.strip() == f"{tmp_path / 'model.png'}: F 1.3651 to 1.4661"

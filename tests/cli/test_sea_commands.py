@@ -112,7 +112,6 @@ def test_the_file_of_a_surface_obeys_its_schema_and_reads_back(tmp_path: Path, m
 
 @pytest.mark.slow
 def test_pictures_are_written_on_request(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     for model in ("fourier", "grid"):
         fitted(tmp_path / model, "--plots", "--model", model)
         assert (tmp_path / model / "water.surface.png").read_bytes().startswith(b"\x89PNG")

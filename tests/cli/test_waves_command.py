@@ -50,7 +50,6 @@ def test_what_is_exceeded_is_said(spec: Path) -> None:
 
 @pytest.mark.slow
 def test_pictures_are_written_on_request(spec: Path) -> None:
-    pytest.importorskip("matplotlib")
     spec.write_text(SPEC + "[study]\ndepths = [5, 10]\n")
     assert musat("waves", spec, "--plots").exit_code == 0
     for name in ("map", "histogram", "dependence"):

@@ -15,11 +15,11 @@ import pyogrio
 import pyogrio.raw
 import pytest
 import shapely
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import stage_readings
+from cli.commands import musat
 from json_schema import violations
-from musatpy.cli.main import main as musat
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import Compilation
 from musatpy.reports.compilation import schema
@@ -29,17 +29,8 @@ from record_rows import read_rows, with_columns
 FIXTURES = stage_readings.FIXTURES
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the record of the run of St. Thomas."""
-    folder = tmp_path_factory.mktemp("run")
-    result = CliRunner().invoke(musat, ["run", str(FIXTURES / "st_thomas/st_thomas.crd"), "-q", "-o", str(folder)])
-    assert result.exit_code == 0
-    return folder / "st_thomas.json"
-
-
 def compiled(run: Path, deck: Path, folder: Path, *options: str) -> Result:
-    return CliRunner().invoke(musat, ["as11", "compile", str(run), str(deck), "-o", str(folder), *options])
+    return musat("as11", "compile", run, deck, "-o", folder, *options)
 
 
 def changed(folder: Path, *changes: tuple[str, str]) -> Path:
@@ -71,24 +62,24 @@ def test_the_golden_listing_of_cayman_has_the_points_of_table_6_9() -> None:
     assert all(re.search(rf"^842843    {point} .* B ", listing, re.M) for point in (1046, 1047, 1049, 1050, 1051))
 
 
-def test_the_record_obeys_its_schema_and_has_what_the_listing_says(run: Path, tmp_path: Path) -> None:
-    result = compiled(run, stage_readings.DECK, tmp_path, "--csv")
+def test_the_record_obeys_its_schema_and_has_what_the_listing_says(run_record: Path, tmp_path: Path) -> None:
+    result = compiled(run_record, stage_readings.DECK, tmp_path, "--csv")
     assert result.exit_code == 0 and "257 points in 2 models, listing" in result.output
     assert max(map(len, (tmp_path / "st_thomas_as11.lst").read_text().splitlines())) <= 132
     record, of_record = read_rows(tmp_path / "st_thomas_as11.json"), schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert list(record) == list(of_record["properties"])
     both = [str(tmp_path / f"st_thomas_as11.{kind}") for kind in ("lst", "json")]
-    result = CliRunner().invoke(musat, ["diff", *both])
+    result = musat("diff", *both)
     assert result.exit_code == 0 and "rows compared" in result.output
     table = tmp_path / "st_thomas_as11_tables/point_compilation_true_coordinates.csv"
     assert len(table.read_text().splitlines()) == 258
 
 
 @pytest.mark.slow
-def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, tmp_path: Path) -> None:
+def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run_record: Path, tmp_path: Path) -> None:
     """Every vertex stands at its depth below the datum, and within the model."""
-    assert compiled(run, stage_readings.DECK, tmp_path, "--plots").exit_code == 0
+    assert compiled(run_record, stage_readings.DECK, tmp_path, "--plots").exit_code == 0
     head, *lines = (tmp_path / "st_thomas_as11.contours.csv").read_text().splitlines()
     assert head == "line,surface,depth,index,closed,latitude,longitude,height"
     rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])
@@ -101,11 +92,11 @@ def test_contours_are_lines_of_their_depth_in_the_system_of_the_job(run: Path, t
 
 
 @pytest.mark.slow
-def test_files_for_gis_are_read_by_other_programs(run: Path, tmp_path: Path) -> None:
+def test_files_for_gis_are_read_by_other_programs(run_record: Path, tmp_path: Path) -> None:
     """Points and contours as sqlite and GDAL read them, twice the same bytes, on a map that names its ellipsoid."""
     data = []
     for folder in (tmp_path / "a", tmp_path / "b"):
-        assert compiled(run, stage_readings.DECK, folder, "--gis").exit_code == 0
+        assert compiled(run_record, stage_readings.DECK, folder, "--gis").exit_code == 0
         data.append([(folder / f"st_thomas_as11.{suffix}").read_bytes() for suffix in ("gpkg", "dxf")])
     assert data[0] == data[1]
     package = tmp_path / "a/st_thomas_as11.gpkg"
@@ -123,10 +114,10 @@ def test_files_for_gis_are_read_by_other_programs(run: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_files_in_the_system_of_the_job_are_read_by_other_programs(run: Path, tmp_path: Path) -> None:
+def test_files_in_the_system_of_the_job_are_read_by_other_programs(run_record: Path, tmp_path: Path) -> None:
     """NAD 27 is on the ellipsoid of the job: its longitudes and latitudes are those of the record."""
     options = ("--gis", "--las", "--crs", "EPSG:4267")
-    assert compiled(run, stage_readings.DECK, tmp_path, *options).exit_code == 0
+    assert compiled(run_record, stage_readings.DECK, tmp_path, *options).exit_code == 0
     rows = read_rows(tmp_path / "st_thomas_as11.json")["points"]
     known = [row for row in rows if row["position"]]
     lat_lon = np.degrees([row["position"][:2] for row in known])
@@ -171,29 +162,29 @@ def features(path: Path, layer: str | None = None) -> tuple[str, dict[str, np.nd
     ],
 )
 def test_a_system_that_the_job_is_not_in_is_refused_before_anything_is_written(
-    run: Path, tmp_path: Path, crs: str, message: str
+    run_record: Path, tmp_path: Path, crs: str, message: str
 ) -> None:
-    result = compiled(run, stage_readings.DECK, tmp_path, "--gis", "--crs", crs)
+    result = compiled(run_record, stage_readings.DECK, tmp_path, "--gis", "--crs", crs)
     assert result.exit_code == 1 and message in result.output and not list(tmp_path.iterdir())
 
 
-def test_a_system_without_files_that_have_one_is_no_command(run: Path, tmp_path: Path) -> None:
-    result = compiled(run, stage_readings.DECK, tmp_path, "--crs", "EPSG:4267")
+def test_a_system_without_files_that_have_one_is_no_command(run_record: Path, tmp_path: Path) -> None:
+    result = compiled(run_record, stage_readings.DECK, tmp_path, "--crs", "EPSG:4267")
     assert result.exit_code == 2 and "--crs goes with --gis or --las" in result.output
 
 
 @pytest.mark.slow
-def test_a_system_without_a_way_to_wgs_84_has_no_geojson(run: Path, tmp_path: Path) -> None:
-    result = compiled(run, stage_readings.DECK, tmp_path, "--gis", "--crs", "EPSG:26720")
+def test_a_system_without_a_way_to_wgs_84_has_no_geojson(run_record: Path, tmp_path: Path) -> None:
+    result = compiled(run_record, stage_readings.DECK, tmp_path, "--gis", "--crs", "EPSG:26720")
     assert result.exit_code == 0 and "no st_thomas_as11.points.geojson: PROJ has no transformation" in result.output
     assert (tmp_path / "st_thomas_as11.gpkg").exists() and not list(tmp_path.glob("*.geojson"))
 
 
 @pytest.mark.slow
-def test_a_grid_may_be_predicted_by_collocation(run: Path, tmp_path: Path) -> None:
+def test_a_grid_may_be_predicted_by_collocation(run_record: Path, tmp_path: Path) -> None:
     """The record has what points that were left out say of it, and the listing a page."""
     deck = changed(tmp_path, ("GRD BAY      ", "GRD BAY     C"))
-    assert compiled(run, deck, tmp_path).exit_code == 0
+    assert compiled(run_record, deck, tmp_path).exit_code == 0
     record, of_record = read_rows(tmp_path / "changed.json"), schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
     (grid,) = record["grids"]
@@ -202,9 +193,9 @@ def test_a_grid_may_be_predicted_by_collocation(run: Path, tmp_path: Path) -> No
     assert "Grids By Collocation" in (tmp_path / "changed.lst").read_text()
 
 
-def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:
+def test_contours_follow_the_true_bottom(run_record: Path, tmp_path: Path) -> None:
     """Depths at the vertices by the formula of the fixture: its scatter of .3 m, and sigmas of the points."""
-    compiled(run, stage_readings.DECK, tmp_path)
+    compiled(run_record, stage_readings.DECK, tmp_path)
     lines = (tmp_path / "st_thomas_as11.contours.csv").read_text().splitlines()[1:]
     rows = np.array([[float(cell) for cell in line.split(",")] for line in lines])
     south = np.clip((18.3345 - rows[:, 5]) / 0.0085, 0.0, 1.0)
@@ -212,9 +203,9 @@ def test_contours_follow_the_true_bottom(run: Path, tmp_path: Path) -> None:
     assert np.sqrt(np.mean(np.square(error))) < 0.7 and abs(error.mean()) < 0.2
 
 
-def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: Path) -> None:
+def test_a_profile_is_put_in_order_and_its_spike_is_named(run_record: Path, tmp_path: Path) -> None:
     """Readings in any order; posts follow the true line to the pointing, the spike left out of bottom and posts."""
-    assert compiled(run, stage_readings.DECK, tmp_path).exit_code == 0
+    assert compiled(run_record, stage_readings.DECK, tmp_path).exit_code == 0
     record = read_rows(tmp_path / "st_thomas_as11.json")
     row, *others = record["profiles"]
     assert [(other["profile"], other["spikes"]) for other in others] == [("EW", 0), ("SLOPE", 0)]
@@ -234,31 +225,31 @@ def test_a_profile_is_put_in_order_and_its_spike_is_named(run: Path, tmp_path: P
     assert surface["points"] + surface["left_out"] == new - 1
 
 
-def test_a_profile_whose_end_has_no_position_says_why(run: Path, tmp_path: Path) -> None:
+def test_a_profile_whose_end_has_no_position_says_why(run_record: Path, tmp_path: Path) -> None:
     row = next(line for line in stage_readings.DECK.read_text().splitlines() if line[4:22] == "2122     N        ")
     deck = changed(tmp_path, (row, f"{row[:24]} 194.000000{row[35:]}"))
-    result = compiled(run, deck, tmp_path)
+    result = compiled(run_record, deck, tmp_path)
     assert result.exit_code == 0 and "profile NS of model 2122: its end N has no position" in result.output
     assert "its end N has no position in the model" in (tmp_path / "changed.lst").read_text()
 
 
-def test_a_model_without_a_bottom_says_so(run: Path, tmp_path: Path) -> None:
+def test_a_model_without_a_bottom_says_so(run_record: Path, tmp_path: Path) -> None:
     lines = stage_readings.DECK.read_text().splitlines()
     kept = [line for line in lines if not (line.startswith("STG 2223") and line[22:24] in ("GB", "PB"))]
     kept = [line for line in kept if not line.startswith("PRF SLOPE")]
     deck = tmp_path / "changed.crd"
     deck.write_text("\n".join(kept) + "\n")
-    result = compiled(run, deck, tmp_path)
+    result = compiled(run_record, deck, tmp_path)
     assert result.exit_code == 0 and "model 2223 has no surface of depths: no point of it" in result.output
     assert "no point of it has a position" in (tmp_path / "changed.lst").read_text()
     deck.write_text("\n".join(line for line in kept if line[22:24] not in ("GB", "PB") and line[:3] != "PRF"))
-    result = compiled(run, deck, tmp_path)
+    result = compiled(run_record, deck, tmp_path)
     assert result.exit_code == 0 and "grid BAY has no posts: there is no surface" in result.output
 
 
-def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tmp_path: Path) -> None:
+def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run_record: Path, tmp_path: Path) -> None:
     """Of 148 points, which depend on each other by the stations."""
-    compiled(run, stage_readings.DECK, tmp_path)
+    compiled(run_record, stage_readings.DECK, tmp_path)
     rows = read_rows(tmp_path / "st_thomas_as11.json")["points"]
     truth, scaled = stage_readings.bottom(), []
     profiles = [(names, line) for _, _, names, line in stage_readings.PROFILES]
@@ -273,7 +264,7 @@ def test_points_of_the_bottom_are_within_their_sigmas_of_the_truth(run: Path, tm
 
 
 @pytest.mark.slow
-def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_path: Path) -> None:
+def test_printed_formulas_agree_with_the_images_to_their_noise(run_record: Path, tmp_path: Path) -> None:
     """(5.17) weighs objects, not images: some millimetres; the program of 1983 some centimetres beside them."""
     positions = {}
     blank = " " * 35 + "5.00"
@@ -283,7 +274,7 @@ def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_pa
         ("1983", " " * 7 + "PRINTED MODEL MEAN  SHARED  5.00"),
     ):
         assert len(card) == len(blank)
-        result = compiled(run, changed(tmp_path, (blank, card)), tmp_path)
+        result = compiled(run_record, changed(tmp_path, (blank, card)), tmp_path)
         assert result.exit_code == 0
         rows = read_rows(tmp_path / "changed.json")["points"]
         positions[name] = np.array([row["position"] for row in rows if row["submerged"]])
@@ -294,9 +285,9 @@ def test_printed_formulas_agree_with_the_images_to_their_noise(run: Path, tmp_pa
 
 
 @pytest.mark.slow
-def test_readings_that_give_no_point_are_listed_with_their_reasons(run: Path, tmp_path: Path) -> None:
+def test_readings_that_give_no_point_are_listed_with_their_reasons(run_record: Path, tmp_path: Path) -> None:
     deck = changed(tmp_path, ("   3.994012", " 193.994012"), ("  10.548236", " -95.548236"))
-    result = compiled(run, deck, tmp_path)
+    result = compiled(run_record, deck, tmp_path)
     assert result.exit_code == 0 and "2 without coordinates" in result.output
     listing = (tmp_path / "changed.lst").read_text()
     assert "Point 102 of model 2122: its image lies off the plate." in listing
@@ -304,12 +295,12 @@ def test_readings_that_give_no_point_are_listed_with_their_reasons(run: Path, tm
 
 
 @pytest.mark.slow
-def test_a_blunder_of_the_operator_shows_in_its_y_parallax(run: Path, tmp_path: Path) -> None:
-    result = compiled(run, changed(tmp_path, ("  85.021980", "  85.221980")), tmp_path)
+def test_a_blunder_of_the_operator_shows_in_its_y_parallax(run_record: Path, tmp_path: Path) -> None:
+    result = compiled(run_record, changed(tmp_path, ("  85.021980", "  85.221980")), tmp_path)
     assert "point 102 of model 2122 has a y-parallax of -1" in result.output
     both = [str(tmp_path / f"changed.{kind}") for kind in ("lst", "json")]
     assert "Warnings Of Run And Readings" in Path(both[0]).read_text()
-    compared = CliRunner().invoke(musat, ["diff", *both])
+    compared = musat("diff", *both)
     assert compared.exit_code == 0 and "not compared: Warnings" not in compared.output
 
 
@@ -322,8 +313,8 @@ def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path)
     assert "is not the record of a run" in result.output and "STG.class" in result.output
 
 
-def test_a_run_over_no_water_is_refused_unless_it_names_its_liquid(run: Path, tmp_path: Path) -> None:
-    record = json.loads(run.read_text())
+def test_a_run_over_no_water_is_refused_unless_it_names_its_liquid(run_record: Path, tmp_path: Path) -> None:
+    record = json.loads(run_record.read_text())
     record["water"]["index"] = record["adjusted_water"]["index"] = 1.45
     odd = tmp_path / "odd.json"
     odd.write_text(json.dumps(record))
@@ -334,7 +325,7 @@ def test_a_run_over_no_water_is_refused_unless_it_names_its_liquid(run: Path, tm
     assert compiled(odd, stage_readings.DECK, tmp_path).exit_code == 0
 
 
-def test_plates_that_have_moved_are_not_recovered(run: Path, tmp_path: Path) -> None:
+def test_plates_that_have_moved_are_not_recovered(run_record: Path, tmp_path: Path) -> None:
     """The right stage of one model reads 40 um too much in y."""
     lines = stage_readings.DECK.read_text().splitlines()
     for row, line in enumerate(lines):
@@ -342,14 +333,14 @@ def test_plates_that_have_moved_are_not_recovered(run: Path, tmp_path: Path) -> 
             lines[row] = f"{line[:57]}{float(line[57:68]) + 0.04:11.6f}{line[68:]}"
     deck = tmp_path / "moved.crd"
     deck.write_text("\n".join(lines) + "\n")
-    result = compiled(run, deck, tmp_path)
+    result = compiled(run_record, deck, tmp_path)
     assert result.exit_code == 0
     assert re.search(r"model 2122 is not recovered: .* by 4[0-9]\.[0-9] um RMS, [45][0-9]", result.output)
     assert "model 2223 is not recovered" not in result.output
     assert re.search(r"^2122 .* NO$", (tmp_path / "moved.lst").read_text(), re.MULTILINE)
 
 
-def test_points_of_the_shoreline_are_held_against_the_tide(run: Path, tmp_path: Path) -> None:
+def test_points_of_the_shoreline_are_held_against_the_tide(run_record: Path, tmp_path: Path) -> None:
     """Three readings at the water, of tides .12 and .31 m, and one 5 m below; all of the class of the shoreline."""
     cards = [line for line in stage_readings.DECK.read_text().splitlines() if line[:3] in ("TTL", "MDL", "CIN")]
     east, height = [-64.9385, -64.9365, -64.9345, -64.9325], [0.119, 0.119, 0.119, -5.0]
@@ -358,10 +349,10 @@ def test_points_of_the_shoreline_are_held_against_the_tide(run: Path, tmp_path: 
     cards += [f"STG 2122     S{row}       S " + "".join(f"{v:11.6f}" for v in xy) for row, xy in enumerate(images)]
     deck = tmp_path / "shore.crd"
     deck.write_text("\n".join([*cards, "END", ""]))
-    result = compiled(run, deck, tmp_path)
+    result = compiled(run_record, deck, tmp_path)
     assert result.exit_code == 0, result.output
     (row,) = read_rows(tmp_path / "shore.json")["shoreline"]
-    # Stations of the run are some .2 m from the truth in height; in air 5.2 m of depth look like 3.8.
+    # Stations of the run_record are some .2 m from the truth in height; in air 5.2 m of depth look like 3.8.
     assert row["points"] == 4 and row["largest"] == pytest.approx(-3.8, abs=0.6)
     assert row["mean"] == pytest.approx(-0.95, abs=0.6)
     assert re.search(r"point S3 of model 2122 is on the shoreline and -[34]\.\d\d m off the water", result.output)

@@ -1,35 +1,152 @@
-"""`musat as11 compare-contours`: the bottom of St. Thomas beside its own contours, and beside others."""
+"""Contours beside others, by functions and by `musat as11 compare-contours`, and contours of rasters as files."""
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import ezdxf
 import numpy as np
+import pyogrio
+import pyproj
 import pytest
-from click.testing import CliRunner, Result
+import shapely
+from click.testing import Result
 
 import stage_readings
+from cli.commands import musat
 from json_schema import violations
-from musatpy.cli.main import main as musat
+from musatpy.arrays import FloatArray
+from musatpy.compilation.contoured import NO_BOTTOM, NOT_IN_OTHER, NOT_ON_IT, PAST_ENDS, contoured
+from musatpy.compilation.joined_surfaces import BottomPoints, Surface
+from musatpy.errors import SoundingError
+from musatpy.interchange.any_file import write_layers
+from musatpy.interchange.layers import Grid
 from musatpy.reports.contour_comparison import schema
+from musatpy.soundings.contour_files import ContourLines
+from musatpy.surfaces.tin import Tin
 from record_rows import read_rows, with_columns
+
+SLOPE = 0.1
+
+
+def patch(south: float, north: float, shift: float = 0.0) -> FloatArray:
+    """Return points of a bottom that falls towards east, x 0 to 100 m."""
+    x, y = np.meshgrid(np.linspace(0.0, 100.0, 11), np.linspace(south, north, 5))
+    return np.column_stack([x.ravel(), y.ravel(), SLOPE * x.ravel() + shift])
+
+
+def surface(points: FloatArray, longest: float = np.inf, plan: Any = None) -> Surface:
+    bottom = BottomPoints(
+        xy=points[:, :2], depth=points[:, 2], sigma=np.zeros(len(points)), water=np.zeros(len(points))
+    )
+    return Surface(models=("M",), points=bottom, tin=Tin.of(points, None, longest), plan=plan)
+
+
+def others(*lines: tuple[float, list[tuple[float, float]]]) -> ContourLines:
+    places = tuple(np.array(xy, dtype=float) for _, xy in lines)
+    return ContourLines(places=places, angular=False, depth=np.array([depth for depth, _ in lines]))
+
+
+@pytest.mark.parametrize(("x", "depth"), [(60.0, 1.0), (45.0, -0.5)])
+@pytest.mark.parametrize("turned", [1, -1])
+def test_a_contour_on_the_deeper_side_says_that_the_bottom_is_deeper(x: float, depth: float, turned: int) -> None:
+    """Compiled 5 m are at x 50: where the other has them farther out, the compiled bottom is deeper than 5 m."""
+    compared = contoured([surface(patch(0.0, 40.0))], others((5.0, [(x, -10.0), (x, 60.0)][::turned])))
+    forward, backward = compared.distances
+    assert (forward.of, backward.of) == ("compiled", "other")
+    for way in (forward, backward):
+        assert way.length == pytest.approx(40.0, abs=1.0)  # a sample at the edge
+        assert (way.mean, way.rms, way.most) == pytest.approx([abs(x - 50.0)] * 3)
+        assert way.mean_depth == pytest.approx(depth)
+        assert (way.rms_depth, way.most_depth) == pytest.approx([abs(depth)] * 2)
+        assert way.beyond == 0.0
+    (area,) = compared.areas
+    assert area.area == pytest.approx(40.0 * abs(x - 50.0)) and area.width == pytest.approx(abs(x - 50.0))
+    assert compared.rms == pytest.approx(abs(x - 50.0)) and not area.reason
+
+
+def test_a_datum_is_added_to_the_depths_of_the_other() -> None:
+    compared = contoured([surface(patch(0.0, 40.0))], others((4.5, [(52.0, -10.0), (52.0, 60.0)])), datum=0.5)
+    assert [row.depth for row in compared.areas] == [5.0]
+    again = contoured([surface(patch(0.0, 40.0))], others((0.3, [(9.0, -10.0), (9.0, 60.0)])), levels=[3 * 0.1])
+    assert [(row.depth, row.reason) for row in again.areas] == [(0.3, "")]
+    assert compared.distances[0].mean == pytest.approx(2.0)
+
+
+def test_a_turned_contour_has_depths_on_both_sides() -> None:
+    """Deeper in the north, shoaler in the south: the mean depth is none, its RMS that of an even spread."""
+    compared = contoured([surface(patch(0.0, 40.0))], others((5.0, [(48.0, -20.0), (52.0, 60.0)])))
+    forward = compared.distances[0]
+    assert forward.mean_depth == pytest.approx(0.0, abs=1e-6)
+    most = SLOPE * 20.0 * np.sin(np.arctan(4.0 / 80.0))
+    assert forward.rms_depth == pytest.approx(most / np.sqrt(3.0), rel=1e-3)  # of 40 steps
+    assert forward.most_depth == pytest.approx(0.95 * most, abs=most / 20.0)
+
+
+def test_what_lies_past_an_end_is_left_out_and_has_no_area() -> None:
+    """The other contour ends in the middle: half of the compiled one has no partner."""
+    compared = contoured([surface(patch(0.0, 40.0))], others((5.0, [(60.0, -10.0), (60.0, 20.0)])))
+    forward, backward = compared.distances
+    assert (forward.length, forward.beyond) == pytest.approx((20.0, 20.0))
+    assert backward.length == pytest.approx(20.0, abs=1.0) and backward.beyond == 0.0  # a sample at the edge
+    assert forward.most == pytest.approx(10.0) and compared.areas[0].area == pytest.approx(200.0)
+
+
+def test_contours_of_other_places_are_no_partners() -> None:
+    """Of two contours of a depth, one 10 m beside that of the surface and one 35 m, the first is within 20 m."""
+    both = others((5.0, [(60.0, -10.0), (60.0, 60.0)]), (5.0, [(85.0, -10.0), (85.0, 60.0)]))
+    bottom = surface(np.concatenate([patch(0.0, 40.0)]))
+    whole, near = contoured([bottom], both), contoured([bottom], both, farthest=20.0)
+    assert [row.beyond for row in whole.distances] == [0.0, 0.0]
+    assert whole.distances[1].most > 30.0
+    forward, backward = near.distances
+    assert (forward.length, backward.length) == pytest.approx((40.0, 40.0), abs=1.0)
+    assert backward.beyond == pytest.approx(40.0, abs=1.0) and backward.most == pytest.approx(10.0)
+    assert near.areas[0].area == pytest.approx(400.0, rel=0.02)
+    none = contoured([bottom], both, farthest=5.0)
+    assert not none.distances and none.areas[0].reason == PAST_ENDS
+
+
+def test_reasons() -> None:
+    bottom = surface(np.concatenate([patch(0.0, 40.0), patch(60.0, 100.0, 30.0)]), longest=15.0)
+    lines = others(
+        (5.0, [(50.0, 70.0), (50.0, 90.0)]),
+        (6.0, [(50.0, 500.0), (50.0, 600.0)]),
+        (20.0, [(50.0, 10.0), (50.0, 30.0)]),
+        (90.0, [(50.0, 10.0), (50.0, 30.0)]),
+    )
+    compared = contoured([bottom], lines, levels=[8.0])
+    assert not compared.distances
+    assert {row.depth: row.reason for row in compared.areas} == {
+        5.0: PAST_ENDS,
+        6.0: NOT_ON_IT,
+        8.0: NOT_IN_OTHER,
+        20.0: NO_BOTTOM,
+        90.0: "the surface goes from 0.00 to 40.00 m",
+    }
+
+
+def test_coordinates_of_another_kind_are_refused() -> None:
+    bottom = surface(patch(0.0, 40.0), plan=SimpleNamespace())
+    with pytest.raises(SoundingError, match="the job has lat and lon"):
+        contoured([bottom], others((5.0, [(50.0, 0.0), (50.0, 40.0)])))
+    assert not contoured([Surface(models=("M",), points=bottom.points, tin=None, plan=None)], others()).areas
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(run_record: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the record of the run of St. Thomas, beside the files of its compilation."""
-    folder = tmp_path_factory.mktemp("run")
-    deck = stage_readings.FIXTURES / "st_thomas/st_thomas.crd"
-    assert CliRunner().invoke(musat, ["run", str(deck), "-q", "-o", str(folder)]).exit_code == 0
-    record = folder / "st_thomas.json"
-    command = ["as11", "compile", str(record), str(stage_readings.DECK), "-o", str(folder), "--gis"]
-    assert CliRunner().invoke(musat, command).exit_code == 0
+    record = Path(shutil.copy(run_record, tmp_path_factory.mktemp("run")))
+    words = ["as11", "compile", record, stage_readings.DECK, "-o", record.parent, "--gis"]
+    assert musat(*words).exit_code == 0
     return record
 
 
 def compared(run: Path, file: Path, folder: Path, *options: str) -> Result:
-    command = ["as11", "compare-contours", str(run), str(stage_readings.DECK), str(file), "-o", str(folder)]
-    return CliRunner().invoke(musat, [*command, *options])
+    return musat("as11", "compare-contours", run, stage_readings.DECK, file, "-o", folder, *options)
 
 
 def test_the_contours_of_the_fixture_are_what_its_generator_writes() -> None:
@@ -92,7 +209,7 @@ def test_contours_of_a_raster_lie_beside_those_of_the_true_bottom(run: Path, tmp
     means = []
     for bottom in (stage_readings.DECK, run.parent / "st_thomas_as11.BAY.tif"):
         words = ["as11", "compare-contours", str(run), str(bottom), str(tmp_path / "s.csv"), "--farthest", "60"]
-        result = CliRunner().invoke(musat, words)
+        result = musat(*words)
         assert result.exit_code == 0, result.output
         rows = read_rows(tmp_path / "s.contours.json")["distances"]
         means.append([row["mean"] for row in rows if row["depth"] == 10.0])
@@ -105,3 +222,101 @@ def test_contours_without_a_partner_are_refused(run: Path, tmp_path: Path) -> No
     result = compared(run, file, tmp_path)
     assert result.exit_code == 1 and "no contour has a partner" in result.output
     assert not (tmp_path / "s.contours.lst").exists()
+
+
+UTM = pyproj.CRS("EPSG:32620")
+EAST, NORTH = 290000.0, 2030000.0
+DATUM = -40.5  # m, a height
+
+
+def raster(path: Path, crs: pyproj.CRS | None = UTM, **bands: np.ndarray) -> Path:
+    """Write a bowl of 200 m, 20 m deep in its middle, and 0 m at 100 m from it; heights stand on the datum."""
+    x, y = np.meshgrid(np.arange(0.0, 201.0, 2.0), np.arange(0.0, 201.0, 2.0))
+    depth = 20.0 - 0.2 * np.hypot(x - 100.0, y - 100.0)
+    values = bands or {"height": DATUM - depth, "depth": depth, "sigma": np.full(depth.shape, 0.1)}
+    write_layers(path, {"grid": Grid(west=EAST, south=NORTH, spacing=2.0, bands=values, crs=crs)})
+    return path
+
+
+def drawn_by(*words: str | Path) -> Result:
+    return musat("as11", "contours", *map(str, words))
+
+
+def test_contours_are_read_by_other_programs(tmp_path: Path) -> None:
+    """Rings at the heights of their depths: by GDAL as GeoPackage and GeoJSON, by ezdxf as a drawing."""
+    source = raster(tmp_path / "a.tif")
+    targets = [word for name in ("a.gpkg", "a.dxf", "a.geojson") for word in ("-o", tmp_path / name)]
+    result = drawn_by(source, *targets, "--interval", "5", "--index", "2")
+    assert result.exit_code == 0, result.output
+    meta, _, encoded, values = pyogrio.raw.read(tmp_path / "a.gpkg")
+    fields = dict(zip(meta["fields"], values, strict=True))
+    rings = [depth for depth in fields["depth"].tolist() if depth > 0.0]
+    assert meta["crs"] == "EPSG:32620" and rings == [5.0, 10.0, 15.0]
+    assert (
+        fields["index_line"][fields["depth"] == 10.0].all()
+        and not fields["index_line"][fields["depth"] == 5.0].any()
+    )
+    for depth, shape in zip(fields["depth"].tolist(), shapely.from_wkb(encoded), strict=True):
+        xyz = shapely.get_coordinates(shape, include_z=True)
+        np.testing.assert_array_equal(xyz[:, 2], -depth)
+        if depth > 0.0:
+            radius = np.hypot(*(xyz[:, :2] - [EAST + 100.0, NORTH + 100.0]).T)
+            # Linear along the sides of squares of 2 m: a circle of 25 m is off by half the square of 1 m over it.
+            assert shape.is_closed and np.abs(radius - (20.0 - depth) / 0.2).max() < 0.025
+            assert not shapely.is_ccw(shape)  # the deeper side, the middle, on the right
+    drawn = list(ezdxf.readfile(tmp_path / "a.dxf").modelspace())
+    assert {entity.dxf.layer for entity in drawn} >= {"CONTOURS_5", "CONTOURS_10", "CONTOURS_15"}
+    heights = {point[2] for entity in drawn if entity.dxf.layer == "CONTOURS_10" for point in entity.points()}
+    assert heights == {-10.0}
+    assert len(pyogrio.raw.read(tmp_path / "a.geojson")[2]) == len(encoded)
+
+
+def test_depths_below_a_datum_and_drying_heights(tmp_path: Path) -> None:
+    """Of the band of heights: contours at the depths' heights, a drying one above the datum."""
+    source = raster(tmp_path / "a.tif")
+    words = ("--band", "height", "--datum", str(DATUM), "--depth", "10", "--depth", "-4")
+    assert drawn_by(source, "-o", tmp_path / "a.gpkg", *words).exit_code == 0
+    meta, _, encoded, values = pyogrio.raw.read(tmp_path / "a.gpkg")
+    depth = dict(zip(meta["fields"], values, strict=True))["depth"]
+    heights = [shapely.get_coordinates(shape, include_z=True)[0, 2] for shape in shapely.from_wkb(encoded)]
+    assert set(depth.tolist()) == {-4.0, 10.0}
+    np.testing.assert_allclose(heights, DATUM - depth, rtol=0.0, atol=1e-9)
+
+
+def test_heights_are_contoured_as_heights(tmp_path: Path) -> None:
+    source = raster(tmp_path / "a.tif")
+    result = drawn_by(source, "-o", tmp_path / "a.gpkg", "--band", "height", "--depth", "-50")
+    assert result.exit_code == 0 and "1 line of 1 height" in result.output
+    meta, _, encoded, _ = pyogrio.raw.read(tmp_path / "a.gpkg")
+    assert meta["fields"].tolist()[0] == "height"
+    assert shapely.get_coordinates(shapely.from_wkb(encoded), include_z=True)[0, 2] == -50.0
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "said"),
+    [
+        ((), 2, "give --interval, or --depth"),
+        (("--interval", "5", "--depth", "3"), 2, "give --interval, or --depth"),
+        (("--interval", "5", "--band", "sigma"), 1, "there is no contour between"),
+        (("--depth", "90"), 1, "there is no contour between"),
+        (("--interval", "0.001"), 1, "are the most"),
+        (("--interval", "5", "--band", "z"), 1, "--band is one of height, depth, sigma"),
+        (("--interval", "5", "--crs", "EPSG:1"), 1, "EPSG:1"),
+    ],
+)
+def test_what_cannot_be_drawn(tmp_path: Path, words: tuple[str, ...], status: int, said: str) -> None:
+    source = raster(tmp_path / "a.tif")
+    result = drawn_by(source, "-o", tmp_path / "a.gpkg", *words)
+    assert result.exit_code == status and said in result.output, result.output
+    assert not (tmp_path / "a.gpkg").exists()
+
+
+def test_an_empty_raster_and_a_raster_of_no_system(tmp_path: Path) -> None:
+    empty = raster(tmp_path / "e.tif", depth=np.full((4, 4), np.nan))
+    result = drawn_by(empty, "-o", tmp_path / "a.gpkg", "--interval", "1")
+    assert result.exit_code == 1 and "all of its posts are empty" in result.output
+    local = raster(tmp_path / "l.tif", None)
+    assert drawn_by(local, "-o", tmp_path / "a.gpkg", "--interval", "5").exit_code == 0
+    result = drawn_by(local, "-o", tmp_path / "a.geojson", "--interval", "5")
+    assert result.exit_code == 1 and "the coordinates are local" in result.output
+    assert drawn_by(local, "-o", tmp_path / "a.csv", "--interval", "5").exit_code == 1

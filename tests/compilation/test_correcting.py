@@ -1,4 +1,4 @@
-"""Old compilations corrected: apparent points, lines and grids back to the truth, and files that cannot be used."""
+"""Old compilations corrected, by polynomials too: points, lines, grids, and files that cannot be used."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import numpy as np
 import pyogrio
 import pytest
 import rasterio
-from click.testing import CliRunner, Result
+from click.testing import Result
 from scipy.interpolate import LinearNDInterpolator
 
+from cli.commands import musat
 from compilation.scenes import at_depth, curved_images, flat_images, grid, pair
 from musatpy.arrays import FloatArray
-from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import OFF_PLATE
 from musatpy.compilation.correcting import REASONS, Correction
+from musatpy.compilation.correction_fields import smooth
 from musatpy.compilation.correction_layers import corrected_lines
 from musatpy.compilation.correction_rasters import corrected_grid
 from musatpy.compilation.loop import Drive, Loop
@@ -27,10 +28,9 @@ from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.errors import CompilationError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
-from musatpy.geometry.systems import Geographic, LocalRectangular, System
+from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System
 from musatpy.interchange.any_file import Layers, read_layers, write_layers
 from musatpy.interchange.layers import Column, Grid, Lines, Points
-from stage_readings import FIXTURES
 
 _X, _Y = (200.0, 1600.0), 1700.0
 _POINTING = 0.005
@@ -194,18 +194,9 @@ def test_points_elsewhere_are_told_what_would_bring_them(points: list[list[float
 # --- the command ---
 
 
-@pytest.fixture(scope="module")
-def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the record of the run of St. Thomas."""
-    folder = tmp_path_factory.mktemp("run")
-    deck = str(FIXTURES / "st_thomas/st_thomas.crd")
-    assert CliRunner().invoke(musat, ["run", deck, "-q", "-o", str(folder)]).exit_code == 0
-    return folder / "st_thomas.json"
-
-
 def corrected(record: Path, source: Path, target: Path, *options: str) -> Result:
     words = ["as11", "correct", str(record), "21", "22", str(source), "-o", str(target), *options]
-    return CliRunner().invoke(musat, words)
+    return musat(*words)
 
 
 def bottom_of(record: Path, system: System | None = None) -> tuple[FloatArray, FloatArray, System]:
@@ -219,11 +210,11 @@ def bottom_of(record: Path, system: System | None = None) -> tuple[FloatArray, F
     return first, second, system
 
 
-def test_a_text_file_is_corrected_in_degrees(record: Path, tmp_path: Path) -> None:
-    true, apparent, _ = bottom_of(record)
+def test_a_text_file_is_corrected_in_degrees(run_record: Path, tmp_path: Path) -> None:
+    true, apparent, _ = bottom_of(run_record)
     write_layers(tmp_path / "a.csv", {"points": Points(xyz=apparent)})
     np.savetxt(tmp_path / "a.csv", apparent, "%.10f", ",", header="x,y,z", comments="")
-    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "true.csv")
     assert result.exit_code == 0, result.output
     assert "points: 49 of 49 with a position, 49 under water; down to " in result.output
     assert "taken as longitude and latitude in degrees" in result.output
@@ -233,11 +224,11 @@ def test_a_text_file_is_corrected_in_degrees(record: Path, tmp_path: Path) -> No
     assert (np.abs(points.xyz - true) < [1e-9, 1e-9, 1e-4]).all()
 
 
-def test_contours_of_a_map_go_through_a_geopackage(record: Path, tmp_path: Path) -> None:
+def test_contours_of_a_map_go_through_a_geopackage(run_record: Path, tmp_path: Path) -> None:
     """Lines in UTM, zone 20 north, of NAD 27, which stands on the ellipsoid of the run; GDAL reads the result."""
-    run = of_record(record)
+    run = of_record(run_record)
     system = system_of("EPSG:26720", run.map_system.ellipsoid)  # type: ignore[union-attr, arg-type]
-    true, apparent, _ = bottom_of(record, system)
+    true, apparent, _ = bottom_of(run_record, system)
     import pyproj
 
     crs = pyproj.CRS.from_epsg(26720)
@@ -246,7 +237,7 @@ def test_contours_of_a_map_go_through_a_geopackage(record: Path, tmp_path: Path)
         columns={"depth": Column.of(np.array([5.0, 10.0]), "m")},
     )  # fmt: skip
     write_layers(tmp_path / "a.gpkg", {"contours": lines})
-    result = corrected(record, tmp_path / "a.gpkg", tmp_path / "true.gpkg")
+    result = corrected(run_record, tmp_path / "a.gpkg", tmp_path / "true.gpkg")
     assert result.exit_code == 0, result.output
     assert "NAD27 / UTM zone 20N" in result.output
     done = read_layers(tmp_path / "true.gpkg")["lines"]
@@ -255,10 +246,10 @@ def test_contours_of_a_map_go_through_a_geopackage(record: Path, tmp_path: Path)
     assert pyogrio.read_info(tmp_path / "true.gpkg")["crs"] == "EPSG:26720"
 
 
-def test_a_raster_keeps_its_posts_and_gets_sigmas(record: Path, tmp_path: Path) -> None:
-    run = of_record(record)
+def test_a_raster_keeps_its_posts_and_gets_sigmas(run_record: Path, tmp_path: Path) -> None:
+    run = of_record(run_record)
     system = system_of("EPSG:26720", run.map_system.ellipsoid)  # type: ignore[union-attr, arg-type]
-    true, _, _ = bottom_of(record, system)
+    true, _, _ = bottom_of(run_record, system)
     middle = np.rint(true[24, :2] / 10.0) * 10.0
     import pyproj
 
@@ -267,7 +258,7 @@ def test_a_raster_keeps_its_posts_and_gets_sigmas(record: Path, tmp_path: Path) 
         crs=pyproj.CRS.from_epsg(26720),
     )  # fmt: skip
     write_layers(tmp_path / "a.tif", {"grid": given})
-    result = corrected(record, tmp_path / "a.tif", tmp_path / "true.tif")
+    result = corrected(run_record, tmp_path / "a.tif", tmp_path / "true.tif")
     assert result.exit_code == 0, result.output
     with rasterio.open(tmp_path / "true.tif") as dataset:
         assert dataset.descriptions == ("height", "depth", "sigma") and dataset.crs.to_epsg() == 26720
@@ -299,35 +290,35 @@ def test_a_raster_keeps_its_posts_and_gets_sigmas(record: Path, tmp_path: Path) 
     ],
 )
 def test_files_that_cannot_be_used_are_refused(
-    record: Path, tmp_path: Path, name: str, text: str, options: tuple[str, ...], said: str
+    run_record: Path, tmp_path: Path, name: str, text: str, options: tuple[str, ...], said: str
 ) -> None:
     (tmp_path / name).write_text(text)
-    result = corrected(record, tmp_path / name, tmp_path / "true.csv", *options)
+    result = corrected(run_record, tmp_path / name, tmp_path / "true.csv", *options)
     assert result.exit_code == 1 and said in result.output, result.output
     assert not (tmp_path / "true.csv").exists()
 
 
-def test_depths_for_heights_are_told(record: Path, tmp_path: Path) -> None:
+def test_depths_for_heights_are_told(run_record: Path, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,9.5\n")
-    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "true.csv")
     assert result.exit_code == 4 and "rejected: nothing is under water: heights are positive up" in result.output
     assert "true.csv: REJECTED, points: 1 of 1 with a position, 0 under water" in result.output
 
 
 @pytest.mark.parametrize("names", ["lon,lat,height", "Longitude,Latitude,Elevation", "X,Y,Z"])
-def test_coordinates_go_by_other_names(record: Path, tmp_path: Path, names: str) -> None:
+def test_coordinates_go_by_other_names(run_record: Path, tmp_path: Path, names: str) -> None:
     (tmp_path / "a.csv").write_text(f"{names}\n-64.936,18.330,-9.5\n")
-    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "true.csv")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "true.csv").read_text().startswith("x,y,z,depth [m]")
 
 
 @pytest.mark.parametrize("suffix", ["gpkg", "tif"])
-def test_results_state_the_system_that_was_named(record: Path, tmp_path: Path, suffix: str) -> None:
+def test_results_state_the_system_that_was_named(run_record: Path, tmp_path: Path, suffix: str) -> None:
     """A file in zone 20 that says zone 19, or nothing: it is read, and written, by the name that is right."""
     import pyproj
 
-    _, apparent, _ = bottom_of(record, system_of("EPSG:26720", of_record(record).ellipsoid))  # type: ignore[arg-type]
+    _, apparent, _ = bottom_of(run_record, system_of("EPSG:26720", of_record(run_record).ellipsoid))  # type: ignore[arg-type]
     for stated in (pyproj.CRS("EPSG:26719"), None):
         layers: Layers = {"points": Points(xyz=apparent, crs=stated)}
         if suffix == "tif":
@@ -335,22 +326,85 @@ def test_results_state_the_system_that_was_named(record: Path, tmp_path: Path, s
             bands = {"z": np.full((6, 8), -5.0)}
             layers = {"grid": Grid(west=west, south=south, spacing=10.0, bands=bands, crs=stated)}
         write_layers(tmp_path / f"a.{suffix}", layers)
-        result = corrected(record, tmp_path / f"a.{suffix}", tmp_path / f"t.{suffix}", "--crs", "EPSG:26720")
+        result = corrected(run_record, tmp_path / f"a.{suffix}", tmp_path / f"t.{suffix}", "--crs", "EPSG:26720")
         assert result.exit_code == 0, result.output
         (true,) = read_layers(tmp_path / f"t.{suffix}").values()
         assert true.crs == pyproj.CRS("EPSG:26720")
 
 
-def test_values_of_empty_posts_are_told(record: Path, tmp_path: Path) -> None:
+def test_values_of_empty_posts_are_told(run_record: Path, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x,y,z\n-64.936,18.330,-9.5\n-64.936,18.331,-999\n")
-    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "true.csv")
     assert result.exit_code == 0 and "are there values of empty posts or points among the heights" in result.output
 
 
-def test_formats_hold_what_they_can(record: Path, tmp_path: Path) -> None:
+def test_formats_hold_what_they_can(run_record: Path, tmp_path: Path) -> None:
     layers: Layers = {"points": Points(xyz=np.array([[-64.94, 18.33, -3.0]]))}
     write_layers(tmp_path / "a.csv", layers)
-    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.tif")
+    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "true.tif")
     assert result.exit_code == 1 and "a .tif file does not hold points" in result.output
-    assert corrected(record, tmp_path / "a.csv", tmp_path / "true.dxf").exit_code == 0
+    assert corrected(run_record, tmp_path / "a.csv", tmp_path / "true.dxf").exit_code == 0
     assert "+proj=longlat" in (tmp_path / "true.dxf").read_text()
+
+
+@pytest.fixture(scope="module")
+def run(run_record: Path) -> Triangulation:
+    return of_record(run_record)
+
+
+def correction_of(run: Triangulation, system: str) -> Correction:
+    assert run.map_system is not None and run.map_system.ellipsoid is not None
+    ellipsoid = run.map_system.ellipsoid
+    of: System = LongitudeLatitude(ellipsoid) if system == "degrees" else system_of(system, ellipsoid)
+    return Correction(stereo=set_up(run, "21", "22"), system=of, pointing=0.005)
+
+
+@pytest.mark.parametrize(("system", "unit"), [("degrees", 110_000.0), ("EPSG:26720", 1.0)])
+def test_polynomials_do_what_the_correction_does(run: Triangulation, system: str, unit: float) -> None:
+    """Over the ground of both plates and beside it, in water, on land and between the tides (.12 and .31 m)."""
+    direct = correction_of(run, system)
+    field = smooth(direct, (-30.0, 20.0))
+    assert field is not None and field.wet is not None and field.dry is not None
+    draws = np.random.default_rng(4)
+    beside = 0.1 * (field.high - field.low)
+    xy = draws.uniform(field.low - beside, field.high + beside, (3000, 2))
+    height = np.concatenate([draws.uniform(-29.0, 19.0, 2900), draws.uniform(0.0, 0.4, 100)])
+    points = np.column_stack([xy, height])
+    expected, done = direct(points), field(points)
+    np.testing.assert_array_equal(done.reason, expected.reason)
+    assert 500 < np.count_nonzero(expected.reason) < 2500
+    # Tenths of a millimetre, a thousandth of sigmas: what a field is held to where it is made.
+    assert np.nanmax(np.abs(done.xyz - expected.xyz) * [unit, unit, 1.0]) < 2e-4
+    for name, limit in (("depth", 2e-4), ("moved", 2e-4)):
+        assert np.nanmax(np.abs(getattr(done, name) - getattr(expected, name))) < limit
+    for name in ("sigma", "depth_sigma"):
+        assert np.nanmax(np.abs(getattr(done, name) / getattr(expected, name) - 1.0)) < 2e-3
+    np.testing.assert_array_equal(np.isnan(done.depth), np.isnan(expected.depth))
+
+
+def test_points_outside_the_heights_of_a_field_are_corrected_themselves(run: Triangulation) -> None:
+    direct = correction_of(run, "degrees")
+    field = smooth(direct, (-10.0, -5.0))
+    assert field is not None and field.dry is None
+    points = np.array([[-64.936, 18.33, -12.0], [-64.936, 18.33, 3.0], [-64.936, 18.33, -7.0]])
+    np.testing.assert_allclose(field(points).xyz, direct(points).xyz, rtol=0, atol=1e-4)
+
+
+def test_there_is_no_field_where_heights_do_not_say_what_is_wet(run: Triangulation) -> None:
+    direct = correction_of(run, "degrees")
+    water = run.block.water
+    assert water is not None and run.map_system is not None and run.map_system.ellipsoid is not None
+    tilted = replace(run, block=replace(run.block, water=replace(water, tilt_east=1e-5)))
+    assert smooth(replace(direct, stereo=set_up(tilted, "21", "22")), (-30.0, 20.0)) is None
+    assert smooth(replace(direct, system=Geocentric(run.map_system.ellipsoid)), (-30.0, 20.0)) is None
+
+
+def test_a_local_job_has_a_field() -> None:
+    local = pair(3000.0, 1810.0)
+    cameras = replace(local.block.cameras, format_size=np.full((1, 2), 228.6))
+    local = replace(local, block=replace(local.block, cameras=cameras))
+    direct = Correction(stereo=set_up(local, "1", "2"), system=LocalRectangular(), pointing=0.005)
+    field = smooth(direct, (-30.0, -1.0))
+    assert field is not None
+    points = np.random.default_rng(1).uniform([0.0, -2000.0, -30.0], [1800.0, 2000.0, -1.0], (500, 3))
+    np.testing.assert_allclose(field(points).xyz, direct(points).xyz, rtol=0, atol=2e-4)

@@ -15,11 +15,11 @@ import laspy
 import numpy as np
 import pytest
 import rasterio
-from click.testing import CliRunner, Result
+from click.testing import Result
 
+from cli.commands import musat
 from compilation.scenes import pair
 from musatpy.arrays import FloatArray
-from musatpy.cli.main import main as musat
 from musatpy.compilation import correction_rasters
 from musatpy.compilation.correcting import Correction
 from musatpy.compilation.correction_layers import Survey
@@ -29,18 +29,8 @@ from musatpy.geometry.systems import LocalRectangular
 from musatpy.interchange import geotiff, xyz
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
-from stage_readings import FIXTURES
 
 WEST, EAST, SOUTH, NORTH = -64.938, -64.932, 18.328, 18.336  # in the model
-
-
-@pytest.fixture(scope="module")
-def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the record of the run of St. Thomas."""
-    folder = tmp_path_factory.mktemp("run")
-    deck = str(FIXTURES / "st_thomas/st_thomas.crd")
-    assert CliRunner().invoke(musat, ["run", deck, "-q", "-o", str(folder)]).exit_code == 0
-    return folder / "st_thomas.json"
 
 
 def words(record: Path, source: Path, target: Path, *options: str) -> list[str]:
@@ -48,7 +38,7 @@ def words(record: Path, source: Path, target: Path, *options: str) -> list[str]:
 
 
 def corrected(record: Path, source: Path, target: Path, *options: str) -> Result:
-    return CliRunner().invoke(musat, words(record, source, target, *options))
+    return musat(*words(record, source, target, *options))
 
 
 def apparent(count: int) -> FloatArray:
@@ -62,7 +52,7 @@ def table(path: Path, points: FloatArray) -> Path:
 
 
 def test_chunks_of_a_text_file_are_the_whole_of_it(
-    record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run_record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Seven lines at a time, blank ones and one off the plate among them: the same bytes as in one chunk."""
     points = apparent(60)
@@ -70,9 +60,9 @@ def test_chunks_of_a_text_file_are_the_whole_of_it(
     table(tmp_path / "a.csv", points)
     text = (tmp_path / "a.csv").read_text().splitlines(keepends=True)
     (tmp_path / "a.csv").write_text("".join([*text[:10], "\n", "  \n", *text[10:]]))
-    assert corrected(record, tmp_path / "a.csv", tmp_path / "whole.csv").exit_code == 0
+    assert corrected(run_record, tmp_path / "a.csv", tmp_path / "whole.csv").exit_code == 0
     monkeypatch.setattr(xyz, "CHUNK", 7)
-    result = corrected(record, tmp_path / "a.csv", tmp_path / "parts.csv")
+    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "parts.csv")
     assert "points: 59 of 60 with a position" in result.output
     assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
     rows = (tmp_path / "parts.csv").read_text().splitlines()
@@ -80,18 +70,18 @@ def test_chunks_of_a_text_file_are_the_whole_of_it(
 
 
 def test_every_bad_line_of_every_chunk_is_told(
-    record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run_record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = table(tmp_path / "a.csv", apparent(40)).read_text().splitlines(keepends=True)
     text[3], text[20] = "0002,-64.9,18.3\n", "0019,-64.9,deep,-3,\n"
     (tmp_path / "a.csv").write_text("".join(text))
     monkeypatch.setattr(xyz, "CHUNK", 7)
-    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.csv")
+    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "true.csv")
     assert result.exit_code == 1 and ":4: 3 values" in result.output and ":21: y: 'deep'" in result.output
     assert [left.name for left in tmp_path.iterdir()] == ["a.csv"]
 
 
-def test_a_cloud_keeps_what_its_points_have(record: Path, tmp_path: Path) -> None:
+def test_a_cloud_keeps_what_its_points_have(run_record: Path, tmp_path: Path) -> None:
     """Intensity, class, time and a dimension of its own stay; points off the plate go with all that is theirs."""
     points = apparent(500)
     points[::50, 0] = -64.5
@@ -103,7 +93,7 @@ def test_a_cloud_keeps_what_its_points_have(record: Path, tmp_path: Path) -> Non
     cloud.intensity, cloud.gps_time = np.arange(500), np.arange(500) * 0.5
     cloud.classification, cloud.swath = np.arange(500) % 30, np.arange(500) % 7
     cloud.write(tmp_path / "a.laz")
-    result = corrected(record, tmp_path / "a.laz", tmp_path / "true.las")
+    result = corrected(run_record, tmp_path / "a.laz", tmp_path / "true.las")
     assert result.exit_code == 0 and "points: 490 of 500 with a position" in result.output
     kept = np.arange(500) % 50 > 0
     found = laspy.read(tmp_path / "true.las")
@@ -120,7 +110,7 @@ def test_a_cloud_keeps_what_its_points_have(record: Path, tmp_path: Path) -> Non
     depths = [struct.unpack_from("<f", data, start + length * row + 32)[0] for row in range(count)]
     np.testing.assert_array_equal(depths, found["depth"])
     table(tmp_path / "a.csv", points[kept])
-    assert corrected(record, tmp_path / "a.csv", tmp_path / "true.csv").exit_code == 0
+    assert corrected(run_record, tmp_path / "a.csv", tmp_path / "true.csv").exit_code == 0
     rows = xyz.read(tmp_path / "true.csv")
     # Both files hold 0.1 mm, and columns of the cloud single precision.
     np.testing.assert_allclose(found.xyz, rows.xyz, rtol=0.0, atol=1.1e-4)
@@ -129,17 +119,17 @@ def test_a_cloud_keeps_what_its_points_have(record: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("source", "target"), [("a.las", "t.csv"), ("a.csv", "t.laz"), ("a.xyz", "t.csv")])
-def test_points_go_from_one_format_into_another(record: Path, tmp_path: Path, source: str, target: str) -> None:
+def test_points_go_from_one_format_into_another(run_record: Path, tmp_path: Path, source: str, target: str) -> None:
     points = apparent(100)
     np.savetxt(tmp_path / "a.csv", points, "%.9f", ",", header="x,y,z", comments="")
     np.savetxt(tmp_path / "a.xyz", points, "%.9f")
-    assert corrected(record, tmp_path / "a.csv", tmp_path / "expected.csv").exit_code == 0
+    assert corrected(run_record, tmp_path / "a.csv", tmp_path / "expected.csv").exit_code == 0
     header = laspy.LasHeader(version="1.2", point_format=0)
     header.scales, header.offsets = np.array([1e-9, 1e-9, 1e-4]), np.array([-65.0, 18.0, 0.0])
     cloud = laspy.LasData(header)
     cloud.x, cloud.y, cloud.z = points.T
     cloud.write(tmp_path / "a.las")
-    result = corrected(record, tmp_path / source, tmp_path / target)
+    result = corrected(run_record, tmp_path / source, tmp_path / target)
     assert result.exit_code == 0, result.output
     expected = xyz.read(tmp_path / "expected.csv")
     if target.endswith("laz"):
@@ -152,9 +142,9 @@ def test_points_go_from_one_format_into_another(record: Path, tmp_path: Path, so
     np.testing.assert_allclose(sigma, expected.columns["sigma_depth"].values, rtol=0.0, atol=1.1e-4)
 
 
-def test_texts_do_not_go_into_a_cloud(record: Path, tmp_path: Path) -> None:
+def test_texts_do_not_go_into_a_cloud(run_record: Path, tmp_path: Path) -> None:
     table(tmp_path / "a.csv", apparent(10))
-    result = corrected(record, tmp_path / "a.csv", tmp_path / "true.las")
+    result = corrected(run_record, tmp_path / "a.csv", tmp_path / "true.las")
     assert result.exit_code == 1 and "columns remark: texts; expected: numbers" in result.output
     assert not (tmp_path / "true.las").exists()
 
@@ -175,12 +165,12 @@ def bottom(path: Path) -> Grid:
 
 @pytest.mark.slow
 def test_rows_of_a_raster_are_the_whole_of_it(
-    record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run_record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bottom(tmp_path / "a.tif")
-    assert corrected(record, tmp_path / "a.tif", tmp_path / "whole.tif").exit_code == 0
+    assert corrected(run_record, tmp_path / "a.tif", tmp_path / "whole.tif").exit_code == 0
     monkeypatch.setattr(correction_rasters, "CHUNK", 160)
-    assert corrected(record, tmp_path / "a.tif", tmp_path / "parts.tif").exit_code == 0
+    assert corrected(run_record, tmp_path / "a.tif", tmp_path / "parts.tif").exit_code == 0
     whole, parts = (geotiff.read(tmp_path / f"{name}.tif") for name in ("whole", "parts"))
     for name in ("height", "depth", "sigma"):
         # An apparent place is sought until it is still by 1e-7 m.
@@ -207,10 +197,10 @@ def test_as_many_rows_are_read_as_posts_move_over(
     np.testing.assert_allclose(parts.bands["height"], whole.bands["height"], rtol=0.0, atol=1e-7)
 
 
-def test_posts_of_a_raster_become_points(record: Path, tmp_path: Path) -> None:
+def test_posts_of_a_raster_become_points(run_record: Path, tmp_path: Path) -> None:
     bottom(tmp_path / "a.tif")
-    assert corrected(record, tmp_path / "a.tif", tmp_path / "true.tif").exit_code == 0
-    assert corrected(record, tmp_path / "a.tif", tmp_path / "true.csv").exit_code == 0
+    assert corrected(run_record, tmp_path / "a.tif", tmp_path / "true.tif").exit_code == 0
+    assert corrected(run_record, tmp_path / "a.tif", tmp_path / "true.csv").exit_code == 0
     grid, points = geotiff.read(tmp_path / "true.tif"), xyz.read(tmp_path / "true.csv")
     at = np.rint((points.xyz[:, :2] - [grid.west, grid.south]) / grid.spacing).astype(int)
     known = np.isfinite(grid.bands["height"])
@@ -219,9 +209,9 @@ def test_posts_of_a_raster_become_points(record: Path, tmp_path: Path) -> None:
         np.testing.assert_allclose(values, grid.bands[name][at[:, 1], at[:, 0]], rtol=0.0, atol=0.51e-4)
 
 
-def test_a_raster_does_not_become_lines(record: Path, tmp_path: Path) -> None:
+def test_a_raster_does_not_become_lines(run_record: Path, tmp_path: Path) -> None:
     bottom(tmp_path / "a.tif")
-    result = corrected(record, tmp_path / "a.tif", tmp_path / "true.gpkg")
+    result = corrected(run_record, tmp_path / "a.tif", tmp_path / "true.gpkg")
     assert result.exit_code == 1 and "a raster becomes a raster or points" in result.output
 
 
@@ -249,14 +239,14 @@ main()
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["true.tif", "true.csv", "true.laz", "true.gpkg", "true.dxf"])
-def test_a_full_disk_leaves_the_old_file(record: Path, tmp_path: Path, name: str) -> None:
+def test_a_full_disk_leaves_the_old_file(run_record: Path, tmp_path: Path, name: str) -> None:
     source = tmp_path / ("a.tif" if name == "true.tif" else "a.csv")
     if name == "true.tif":
         bottom(source)
     else:
         np.savetxt(source, apparent(3000), "%.9f", ",", header="x,y,z", comments="")
     (tmp_path / name).write_bytes(b"of an earlier run")
-    command = [sys.executable, "-B", "-c", _FULL, "20000", *words(record, source, tmp_path / name)]
+    command = [sys.executable, "-B", "-c", _FULL, "20000", *words(run_record, source, tmp_path / name)]
     ran = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ran.returncode == 1 and "Traceback" not in ran.stderr and name in ran.stderr, ran.stderr
     assert (tmp_path / name).read_bytes() == b"of an earlier run"
@@ -265,7 +255,7 @@ def test_a_full_disk_leaves_the_old_file(record: Path, tmp_path: Path, name: str
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["true.tif", "true.csv", "true.laz"])
-def test_a_killed_process_leaves_the_old_file(record: Path, tmp_path: Path, name: str) -> None:
+def test_a_killed_process_leaves_the_old_file(run_record: Path, tmp_path: Path, name: str) -> None:
     """Killed while it writes: the old file is whole, and the next run takes away what was left."""
     source, target = tmp_path / "a.xyz", tmp_path / name
     if name == "true.tif":
@@ -279,7 +269,7 @@ def test_a_killed_process_leaves_the_old_file(record: Path, tmp_path: Path, name
     else:
         np.savetxt(source, apparent(600_000), "%.9f")
     target.write_bytes(b"of an earlier run")
-    command = [sys.executable, "-m", "musatpy", *words(record, source, target)]
+    command = [sys.executable, "-m", "musatpy", *words(run_record, source, target)]
     process = subprocess.Popen(command, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"})
     begun = f".{name}.{process.pid}.*"
 
@@ -298,7 +288,7 @@ def test_a_killed_process_leaves_the_old_file(record: Path, tmp_path: Path, name
     np.savetxt(small, apparent(5), "%.9f", ",", header="x,y,z", comments="")
     if name == "true.tif":
         bottom(small := tmp_path / "small.tif")
-    assert corrected(record, small, target).exit_code == 0
+    assert corrected(run_record, small, target).exit_code == 0
     assert not list(tmp_path.glob(begun)) and target.read_bytes() != b"of an earlier run"
 
 

@@ -1,4 +1,4 @@
-"""Stages that were read raw: reduced as a triangulation reduces its plates, and every fault of their cards."""
+"""Stages that were read raw: reduced as plates are, undone step by step, and every fault of their cards."""
 
 from __future__ import annotations
 
@@ -7,17 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from cli.commands import musat
 from json_schema import violations
 from musatpy import adjust, read_deck
-from musatpy.cli.main import main as musat
+from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import REFUSED, compiled
+from musatpy.compilation.driving import GEOGRAPHIC, IN_MODEL, columns_of, driven, in_model
 from musatpy.compilation.interior import refined_stages
+from musatpy.compilation.loop import Drive, Loop
+from musatpy.compilation.stage_chains import PlateChain, RawLoop, StageChain, chain_of
+from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
-from musatpy.errors import DeckError
+from musatpy.errors import CompilationError, DeckError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
+from musatpy.model.compilation import Compilation
+from musatpy.reduction.plate_steps import restore
 from musatpy.reports.compilation import schema
+from musatpy.units import DEGREE
 from record_rows import read_rows, with_columns
 from stage_readings import FIXTURES
 
@@ -86,9 +93,8 @@ def test_an_interior_orientation_is_written_as_it_was_read(run: Triangulation) -
 def test_the_command_lists_what_the_reduction_did(tmp_path: Path) -> None:
     path = tmp_path / "raw.crd"
     path.write_bytes(deck())
-    runner = CliRunner()
-    assert runner.invoke(musat, ["run", "-q", str(RAW), "-o", str(tmp_path)]).exit_code == 0
-    result = runner.invoke(musat, ["as11", "compile", str(tmp_path / "st_thomas_raw.json"), str(path)])
+    assert musat("run", "-q", RAW, "-o", tmp_path).exit_code == 0
+    result = musat("as11", "compile", tmp_path / "st_thomas_raw.json", path)
     assert result.exit_code == 0, result.output
     listing = path.with_suffix(".lst").read_text()
     assert "Plate Reduction" in listing and listing.index("Plate Reduction") < listing.index("Model Set-Up")
@@ -146,3 +152,131 @@ def test_raw_stages_need_the_run_and_unused_cards_are_told(run: Triangulation) -
     refined = deck(("RED RAW    ", "RED REFINED"))
     contents, warnings = read_compilation(refined, run.block)
     assert contents.raw is None and "FMS" in warnings[0].message and "not used" in warnings[0].message
+
+
+MARKS = np.array([[100.0, -300.0, -12.0], [-500.0, 900.0, -1.0], [0.0, 0.0, 40.0], [300.0, 5.0, -25.0]])
+
+
+def raw_deck(run: Triangulation, *changes: tuple[str, str]) -> Compilation:
+    return read_compilation(deck(*changes), run.block)[0]
+
+
+def chain(run: Triangulation, *changes: tuple[str, str]) -> StageChain:
+    contents = raw_deck(run, *changes)
+    assert contents.raw is not None
+    return chain_of(contents.raw, "21", "22")
+
+
+def test_the_deck_of_these_tests_has_all_steps(run: Triangulation) -> None:
+    names = [applied.name for applied in chain(run).left.plate.steps]
+    assert names == ["comparator", "fiducials", "lens", "refraction"]
+
+
+@pytest.mark.parametrize("side", ["IDEAL   ", "MEASURED"])
+@pytest.mark.parametrize("kind", ["SIMILARITY", "AFFINE    ", "PROJECTIVE"])
+def test_readings_come_back_from_refined_coordinates(run: Triangulation, side: str, kind: str) -> None:
+    """To 1e-9 mm, as the steps are undone one by one; and the other way round."""
+    given = chain(run, ("AFFINE       30.00 IDEAL   ", f"{kind}   30.00 {side}"))
+    readings = raw_deck(run).stages.xy
+    refined = given.plates(readings)
+    np.testing.assert_allclose(given.readings(refined)[0], readings, rtol=0, atol=1e-9)
+    for place, plate in enumerate((given.left, given.right)):
+        step_by_step = restore(plate.plate, refined[:, place])
+        np.testing.assert_allclose(given.readings(refined)[0][:, place], step_by_step, rtol=0, atol=1e-9)
+    assert np.abs(refined - readings).max() > 50.0  # a comparator with axes of its own
+    for axis, step in enumerate(1e-3 * np.eye(2)):
+        by = (given.readings(refined + step)[0] - given.readings(refined - step)[0]) / 2e-3
+        np.testing.assert_allclose(given.readings(refined)[1][..., axis], by, rtol=0, atol=1e-9)
+
+
+def test_plates_whose_steps_are_not_alike_are_undone_one_by_one(run: Triangulation) -> None:
+    given = chain(run)
+    assert given.both is not None
+    left = PlateChain(plate=replace(given.left.plate, steps=given.left.plate.steps[:-1]))  # without refraction
+    unlike, xy = StageChain(left=left, right=given.right), given.plates(raw_deck(run).stages.xy)
+    assert unlike.both is None
+    for both, each in zip(given.readings(xy), unlike.readings(xy), strict=True):
+        np.testing.assert_allclose(both[:, 1], each[:, 1], rtol=0, atol=1e-11)
+    assert np.abs(given.readings(xy)[0] - unlike.readings(xy)[0])[:, 0].max() > 1e-4
+
+
+@pytest.mark.parametrize("drive", Drive)
+def test_marks_and_raw_stages_are_inverse(run: Triangulation, drive: Drive) -> None:
+    loop = RawLoop(loop=Loop(stereo=set_up(run, "21", "22"), drive=drive), chain=chain(run))
+    np.testing.assert_allclose(loop.mark(loop.stages(MARKS).xy), MARKS, rtol=0, atol=1e-9)
+
+
+def test_partials_of_raw_stages(run: Triangulation) -> None:
+    """Central differences over 1 m; the vertical is held, and what its turn adds is up to 1.5e-6 of them."""
+    loop, h = RawLoop(loop=Loop(stereo=set_up(run, "21", "22")), chain=chain(run)), 0.5
+    partials = loop.stages(MARKS).by_mark
+    for axis, step in enumerate(h * np.eye(3)):
+        by = (loop.stages(MARKS + step).xy - loop.stages(MARKS - step).xy) / (2 * h)
+        np.testing.assert_allclose(partials[..., axis], by, rtol=0.0, atol=1.6e-6 * np.abs(partials).max())
+
+
+def test_compiled_readings_are_those_that_the_loop_would_set(run: Triangulation) -> None:
+    """The loop at the points of the run sets the stages as their own measurements do, but for their residuals."""
+    contents, stereo = raw_deck(run), set_up(run, "21", "22")
+    loop = RawLoop(loop=Loop(stereo=stereo), chain=chain(run))
+    names, points = contents.stages.ids.tolist(), run.block.points.ids.tolist()
+    rows = [points.index(name) for name in names]
+    marks = stereo.model(run.frame.working(run.position[rows]))
+    off = loop.stages(marks).xy - contents.stages.xy
+    assert 0.001 < np.abs(off).max() < 0.03 and np.sqrt(np.mean(np.square(off))) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("photos", "message"),
+    [
+        (("21", "23"), "photo 23: 0 marks measured"),
+        (("20", "22"), "photo 20 has no interior orientation"),
+    ],
+)
+def test_photos_without_an_interior_orientation_are_told(
+    run: Triangulation, photos: tuple[str, str], message: str
+) -> None:
+    contents = raw_deck(run)
+    assert contents.raw is not None
+    with pytest.raises(CompilationError, match=message):
+        chain_of(contents.raw, *photos)
+
+
+def path_in_job(run: Triangulation) -> FloatArray:
+    level = run.frame.system(set_up(run, "21", "22").working(MARKS[:2]))
+    return np.column_stack([[0.0, 4.0], level / [DEGREE, DEGREE, 1.0]])
+
+
+def test_a_path_may_be_in_the_system_of_the_job(run: Triangulation) -> None:
+    stereo = set_up(run, "21", "22")
+    assert columns_of(stereo, of_job=True) == GEOGRAPHIC and columns_of(stereo, of_job=False) == IN_MODEL
+    path = in_model(stereo, path_in_job(run), GEOGRAPHIC)
+    np.testing.assert_allclose(path[:, 1:], MARKS[:2], rtol=0, atol=1e-6)
+    result = driven(RawLoop(loop=Loop(stereo=stereo), chain=chain(run)), path, 2.0)
+    assert len(result.t) == 9 and not len(result.off(Loop(stereo=stereo)))
+
+
+def test_raw_stages_are_driven_at_the_shell(run: Triangulation, tmp_path: Path) -> None:
+    assert musat("run", "-q", RAW, "-o", tmp_path).exit_code == 0
+    path, interior = tmp_path / "path.csv", tmp_path / "interior.crd"
+    rows = [",".join(f"{value:.10f}" for value in row) for row in path_in_job(run)]
+    path.write_text("\n".join(["t,lat,lon,height", *rows, ""]))
+    interior.write_bytes(b"\n".join(line for line in deck().splitlines() if not line.startswith(b"STG")))
+    words = ["as11", "drive", str(tmp_path / "st_thomas_raw.json"), "21", "22", str(path), "--job"]
+    result = musat(*words, "--interior", interior, "--rate", "5")
+    assert result.exit_code == 0 and "21 cycles at 5 Hz, " in result.output, result.output
+    first = (tmp_path / "path.stages.csv").read_text().splitlines()[1].split(",")
+    loop = RawLoop(loop=Loop(stereo=set_up(run, "21", "22")), chain=chain(run))
+    np.testing.assert_allclose([float(cell) for cell in first[1:]], loop.stages(MARKS[:1]).xy.ravel(), atol=2e-6)
+    interior.write_bytes(deck(("RED RAW    ", "RED REFINED")))
+    result = musat(*words, "--interior", interior)
+    assert (
+        result.exit_code == 1 and "its stages are refined: an interior orientation needs a RED RAW" in result.output
+    )
+
+
+def test_a_refused_plate_has_no_chain(run: Triangulation) -> None:
+    card = next(line for line in deck().decode().splitlines() if line.startswith("FMS 22") and line[13:15] == "1 ")
+    moved = card[:18] + f"{float(card[18:30]) + 0.5:12.7f}" + card[30:]
+    with pytest.raises((CompilationError, DeckError), match="photo 22: "):
+        chain(run, (card, moved))

@@ -6,8 +6,6 @@ import pytest
 
 from musatpy.compilation.pictures import height_of
 
-pytest.importorskip("matplotlib")
-
 
 @pytest.mark.parametrize(("north", "height"), [(5000.0, 6.0), (1000.0, 5.4), (500.0, 3.3)])
 def test_a_figure_is_as_high_as_the_highest_of_its_maps(north: float, height: float) -> None:

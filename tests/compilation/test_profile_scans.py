@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from cli.commands import musat
 from compilation.scenes import flat_images, pair
 from json_schema import violations
 from musatpy.arrays import FloatArray
-from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.profiles import oddities, profiles_of, scans_of
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.reports.compilation import schema
-from stage_readings import FIXTURES, compilation
+from stage_readings import compilation
 
 _SLOPE = 0.03
 _RATE = 2.0  # s between readings
@@ -201,11 +200,9 @@ def timed(deck_folder: Path) -> Path:
     return path
 
 
-def test_the_listing_has_the_pace_and_the_file_the_posts(tmp_path: Path) -> None:
+def test_the_listing_has_the_pace_and_the_file_the_posts(run_record: Path, tmp_path: Path) -> None:
     """Of a job on the ellipsoid: posts stand on the line between the ends, at the height of their depths."""
-    runner, run = CliRunner(), str(FIXTURES / "st_thomas/st_thomas.crd")
-    assert runner.invoke(musat, ["run", "-q", run, "-o", str(tmp_path)]).exit_code == 0
-    result = runner.invoke(musat, ["as11", "compile", str(tmp_path / "st_thomas.json"), str(timed(tmp_path))])
+    result = musat("as11", "compile", run_record, timed(tmp_path))
     assert result.exit_code == 0, result.output
     listing = (tmp_path / "timed.lst").read_text()
     assert "Pace Of Profiles" in listing

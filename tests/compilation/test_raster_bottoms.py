@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pyproj
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from scipy.interpolate import LinearNDInterpolator
 
+from cli.commands import musat
 from musatpy.arrays import FloatArray
 from musatpy.as11_runs import compiled_deck
-from musatpy.cli.main import main as musat
 from musatpy.compilation.contoured import NOT_IN_OTHER, contoured
 from musatpy.compilation.raster_bottoms import read_raster_bottom
 from musatpy.compilation.sounded import Matching, sounded
@@ -179,7 +179,7 @@ sounding_error = 0.1
 
 def compare(folder: Path, bottom: str, *options: str) -> tuple[Result, dict[str, object]]:
     words = ["as11", "compare-soundings", "old.json", bottom, "old.soundings.csv", "-o", "out", *options]
-    result = CliRunner().invoke(musat, words)
+    result = musat(*words)
     path = folder / "out/old.soundings.soundings.json"
     return result, json.loads(path.read_text()) if path.exists() else {}
 
@@ -195,7 +195,7 @@ def test_refraction_shows_in_the_depths_of_an_old_raster(tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     Path("old.toml").write_text(SPEC)
     for words in (["simulate", "old.toml"], ["run", "-q", "old.crd"]):
-        assert CliRunner().invoke(musat, words).exit_code == 0
+        assert musat(*words).exit_code == 0
     compiled, _ = compiled_deck(Path("old.json"), Path("old.compilation.crd"))
     zone, frame = system_of("EPSG:32620", WGS84), compiled.run.frame
     apparent = zone.coordinates(frame.level(frame.working(compiled.gathered("apparent"))))
@@ -208,7 +208,7 @@ def test_refraction_shows_in_the_depths_of_an_old_raster(tmp_path: Path, monkeyp
     crs = pyproj.CRS("EPSG:32620")
     write_layers(Path("old.tif"), {"grid": Grid(west=x[0], south=y[0], spacing=15.0, bands=old, crs=crs)})
     words = ["as11", "correct", "old.json", "1", "2", "old.tif", "-o", "true.tif", "--band", "height"]
-    assert CliRunner().invoke(musat, words).exit_code == 0
+    assert musat(*words).exit_code == 0
     slopes = {}
     for name in ("old", "true"):
         result, record = compare(tmp_path, f"{name}.tif", "--plots")

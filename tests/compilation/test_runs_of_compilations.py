@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
 import stage_readings
+from cli.commands import musat
 from json_schema import violations
 from musatpy import read_deck
 from musatpy.as11_runs import run_of
-from musatpy.cli.main import main as musat
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_block
@@ -26,20 +25,16 @@ from record_rows import read_rows, with_columns
 DECK = stage_readings.FIXTURES / "st_thomas/st_thomas.crd"
 
 
-def invoked(*words: object) -> Result:
-    return CliRunner().invoke(musat, [str(word) for word in words])
-
-
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a run and its punched result, a restart, and a run of a single iteration."""
     folder = tmp_path_factory.mktemp("runs")
     text = DECK.read_text().replace("FULL      20", "FULL       1")
     (folder / "halted.crd").write_text(text)
-    assert invoked("run", DECK, "-q", "-o", folder, "--punch", "result").exit_code == 0
+    assert musat("run", DECK, "-q", "-o", folder, "--punch", "result").exit_code == 0
     (folder / "st_thomas.pun").rename(folder / "result.pun")
-    assert invoked("run", DECK, "-q", "-o", folder, "--punch", "restart").exit_code == 0
-    assert invoked("run", folder / "halted.crd", "-q", "-o", folder).exit_code == 3
+    assert musat("run", DECK, "-q", "-o", folder, "--punch", "restart").exit_code == 0
+    assert musat("run", folder / "halted.crd", "-q", "-o", folder).exit_code == 3
     return folder
 
 
@@ -66,10 +61,10 @@ def test_a_run_that_has_not_converged_is_said_on_every_page(
     runs: Path, tmp_path: Path, command: str, more: tuple[Path, ...], listing: str
 ) -> None:
     words = ("as11", command, runs / "halted.json", stage_readings.DECK, *more, "-o", tmp_path)
-    refused = invoked(*words)
+    refused = musat(*words)
     assert refused.exit_code == 1 and "the run has not converged: limits not reached" in refused.output
     assert not list(tmp_path.iterdir())
-    assert invoked(*words, "--anyway").exit_code == 0
+    assert musat(*words, "--anyway").exit_code == 0
     assert all(page.splitlines()[1] == "*** THE RUN HAS NOT CONVERGED ***" for page in pages(tmp_path / listing))
 
 
@@ -80,7 +75,7 @@ def test_a_verdict_against_the_run_is_said_on_every_page(runs: Path, tmp_path: P
     reasons = [{"grade": grade, "concern": "sigma0", "text": text, "section": ""} for text in ("one", "another")]
     record["verdict"] |= {"grade": grade, "reasons": reasons}
     (tmp_path / "run.json").write_text(json.dumps(record))
-    result = invoked("as11", "compile", tmp_path / "run.json", stage_readings.DECK, "-o", tmp_path)
+    result = musat("as11", "compile", tmp_path / "run.json", stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 0 and f"the run is {grade.lower()}: one; another\n" in result.output
     listing = pages(tmp_path / "st_thomas_as11.lst")
     assert all(page.splitlines()[1] == f"*** THE RUN IS {grade} ***" for page in listing)
@@ -97,24 +92,24 @@ def test_a_record_without_the_fields_of_later_versions_compiles_as_before(runs: 
     earlier.parent.mkdir()
     earlier.write_text(json.dumps(record))
     for name, run in (("now", runs / "st_thomas.json"), ("then", earlier)):
-        assert invoked("as11", "compile", run, stage_readings.DECK, "-o", tmp_path / name).exit_code == 0
+        assert musat("as11", "compile", run, stage_readings.DECK, "-o", tmp_path / name).exit_code == 0
     now, then = ((tmp_path / name / "st_thomas_as11.lst").read_bytes() for name in ("now", "then"))
     assert now == then
     (tmp_path / "apparent.csv").write_text("name,x,y,z\nA,-64.936,18.330,-9.5\n")
     words = ("depth", "correct", tmp_path / "apparent.csv", "-o", tmp_path / "true.csv", "--cameras", earlier)
-    assert invoked(*words).exit_code == 0
+    assert musat(*words).exit_code == 0
     record["water"]["liquid"] = 7
     earlier.write_text(json.dumps(record))
-    refused = invoked("as11", "compile", earlier, stage_readings.DECK, "-o", tmp_path / "no")
+    refused = musat("as11", "compile", earlier, stage_readings.DECK, "-o", tmp_path / "no")
     assert refused.exit_code == 1 and "water.liquid: expected text, found 7" in refused.output
 
 
 @pytest.mark.slow
 def test_a_run_that_has_converged_has_no_word_of_it(runs: Path, tmp_path: Path) -> None:
     words = ("as11", "compile", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
-    assert invoked(*words, "--anyway").exit_code == 0
+    assert musat(*words, "--anyway").exit_code == 0
     with_option = (tmp_path / "st_thomas_as11.lst").read_bytes()
-    assert invoked(*words).exit_code == 0
+    assert musat(*words).exit_code == 0
     assert (tmp_path / "st_thomas_as11.lst").read_bytes() == with_option
     assert all(page.splitlines()[1] == "" for page in pages(tmp_path / "st_thomas_as11.lst"))
 
@@ -124,7 +119,7 @@ def test_a_run_that_has_converged_has_no_word_of_it(runs: Path, tmp_path: Path) 
 def test_a_punched_deck_gives_the_points_of_its_run(runs: Path, tmp_path: Path, punched: str) -> None:
     """Cards have stations to .1 mm and 1e-4 arc seconds, which is 1 mm at 2,400 m. Sigmas: of the stages alone."""
     for name, run in (("run", "st_thomas.json"), ("deck", punched)):
-        assert invoked("as11", "compile", runs / run, stage_readings.DECK, "-o", tmp_path / name).exit_code == 0
+        assert musat("as11", "compile", runs / run, stage_readings.DECK, "-o", tmp_path / name).exit_code == 0
     of_run, of_deck = points(tmp_path / "run"), points(tmp_path / "deck")
     gap = (of_deck["position"] - of_run["position"]) * [6.4e6, 6.4e6, 1.0]
     assert np.nanmax(np.abs(gap)) < 0.005
@@ -196,7 +191,7 @@ def test_a_deck_that_cannot_be_a_run_is_refused_with_its_reasons(runs: Path, tmp
     lines = [line for line in (runs / "result.pun").read_text().splitlines() if not line.startswith("ATT 22")]
     deck = tmp_path / "no_attitude.pun"
     deck.write_text("\n".join(lines) + "\n")
-    result = invoked("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
+    result = musat("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 1 and "22" in result.output and "attitude" in result.output
     assert "Traceback" not in result.output
 
@@ -204,7 +199,7 @@ def test_a_deck_that_cannot_be_a_run_is_refused_with_its_reasons(runs: Path, tmp
 @pytest.mark.parametrize("name", ["st_thomas/st_thomas", "cayman/cayman_clean", "st_thomas_raw/st_thomas_raw"])
 def test_the_deck_of_a_run_that_is_still_to_be_adjusted_is_refused(name: str, tmp_path: Path) -> None:
     run = stage_readings.FIXTURES / f"{name}.crd"
-    result = invoked("as11", "compile", run, stage_readings.DECK, "-o", tmp_path)
+    result = musat("as11", "compile", run, stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 1 and not list(tmp_path.iterdir())
     assert f"{run}: its stations do not fit its plate measurements: of " in result.output
     assert "NAME.json" in result.output and "NAME.pun" in result.output
@@ -220,7 +215,7 @@ def test_the_deck_of_a_run_that_is_still_to_be_adjusted_is_refused(name: str, tm
 )
 def test_what_is_no_run_is_told_in_a_line(name: str, what: str, tmp_path: Path) -> None:
     run = stage_readings.FIXTURES / name
-    result = invoked("as11", "setup", run, stage_readings.DECK, "-o", tmp_path)
+    result = musat("as11", "setup", run, stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 1
     assert result.output.splitlines()[0] == (
         f"{run}: it is {what}; expected the record of a run, NAME.json, or the deck that it punched, NAME.pun"
@@ -229,7 +224,7 @@ def test_what_is_no_run_is_told_in_a_line(name: str, what: str, tmp_path: Path) 
 
 
 def test_it_is_compiled_from_all_the_same_when_asked_for(tmp_path: Path) -> None:
-    result = invoked("as11", "setup", DECK, stage_readings.DECK, "-o", tmp_path, "--anyway")
+    result = musat("as11", "setup", DECK, stage_readings.DECK, "-o", tmp_path, "--anyway")
     assert result.exit_code == 0 and "model 2122 is not recovered" in result.output
 
 
@@ -237,7 +232,7 @@ def test_photos_of_a_punched_deck_that_share_no_point_make_no_model(runs: Path, 
     lines = [line for line in (runs / "st_thomas.pun").read_text().splitlines() if not line.startswith("PLT 21")]
     deck = tmp_path / "apart.pun"
     deck.write_text("\n".join(lines) + "\n")
-    result = invoked("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
+    result = musat("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 1 and "MDL.right: model 2122: photos 21 and 22 share no point" in result.output
 
 
@@ -249,20 +244,20 @@ def test_photos_of_a_punched_deck_without_points_must_overlap(runs: Path, tmp_pa
     lines[row] = lines[row].replace("-64 56", "-65  2")
     deck = tmp_path / "apart.pun"
     deck.write_text("\n".join(lines) + "\n")
-    result = invoked("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
+    result = musat("as11", "compile", deck, stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 1 and "photos 21 and 22 do not overlap: 1199" in result.output
 
 
 def test_points_are_compared_with_those_of_the_run(runs: Path, tmp_path: Path) -> None:
     """The lengths are those of the differences; the record obeys its schema; the audit finds nothing."""
-    result = invoked("as11", "compare-points", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
+    result = musat("as11", "compare-points", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 0
     record, schema = read_rows(tmp_path / "st_thomas_as11.points.json"), run_comparison.schema()
     assert not list(violations(with_columns(record, schema), schema, schema))
     lengths = np.linalg.norm([row["difference"] for row in record["against_run"]], axis=1)
     told = f"vectors {lengths.min():.4f} to {lengths.max():.4f} m, mean {lengths.mean():.4f} m"
     assert f"26 points of the run, {told}" in result.output
-    assert invoked("audit", tmp_path / "st_thomas_as11.points.lst").exit_code == 0
+    assert musat("audit", tmp_path / "st_thomas_as11.points.lst").exit_code == 0
 
 
 def test_points_without_a_partner_are_not_compared(runs: Path, tmp_path: Path) -> None:
@@ -272,5 +267,5 @@ def test_points_without_a_partner_are_not_compared(runs: Path, tmp_path: Path) -
     deck.write_text(
         "\n".join(line for line in deck.read_text().splitlines() if line[:3] not in ("PRF", "GRD")) + "\n"
     )
-    result = invoked("as11", "compare-points", runs / "st_thomas.json", deck, "-o", tmp_path)
+    result = musat("as11", "compare-points", runs / "st_thomas.json", deck, "-o", tmp_path)
     assert result.exit_code == 1 and "no point of it has a position in the run too" in result.output

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from cli.commands import musat
 from compilation.scenes import at_depth, grid, pair
 from compilation.test_true_points import PHOTO, compare, kept_out
 from musatpy import model, read_deck
@@ -16,7 +16,6 @@ from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.as11_runs import run_of
-from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.correcting import REASONS, Correction
 from musatpy.compilation.correction_fields import smooth
@@ -253,7 +252,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     deck = FIXTURES / "waves" / "strip.crd"
     words = ["run", "-q", str(deck), "-o", str(folder), "--punch", "result"]
-    assert CliRunner().invoke(musat, words).exit_code == 0
+    assert musat(*words).exit_code == 0
     block = read_deck(deck)
     readings = pointed(read_again(block, 0, "837", "838"), 3, 0.0)
     for name, mode in (("image", "IMAGE"), ("printed", "PRINTED")):
@@ -267,14 +266,14 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_commands_go_through_the_waves_of_the_run(runs: Path, tmp_path: Path) -> None:
     for command in ("compile", "setup", "compare-points"):
         words = ["as11", command, str(runs / "strip.json"), str(runs / "image.crd"), "-o", str(tmp_path)]
-        result = CliRunner().invoke(musat, words)
+        result = musat(*words)
         assert result.exit_code == 0, result.output
     for listing in ("image.lst", "image.setup.lst"):
         text = (tmp_path / listing).read_text()
         assert "Through the waves of the run (SW, CHOP), as they stood at each exposure." in text
     path = tmp_path / "path.csv"
     path.write_text("t,X,Y,Z\n0,0,0,-5\n0.1,10,0,-5\n")
-    result = CliRunner().invoke(musat, ["as11", "drive", str(runs / "strip.json"), "837", "838", str(path)])
+    result = musat("as11", "drive", runs / "strip.json", "837", "838", path)
     assert result.exit_code == 0 and "6 cycles at 50 Hz" in result.output
 
 
@@ -290,7 +289,7 @@ def test_a_punched_deck_has_its_waves(runs: Path) -> None:
 
 def test_the_formulas_of_1983_are_of_still_water(runs: Path) -> None:
     words = ["as11", "compile", str(runs / "strip.json"), str(runs / "printed.crd"), "-o", str(runs)]
-    result = CliRunner().invoke(musat, words)
+    result = musat(*words)
     assert result.exit_code == 1 and "model A: the run has waves, and PRINTED is of still water" in result.output
 
 
@@ -314,5 +313,5 @@ def test_waves_without_the_time_of_an_exposure_are_refused(runs: Path, tmp_path:
     deck = tmp_path / "timeless.pun"
     deck.write_text("\n".join(lines))
     words = ["as11", "compile", str(deck), str(runs / "image.crd"), "-o", str(tmp_path)]
-    result = CliRunner().invoke(musat, words)
+    result = musat(*words)
     assert result.exit_code == 1 and "time" in result.output and "838" in result.output

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from cli.commands import musat
 from compilation.scenes import at_depth, flat_images, grid, pair
 from json_schema import violations
 from musatpy import model
 from musatpy.arrays import FloatArray
-from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.moved_stage import moved_right_stage
@@ -26,7 +25,7 @@ from musatpy.formats.compilation_deck import read_compilation
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, turn
 from musatpy.reports.compilation_setup import schema
 from record_rows import read_rows, with_columns
-from stage_readings import DECK, FIXTURES
+from stage_readings import DECK
 
 _H, _BASE, _F, _POINTING = 3000.0, 1810.0, 152.4, 0.005
 _MOVED = np.array([0.4, -0.3, 2e-4, -1e-4, 3e-4])  # by, bz (m), omega, phi, kappa (rad)
@@ -166,13 +165,10 @@ def test_corrections_that_points_do_not_determine_have_no_sigma() -> None:
 
 
 @pytest.mark.slow
-def test_the_command_lists_the_models_before_anything_is_read(tmp_path: Path) -> None:
-    runner = CliRunner()
-    run = str(FIXTURES / "st_thomas/st_thomas.crd")
-    assert runner.invoke(musat, ["run", "-q", run, "-o", str(tmp_path)]).exit_code == 0
-    record, deck = tmp_path / "st_thomas.json", tmp_path / "models.crd"
+def test_the_command_lists_the_models_before_anything_is_read(run_record: Path, tmp_path: Path) -> None:
+    record, deck = run_record, tmp_path / "models.crd"
     deck.write_text("MDL 2122     21       22                                   5.00\nEND\n")
-    result = runner.invoke(musat, ["as11", "setup", str(record), str(deck)])
+    result = musat("as11", "setup", record, deck)
     assert result.exit_code == 0 and "1 model set up" in result.output
     listing = (tmp_path / "models.setup.lst").read_text()
     for title in ("Options", "Model Set-Up", "Scales, And", "Model Axes", "Points Of The Run", "Standard Errors"):
@@ -190,10 +186,10 @@ def test_the_command_lists_the_models_before_anything_is_read(tmp_path: Path) ->
 
     cards = DECK.read_text().replace("5.00         00000005", "5.00       A 00000005")
     deck.write_text(cards)
-    result = runner.invoke(musat, ["as11", "setup", str(record), str(deck)])
+    result = musat("as11", "setup", record, deck)
     assert result.exit_code == 0 and "model 2223 departs from the run" in result.output
     assert "Right Stages Corrected By Points Read Again" in (tmp_path / "models.setup.lst").read_text()
     deck.write_text("\n".join(line for line in cards.splitlines() if " R" not in line[20:25]))
-    result = runner.invoke(musat, ["as11", "setup", str(record), str(deck)])
+    result = musat("as11", "setup", record, deck)
     assert result.exit_code == 1
     assert "model 2223: no points are read again to adjust its right stage by" in result.output

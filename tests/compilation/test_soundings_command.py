@@ -1,43 +1,108 @@
-"""`musat as11 compare-soundings`: the bottom of St. Thomas beside soundings, and what these can have wrong."""
+"""Soundings over plane bottoms, with every reason why one does not count, and by `musat as11 compare-soundings`."""
 
 from __future__ import annotations
 
+import datetime
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyproj
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import stage_readings
+from cli.commands import musat
 from json_schema import violations
-from musatpy.cli.main import main as musat
+from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import compiled
-from musatpy.compilation.joined_surfaces import surfaces_of
+from musatpy.compilation.joined_surfaces import BottomPoints, Surface, surfaces_of
 from musatpy.compilation.run_records import of_record
+from musatpy.compilation.sounded import DRY, STEEP, UNDATED, Matching, sounded
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.interchange import las
 from musatpy.interchange.layers import Points
 from musatpy.reports.soundings import schema
+from musatpy.soundings.sounding_files import Soundings
+from musatpy.surfaces.tin import FEW, LONG_EDGE, OUTSIDE, REASONS, Tin
 from record_rows import read_rows, with_columns
 
+SLOPE, WATER = 0.1, 1.0  # the datum is 1 m above the water
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the record of the run of St. Thomas."""
-    folder = tmp_path_factory.mktemp("run")
-    deck = stage_readings.FIXTURES / "st_thomas/st_thomas.crd"
-    assert CliRunner().invoke(musat, ["run", str(deck), "-q", "-o", str(folder)]).exit_code == 0
-    return folder / "st_thomas.json"
+
+def surface(shift: float = 0.0, sigma: float = 0.2, longest: float = np.inf) -> Surface:
+    """Return a bottom that falls towards east from 0 to 10 m below the datum, x and y 0 to 100 m."""
+    x, y = (part.ravel() for part in np.meshgrid(np.linspace(0.0, 100.0, 11), np.linspace(0.0, 100.0, 11)))
+    points = BottomPoints(
+        xy=np.column_stack([x, y]), depth=SLOPE * x + shift, sigma=np.full(121, sigma), water=np.full(121, WATER)
+    )
+    tin = Tin.of(np.column_stack([points.xy, points.depth]), points.sigma, longest)
+    return Surface(models=("M",), points=points, tin=tin, plan=None)
+
+
+def soundings(place: FloatArray, depth: FloatArray, dates: list[str] | None = None) -> Soundings:
+    n = len(depth)
+    return Soundings(
+        names=np.arange(n).astype(np.str_),
+        place=place,
+        angular=False,
+        depth=depth,
+        sigma=np.full(n, np.nan),
+        date=np.array(dates or ["NaT"] * n, dtype="datetime64[D]"),
+    )
+
+
+@pytest.mark.parametrize("radius", [np.inf, 25.0])
+def test_depths_and_sigmas_of_triangles_and_of_planes(radius: float) -> None:
+    place = np.array([[50.0, 50.0], [30.0, 70.0]])
+    how = Matching(datum=0.3, datum_sigma=0.04, sigma=0.1, plan_sigma=2.0, radius=radius)
+    compared = sounded([surface()], soundings(place, np.array([4.5, 3.2])), how)
+    differences = compared.differences
+    np.testing.assert_allclose(differences.compiled, [5.0, 3.0])
+    np.testing.assert_allclose(differences.difference, [5.0 - 4.8, 3.0 - 3.5])
+    points = 21 if np.isfinite(radius) else 1  # within 25 m of a point of a net of 10 m, or the point itself
+    np.testing.assert_allclose(differences.sigma, np.sqrt(0.04 / points + 0.01 + (2.0 * SLOPE) ** 2 + 0.04**2))
+    np.testing.assert_array_equal(compared.xy, place)
+
+
+def test_what_is_above_the_water_is_dry() -> None:
+    """The water is 1 m below the datum: at x 10."""
+    place = np.array([[9.0, 50.0], [11.0, 50.0]])
+    compared = sounded([surface()], soundings(place, np.array([0.9, 1.1])), Matching())
+    assert compared.reasons == {0: DRY} and compared.rows.tolist() == [1]
+    covered = sounded([surface(), surface(2.0, 0.5)], soundings(place, np.array([0.9, 1.1])), Matching())
+    assert not covered.reasons
+    np.testing.assert_allclose(covered.differences.compiled, [2.9, 1.1])  # the surer one where both are
+
+
+def test_every_reason() -> None:
+    place = np.array([[500.0, 0.0], [5.0, 50.0], [50.0, 50.0], [60.0, 50.0], [70.0, 50.0]])
+    data = soundings(place, np.full(5, 5.0), ["1985-01-01", "1985-01-01", "1979-12-31", "NaT", "1980-01-01"])
+    how = Matching(not_before=datetime.date(1980, 1, 1))
+    compared = sounded([surface()], data, how)
+    assert compared.reasons == {0: REASONS[OUTSIDE], 1: DRY, 2: "older than 1980-01-01", 3: UNDATED}
+    assert compared.rows.tolist() == [4]
+    assert sounded([surface()], data, Matching(steepest=0.05)).reasons[2] == STEEP
+    assert sounded([surface(longest=9.0)], data, Matching()).reasons[2] == REASONS[LONG_EDGE]
+    assert sounded([surface()], data, Matching(radius=5.0)).reasons[2] == REASONS[FEW]
+    none = [replace(surface(), tin=None)]
+    assert set(sounded(none, data, Matching()).reasons.values()) == {REASONS[OUTSIDE]}
+
+
+def test_the_reason_of_the_model_that_covers_a_place_counts() -> None:
+    far = surface()
+    shifted = replace(far.points, xy=far.points.xy + 5000.0)
+    far = replace(far, points=shifted, tin=Tin.of(np.column_stack([shifted.xy, shifted.depth]), shifted.sigma))
+    place = np.array([[5.0, 50.0], [50.0, 50.0]])
+    for surfaces in ([surface(), far], [far, surface()]):
+        assert sounded(surfaces, soundings(place, np.full(2, 5.0)), Matching()).reasons == {0: DRY}
 
 
 def compared(run: Path, folder: Path, text: str, *options: str) -> Result:
     file = folder / "s.csv"
     file.write_text(text)
-    return CliRunner().invoke(
-        musat, ["as11", "compare-soundings", str(run), str(stage_readings.DECK), str(file), *options]
-    )
+    return musat("as11", "compare-soundings", run, stage_readings.DECK, file, *options)
 
 
 def scaled(factor: float, shift: float = 0.0) -> str:
@@ -53,9 +118,9 @@ def test_the_soundings_of_the_fixture_are_what_its_generator_writes() -> None:
     assert stage_readings.SOUNDINGS.read_text() == stage_readings.soundings()
 
 
-def test_soundings_of_the_bottom(run: Path, tmp_path: Path) -> None:
+def test_soundings_of_the_bottom(run_record: Path, tmp_path: Path) -> None:
     """No refraction is left (b), the datum is right (a); the scatter is that of bottom and points, .4 m."""
-    result = compared(run, tmp_path, stage_readings.soundings(), "--plan-sigma", "1")
+    result = compared(run_record, tmp_path, stage_readings.soundings(), "--plan-sigma", "1")
     assert result.exit_code == 0 and "of 200 soundings, median" in result.output
     record, of_record = read_rows(tmp_path / "s.soundings.json"), schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
@@ -71,9 +136,9 @@ def test_soundings_of_the_bottom(run: Path, tmp_path: Path) -> None:
     assert "edition 6.1.0" in listing and max(map(len, listing.splitlines())) <= 132
 
 
-def test_the_water_over_the_points_of_a_bottom(run: Path) -> None:
+def test_the_water_over_the_points_of_a_bottom(run_record: Path) -> None:
     """It stands as far above them as they are deep below it."""
-    result = compiled(of_record(run), read_compilation(stage_readings.DECK)[0])
+    result = compiled(of_record(run_record), read_compilation(stage_readings.DECK)[0])
     depth = result.gathered("depth")
     for surface in surfaces_of(result)[0]:
         points = surface.points
@@ -84,17 +149,19 @@ def test_the_water_over_the_points_of_a_bottom(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_picture_is_the_same_from_run_to_run(run: Path, tmp_path: Path) -> None:
+def test_the_picture_is_the_same_from_run_to_run(run_record: Path, tmp_path: Path) -> None:
     pictures = []
     for folder in (tmp_path / "a", tmp_path / "b"):
-        assert compared(run, tmp_path, stage_readings.soundings(), "--plots", "-o", str(folder)).exit_code == 0
+        assert (
+            compared(run_record, tmp_path, stage_readings.soundings(), "--plots", "-o", str(folder)).exit_code == 0
+        )
         pictures.append((folder / "s.soundings.png").read_bytes())
     assert pictures[0].startswith(b"\x89PNG") and pictures[0] == pictures[1]
 
 
-def test_planes_about_soundings_agree_with_triangles(run: Path, tmp_path: Path) -> None:
+def test_planes_about_soundings_agree_with_triangles(run_record: Path, tmp_path: Path) -> None:
     """To the scatter of the points; soundings without points within the radius say so, and the record says how."""
-    assert compared(run, tmp_path, stage_readings.soundings(), "--radius", "200").exit_code == 0
+    assert compared(run_record, tmp_path, stage_readings.soundings(), "--radius", "200").exit_code == 0
     record, of_record = read_rows(tmp_path / "s.soundings.json"), schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert record["matching"]["radius"] == 200.0 and "within 200 m" in (tmp_path / "s.soundings.lst").read_text()
@@ -103,20 +170,20 @@ def test_planes_about_soundings_agree_with_triangles(run: Path, tmp_path: Path) 
     assert "too few points within the radius, or to one side" in {row["reason"] for row in record["left_out"]}
 
 
-def test_old_soundings_are_left_out(run: Path, tmp_path: Path) -> None:
+def test_old_soundings_are_left_out(run_record: Path, tmp_path: Path) -> None:
     head, *lines = stage_readings.soundings().splitlines()
     dates = ["1975-06-01", "1980-01-01", ""] * len(lines)
     text = "\n".join([f"{head},date", *(f"{line},{date}" for line, date in zip(lines, dates, strict=False))])
-    assert compared(run, tmp_path, text, "--not-before", "1980-01-01").exit_code == 0
+    assert compared(run_record, tmp_path, text, "--not-before", "1980-01-01").exit_code == 0
     record = read_rows(tmp_path / "s.soundings.json")
     reasons = [row["reason"] for row in record["left_out"]]
     assert reasons.count("older than 1980-01-01") == 67 and reasons.count("its date is not known") == 66
     assert {int(row["sounding"][1:]) % 3 for row in record["differences"]} == {1}
-    result = compared(run, tmp_path, stage_readings.soundings(), "--not-before", "1980-01-01")
+    result = compared(run_record, tmp_path, stage_readings.soundings(), "--not-before", "1980-01-01")
     assert result.exit_code == 1 and "no column date" in result.output
 
 
-def test_a_las_file_on_a_map_says_what_the_csv_file_says(run: Path, tmp_path: Path) -> None:
+def test_a_las_file_on_a_map_says_what_the_csv_file_says(run_record: Path, tmp_path: Path) -> None:
     """NAD27, whose ellipsoid is that of the job; heights in place of depths."""
     rows = [line.split(",") for line in stage_readings.soundings().splitlines()[1:]]
     lat, lon, depth = np.array([[float(cell) for cell in row[1:4]] for row in rows]).T
@@ -124,9 +191,9 @@ def test_a_las_file_on_a_map_says_what_the_csv_file_says(run: Path, tmp_path: Pa
     east, north = pyproj.Transformer.from_crs(zone.geodetic_crs, zone, always_xy=True).transform(lon, lat)
     cloud = tmp_path / "cloud.las"
     las.write(cloud, Points(xyz=np.column_stack([east, north, -depth]), crs=zone))
-    command = ["as11", "compare-soundings", str(run), str(stage_readings.DECK), str(cloud), "--sigma", "0.1"]
-    assert CliRunner().invoke(musat, command).exit_code == 0
-    compared(run, tmp_path, stage_readings.soundings())
+    command = ["as11", "compare-soundings", str(run_record), str(stage_readings.DECK), str(cloud), "--sigma", "0.1"]
+    assert musat(*command).exit_code == 0
+    compared(run_record, tmp_path, stage_readings.soundings())
     of_las, of_csv = (read_rows(tmp_path / f"{name}.soundings.json") for name in ("cloud", "s"))
     pairs = list(zip(of_las["differences"], of_csv["differences"], strict=True))
     for of_point, of_line in pairs:
@@ -135,34 +202,34 @@ def test_a_las_file_on_a_map_says_what_the_csv_file_says(run: Path, tmp_path: Pa
     assert len(of_las["left_out"]) == len(of_csv["left_out"]) and len(pairs) == 175
 
 
-def test_a_datum_shows_in_a_and_an_option_takes_it_away(run: Path, tmp_path: Path) -> None:
-    compared(run, tmp_path, scaled(1.0, -0.5))
+def test_a_datum_shows_in_a_and_an_option_takes_it_away(run_record: Path, tmp_path: Path) -> None:
+    compared(run_record, tmp_path, scaled(1.0, -0.5))
     shifted = read_rows(tmp_path / "s.soundings.json")["regression"]["a"]
-    compared(run, tmp_path, scaled(1.0, -0.5), "--datum", "0.5")
+    compared(run_record, tmp_path, scaled(1.0, -0.5), "--datum", "0.5")
     right = read_rows(tmp_path / "s.soundings.json")["regression"]["a"]
     assert shifted - right == pytest.approx(0.5, abs=0.01)  # and b times the shift
 
 
-def test_soundings_in_feet_are_named(run: Path, tmp_path: Path) -> None:
-    result = compared(run, tmp_path, scaled(3.2808))
+def test_soundings_in_feet_are_named(run_record: Path, tmp_path: Path) -> None:
+    result = compared(run_record, tmp_path, scaled(3.2808))
     assert result.exit_code == 0 and "they look like feet" in result.output
     assert "they look like feet" in (tmp_path / "s.soundings.lst").read_text()
 
 
-def test_soundings_in_centimetres_are_named(run: Path, tmp_path: Path) -> None:
-    result = compared(run, tmp_path, scaled(100.0))
+def test_soundings_in_centimetres_are_named(run_record: Path, tmp_path: Path) -> None:
+    result = compared(run_record, tmp_path, scaled(100.0))
     assert result.exit_code == 0 and "they look like centimetres: divide them by 100" in result.output
 
 
 @pytest.mark.parametrize(("shift", "words", "datum"), [(2.5, "deeper", -2.5), (-2.5, "less deep", 2.5)])
 def test_a_constant_offset_is_named_with_the_datum_that_takes_it_away(
-    run: Path, tmp_path: Path, shift: float, words: str, datum: float
+    run_record: Path, tmp_path: Path, shift: float, words: str, datum: float
 ) -> None:
-    result = compared(run, tmp_path, scaled(1.0, shift))
+    result = compared(run_record, tmp_path, scaled(1.0, shift))
     told = re.search(rf"all soundings are (\S+) m {words} than the bottom.* add (\S+) to --datum", result.output)
     assert result.exit_code == 0 and told and float(told[1]) == pytest.approx(2.5, abs=0.2)
     assert float(told[2]) == pytest.approx(datum, abs=0.2)
-    right = compared(run, tmp_path, scaled(1.0, shift), "--datum", told[2])
+    right = compared(run_record, tmp_path, scaled(1.0, shift), "--datum", told[2])
     assert right.exit_code == 0 and "than the bottom" not in right.output
 
 
@@ -176,9 +243,9 @@ def exchanged() -> str:
     return stage_readings.soundings().replace("name,lat,lon", "name,lon,lat", 1)
 
 
-def test_soundings_that_are_there_twice_are_told(run: Path, tmp_path: Path) -> None:
+def test_soundings_that_are_there_twice_are_told(run_record: Path, tmp_path: Path) -> None:
     lines = stage_readings.soundings().splitlines(keepends=True)
-    result = compared(run, tmp_path, "".join([*lines, lines[5], lines[7]]))
+    result = compared(run_record, tmp_path, "".join([*lines, lines[5], lines[7]]))
     name = lines[5].partition(",")[0]
     assert result.exit_code == 0 and f"2 soundings are there already, {name} first" in result.output
 
@@ -203,17 +270,17 @@ def test_soundings_that_are_there_twice_are_told(run: Path, tmp_path: Path) -> N
     ],
 )
 def test_soundings_that_meet_nothing(
-    run: Path, tmp_path: Path, text: str, options: tuple[str, ...], message: str
+    run_record: Path, tmp_path: Path, text: str, options: tuple[str, ...], message: str
 ) -> None:
-    result = compared(run, tmp_path, text, *options)
+    result = compared(run_record, tmp_path, text, *options)
     assert result.exit_code == 1 and message in " ".join(result.output.split())
     assert not (tmp_path / "s.soundings.lst").exists()
 
 
-def test_a_datum_far_from_the_water_is_told(run: Path, tmp_path: Path) -> None:
+def test_a_datum_far_from_the_water_is_told(run_record: Path, tmp_path: Path) -> None:
     """Depths below an ellipsoid 36 m off look like soundings, and are none."""
-    far = compared(run, tmp_path, scaled(1.0, 36.0), "--datum", "-36.0")
+    far = compared(run_record, tmp_path, scaled(1.0, 36.0), "--datum", "-36.0")
     assert far.exit_code == 0, far.output
     assert "the sounding datum is 35.6 m above the water, more than 20 m" in far.stderr
-    near = compared(run, tmp_path, scaled(1.0, 2.0), "--datum", "-2.0")
+    near = compared(run_record, tmp_path, scaled(1.0, 2.0), "--datum", "-2.0")
     assert "the sounding datum is" not in near.stderr

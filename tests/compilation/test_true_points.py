@@ -1,21 +1,34 @@
-"""Compiled points against the run: two-ray points that it was told to keep out are the same estimates."""
+"""Compiled points against the run, in the answer's system, in their models, by their rays, and in words."""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 
-from compilation.scenes import pair
+from cli.commands import musat
+from compilation.scenes import at_depth, flat_images, pair
+from json_schema import violations
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
+from musatpy.arrays import FloatArray
+from musatpy.compilation.against_run import AgainstRun, against_run
+from musatpy.compilation.compiled import compiled
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import BEHIND, PARALLEL_RAYS, Readings, TruePoints, true_points
 from musatpy.errors import CompilationError
+from musatpy.formats.compilation_deck import read_compilation
+from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
+from musatpy.reports.compilation import schema
 from musatpy.reports.record import dumps, record
+from record_rows import read_rows, with_columns
+from stage_readings import DECK
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 ONE, PHOTO = ({"water_level": level} for level in (model.WaterLevel.ONE, model.WaterLevel.PHOTO))
@@ -144,3 +157,230 @@ def test_the_sigma_of_a_y_parallax_is_that_of_both_pointings() -> None:
     points = true_points(run, (0, 1), readings)
     assert points.y_parallax[0] == pytest.approx(0.007, rel=1e-9)
     assert points.y_parallax_sigma[0] == pytest.approx(0.005 * np.sqrt(2.0), rel=1e-9)
+
+
+def start() -> model.Block:
+    block = read_deck(FIXTURES / "st_thomas/st_thomas.crd")
+    options = replace(block.options, program=model.Program.IIIA, refraction=model.Refraction.RIGOROUS)
+    return replace(block, options=options)
+
+
+def against(solution: model.Solution, xy: np.ndarray, sigma: float) -> AgainstRun:
+    """Return the points on photos 21 and 22, of plate coordinates xy (m, 2), beside those of the run."""
+    block = solution.block
+    rows = [np.flatnonzero(block.plates.photo == photo) for photo in (0, 1)]
+    common, left, right = np.intersect1d(*(block.plates.point[of] for of in rows), return_indices=True)
+    read = np.stack([xy[rows[0][left]], xy[rows[1][right]]], axis=1)
+    deck = Compilation(
+        titles=(),
+        models=StereomodelSpecs.of_photos(np.array(["M"]), np.array(["21"]), np.array(["22"]), sigma),
+        stages=StageReadings.on_stages(
+            model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
+            kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common], xy=read,
+            sigma=np.full(len(common), np.nan),
+        ),
+    )  # fmt: skip
+    result = compiled(of_solution(solution), deck)
+    return against_run(result.models[0], np.ones(len(common), dtype=bool))
+
+
+@pytest.fixture(scope="module")
+def solution() -> model.Solution:
+    return adjust(start())
+
+
+def test_the_same_readings_of_two_rays_are_the_same_point(solution: model.Solution) -> None:
+    """Without sigma; points of three photos differ by what the third one adds, control is not tested."""
+    found = against(solution, solution.block.plates.xy, 0.005 * solution.unit_sigma)
+    rays = np.bincount(solution.block.plates.point)[found.points]
+    control = of_solution(solution).control[found.points]
+    same = (rays == 2) & ~control
+    assert found.shared.all() and same.sum() >= 5
+    assert found.length[same].max() < 1e-6 and found.sigma[same].max() < 1e-5 and np.isnan(found.test[same]).all()
+    three = (rays == 3) & ~control
+    assert three.any() and (found.sigma[three] > 0.01).all() and (found.test[three] < 3.0).all()
+    assert np.isnan(found.sigma[control]).all() and control.any()
+
+
+def test_kept_out_points_of_the_same_readings_are_the_same_too() -> None:
+    block = start()
+    rays = np.bincount(block.plates.point)
+    held = np.concatenate([block.control.point, block.equal_elevations.point])
+    chosen = np.setdiff1d(np.flatnonzero(rays == 2), held)[::3]
+    out = np.isin(block.plates.point, chosen)
+    solution = adjust(replace(block, plates=replace(block.plates, triangulated=block.plates.triangulated & ~out)))
+    found = against(solution, block.plates.xy, 0.005 * solution.unit_sigma)
+    kept = np.isin(found.points, chosen)
+    assert kept.any() and found.length[kept].max() < 1e-6 and found.sigma[kept].max() < 1e-5
+
+
+def test_a_point_of_which_the_run_has_kept_out_one_reading_is_not_tested() -> None:
+    block = start()
+    three = np.flatnonzero(np.bincount(block.plates.point) == 3)
+    held = np.concatenate([block.control.point, block.equal_elevations.point])
+    point = np.setdiff1d(three, held)[0]
+    out = (block.plates.point == point) & (block.plates.photo == 0)
+    solution = adjust(replace(block, plates=replace(block.plates, triangulated=~out)))
+    found = against(solution, block.plates.xy, 0.005 * solution.unit_sigma)
+    assert np.isnan(found.test[found.points == point]).all() and np.isfinite(found.length).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("again", [True, False])
+def test_differences_are_as_large_as_their_covariances_say(solution: model.Solution, again: bool) -> None:
+    """Twenty-five runs of noise in plates and control; readings made again, or those of the run."""
+    block, draws, tests = solution.block, np.random.default_rng(5), []
+    exact = block.plates.xy + solution.plates.residual
+    control = block.control
+    full = np.isfinite(control.position).all(axis=1)
+    for _ in range(25):
+        xy = exact + 0.005 * draws.normal(size=exact.shape)
+        truth = solution.points.position[control.point]
+        metres = control.sigma * draws.normal(size=control.sigma.shape) / [6.04e6, 6.35e6, 1.0]
+        moved = truth + metres[:, [1, 0, 2]]
+        given = np.where(full[:, None], moved, control.position)
+        run = adjust(replace(block, plates=replace(block.plates, xy=xy), control=replace(control, position=given)))
+        read = exact + 0.005 * draws.normal(size=exact.shape) if again else xy
+        found = against(run, read, 0.005 * run.unit_sigma)
+        tests.append(found.test[np.isfinite(found.test)])
+    assert np.sqrt(np.mean(np.square(np.concatenate(tests)))) == pytest.approx(1.0, abs=0.12)
+
+
+_FEET = 1200.0 / 3937.0  # m, US survey foot
+
+
+@pytest.fixture(scope="module")
+def in_feet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the run whose answer is stated in State Plane feet, with what is compiled of it."""
+    folder = tmp_path_factory.mktemp("feet")
+    assert musat("run", "-q", FIXTURES / "st_thomas_utm/st_thomas_utm.crd", "-o", folder)
+    words = ["as11", "compile", str(folder / "st_thomas_utm.json"), str(DECK), "-o", str(folder)]
+    result = musat(*words)
+    assert result.exit_code == 0, result.output
+    return folder
+
+
+def in_state_plane(position: FloatArray) -> FloatArray:
+    """Return feet, feet, metres of latitudes, longitudes (rad) and heights on the ellipsoid of the job, by PROJ."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a string of PROJ has no datum: none is shifted
+        project = pyproj.Proj(pyproj.CRS.from_epsg(3992).to_proj4())
+    east, north = project(*np.degrees(position[:, [1, 0]]).T)
+    return np.column_stack([east, north, position[:, 2]])
+
+
+def test_points_are_stated_as_the_answer_of_the_run(in_feet: Path) -> None:
+    record = read_rows(in_feet / "st_thomas_as11.json")
+    assert not list(violations(with_columns(record, schema()), schema(), schema()))
+    for name in ("position", "apparent"):
+        of_job = np.array([row[name] for row in record["points"]], dtype=float)
+        stated = np.array([row[name] for row in record["stated"]["points"]], dtype=float)
+        np.testing.assert_allclose(stated, in_state_plane(of_job), rtol=0, atol=1e-6)
+    assert record["stated"]["answer"]["definition"] == "EPSG:3992"
+
+
+def test_covariances_are_of_the_stated_coordinates(in_feet: Path) -> None:
+    """By central differences of 10 m along east, north and up."""
+    record = read_rows(in_feet / "st_thomas_as11.json")
+    position = np.array([row["position"] for row in record["points"]])
+    ellipsoid = Ellipsoid.of(model.EllipsoidSpec(name="clrk66"))
+    at, axes = ellipsoid.geocentric(position), ellipsoid.frame(position)
+    J = np.empty((len(at), 3, 3))
+    for axis in range(3):
+        sides = [in_state_plane(ellipsoid.geographic(at + step * axes[:, axis])) for step in (10.0, -10.0)]
+        J[:, :, axis] = (sides[0] - sides[1]) / 20.0
+    covariance = J @ np.array([row["covariance"] for row in record["points"]]) @ np.swapaxes(J, 1, 2)
+    stated = np.array([row["covariance"] for row in record["stated"]["points"]])
+    np.testing.assert_allclose(stated, covariance, rtol=1e-5, atol=1e-9)
+    listing = (in_feet / "st_thomas_as11.lst").read_text()
+    assert "Point Compilation: True Coordinates Of The Answer" in listing and "US survey foot" in listing
+    assert max(len(line) for line in listing.replace("\f", "").splitlines()) <= 132
+
+
+def test_files_have_the_coordinates_of_the_answer(in_feet: Path) -> None:
+    head, *rows = (in_feet / "st_thomas_as11.contours.csv").read_text().splitlines()
+    assert head == "line,surface,depth,index,closed,E,N,h"
+    east = np.array([float(row.split(",")[5]) for row in rows])
+    # The bay lies some 310 km from the false origin of the zone.
+    assert (east * _FEET > 309_000.0).all() and (east * _FEET < 313_000.0).all()
+    for name in ("profiles", "BAY"):
+        assert ",E,N,h" in f",{(in_feet / f'st_thomas_as11.{name}.csv').read_text().splitlines()[0]}"
+
+
+def test_a_solution_and_its_record_state_the_same(in_feet: Path) -> None:
+    solution = of_solution(adjust(read_deck(FIXTURES / "st_thomas_utm/st_thomas_utm.crd")))
+    recorded = of_record(in_feet / "st_thomas_utm.json")
+    assert solution.stated == recorded.stated is not None
+    assert of_solution(adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd"))).stated is None
+
+
+def test_places_in_the_model_come_back_by_the_axes_of_the_record(in_feet: Path) -> None:
+    """Round trip below 1e-9 m, with what the record says of the model and nothing else."""
+    record = read_rows(in_feet / "st_thomas_as11.json")
+    ellipsoid = Ellipsoid.of(model.EllipsoidSpec(name="clrk66"))
+    for of_model in record["models"]:
+        rows = [row for row in record["points"] if row["model"] == of_model["model"]]
+        axes, origin = np.array(of_model["axes"]), np.array(of_model["origin"])
+        for name, place in (("position", "model_position"), ("apparent", "model_apparent")):
+            in_model = np.array([row[place] for row in rows], dtype=float)
+            geocentric = in_model @ axes + origin + of_model["working_origin"]
+            given = ellipsoid.geocentric(np.array([row[name] for row in rows], dtype=float))
+            np.testing.assert_allclose(geocentric, given, rtol=0, atol=1e-8)  # rounding of 6e6 m
+        height = np.array(of_model["origin_position"])[2]
+        assert height == pytest.approx(np.mean(of_model["tides"]), abs=1e-9)
+        assert of_model["scale"] == pytest.approx(of_model["height"] / 0.15225, rel=1e-4)
+
+
+TIDES = (0.4, -0.3)
+POINTS = {"DEEP": -12.0, "BETWEEN": 0.05, "ABOVE": 3.0}
+
+
+def told() -> dict[str, tuple[str | None, FloatArray]]:
+    """Return the remarks of points, all flagged as submerged, of one on land, and of one on the shore."""
+    run = pair(3000.0, 1810.0, TIDES)
+    heights = {**POINTS, "LAND": 8.0, "SHORE": 0.05, "SLIP": -6.0}
+    xyz = np.array([[700.0, 300.0, height] for height in heights.values()])
+    gap = xyz[:, None] - run.block.photos.position
+    straight = -run.block.cameras.focal_length[0] * gap[..., :2] / gap[..., 2:]
+    wet = xyz[:, None, 2] < run.block.photos.tide
+    xy = np.where(wet[..., None], flat_images(run, np.minimum(xyz, [np.inf, np.inf, min(TIDES)])), straight)
+    xy = np.where(wet.all(axis=1)[:, None, None], flat_images(run, xyz), xy)
+    high = replace(run.block.photos, tide=np.full(2, 0.4))
+    half = flat_images(replace(run, block=replace(run.block, photos=high)), at_depth(xyz[:, :2], -0.05))
+    xy[1] = np.where(wet[1, :, None], half[1], straight[1])
+    xy[5, 1, 1] += 0.1  # a slip of the right stage in y
+    lines = ["MDL 1        1        2                                          5.00"]
+    for name, stages in zip(heights, xy.reshape(-1, 4), strict=True):
+        kind = {"LAND": "G ", "SHORE": "S "}.get(name, "GB")
+        lines.append(f"STG 1        {name:<8} {kind}" + "".join(f"{value:11.6f}" for value in stages))
+    result = compiled(run, read_compilation("\n".join([*lines, "END", ""]).encode())[0])
+    return dict(zip(heights, zip(result.remarks, result.incidences, strict=True), strict=True))
+
+
+def test_remarks_say_why_there_is_no_depth_and_angles_are_those_of_wet_rays() -> None:
+    found = told()
+    assert {name: remark for name, (remark, _) in found.items()} == {
+        "DEEP": None,
+        "BETWEEN": "between the tides",
+        "ABOVE": "above the water",
+        "LAND": "dry",
+        "SHORE": "shoreline",
+        "SLIP": "y-parallax",
+    }
+    wet = {name: np.isfinite(angles).tolist() for name, (_, angles) in found.items()}
+    assert wet["DEEP"] == [True, True] and wet["BETWEEN"] == [True, False]
+    assert wet["ABOVE"] == wet["LAND"] == [False, False]
+    # By the tangents of the rays of the apparent point, some 9 m below the water.
+    deep = found["DEEP"][1]
+    run = pair(3000.0, 1810.0, TIDES)
+    xy = flat_images(run, np.array([[700.0, 300.0, -12.0]]))[0]
+    np.testing.assert_allclose(np.tan(deep), np.linalg.norm(xy, axis=1) / 152.4, rtol=1e-6)
+
+
+def test_apparent_points_of_dry_ones_are_themselves(in_feet: Path) -> None:
+    rows = read_rows(in_feet / "st_thomas_as11.json")["points"]
+    dry = [row for row in rows if not row["submerged"]]
+    assert dry and all(row["apparent"] == row["position"] for row in dry)
+    deep = [row for row in rows if row["depth"] and row["depth"] > 5.0]
+    # In air the water looks shallower by a quarter or more of the depth.
+    assert all(row["apparent"][2] - row["position"][2] > 0.25 * row["depth"] for row in deep)

@@ -1,10 +1,15 @@
-"""The correction of files of points: a survey whose truth is known from elsewhere."""
+"""Points of the lagoon corrected: against the truth, in every format, and files that cannot be used."""
 
 from __future__ import annotations
 
 import csv
+import datetime
+import io
+import uuid
 from pathlib import Path
+from typing import Any
 
+import laspy
 import numpy as np
 import pytest
 
@@ -12,7 +17,9 @@ from depth import lagoon
 from musatpy.depth.cameras import Cameras, read_cameras
 from musatpy.depth.correction import CHUNK, Correction
 from musatpy.depth.csv_points import ADDED, correct_csv
+from musatpy.depth.las_points import correct_las
 from musatpy.errors import DepthError
+from musatpy.pointfiles.las_headers import checked_head
 from musatpy.refraction.apparent import Stations
 
 FOLDER = lagoon.FOLDER
@@ -174,7 +181,8 @@ def test_a_file_without_points_has_a_line_of_names(tmp_path: Path) -> None:
 
 
 def test_las_has_the_same_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    laspy = pytest.importorskip("laspy")
+    import laspy
+
     monkeypatch.setattr("musatpy.pointfiles.las_files.CHUNK", 50)
     from musatpy.depth.las_points import correct_las
     from musatpy.pointfiles.las_files import point_count
@@ -214,7 +222,8 @@ def test_las_has_the_same_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
-    laspy = pytest.importorskip("laspy")
+    import laspy
+
     from musatpy.depth.las_points import correct_las
 
     position = np.column_stack([np.linspace(0.0, 6900.0, 70), np.zeros(70), np.full(70, 900.0)])
@@ -235,7 +244,6 @@ def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_no_las(tmp_path: Path) -> None:
-    pytest.importorskip("laspy")
     from musatpy.pointfiles.las_files import point_count
 
     (tmp_path / "no.las").write_text("x,y,z\n")
@@ -306,3 +314,113 @@ def test_a_level_that_is_given_is_not_above_a_station(tmp_path: Path) -> None:
     assert read_cameras(path, level=1.5).stations.level.tolist() == [1.5, 1.5]
     with pytest.raises(DepthError, match="station 2 is not above the water"):
         read_cameras(path, level=100.0)
+
+
+COUNT = 300
+
+
+def given(path: Path, version: str, point_format: int) -> Any:
+    """Write a file with everything that a header can have, and return it."""
+    rng = np.random.default_rng(3)
+    header = laspy.LasHeader(version=version, point_format=point_format)
+    header.scales, header.offsets = np.full(3, 1e-3), np.array([500.0, 100.0, -10.0])
+    header.system_identifier, header.generating_software, header.file_source_id = "SCANNER", "MAKER", 77
+    header.creation_date, header.uuid = datetime.date(2020, 2, 3), uuid.UUID(int=5)
+    scaled = laspy.ExtraBytesParams(
+        name="amplitude", type="u2", scales=np.array([0.01]), offsets=np.array([5.0]), description="scaled"
+    )
+    header.add_extra_dims([scaled, laspy.ExtraBytesParams(name="normal", type="3f8")])
+    header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr('LOCAL_CS["lagoon"]'))
+    header.vlrs.append(laspy.VLR(user_id="someone", record_id=7, description="his", record_data=b"abc"))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = rng.uniform((0, 0, -15), (1500, 900, 1), (COUNT, 3)).T
+    las.intensity, las.return_number = np.arange(COUNT), np.ones(COUNT, dtype=int)
+    las.gps_time = np.arange(COUNT) * 1.5
+    las.amplitude, las.normal = 5.0 + 0.01 * np.arange(COUNT), rng.normal(size=(COUNT, 3))
+    if version == "1.4":
+        record = laspy.VLR(user_id="someone", record_id=9, description="long", record_data=b"much " * 99)
+        las.evlrs = laspy.vlrs.vlrlist.VLRList([record])
+    las.write(path)
+    return laspy.read(path)
+
+
+@pytest.mark.parametrize(
+    ("version", "point_format", "kind"), [("1.2", 1, "las"), ("1.4", 6, "las"), ("1.4", 6, "laz")]
+)
+def test_header_records_and_dimensions_are_kept(tmp_path: Path, version: str, point_format: int, kind: str) -> None:
+    las = given(tmp_path / f"in.{kind}", version, point_format)
+    correct_las(tmp_path / f"in.{kind}", tmp_path / f"out.{kind}", correction())
+    found = laspy.read(tmp_path / f"out.{kind}")
+    for name in set(las.point_format.dimension_names) - set("XYZ"):
+        np.testing.assert_array_equal(found[name], las[name])
+    for name in ("version", "system_identifier", "generating_software", "file_source_id", "creation_date", "uuid"):
+        assert getattr(found.header, name) == getattr(las.header, name)
+    assert found.header.global_encoding.value == las.header.global_encoding.value
+    np.testing.assert_array_equal(found.header.scales, las.header.scales)
+    texts = [{v.user_id: v.record_data_bytes() for v in one.header.vlrs} for one in (found, las)]
+    for user in ("LASF_Projection", "someone"):
+        assert texts[0][user] == texts[1][user]
+    if version == "1.4":
+        assert [one.record_data for one in found.evlrs] == [b"much " * 99]
+
+
+@pytest.mark.parametrize("kind", ["las", "laz"])
+def test_files_that_are_cut_off_or_none_are_named(tmp_path: Path, kind: str) -> None:
+    given(tmp_path / f"in.{kind}", "1.4", 6)
+    whole = (tmp_path / f"in.{kind}").read_bytes()
+    source = tmp_path / f"bad.{kind}"
+    for data in (b"", b"LASF" + bytes(300), whole[:100], whole[: len(whole) // 2], whole[:600] + b"\xff" * 3000):
+        source.write_bytes(data)
+        with pytest.raises(DepthError) as caught:
+            correct_las(source, tmp_path / f"out.{kind}", correction())
+        assert caught.value.problems[0].file == str(source)
+        assert not list(tmp_path.glob("*out.*"))
+
+
+def spoilt(path: Path, place: int, data: bytes) -> Path:
+    content = bytearray(path.read_bytes())
+    content[place : place + len(data)] = data
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["las", "laz"])
+def test_names_in_latin_1_are_kept(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"in.{kind}"
+    given(path, "1.4", 6)
+    header = laspy.open(path).header
+    assert header.vlrs
+    content = path.read_bytes()
+    spoilt(path, 26, b"B\xfcro")  # system identifier
+    spoilt(path, content.index(b"someone\0"), b"H\xf6he nn")  # user of a record
+    spoilt(path, content.index(b"amplitude"), b"h\xf6he\0\0\0\0\0")  # an extra dimension
+    correct_las(path, tmp_path / f"out.{kind}", correction())
+    out = (tmp_path / f"out.{kind}").read_bytes()
+    assert out[26:30] == b"B\xfcro" and b"H\xf6he nn" in out
+    assert "höhe" in laspy.read(io_headed(tmp_path / f"out.{kind}")).point_format.dimension_names
+
+
+def io_headed(path: Path) -> io.BytesIO:
+    with path.open("rb") as file:
+        head = checked_head(file)
+    return io.BytesIO(head + path.read_bytes()[len(head) :])
+
+
+@pytest.mark.parametrize(
+    ("place", "data", "message"),
+    [
+        (94, b"\xff\xff", "its header would not fit"),
+        (96, b"\xff\xff\xff\x7f", "its header would not fit"),
+        (100, b"\xff\xff\xff\xff", "records before its points would not fit"),
+        (247, b"\xff\xff\xff\xff\xff\xff", "points of .* bytes would not fit"),
+        (243, b"\xff\xff\xff\xff", "records behind its points would not fit"),
+        (235, b"\xff\xff\xff\xff\xff\xff", "a record behind its points would not fit"),
+        (375 + 20, b"\xff\xff", "a record before its points would not fit"),
+        (131, b"\0\0\0\0\0\0\xf0\x7f", "scales or offsets are no numbers"),
+    ],
+)
+def test_what_a_header_counts_must_fit_into_the_file(tmp_path: Path, place: int, data: bytes, message: str) -> None:
+    given(tmp_path / "in.las", "1.4", 6)
+    with pytest.raises(DepthError, match=message):
+        correct_las(spoilt(tmp_path / "in.las", place, data), tmp_path / "out.las", correction())
+    assert not (tmp_path / "out.las").exists()

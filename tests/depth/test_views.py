@@ -119,7 +119,6 @@ def test_places_that_cannot_be_read(tmp_path: Path, text: str, message: str) -> 
 @pytest.mark.slow
 def test_a_picture_of_contours(tmp_path: Path) -> None:
     """The contours of the picture are those of the formula: the lines are looked for among its paths."""
-    pytest.importorskip("matplotlib")
     x, y = np.linspace(0.0, 1126.0, 61), np.linspace(-1125.0, 1125.0, 61)
     factor = model_factor(x, y[:, None], 25.0, 2500.0, 1126.0, 1.35)
     stations = np.array([[0.0, 0.0], [1126.0, 0.0]])

@@ -1,14 +1,4 @@
-"""The examples of README and docs are run, and what they show is what comes out.
-
-In Markdown, a fenced `console` block holds shell commands after `$ ` and their output, a fenced `python` block code
-whose output is the `text` block that follows it directly. The blocks of a file run in order, in one folder that has
-the fixtures and in one Python namespace. A line `...` in shown output stands for any number of lines. A command
-that fails must be followed by `$ echo $?`. Set-up commands (fenced `sh`) are checked by their form here and run by
-.ci/run.
-
-A command in which a shell has nothing to do is run by click in the process of the tests, where Python and numpy are
-already; those of README, of `batch` and `baseline`, and all with pipes or redirections, by a shell.
-"""
+"""The examples of README and docs show what comes out, their links lead somewhere, and their terms exist."""
 
 from __future__ import annotations
 
@@ -25,9 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from musatpy.cli.main import main
+from cli.commands import musat
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -97,7 +86,7 @@ class Session:
 
     def _by_click(self, arguments: list[str]) -> str:
         with contextlib.chdir(self.folder):
-            ran = CliRunner().invoke(main, arguments, prog_name="musat", catch_exceptions=False)
+            ran = musat(*arguments, prog_name="musat", catch_exceptions=False)
         self.status = ran.exit_code
         return ran.output
 
@@ -200,3 +189,19 @@ def test_examples_are_found_with_their_output():
         Example("python", "print(1)\n", "1\n"),
         Example("python", "x\n", None),
     ]
+
+
+SOURCE = ROOT / "src" / "musatpy"
+
+
+def test_the_architecture_names_every_room():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rooms = {folder.parent.name for folder in SOURCE.glob("*/__init__.py")}
+    assert rooms - set(re.findall(r"\w+", page)) == set()
+
+
+def test_names_of_the_glossary_are_in_the_source():
+    page = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+    names = {name for names in re.findall(r"`([A-Za-z_.]+)`", page) for name in names.split(".")}
+    words = {word for path in SOURCE.rglob("*.py") for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))}
+    assert len(names) > 50 and names - words == set()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace as with_values
 
-from formats.bad_deck_cases import LOCAL, Case, Expected, warning
+from formats.bad_deck_cases import LOCAL, Case, Expected, case
 from formats.deck_edits import GOOD, add, deck, drop
 from musatpy.formats import musat
 from musatpy.model import SystemSpec
@@ -36,115 +36,85 @@ def utm(definition: str) -> list[str]:
 
 
 CASES: list[Case] = [
-    (
+    case(
         deck(add("SYS IN  GEOG", "SYS IN  GEOC", "SYF OUT         1.0000", "SYT OUT GEOID some.gtx")),
-        [
-            Expected(50, "SYS.role", "IN", "a second SYS card for IN; the first is on line 49"),
-            Expected(51, "SYF.role", "OUT", "no SYS card for OUT, which this one goes with"),
-            Expected(52, "SYT.role", "OUT", "no SYS card for OUT, which this one goes with"),
-        ],
+        "50 SYS.role [IN] a second SYS card for IN; the first is on line 49",
+        "51 SYF.role [OUT] no SYS card for OUT, which this one goes with",
+        "52 SYT.role [OUT] no SYS card for OUT, which this one goes with",
     ),
-    (
+    case(
         deck(add("SYS IN  LOCL"), lines=changed(LOCAL, 2, 10, "GEOC")),
-        [Expected(2, "OPT.system", "GEOC", "a job of system GEOC, where the SYS card says LOCL")],
+        "2 OPT.system [GEOC] a job of system GEOC, where the SYS card says LOCL",
     ),
-    (  # codes, names and strings that PROJ does not know, or that would make it guess
-        deck(lines=utm("EPSG:99999")),
-        [Expected(4, "SYS.definition", "EPSG:99999", "is no coordinate system that PROJ knows")],
-    ),
-    (
-        deck(lines=utm("UTM zone 17")),
-        [Expected(4, "SYS.definition", "UTM zone 17", "is no coordinate system: give its code")],
-    ),
-    (
+    # codes, names and strings that PROJ does not know, or that would make it guess
+    case(deck(lines=utm("EPSG:99999")), "4 SYS.definition [EPSG:99999] is no coordinate system that PROJ knows"),
+    case(deck(lines=utm("UTM zone 17")), "4 SYS.definition [UTM zone 17] is no coordinate system: give its code"),
+    case(
         deck(add("SYT IN  PROJ +proj=utm +zone=17 +ellps=clrk66 +towgs84=-8,160,176"), lines=utm("")),
-        [
-            Expected(
-                50, "SYT.text", "+proj=utm +zone=17 +ellps=clrk66 +towgs84=-8,160,176", "asks for a datum shift"
-            )
-        ],
+        "50 SYT.text [+proj=utm +zone=17 +ellps=clrk66 +towgs84=-8,160,176] asks for a datum shift",
     ),
-    (deck(lines=utm("EPSG:32617")), [Expected(4, "SYS.definition", "EPSG:32617", "is on the ellipsoid WGS 84")]),
-    (
+    case(deck(lines=utm("EPSG:32617")), "4 SYS.definition [EPSG:32617] is on the ellipsoid WGS 84"),
+    case(
         deck(add("SYT IN  GEOID no/such.gtx"), lines=UTM),
-        [Expected(50, "SYT.text", "no/such.gtx", "geoid model no/such.gtx: there is no such file")],
+        "50 SYT.text [no/such.gtx] geoid model no/such.gtx: there is no such file",
     ),
-    (deck(add(OUT)), [Expected(49, "SYS.definition", "", "a system of kind PROJ needs it")]),
-    (
+    case(deck(add(OUT)), "49 SYS.definition [] a system of kind PROJ needs it"),
+    case(
         deck(add("SYS OUT GEOG", "SYO OUT  19 20  0.00000  -81 10  0.00000", "SYT OUT GEOID x.gtx")),
-        [
-            Expected(49, "SYS", "", "origin: a system of kind GEOG has none"),
-            Expected(51, "SYT.text", "x.gtx", "a system of kind GEOG has none"),
-        ],
+        "49 SYS [] origin: a system of kind GEOG has none",
+        "51 SYT.text [x.gtx] a system of kind GEOG has none",
     ),
-    (
-        deck(add("SYS OUT GEOG GRID")),
-        [Expected(49, "SYS.axes", "GRID", "attitudes cannot refer to axes of the system")],
-    ),
-    (
-        deck(add("SYS OUT GEOC"), lines=LOCAL),
-        [Expected(48, "SYS.kind", "GEOC", "a local job stands nowhere on the ellipsoid")],
-    ),
-    (
+    case(deck(add("SYS OUT GEOG GRID")), "49 SYS.axes [GRID] attitudes cannot refer to axes of the system"),
+    case(deck(add("SYS OUT GEOC"), lines=LOCAL), "48 SYS.kind [GEOC] a local job stands nowhere on the ellipsoid"),
+    case(
         deck(add(*GOOD[8:11]), lines=[line for line in MATRICES if line[:3] not in ("SYS", "MAT")]),
-        [
-            Expected(6, "STD", "", "angles in decimals, and no SYS card for IN that says their unit"),
-            Expected(39, "CTD", "", "angles in decimals, and no SYS card for IN that says their unit"),
-        ],
+        "6 STD [] angles in decimals, and no SYS card for IN that says their unit",
+        "39 CTD [] angles in decimals, and no SYS card for IN that says their unit",
     ),
-    (
+    case(
         deck(add("MAT 841      1  1.0000000000000  0.0000000000000  0.0000000000000")),
-        [
-            Expected(
-                49,
-                "MAT",
-                "",
-                "a matrix, and no SYS card for IN that says MATR; the angles of photo 841 are on line 9",
-            )
-        ],
+        "49 MAT [] a matrix, and no SYS card for IN that says MATR; the angles of photo 841 are on line 9",
     ),
-    (  # where the photo has no angles
+    case(
         deck(add(*(line for line in MATRICES if line[:7] == "MAT 841")), drop(9)),
-        [Expected(48, "MAT", "", "a matrix, and no SYS card for IN that says MATR")],
+        "48 MAT [] a matrix, and no SYS card for IN that says MATR",
     ),
-    (
+    case(
         deck(add(GOOD[9]), lines=MATRICES),
-        [Expected(56, "ATT", "", "attitudes are stated as matrices; the matrix of photo 842 is on line 13")],
+        "56 ATT [] attitudes are stated as matrices; the matrix of photo 842 is on line 13",
     ),
-    (
+    case(
         deck(add(*GOOD[8:11]), lines=MATRICES),
-        [Expected(56, "ATT", "", "the matrix of photo 841 is on line 10, and 2 more photos have both")],
+        "56 ATT [] the matrix of photo 841 is on line 10, and 2 more photos have both",
     ),
-    (
+    case(
         deck(add(GOOD[9]), lines=[line for line in MATRICES if line[:7] != "MAT 842"]),
-        [Expected(53, "ATT", "", "angles, where attitudes are stated as matrices")],
+        "53 ATT [] angles, where attitudes are stated as matrices",
     ),
-    (
+    case(
         deck(lines=changed(MATRICES, ROW_2, 14, "1")),
-        [Expected(ROW_2 - 1, "MAT.row", "1", "the matrix of photo 841 needs rows 1, 2 and 3, not 1, 1, 3")],
+        Expected(ROW_2 - 1, "MAT.row", "1", "the matrix of photo 841 needs rows 1, 2 and 3, not 1, 1, 3"),
     ),
-    (
+    case(
         deck(lines=[line for line in MATRICES if line != MATRICES[ROW_2 - 1]]),
-        [Expected(ROW_2 - 1, "MAT.row", "1", "the matrix of photo 841 needs rows 1, 2 and 3, not 1, 3")],
+        Expected(ROW_2 - 1, "MAT.row", "1", "the matrix of photo 841 needs rows 1, 2 and 3, not 1, 3"),
     ),
 ]
 
 # What only taking a deck in from its system shows, or stating its answer: problems of no check.
 ENTERED: dict[str, tuple[bytes, list[Expected]]] = {
-    "words that no card has": (
+    "words that no card has": case(
         deck(add("SYS IX  UTM  UP   XYZ  RAX SIGM EPSG:26717")),
-        [
-            Expected(49, "SYS.role", "IX", ""),
-            Expected(49, "SYS.kind", "UTM", ""),
-            Expected(49, "SYS.axes", "UP", ""),
-            Expected(49, "SYS.angles", "XYZ", ""),
-            Expected(49, "SYS.unit", "RAX", ""),
-            Expected(49, "SYS.deviations", "SIGM", ""),
-        ],
+        "49 SYS.role [IX] ",
+        "49 SYS.kind [UTM] ",
+        "49 SYS.axes [UP] ",
+        "49 SYS.angles [XYZ] ",
+        "49 SYS.unit [RAX] ",
+        "49 SYS.deviations [SIGM] ",
     ),
-    "a station beyond the map": (
+    "a station beyond the map": case(
         deck(lines=changed(UTM, 7, 17, " 99467477.8113")),
-        [Expected(7, "STX", UTM[6][30:57].join([" 99467477.8113", ""]).strip(), "does not reach 99467477.811")],
+        Expected(7, "STX", UTM[6][30:57].join([" 99467477.8113", ""]).strip(), "does not reach 99467477.811"),
     ),
     "a station beyond the map of the answer": (
         deck(add("SYS OUT PROJ VERT OPK", "SYT OUT PROJ +proj=gnom +lat_0=-80 +lon_0=99 +ellps=clrk66")),
@@ -153,28 +123,23 @@ ENTERED: dict[str, tuple[bytes, list[Expected]]] = {
             *(Expected(line, "CTG", GOOD[line - 1][16:57].strip(), "does not reach 19.3") for line in (42, 44)),
         ],
     ),
-    "places outside the area of the system of the answer": (
+    "places outside the area of the system of the answer": case(
         deck(add(f"{OUT}EPSG:26718")),
-        [
-            warning(
-                49, "SYS.definition", "EPSG:26718", "5 of the 5 stations and control points lie outside the area"
-            )
-        ],
+        "~49 SYS.definition [EPSG:26718] 5 of the 5 stations and control points lie outside the area",
     ),
-    "left-handed axes of attitudes": (
+    "left-handed axes of attitudes": case(
         deck(add(OUT, "SYT OUT PROJ +proj=utm +zone=17 +ellps=clrk66 +axis=wnu")),
-        [Expected(49, "SYS.axes", "GRID", "its axes are left-handed")],
+        "49 SYS.axes [GRID] its axes are left-handed",
     ),
-    "left-handed axes of given attitudes": (
+    "left-handed axes of given attitudes": case(
         deck(add("SYT IN  PROJ +proj=utm +zone=17 +ellps=clrk66 +axis=wnu"), lines=utm("")),
-        [Expected(4, "SYS.axes", "GRID", "its axes are left-handed")],
+        "4 SYS.axes [GRID] its axes are left-handed",
     ),
-    "no rotation": (
+    "no rotation": case(
         deck(lines=changed(MATRICES, ROW_2, 16, " 0.5000000000000")),
-        [Expected(ROW_2 - 1, "MAT", "", "photo 841: its matrix is no rotation")],
+        Expected(ROW_2 - 1, "MAT", "", "photo 841: its matrix is no rotation"),
     ),
-    "a heading that the images contradict": (  # a check that looks at attitudes once they are the adjustment's
-        deck(lines=changed(UTM, 11, 44, " 91")),
-        [warning(11, "ATT.heading", "91 37  6.1205", "a heading of 92 degrees")],
+    "a heading that the images contradict": case(
+        deck(lines=changed(UTM, 11, 44, " 91")), "~11 ATT.heading [91 37  6.1205] a heading of 92 degrees"
     ),
 }

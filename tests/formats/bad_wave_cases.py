@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from formats.bad_deck_cases import GEOCENTRIC, Case, Expected, warning, water_options
+from formats.bad_deck_cases import GEOCENTRIC, Case, Expected, case, water_options
 from formats.deck_edits import Edit, add, deck, replace
 
 RIGOROUS = replace(2, "WATPT   ", "RIGOROUS")
@@ -56,23 +56,21 @@ def sea(*cards: str, edits: tuple[Edit, ...] = (), origin: str = ORIGIN) -> byte
 
 def wave_case(card: str, field: str, found: str, message: str, severity: str = "error") -> Case:
     """Return the case of one wrong WAV card."""
-    return sea(card), [Expected(50, f"WAV.{field}", found, message, severity)]
+    return case(sea(card), Expected(50, f"WAV.{field}", found, message, severity))
 
 
 CASES: list[Case] = [
-    (
+    case(
         sea(wave(period=SWELL), wave(period="4.000"), "WVS SW", "WVS SW", "WVS CHOP"),
-        [
-            Expected(51, "WAV.wave", "SW", "wave SW is already given on line 50"),
-            Expected(53, "WVS.wave", "SW", "the sigmas of wave SW are already given on line 52"),
-            Expected(54, "WVS.wave", "CHOP", "wave CHOP has no WAV card"),
-        ],
+        "51 WAV.wave [SW] wave SW is already given on line 50",
+        "53 WVS.wave [SW] the sigmas of wave SW are already given on line 52",
+        "54 WVS.wave [CHOP] wave CHOP has no WAV card",
     ),
-    (
+    case(
         deck(RIGOROUS, timed, add(wave(period=SWELL))),
-        [Expected(49, "WAV", "", "waves, and no WOG or WOX card with the place from which their crests count")],
+        "49 WAV [] waves, and no WOG or WOX card with the place from which their crests count",
     ),
-    (sea(), [warning(49, "WOG", "", "an origin of waves, and no WAV card: it takes no part")]),
+    case(sea(), "~49 WOG [] an origin of waves, and no WAV card: it takes no part"),
     wave_case(wave(), "period", "", "blank, and no length: one of them is needed"),
     wave_case(wave(speed="9.000"), "period", "", "blank, and no length: one of them is needed"),
     wave_case(wave(period=SWELL, length="156.000", speed="15.600"), "speed", "15.600", "two of them say the third"),
@@ -97,93 +95,76 @@ CASES: list[Case] = [
         "in 5 m of water is far from sinusoidal: its Ursell number is 40",
         "warning",
     ),
-    (
+    case(
         deck(timed, add(ORIGIN, wave(period=SWELL))),
-        [Expected(2, "OPT.refraction", "WATPT", "need refraction RIGOROUS, or program IIIA: WATPT knows none")],
+        "2 OPT.refraction [WATPT] need refraction RIGOROUS, or program IIIA: WATPT knows none",
     ),
-    (
+    case(
         sea(wave(period=SWELL), water_options(tilt="ADJUST"), edits=(replace(2, "IIA ", "IIIA"),)),
-        [
-            warning(4, "WTR.tilt_sigma", "", "no sigma: the measurements alone have to determine this unknown"),
-            Expected(51, "OP2.water_tilt", "ADJUST", "a tilt of it and waves exclude each other"),
-        ],
+        "~4 WTR.tilt_sigma [] no sigma: the measurements alone have to determine this unknown",
+        "51 OP2.water_tilt [ADJUST] a tilt of it and waves exclude each other",
     ),
-    (
+    case(
         sea(wave(period=SWELL), edits=(replace(4, f"1.340000{'':19}", f"1.340000{'':11}  -0.500"),)),
-        [Expected(4, "WTR.tilt_east", "-0.500", "a tilt of it and waves exclude each other")],
+        "4 WTR.tilt_east [-0.500] a tilt of it and waves exclude each other",
     ),
-    (
+    case(
         sea(wave(period=SWELL), wave("ST", "STOK", length="40.000", depth="9.00"), sigmas(length="5.000")),
-        [Expected(51, "WAV.shape", "STOK", "where waves have sigmas (line 52), all of them are sinusoidal (SINU)")],
+        "51 WAV.shape [STOK] where waves have sigmas (line 52), all of them are sinusoidal (SINU)",
     ),
-    (
+    case(
         sea(
             wave(period=SWELL),
             sigmas(height="0.200", crest="9.000"),
             water_options(datum="FREE"),
             edits=(replace(2, "IIA ", "IIIA"),),
         ),
-        [
-            Expected(
-                51, "WVS.sigma_height", "0.200", "wave SW unknown: such waves need control, and no free network"
-            )
-        ],
+        "51 WVS.sigma_height [0.200] wave SW unknown: such waves need control, and no free network",
     ),
-    (
+    case(
         sea(
             wave(period=SWELL),
             sigmas(crest="9.000"),
             f"{water_options():47}LIST",
             edits=(replace(2, "IIA ", "IIIA"),),
         ),
-        [
-            Expected(
-                51,
-                "WVS.sigma_crest",
-                "9.000",
-                "wave SW unknown: such waves and the editing LIST exclude each other",
-            )
-        ],
+        "51 WVS.sigma_crest [9.000] wave SW unknown: such waves and the editing LIST exclude each other",
     ),
-    (
+    case(
         sea(wave(period=SWELL), sigmas(length="0.000"), edits=(replace(2, "IIA ", "IIIA"),)),
-        [Expected(51, "WVS.sigma_length", "0.000", "a standard deviation must be greater than zero")],
+        "51 WVS.sigma_length [0.000] a standard deviation must be greater than zero",
     ),
-    (
+    case(
         deck(RIGOROUS, timed, replace(12, "137.500", "       "), add(ORIGIN, wave(period=SWELL))),
-        [Expected(12, "TID.time", "", "photo 841: blank, and waves need the time of every exposure above water")],
+        "12 TID.time [] photo 841: blank, and waves need the time of every exposure above water",
     ),
-    (
+    case(
         deck(RIGOROUS, timed, replace(13, " 150.000", "3601.000"), add(ORIGIN, wave(period=SWELL))),
-        [warning(13, "TID.time", "3601.000", "3601 s: 360 periods from time 0, for which crests are given")],
+        "~13 TID.time [3601.000] 3601 s: 360 periods from time 0, for which crests are given",
     ),
-    (
+    case(
         sea(wave(period=SWELL), edits=(flagged(),)),
-        [
-            warning(12, "TID", "", "3 TID cards, and no point is flagged as submerged: nothing is refracted"),
-            warning(50, "WAV", "", "waves, and no submerged point is measured: they take no part"),
-        ],
+        "~12 TID [] 3 TID cards, and no point is flagged as submerged: nothing is refracted",
+        "~50 WAV [] waves, and no submerged point is measured: they take no part",
     ),
-    (
+    case(
         sea(
             wave(period=SWELL),
             edits=(flagged("1103"), replace(43, "V       ", "V B     "), replace(43, "17.0386", "  .0000")),
         ),
-        [warning(43, "CTG.height", ".0000", "0 m: submerged, but above the troughs of the waves, down to -0.05 m")],
+        "~43 CTG.height [.0000] 0 m: submerged, but above the troughs of the waves, down to -0.05 m",
     ),
-    (
+    case(
         sea(wave(period=SWELL), PLACE),
-        [
-            Expected(51, "WOX", "", "a second origin of the waves; the first is on line 49"),
-            Expected(51, "WOX", CENTRE, "a rectangular position, in a job of system GEOG"),
-        ],
+        "51 WOX [] a second origin of the waves; the first is on line 49",
+        Expected(51, "WOX", CENTRE, "a rectangular position, in a job of system GEOG"),
     ),
-    (
+    case(
         sea(wave(period=SWELL), origin=ORIGIN.replace(" 19 20", " 91 20")),
-        [Expected(49, "WOG.latitude", "91 20 59.99956", "a latitude of 91.3500 degrees is beyond 90")],
+        "49 WOG.latitude [91 20 59.99956] a latitude of 91.3500 degrees is beyond 90",
     ),
-    (
+    case(
         deck(RIGOROUS, timed, add(wave(period=SWELL), PLACE), lines=GEOCENTRIC),
-        [Expected(50, "WOX", CENTRE, "0.0 km from the geocentre is not near the ellipsoid")],
+        Expected(50, "WOX", CENTRE, "0.0 km from the geocentre is not near the ellipsoid"),
     ),
 ]

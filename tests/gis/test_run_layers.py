@@ -7,17 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyogrio
 import pyproj
 import pytest
-from click.testing import CliRunner, Result
+import shapely
+from click.testing import Result
 
-from musatpy.cli.main import main as musat
+from cli.commands import musat
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.image_observations import with_images
 from plots.plot_records import FIXTURES
-
-pyogrio = pytest.importorskip("pyogrio")
-shapely = pytest.importorskip("shapely")
 
 ST_THOMAS = FIXTURES / "st_thomas/st_thomas.crd"
 UTM = FIXTURES / "st_thomas_utm/st_thomas_utm.crd"
@@ -25,7 +24,7 @@ LOCAL = FIXTURES / "waves/unknown.crd"
 
 
 def run(deck: Path, folder: Path, *options: str) -> Result:
-    return CliRunner().invoke(musat, ["run", str(deck), "-o", str(folder), "--gis", *options])
+    return musat("run", deck, "-o", folder, "--gis", *options)
 
 
 def layer(folder: Path, name: str) -> tuple[Any, np.ndarray, dict[str, np.ndarray]]:
@@ -163,7 +162,7 @@ def test_a_system_that_the_job_is_not_in_is_refused(
 
 
 def test_a_system_without_layers_is_a_wrong_command_line(tmp_path: Path) -> None:
-    result = CliRunner().invoke(musat, ["run", str(ST_THOMAS), "-o", str(tmp_path), "--crs", "EPSG:4267"])
+    result = musat("run", ST_THOMAS, "-o", tmp_path, "--crs", "EPSG:4267")
     assert result.exit_code == 2 and "--crs goes with --gis" in result.output
 
 
@@ -175,7 +174,7 @@ def test_equal_runs_make_equal_files(tmp_path: Path) -> None:
 
 def test_footprints_across_the_date_line_are_as_wide_as_they_are(tmp_path: Path) -> None:
     spec = Path(__file__).with_name("date_line.toml")
-    assert CliRunner().invoke(musat, ["simulate", str(spec), "-o", str(tmp_path)]).exit_code == 0
+    assert musat("simulate", spec, "-o", tmp_path).exit_code == 0
     assert run(tmp_path / "date_line.crd", tmp_path, "--crs", "EPSG:4326").exit_code == 0
     _, _, geometry, _ = pyogrio.raw.read(tmp_path / "date_line.gpkg", layer="footprints")
     bounds = shapely.bounds(shapely.from_wkb(geometry))

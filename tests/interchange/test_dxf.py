@@ -6,17 +6,16 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import ezdxf
 import numpy as np
 import pyproj
 import pytest
+import shapely
+from pyogrio import raw
 
 from interchange.layer_samples import DIGIT, HEIGHTS, UTM, lines, points, same_twice
 from musatpy.errors import InterchangeError
 from musatpy.interchange import dxf, dxf_tags
-
-ezdxf = pytest.importorskip("ezdxf")
-raw = pytest.importorskip("pyogrio.raw")
-shapely = pytest.importorskip("shapely")
 
 
 def test_a_drawing_is_read_by_gdal(tmp_path: Path) -> None:

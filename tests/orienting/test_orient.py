@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import musatpy
+from cli.commands import musat
 from json_schema import violations
 from musatpy import model
-from musatpy.cli.main import main as musat
 from musatpy.formats.musat import deck_bytes
 from musatpy.model import Block
 from musatpy.model.tables import taken
@@ -38,7 +38,7 @@ def written(folder: Path, block: Block, *edits: tuple[str, str]) -> Path:
 
 
 def orient(deck: Path, *options: str) -> Result:
-    return CliRunner().invoke(musat, ["orient", str(deck), *options])
+    return musat("orient", deck, *options)
 
 
 def record(deck: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`musat orient` of strips: decks of laboratories and flights, against their truth and program IIIA."""
+"""Strips oriented by `musat orient`, and pairs without water."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
+from cli.commands import musat
 from json_schema import violations
 from musatpy import model
-from musatpy.cli.main import main as musat
+from musatpy.arrays import FloatArray
 from musatpy.formats.musat import deck_bytes
+from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model.tables import taken
-from musatpy.reports import orientation_strip
-from orientation.twomedia.geometries import HOUSE, Scene
-from orienting.decks import UNITS, strip_block
+from musatpy.orientation.twomedia.rays import Orientation
+from musatpy.reports import orientation, orientation_strip
+from orientation.twomedia.geometries import HOUSE, KINDS, Scene, dry, geometry, scene
+from orienting.decks import UNITS, deck_block, strip_block
+from orienting.test_orient import orient, record, written
 from record_rows import read_rows, with_columns
 
 
@@ -25,16 +29,16 @@ def run(folder: Path, block: model.Block, *options: str, command: str = "orient"
     """Return what became of the deck of a block."""
     deck = folder / "job.crd"
     deck.write_bytes(deck_bytes(block))
-    return CliRunner().invoke(musat, [command, str(deck), *options])
+    return musat(command, deck, *options)
 
 
-def record(folder: Path) -> dict[str, list[dict[str, object]]]:
+def record_in(folder: Path) -> dict[str, list[dict[str, object]]]:
     return dict(read_rows(folder / "job.json"))
 
 
 def errors(folder: Path, true: Scene, name: str) -> np.ndarray:
     """Return the errors of the stations over their sigmas."""
-    rows = record(folder)["stations"]
+    rows = record_in(folder)["stations"]
     station = UNITS[name] * true.stations * HOUSE
     place = np.array([row["position"] for row in rows], dtype=float)
     order = [int(str(row["photo"])) for row in rows]
@@ -49,7 +53,7 @@ def test_a_strip_from_its_deck(name: str, plane: str, grade: str, tmp_path: Path
     block, true = strip_block(name, 6, plane=model.PlaneTreatment(plane))
     result = run(tmp_path, block, "--punch", "--csv")
     assert result.exit_code == 0 and f"job.crd: {grade}, STRIP of 6 photos" in result.output
-    values, schema = record(tmp_path), orientation_strip.schema()
+    values, schema = record_in(tmp_path), orientation_strip.schema()
     assert not list(violations(with_columns(values, schema), schema, schema))
     assert np.abs(errors(tmp_path, true, name)).max() < 4.0  # of 18 that depend on each other
     away = np.array([row["sigmas"] for row in values["against_iiia"]], dtype=float)
@@ -69,7 +73,7 @@ def test_a_strip_over_a_known_plane_stays_within_three_sigmas_of_iiia(name: str,
     """Twelve photos; over an unknown plane one strip in twelve is up to 3.4 away."""
     block, _ = strip_block(name, 12, seed=seed, plane=model.PlaneTreatment.KNOWN)
     assert run(tmp_path, block).exit_code == 0
-    away = np.array([row["sigmas"] for row in record(tmp_path)["against_iiia"]], dtype=float)
+    away = np.array([row["sigmas"] for row in record_in(tmp_path)["against_iiia"]], dtype=float)
     assert 1e-6 < np.abs(away).max() < 3.0
 
 
@@ -78,7 +82,7 @@ def test_what_a_strip_punches_iiia_starts_from(tmp_path: Path) -> None:
     run(tmp_path, strip_block("lab", 6)[0], "--punch")
     adjusted = tmp_path / "adjusted.crd"
     adjusted.write_bytes((tmp_path / "job.pun").read_bytes())
-    result = CliRunner().invoke(musat, ["run", str(adjusted)])
+    result = musat("run", adjusted)
     assert result.exit_code == 0 and re.search(r"ACCEPTED, .* [2-5] iterations", result.output)
 
 
@@ -92,7 +96,7 @@ def test_a_wrong_image_is_named_whatever_the_order_of_the_names(tmp_path: Path) 
     wrong = replace(block, plates=replace(plates, xy=xy), points=replace(block.points, ids=ids))
     result = run(tmp_path, wrong)
     assert f"left out, as they do not fit: {ids[plates.point[image]]}\n" in result.output
-    out = [row["point"] for row in record(tmp_path)["points"] if row["outlier"]]
+    out = [row["point"] for row in record_in(tmp_path)["points"] if row["outlier"]]
     assert out == [ids[plates.point[image]]]
 
 
@@ -100,7 +104,7 @@ def test_a_wrong_image_is_named_whatever_the_order_of_the_names(tmp_path: Path) 
 def test_a_strip_without_control_is_a_model(tmp_path: Path) -> None:
     result = run(tmp_path, strip_block("lab", 6, control=False)[0])
     assert result.exit_code == 0 and "ACCEPTED" in result.output
-    values = record(tmp_path)
+    values = record_in(tmp_path)
     assert dict(values["job"])["system"] == "MODEL" and not values["control"]  # type: ignore[arg-type]
     assert max(np.abs(row["position"]).max() for row in values["against_iiia"]) < 0.02  # type: ignore[call-overload]
 
@@ -128,7 +132,7 @@ def test_a_strip_that_fits_much_of_its_control_badly_keeps_it(
     ids = block.points.ids[block.control.point]
     assert "DOUBTFUL" in result.output and "the strip does not fit its control, at " in result.output
     assert all(str(point) in result.output for point in ids[1:3]) and "left out" not in result.output
-    assert len(record(tmp_path)["control"]) == len(ids)
+    assert len(record_in(tmp_path)["control"]) == len(ids)
 
 
 @pytest.mark.slow
@@ -156,7 +160,7 @@ def test_photos_of_a_strip_in_any_order(tmp_path: Path) -> None:
     plates = replace(block.plates, photo=np.argsort(shuffled)[block.plates.photo])
     photos = replace(block.photos, ids=block.photos.ids[shuffled])
     assert run(tmp_path, replace(block, photos=photos, plates=plates)).exit_code == 0
-    order = [row["photo"] for row in record(tmp_path)["stations"]]
+    order = [row["photo"] for row in record_in(tmp_path)["stations"]]
     assert order == [str(photo) for photo in range(5)]
     assert np.abs(errors(tmp_path, true, "lab")).max() < 4.0
 
@@ -187,3 +191,90 @@ def test_a_gap_is_refused_in_words(tmp_path: Path) -> None:
     without = block.plates.photo != 3
     result = run(tmp_path, replace(block, plates=taken(block.plates, np.flatnonzero(without))))
     assert result.exit_code == 1 and "three photos on end need 5 points that all of them show" in result.output
+
+
+AERIAL = Path(__file__).parents[2] / "fixtures" / "trust" / "aerial_single_no_start.crd"
+
+
+def dry_pair(folder: Path, method: str, seed: int = 1, noise: float = 5e-6) -> tuple[Path, Orientation]:
+    """Write the deck of an aerial pair all of whose points stand above the water, and return it with the truth."""
+    wet = geometry("aerial", "PAIR-INDEPENDENT")
+    points = dry(KINDS["aerial"], wet.points, len(wet.points))
+    true = scene(wet.kind, points, wet.stations, wet.angles)
+    block, truth, _ = deck_block("aerial", method, 0, true=true, seed=seed, noise=noise)
+    return written(folder, replace(block, water=None)), truth
+
+
+def turned(attitude: FloatArray) -> FloatArray:
+    """Return the rotation from the first photo to the second."""
+    first, second = attitude_matrix(attitude)
+    return np.asarray(second @ first.T)
+
+
+@pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "PAIR-SUCCESSIVE"])
+def test_a_pair_without_water_is_the_relative_orientation(method: str, tmp_path: Path) -> None:
+    """Five unknowns, no plane; rotation and base are those that the images were made with."""
+    deck, truth = dry_pair(tmp_path, method, noise=0.0)
+    result = orient(deck, "--punch")
+    assert result.exit_code == 0, result.output
+    assert (
+        f"{method} of 0, 1, sigma0 0.0" in result.stdout and "no point under water: straight rays" in result.stdout
+    )
+    values, schema = record(deck), orientation.schema()
+    assert not list(violations(with_columns(values, schema), schema, schema))
+    assert values["plane"] is None and values["fit"]["redundancy"] == 15
+    assert all(row["depth"] is None for row in values["points"])
+    attitude = np.array([row["attitude"] for row in values["stations"]])
+    # Plate coordinates have seven decimals of a millimetre: 3e-10 of an angle, which the geometry makes ten times.
+    np.testing.assert_allclose(turned(attitude), turned(truth.attitude[0]), rtol=0, atol=1e-8)
+    base = np.diff([row["position"] for row in values["stations"]], axis=0)[0] @ attitude_matrix(attitude)[0].T
+    true = np.diff(truth.station[0], axis=0)[0] @ attitude_matrix(truth.attitude[0])[0].T
+    np.testing.assert_allclose(base / np.linalg.norm(base), true / np.linalg.norm(true), rtol=0, atol=1e-8)
+    listing = deck.with_suffix(".lst").read_text()
+    assert "Unknowns, redundancy ............................. 5, 15" in listing and "Plane Of Water" not in listing
+
+
+@pytest.mark.slow
+def test_a_dry_pair_has_the_sigmas_of_its_errors(tmp_path: Path) -> None:
+    """Errors of omega, phi, kappa of photo 2 against photo 1 over their sigmas, of eight draws: as of one sigma."""
+    over = []
+    for seed in range(8):
+        deck, truth = dry_pair(tmp_path, "PAIR-SUCCESSIVE", seed)
+        assert orient(deck, "-q").exit_code == 0
+        row = record(deck)["stations"][1]
+        errors = turned(truth.attitude[0]).T @ attitude_matrix(np.array(row["attitude"]))
+        # photo 1 stands in its own axes; small angles between both second photos
+        angles = 0.5 * np.array(
+            [errors[1, 2] - errors[2, 1], errors[2, 0] - errors[0, 2], errors[0, 1] - errors[1, 0]]
+        )
+        over.append(np.linalg.norm(angles) / np.linalg.norm(row["attitude_sigma"]))
+    assert 0.5 < np.sqrt(np.mean(np.square(over))) < 1.6
+
+
+def test_a_run_starts_from_the_punched_pair_and_comes_to_the_same(tmp_path: Path) -> None:
+    deck, _ = dry_pair(tmp_path, "PAIR-INDEPENDENT")
+    assert orient(deck, "--punch").exit_code == 0
+    (tmp_path / "again").mkdir()
+    again = tmp_path / "again" / "pair.crd"
+    again.write_bytes(deck.with_suffix(".pun").read_bytes())
+    result = musat("run", again)
+    assert result.exit_code == 0, result.output
+    found, fit = record(again)["solution"], record(deck)["fit"]
+    squares = found["sigma0"] ** 2 * found["degrees_of_freedom"]
+    assert squares == pytest.approx(fit["sigma0"] ** 2 * fit["redundancy"], rel=1e-4)
+
+
+def test_other_methods_want_water(tmp_path: Path) -> None:
+    block, _, _ = deck_block("lab", "TRIPLET", 0)
+    dry_block = replace(block, points=replace(block.points, bathymetric=np.zeros(len(block.points.ids), bool)))
+    result = orient(written(tmp_path, dry_block))
+    assert result.exit_code == 1
+    assert "of dry points PAIR-INDEPENDENT and PAIR-SUCCESSIVE are the relative orientation" in result.output
+
+
+def test_what_the_air_does_not_determine_is_said_so(tmp_path: Path) -> None:
+    """Twenty control points 24 to 70 m deep, from 3,900 m: it "did not converge from any start"."""
+    result = orient(AERIAL, "-o", str(tmp_path))
+    assert result.exit_code == 0 and "does not converge" not in result.output
+    assert "doubtful: the plane of water is not determined: the sigma of its level is 0.548 of" in result.output
+    assert "plane of water not determined (0.548 of the depth)" in result.stdout

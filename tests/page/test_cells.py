@@ -1,13 +1,37 @@
-"""Numbers as a page writes them."""
+"""Cells, hulls, stated tables and the index of pages."""
 
 from __future__ import annotations
 
 import math
+import os
+import shutil
+from urllib.parse import unquote
 
+import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
+from campaign.batches import ST_THOMAS, musat
+from musatpy.page import compilation_page, run_tables
 from musatpy.page.cells import angle_text, cell_text, number_text
+from musatpy.page.flight import hull_area
+from musatpy.page.index_page import JobRow, index_html
+from musatpy.page.stated import Shown
+from musatpy.reports import (
+    compilation,
+    compilation_bottom,
+    compilation_points,
+    compilation_profiles,
+    echo,
+    listing,
+    reduction,
+    residuals,
+    run_comparison,
+    stated,
+)
+from musatpy.reports.table import Report
 from musatpy.units import DEGREE
+from page.pages import ROOT, Reader
 
 
 @pytest.mark.parametrize(
@@ -37,3 +61,122 @@ def test_angles_carry_and_have_no_sign_at_zero():
     assert angle_text(math.radians(1.0) - 1e-12, 3) == "1° 00′ 00.000″"
     assert angle_text(-1e-12, 3) == "0° 00′ 00.000″"
     assert number_text(-0.0, 1) == "0.0"
+
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.mark.parametrize("number", [3, 4, 17, 400])
+def test_the_area_of_a_hull_is_that_of_qhull(number: int) -> None:
+    for scale in ([1.0, 1.0], [1000.0, 1.0]):
+        places = RNG.normal(size=(number, 2)) * scale + [5e5, 5e6]
+        assert hull_area(places) == pytest.approx(ConvexHull(places).volume, rel=1e-7)
+
+
+def test_a_grid_has_the_area_of_its_outline() -> None:
+    x, y = np.meshgrid(np.arange(11.0), np.arange(6.0))
+    assert hull_area(np.column_stack([x.ravel(), y.ravel()])) == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize(
+    "places", [[[0.0, 0.0]], [[0.0, 0.0], [1.0, 1.0]], [[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]], [[3.0, 3.0]] * 4]
+)
+def test_a_line_has_no_area(places: list[list[float]]) -> None:
+    assert hull_area(np.array(places)) == pytest.approx(0.0, abs=1e-12)
+
+
+LEFT_OUT = {
+    # input: what was measured and given stands in the deck; cameras and tides are shown
+    *(report.title for report in echo.STATED),
+    # millions of rows; what of them counts is among the worst observations, by photo, and in pictures
+    residuals.RESIDUALS.title,
+    # nested twice: parameters of steps of raw plates
+    reduction.PARAMETERS.title,
+    # columns of the stations in the output system
+    stated.MAP.title,
+    # the five worst of those that are shown
+    "Worst Observations",
+}
+
+
+def shown(module):
+    values = [value for value in vars(module).values() if isinstance(value, tuple)]
+    return {part.title for value in values for part in value if isinstance(part, Shown)}
+
+
+def test_tables_of_runs():
+    titles = {
+        report.title.removesuffix(": ")
+        for page in listing.REPORTS
+        for report in getattr(page, "STATED", ())
+        if isinstance(report, Report)
+    }
+    assert len(titles) > 35
+    assert titles - LEFT_OUT <= shown(run_tables)
+
+
+def test_tables_of_compilations():
+    pages = (compilation, compilation_bottom, compilation_points, compilation_profiles, run_comparison)
+    titles = {report.title for page in pages for report in page.STATED if isinstance(report, Report)}
+    assert len(titles) > 10
+    of_answer = {report.title for report in compilation_points.ANSWER_TABLES}
+    assert titles - of_answer <= shown(compilation_page)
+
+
+HOSTILE = "<img src=x onerror=alert(1)>.crd"
+
+
+def row(name, state, sigma0=1.0, **more):
+    given = {
+        "photos": 3,
+        "points": 22,
+        "check_points": 1,
+        "check_rms": (0.1, 0.2, None),
+        "message": "",
+        "links": (),
+    }
+    return JobRow(name=name, state=state, sigma0=sigma0, **(given | more))
+
+
+def test_what_needs_a_look_comes_first():
+    jobs = [
+        row("a", "accepted"), row("b", "accepted", 1.4), row("c", "accepted", 0.5), row("d", "doubtful"),
+        row("e", "rejected", float("inf")),
+        row("f", "unusable", None, photos=None, points=None, check_rms=None, check_points=None),
+    ]  # fmt: skip
+    reader = Reader(index_html("Campaign", jobs))
+    rows = reader.tables["Jobs"][1:]
+    assert [cells[0] for cells in rows] == ["f", "e", "d", "c", "b", "a"]
+    assert rows[-1][2:] == ["3", "22", "1.0000", "1", "0.100, 0.200, -"]
+    assert rows[0][2:] == [""] * 5
+    assert "6 jobs: 1 unusable, 1 rejected, 1 doubtful, 3 accepted" in reader.text
+
+
+def test_the_same_jobs_in_any_order_give_the_same_bytes():
+    jobs = [row("a", "accepted"), row("b", "doubtful")]
+    assert index_html("x", jobs) == index_html("x", jobs[::-1])
+
+
+@pytest.mark.slow
+def test_links_lead_to_what_jobs_left(tmp_path):
+    decks = tmp_path / "decks"
+    decks.mkdir()
+    shutil.copy(ST_THOMAS, decks / HOSTILE)
+    shutil.copy(ROOT / "fixtures" / "bad_decks" / "two_parts.crd", decks)
+    ran = musat("batch", "decks", "-o", "out", "--html", "-j", "2", cwd=tmp_path)
+    assert ran.returncode == 1 and ran.stdout.rstrip().endswith("index out/musat-batch.html")
+    html = (tmp_path / "out" / "musat-batch.html").read_text()
+    reader = Reader(html)
+    assert not [tag for tag, _ in reader.tags if tag == "img"]
+    assert HOSTILE in reader.text
+    links = [link for link in reader.links if not link.startswith("#")]
+    assert len(links) == 3
+    assert all((tmp_path / "out" / unquote(link)).exists() for link in links)
+    page = next(tmp_path / "out" / unquote(link) for link in links if link.endswith(".html"))
+    written = page.stat().st_mtime_ns
+    ran = musat("batch", "decks", "-o", "out", "--html", cwd=tmp_path)
+    assert "1 kept from an earlier run" in ran.stdout and page.stat().st_mtime_ns == written
+    assert (tmp_path / "out" / "musat-batch.html").read_text() == html
+    os.unlink(page)  # a page that is gone is made again
+    musat("batch", "decks", "-o", "out", "--html", cwd=tmp_path)
+    assert page.exists()

@@ -22,8 +22,6 @@ from musatpy.plots.profile import profile
 from musatpy.plots.records import needs_of, read_tables
 from plots.plot_records import gnss_block, st_thomas
 
-pytest.importorskip("matplotlib")
-
 BY_NAME = {picture.name: picture for picture in GALLERY}
 _UNITS = re.compile(
     r", m$|, mm$|sigma$|residuals$|depth, m|by, m|photo$|correlation$|factor$|distribution$|cell$|^$"

@@ -7,13 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import stage_readings
-from musatpy.cli.main import main as musat
+from cli.commands import musat
 from plots.plot_records import FIXTURES
-
-pytest.importorskip("matplotlib")
 
 DECK = FIXTURES / "st_thomas/st_thomas.crd"
 
@@ -22,12 +20,12 @@ DECK = FIXTURES / "st_thomas/st_thomas.crd"
 def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the record of the run of St. Thomas."""
     folder = tmp_path_factory.mktemp("run")
-    assert CliRunner().invoke(musat, ["run", str(DECK), "-q", "-o", str(folder)]).exit_code == 0
+    assert musat("run", DECK, "-q", "-o", folder).exit_code == 0
     return folder / "st_thomas.json"
 
 
 def plot(*words: object) -> Result:
-    return CliRunner().invoke(musat, ["plot", *map(str, words)])
+    return musat("plot", *map(str, words))
 
 
 def test_pictures_go_beside_the_record_and_say_what_they_show(record: Path, tmp_path: Path) -> None:
@@ -159,7 +157,7 @@ def test_soundings_stand_beside_a_profile(record: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_compilation_has_pictures_of_its_own(record: Path, tmp_path: Path) -> None:
     words = ["as11", "compile", str(record), str(stage_readings.DECK), "-o", str(tmp_path)]
-    assert CliRunner().invoke(musat, words).exit_code == 0
+    assert musat(*words).exit_code == 0
     result = plot(tmp_path / "st_thomas_as11.json")
     assert result.exit_code == 0
     for name in ("depths", "sigmas", "profile", "corrections", "parallaxes"):
@@ -177,7 +175,7 @@ def test_a_compilation_has_pictures_of_its_own(record: Path, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_a_run_draws_its_pictures(record: Path, tmp_path: Path) -> None:
-    result = CliRunner().invoke(musat, ["run", str(DECK), "-o", str(tmp_path), "--plots", "--record", "none"])
+    result = musat("run", DECK, "-o", tmp_path, "--plots", "--record", "none")
     assert result.exit_code == 0 and "9 pictures" in result.output
     assert "no gnss: no position of a station was observed" in result.output
     assert plot(record, "-q").exit_code == 0
@@ -190,6 +188,6 @@ def test_without_matplotlib_there_is_a_pip_line(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     for words in (["plot", str(record), "-o", str(tmp_path)], ["run", str(DECK), "-o", str(tmp_path), "--plots"]):
-        result = CliRunner().invoke(musat, words)
+        result = musat(*words)
         assert result.exit_code == 1 and "pip install 'musatpy[plots]'" in result.output
     assert not list(tmp_path.iterdir())  # nothing was adjusted

@@ -136,7 +136,6 @@ def test_columns_are_rounded_to_their_digits(values, digits):
 def test_with_and_without_a_package_the_numbers_are_the_same(monkeypatch, package):
     """To the last bit, whichever way their exponents are written."""
     if package:
-        pytest.importorskip("orjson")
         monkeypatch.setattr(record_text, "_MANY", 0)
     else:
         monkeypatch.setattr(record_text, "quick_json", lambda: None)

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
+from cli.commands import musat
 from musatpy import adjust
 from musatpy.arrays import FloatArray
-from musatpy.cli.main import main as musat
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.triangulation import of_solution
 from musatpy.errors import SpecError
@@ -162,7 +161,7 @@ def test_the_command_writes_decks_that_read_back(tmp_path: Path) -> None:
         "[job]\nsystem = 'LOCL'\n[water]\nlevel = 0.5\n[terrain]\nlevel = 20.0\n"
         "[compilation]\npoints = 5\ndry = 2\nprofiles = 2\nreadings = 4\nsoundings = 3\npace = 1.5\n"
     )
-    result = CliRunner().invoke(musat, ["simulate", str(spec), "-o", str(tmp_path)])
+    result = musat("simulate", spec, "-o", tmp_path)
     assert result.exit_code == 0 and "readings" in result.output
     deck, warnings = read_compilation(tmp_path / "strip.compilation.crd")
     assert not warnings and len(deck.stages.ids) == 2 * (5 + 2 + 2 * 6) and len(deck.profiles.ids) == 4

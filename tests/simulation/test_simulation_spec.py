@@ -5,9 +5,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from musatpy.cli.main import main as musat
+from cli.commands import musat
 from musatpy.errors import SpecError
 from musatpy.simulation import load_spec, simulate, spec_from_table, truth_record
 from musatpy.simulation.simulation_spec import SimulationSpec
@@ -163,8 +162,8 @@ def test_all_tables_of_the_spec_are_in_the_manual():
 
 
 def test_the_keys_of_a_spec_at_the_shell():
-    result = CliRunner().invoke(musat, ["simulate", "--keys"])
+    result = musat("simulate", "--keys")
     assert result.exit_code == 0 and result.output == key_tables(SimulationSpec)
-    waves = CliRunner().invoke(musat, ["waves", "--keys"])
+    waves = musat("waves", "--keys")
     assert "- `cameras` ([2 x [3 numbers]], m; required): stations of the left" in waves.output
     assert "- `least_count` (number, um; `0.001`): plate coordinates are rounded to this\n" in result.output

@@ -1,17 +1,50 @@
-"""A job and its answer in the words of any system; decks of them are in `test_system_decks`."""
+"""One answer in every coordinate system, the words that state one, and the fixture in UTM."""
 
+import json
+from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 
+from musatpy import read_deck
 from musatpy.adjustment import adjust
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.errors import SystemsError
+from musatpy.formats.musat import deck_bytes
+from musatpy.geometry.rotations import AngleForm, attitude_matrix
 from musatpy.geometry.systems import Geocentric
 from musatpy.model import Solution
-from musatpy.systems import Statement, entered, own_statement, stated, stated_solution
+from musatpy.reports.record import dumps, record
+from musatpy.systems import (
+    Axes,
+    Sigmas,
+    Statement,
+    SystemSpec,
+    entered,
+    own_statement,
+    stated,
+    stated_solution,
+    statement_of,
+)
+from musatpy.units import AngleUnit
+from record_rows import with_rows
 from reference.earth import earth_of
-from systems.stated_jobs import CLARKE, coordinates, job, rays, reference_axes, statements, told
+from reference.networks import Plan
+from reference.networks import simulate as network
+from systems.stated_jobs import (
+    CLARKE,
+    FALSE,
+    ORIGIN,
+    coordinates,
+    job,
+    level_geoid,
+    rays,
+    reference_axes,
+    statements,
+    told,
+)
 
 RAYS = 1e-9  # rad
 POINTS = 1e-5  # m
@@ -114,3 +147,113 @@ def test_the_own_words_of_a_job_change_nothing():
     ours = np.sqrt(np.diagonal(answer().stations.covariance, axis1=1, axis2=2))
     np.testing.assert_allclose(sigma[:, 2:], ours[:, 2:], rtol=1e-12)
     np.testing.assert_allclose(sigma[:, :2] * 6.37e6, ours[:, [1, 0]] * [1.0, 1.0 / np.cos(0.337)], rtol=0.01)
+
+
+def specs(folder):
+    plane = {"kind": "TANG", "origin": tuple(ORIGIN), "false": tuple(FALSE)}
+    return {
+        "geographic, matrices": SystemSpec(angles="MATR"),
+        "geocentric": SystemSpec(kind="GEOC", axes="GEOC", angles="MATR"),
+        "tangent plane": SystemSpec(**plane, axes="GRID"),
+        "UTM": SystemSpec(kind="PROJ", definition="EPSG:26717", axes="GRID", angles="POK"),
+        "UTM above a geoid": SystemSpec(
+            kind="PROJ", definition="26717", geoid=level_geoid(folder), axes="GRID", angles="ATS", sigmas="SYST"
+        ),
+    }
+
+
+def test_each_kind(tmp_path):
+    level = job().photos.position
+    for name, spec in specs(tmp_path).items():
+        words, statement = statements(tmp_path)[name], statement_of(spec, job())
+        assert (statement.axes, statement.form) == (words.statement.axes, words.statement.form)
+        expected = coordinates(job(), words, level)
+        # steps of coordinates of 6e6 m
+        np.testing.assert_allclose(statement.system.coordinates(level), expected, rtol=0, atol=5e-9)
+    assert statement.sigmas is Sigmas.SYSTEM
+
+
+def test_a_tangent_plane_says_which_coordinates_its_origin_has(tmp_path):
+    assert statement_of(specs(tmp_path)["tangent plane"], job()).system.text == (
+        "tangent plane at latitude 19.32000000, longitude -81.18000000 degrees, height 0.000 m "
+        "(X 5000.000, Y 2000.000, Z 100.000 there)"
+    )
+    plain = statement_of(SystemSpec(kind="TANG", origin=tuple(ORIGIN)), job()).system.text
+    assert plain.endswith("height 0.000 m")
+
+
+def test_a_local_job():
+    block = network(Plan(photos_per_strip=2)).block
+    statement = statement_of(SystemSpec(kind="LOCL", axes="GRID", angles="POK"), block)
+    assert (statement.axes, statement.form) == (Axes.SYSTEM, AngleForm.PHI_OMEGA_KAPPA)
+    with pytest.raises(SystemsError, match="needs an ellipsoid"):
+        statement_of(SystemSpec(kind="GEOC"), block)
+
+
+@pytest.mark.parametrize(
+    ("spec", "why"),
+    [
+        ({"kind": "UTM"}, "'UTM' is no kind of coordinate system: GEOG, GEOC, LOCL, TANG, PROJ"),
+        ({"axes": "UP"}, "'UP' is no kind of axes of attitudes: VERT, GRID, GEOC"),
+        ({"angles": "PKO"}, "'PKO' is no form of attitudes: OPK, POK, ATS, MATR"),
+        ({"sigmas": "X"}, "'X' is no kind of sigmas"),
+        ({"kind": "PROJ"}, "definition: a system of kind PROJ needs it"),
+        ({"kind": "TANG"}, "origin: a system of kind TANG needs it"),
+        ({"kind": "GEOC", "definition": "EPSG:26717"}, "definition: a system of kind GEOC has none"),
+        ({"geoid": "g.gtx"}, "geoid: a system of kind GEOG has none"),
+        ({"kind": "PROJ", "definition": "EPSG:26717", "origin": (0.1, 0.2, 0.3)}, "origin: .* has none"),
+        ({"axes": "GRID"}, "cannot refer to axes of the system"),
+    ],
+)
+def test_refused(spec, why):
+    with pytest.raises(SystemsError, match=why):
+        statement_of(SystemSpec(**spec), job())
+
+
+def test_text_says_it_all():
+    spec = SystemSpec(kind="PROJ", definition="EPSG:26717", axes="GRID", angles="POK", sigmas="SYST")
+    assert statement_of(spec, job()).text == (
+        "NAD27 / UTM zone 17N, EPSG:26717, ellipsoidal heights; phi, omega, kappa along the axes of the system; "
+        "sigmas of these coordinates and attitudes"
+    )
+
+
+FIXTURES = Path(__file__).resolve().parents[2] / "fixtures"
+ROUNDED = 1e-4  # m, of the coordinates on cards
+GIVEN = SystemSpec(
+    kind="PROJ", definition="+proj=utm +zone=20 +ellps=clrk66", axes="GRID", angles="POK", unit=AngleUnit.GONS
+)
+STATED = SystemSpec(kind="PROJ", definition="EPSG:3992", axes="GRID", sigmas="SYST")
+
+
+def test_the_deck_is_made_again():
+    native = read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
+    titles = (*native.titles, "IN UTM  ANSWER IN STATE PLANE FEET")
+    made = replace(native, titles=titles, given_in=GIVEN, stated_in=STATED)
+    deck = read_deck(FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd")
+    assert (deck.given_in, deck.stated_in, deck.titles) == (GIVEN, STATED, titles)
+    again = read_deck(deck_bytes(made))
+    np.testing.assert_array_equal(again.photos.ids, deck.photos.ids)
+    np.testing.assert_array_equal(again.plates.xy, deck.plates.xy)
+    shift = (deck.photos.position - native.photos.position) * [6.4e6, 6.1e6, 1.0]
+    np.testing.assert_allclose(shift, 0.0, rtol=0, atol=ROUNDED)
+    # 10 decimals of a gon, and the convergence at stations that are rounded
+    np.testing.assert_allclose(deck.photos.attitude, native.photos.attitude, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(again.control.position, deck.control.position, rtol=0, atol=1e-11)
+
+
+def test_the_answer_is_that_of_the_first_deck():
+    first = adjust(read_deck(FIXTURES / "st_thomas" / "st_thomas.crd"))
+    found = with_rows(
+        json.loads(dumps(record(adjust(read_deck(FIXTURES / "st_thomas_utm" / "st_thomas_utm.crd")))))
+    )
+    to_plane = pyproj.Transformer.from_crs("EPSG:4139", "EPSG:3992", always_xy=True)  # Puerto Rico's own datum
+    for rows, places in (
+        (found["stated"]["stations"], first.stations.position),
+        (found["stated"]["points"], first.points.position),
+    ):
+        east, north = to_plane.transform(*np.degrees(places[:, [1, 0]]).T)
+        answer = np.array([row["position"] for row in rows], dtype=float)
+        expected = np.column_stack([east, north, places[:, 2]])
+        # rounded control, and submerged points that see it ten times larger; 3.28 feet to the metre
+        np.testing.assert_allclose(answer, expected, rtol=0, atol=10.0 * ROUNDED)

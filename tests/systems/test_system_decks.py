@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from musatpy.cli.main import main
+from cli.commands import musat
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.musat import card_family, deck_bytes, read_deck
 from musatpy.fortran import parse_edit
@@ -99,7 +98,7 @@ def finer(card):
 
 def run(folder, data: bytes, *options) -> dict:
     (folder / "job.crd").write_bytes(data)
-    result = CliRunner().invoke(main, ["run", str(folder / "job.crd"), *options])
+    result = musat("run", folder / "job.crd", *options)
     assert result.exit_code == 0, result.stderr
     assert all(": note: sigma0" in line for line in result.stderr.splitlines())  # decks without errors
     return read_rows(folder / "job.json")
