@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import musatpy
-from musatpy.adjustment.initial import initial_photos
-from musatpy.adjustment.placing import THROUGH_WATER
+from musatpy.adjustment.initial import THROUGH_WATER, initial_photos
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Initial, Refraction, Treatment, WaterLevel

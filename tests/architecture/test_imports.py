@@ -41,7 +41,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "refraction": {"geometry"},
     "orientation": {"model", "geometry", "refraction"},
     "adjustment": {"model", "geometry", "refraction", "orientation", "sea"},  # of the sea, the waves of a deck
-    "blunders": {"model", "geometry", "adjustment", "statistics", "jobs"},
+    "blunders": {"model", "geometry", "orientation", "adjustment", "statistics", "jobs"},
     "pipeline": {"model", "reduction", "blunders", "adjustment", "statistics"},
     "formats": {"model", "geometry", "refraction", "systems", "sea", "statistics"},
     "systems": {"model", "geometry"},

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from musatpy.adjustment.placing import sights_of, tangent_sigma
 from musatpy.geometry import collinearity, similarity
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.similarity import Similarity
@@ -13,7 +12,7 @@ from musatpy.orientation.absolute import Targets, absolute_orientation
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.relative import coplanarity, model_points, relative_orientations
 from musatpy.orientation.resection import image_errors, resection
-from musatpy.orientation.strips import Model, joined_models, oriented_pairs
+from musatpy.orientation.strips import Model, joined_models, oriented_pairs, sights_of, tangent_sigma
 from orientation.flights import HEIGHT, Flight, fly, strip
 
 TRUE = Similarity(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.iteration import SingularNormalsError, iterate
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, participation
-from musatpy.adjustment.placing import Place
 from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
 from musatpy.adjustment.triangulation import Triangulation
@@ -20,6 +20,9 @@ from musatpy.geometry import collinearity
 from musatpy.geometry.intersection import widest_angle
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.initial import Place
 
 _CYCLES = 3  # in which bad points may come back
 _PARALLEL = 1e-3  # rad; rays nearer to parallel give no point worth having here

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from musatpy.adjustment.initial import MOST_MISSED, THROUGH_WATER, UNHELD, Place, full_control
 from musatpy.adjustment.network import first_rows
-from musatpy.adjustment.placing import MOST_MISSED, THROUGH_WATER, UNHELD, Place, full_control
 from musatpy.adjustment.water_surface import WaterKnowledge, water_knowledge
 from musatpy.arrays import IntArray, finite_rows
 from musatpy.geometry.rotations import attitude_matrix

@@ -17,8 +17,8 @@ from itertools import islice
 
 import numpy as np
 
+from musatpy.adjustment.initial import MODEL, misfit, placed, typical_height
 from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.placing import MODEL, misfit, models_of, placed, sights_of, typical_height
 from musatpy.adjustment.unknowns import given_minus
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.wavy_water import Sea
@@ -43,6 +43,7 @@ from musatpy.errors import AdjustmentError
 from musatpy.jobs.extract import extracted
 from musatpy.model import Block, CauseKind, CoordinateSystem, Initial, ObservationKind
 from musatpy.model.progress import Progress, begin
+from musatpy.orientation.strips import models_of, sights_of
 from musatpy.units import DEGREE, FOOT, YARD
 
 MIRRORED = (  # one class, the cheapest to check first

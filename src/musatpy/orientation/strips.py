@@ -17,9 +17,11 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import similarity
 from musatpy.geometry.similarity import Similarity
+from musatpy.model import Block
 from musatpy.orientation.relative import RelativeOrientations, model_points, relative_orientations
 
 FEWEST = 5  # common points of a pair
+SUBMERGED = 0.1  # weight of submerged points, whose straight rays do not quite meet
 _NEIGHBOURS = 8  # pairs of a photo that are oriented, those with the most points
 _CHUNK = 400  # pairs at a time
 _SUREST = 0.05  # rad; pairs with a larger error are not used
@@ -84,6 +86,32 @@ class Pair:
     second: int
     model: Model
     sigma: float
+
+
+def sights_of(block: Block) -> Sights:
+    """Return the triangulated images of a block as tangents."""
+    plates, cameras = block.plates, block.cameras
+    rows = np.flatnonzero(plates.triangulated & np.isfinite(plates.xy).all(axis=1))
+    rows = rows[np.argsort(plates.point[rows], kind="stable")]
+    camera = block.photos.camera[plates.photo[rows]]
+    x = (plates.xy[rows] - cameras.principal_point[camera]) / cameras.focal_length[camera][:, None]
+    return Sights(
+        photo=plates.photo[rows],
+        point=plates.point[rows],
+        x=x,
+        weight=np.where(block.points.bathymetric[plates.point[rows]], SUBMERGED, 1.0),
+    )
+
+
+def tangent_sigma(block: Block) -> float:
+    """Return the plate sigma of the job as a tangent: the least error that images are taken to have."""
+    return float(block.options.plate_sigma / np.median(block.cameras.focal_length))
+
+
+def models_of(block: Block, sights: Sights) -> list[Model]:
+    """Return the models that oriented pairs make when joined."""
+    sigma = tangent_sigma(block)
+    return joined_models(oriented_pairs(sights, sigma), sigma)
 
 
 def oriented_pairs(sights: Sights, floor: float) -> list[Pair]:
