@@ -19,9 +19,9 @@ from musatpy.adjustment.kinds import (
     UNKNOWNS,
     direct_rows,
     direct_squares,
-    kept_axes,
     state_after,
 )
+from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.unknowns import State

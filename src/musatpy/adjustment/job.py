@@ -365,8 +365,8 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
     enters = part.status == PointStatus.TRIANGULATED
     priors = _ground_priors(block, frame, enters)
     by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
-    kept = np.unique(np.concatenate([kind.ends(block, enters).reshape(-1) for kind in MEASURED]))
     measured = {kind.observed: kind.measured(block, enters) for kind in MEASURED}
+    kept = np.unique(np.concatenate([of.point.reshape(-1) for of in measured.values()]))
     eliminated = enters.copy()
     eliminated[kept] = False
     pass_groups, control_groups, kept_groups = (

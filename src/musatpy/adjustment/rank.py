@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from musatpy.adjustment.kinds import UNKNOWNS, kept_axes
+from musatpy.adjustment.kinds import UNKNOWNS
+from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import PARAMETERS, NormalMatrix, weak_directions
 from musatpy.adjustment.unknowns import State

@@ -16,7 +16,8 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import reliability
 from musatpy.adjustment.ground import nearest_ground
 from musatpy.adjustment.iteration import SingularNormalsError
-from musatpy.adjustment.kinds import kept_axes, state_after, station_rows
+from musatpy.adjustment.kinds import state_after, station_rows
+from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.point_normals import point_squares, settle_group

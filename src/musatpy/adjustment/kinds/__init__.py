@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.adjustment.kinds.kind import Kind, OfWater, Rows, Unknown
-from musatpy.adjustment.kinds.known import Prior
-from musatpy.adjustment.kinds.measured import MeasuredKind, kept_axes
+from musatpy.adjustment.kinds.kind import Kind, OfWater, Prior, Rows, Unknown
+from musatpy.adjustment.kinds.measured import MeasuredKind
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.unknowns import State
@@ -100,24 +99,3 @@ def add_direct(network: Network, state: State, normals: NormalEquations) -> None
     """Add all observations that concern no image."""
     for _, rows in direct_rows(network, state):
         normals.add_rows(rows.index, rows.partials, rows.weight, rows.residual)
-
-
-__all__ = [
-    "DIRECT",
-    "KINDS",
-    "MEASURED",
-    "PRIORS",
-    "SEARCHED",
-    "UNKNOWNS",
-    "WATER",
-    "Kind",
-    "Rows",
-    "add_direct",
-    "direct_rows",
-    "direct_squares",
-    "kept_axes",
-    "kept_movement",
-    "largest_movements",
-    "state_after",
-    "station_rows",
-]

@@ -1,20 +1,28 @@
-"""What a kind of observation, or of global unknown, gives to the adjustment."""
+"""What a kind of observation, or of global unknown, gives to the adjustment; and the kinds of what is known of
+single stations and ground points: coordinates, attitudes, levels that points share.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.network import BACK, ORDER, Network, PointGroup
+from musatpy.adjustment.point_normals import prior_rows
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray, finite_rows
+from musatpy.geometry.rotations import wrapped
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
+from musatpy.units import DEGREE
+
+_COMPONENTS = ("east", "north", "up")
+_ANGLES = ("X-tilt", "Y-tilt", "heading")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,27 +41,19 @@ class Rows:
     partials: FloatArray  # (r, X)
     position: IntArray | None = None  # (r, 3); None: it belongs to no position
 
-    @classmethod
-    def of_unknowns(
-        cls,
-        residual: FloatArray,
-        weight: FloatArray,
-        index: IntArray,
-        row: IntArray | None = None,
-        component: IntArray | None = None,
-        position: IntArray | None = None,
-    ) -> Rows:
-        """Return observations (r,) of the unknowns `index` (r,) themselves, by default of successive rows."""
-        r = len(residual)
-        return cls(
-            row=np.arange(r) if row is None else row,
-            component=np.zeros(r, dtype=np.int64) if component is None else component,
-            residual=residual,
-            weight=weight,
-            index=index[:, None],
-            partials=np.ones((r, 1)),
-            position=position,
-        )
+
+def of_unknowns(
+    residual: FloatArray, weight: FloatArray, index: IntArray, row: IntArray, component: IntArray
+) -> Rows:
+    """Return observations (r,) of the unknowns `index` (r,) themselves."""
+    return Rows(
+        row=row,
+        component=component,
+        residual=residual,
+        weight=weight,
+        index=index[:, None],
+        partials=np.ones((len(residual), 1)),
+    )
 
 
 class Kind:
@@ -159,43 +159,157 @@ class OfWater(Unknown):
         return np.broadcast_to(columns, (points, len(columns)))
 
 
-class Parameter(OfWater):
-    """Parameters of the water on which all refracted images depend alike."""
-
-    searched = False  # no card of one photo or point is to blame
-    part: slice  # of the partials by the water
-
-    def values(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
-        """Return the unknown parameters (X,) at `state`, and as they were given."""
-        raise NotImplementedError
-
-    def with_values(self, network: Network, state: State, values: FloatArray) -> State:
-        """Return the state with other unknown parameters (X,)."""
-        raise NotImplementedError
-
-    def rows(self, network: Network, state: State) -> Rows:
-        """Return the parameters as observed, components of one row."""
-        index = self.numbers(network)
-        if not len(index):
-            return Rows.of_unknowns(np.zeros(0), np.zeros(0), index)
-        values, given = self.values(network, state)
-        component = np.arange(len(index))
-        return Rows.of_unknowns(
-            values - given, self.weight(network), index, row=np.zeros_like(component), component=component
-        )
-
-    def state_after(self, network: Network, step: FloatArray, state: State) -> State:
-        """Return the state with the parameters after a step (u,)."""
-        part = self.part_of(network, step)
-        return self.with_values(network, state, self.values(network, state)[0] + part) if len(part) else state
-
-    def of_images(self, network: Network, group: PointGroup, by_water: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return columns (k, X) and partials (k, m, 2, X)."""
-        index = self.everywhere(network, len(by_water))
-        return index, by_water[..., self.part][..., : index.shape[1]]
-
-
 def in_digits(size: float, decimals: int) -> str:
     """Return a size with so many decimals, more where it would have less than two digits."""
     more = 1 - math.floor(math.log10(size)) if size > 0.0 and math.isfinite(size) else 0
     return f"{size:.{max(decimals, more)}f}"
+
+
+class StationKind(Kind):
+    """Three observed unknowns of each photo."""
+
+    first: int  # of the unknowns of a photo
+    attribute: str  # weights of the network
+
+    def deviation(self, network: Network, state: State) -> FloatArray:
+        """Return adjusted minus given (n, 3)."""
+        raise NotImplementedError
+
+    def takes_part(self, network: Network) -> bool:
+        """Return whether any station is observed."""
+        return bool(getattr(network, self.attribute).any())
+
+    def rows(self, network: Network, state: State) -> Rows:
+        """Return the observations of all photos."""
+        photo, component = np.divmod(np.arange(3 * network.photos), 3)
+        start, position = photo * network.pattern.size, np.tile(np.arange(3), (len(photo), 1))
+        turned = np.isin(photo, np.flatnonzero(network.turned))
+        position[turned] = BACK
+        stated = np.where(turned & (self.first == 0), np.take(ORDER, component), component)
+        residual, weight = self.deviation(network, state), getattr(network, self.attribute)
+        index = start + self.first + component
+        rows = of_unknowns(residual.reshape(-1), weight.reshape(-1), index, photo, stated)
+        return replace(rows, position=start[:, None] + position)
+
+    def weights(self, network: Network, block: Block) -> FloatArray:
+        """Return the weights (n, 3)."""
+        weight: FloatArray = getattr(network, self.attribute)
+        return weight
+
+    def weighted(self, network: Network, block: Block, factor: FloatArray) -> Network:
+        """Return the network with the weights times `factor` (n, 3)."""
+        return replace(network, **{self.attribute: getattr(network, self.attribute) * factor})
+
+
+class StationPosition(StationKind):
+    """East, north, up along the axes at the given station."""
+
+    observed = ObservationKind.STATION_POSITION
+    first, attribute = 0, "position_weight"
+
+    def deviation(self, network: Network, state: State) -> FloatArray:
+        """Return adjusted minus given (n, 3) m."""
+        return np.einsum("nij,nj->ni", network.axes, state.position - network.position)
+
+    def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
+        """Return in words that a component is off by `size` m."""
+        return (
+            f"the observed station of photo {block.photos.ids[row]} is {size:.2f} m off in {_COMPONENTS[component]}"
+        )
+
+
+class StationAttitude(StationKind):
+    """X-tilt, Y-tilt, heading."""
+
+    observed = ObservationKind.STATION_ATTITUDE
+    first, attribute = 3, "attitude_weight"
+
+    def deviation(self, network: Network, state: State) -> FloatArray:
+        """Return adjusted minus given (n, 3) rad, within half a turn."""
+        return wrapped(state.attitude - network.attitude)
+
+    def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
+        """Return in words that an angle is off by `size` rad."""
+        off = f"{size / DEGREE:.2f} degrees off in {_ANGLES[component]}"
+        return f"the observed attitude of photo {block.photos.ids[row]} is {off}"
+
+
+class Prior(Kind):
+    """A kind whose table links to points."""
+
+    direct = False
+    part: slice  # of the four rows of `ground.Priors`
+    weight: str  # attribute of `GroundPriors`
+
+    def points(self, block: Block) -> IntArray:
+        """Return the points (k,) of the table."""
+        point: IntArray = getattr(block, self.observed.attribute).point
+        return point
+
+    def residuals(self, network: Network, block: Block, state: State) -> FloatArray:
+        """Return adjusted minus known (k, components) in m, 0 for points that take no part."""
+        point = self.points(block)
+        deviation = np.zeros((len(point), 4))
+        known = finite_rows(state.ground[point])
+        deviation[known] = prior_rows(network, state, point[known], state.ground[point[known]]).deviation
+        return -deviation[:, self.part]
+
+    def weights(self, network: Network, block: Block) -> FloatArray:
+        """Return the weights (k, components)."""
+        point = self.points(block)
+        weight: FloatArray = getattr(network.priors, self.weight)[point]
+        return weight.reshape(len(point), len(self.observed.components))
+
+    def weighted(self, network: Network, block: Block, factor: FloatArray) -> Network:
+        """Return the network with the weights times `factor` (k, components)."""
+        weight = getattr(network.priors, self.weight).copy()
+        weight[self.points(block)] *= factor.reshape(len(factor), *weight.shape[1:])
+        return replace(network, priors=replace(network.priors, **{self.weight: weight}))
+
+
+class Control(Prior):
+    """East, north, up of a control point."""
+
+    observed = ObservationKind.CONTROL
+    part, weight = slice(0, 3), "weight"
+
+    def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
+        """Return in words that a component is off by `size` m."""
+        point = block.points.ids[self.points(block)[row]]
+        return f"control point {point} is {size:.2f} m off in {_COMPONENTS[component]}"
+
+
+class EqualElevation(Prior, Unknown):
+    """Members of the groups, and the levels of these: members stand in the normal equations of the points."""
+
+    observed = ObservationKind.EQUAL_ELEVATION
+    part, weight = slice(3, 4), "group_weight"
+    change = "a level still changes by {} m"
+
+    def names(self, block: Block, water: WaterKnowledge, sea: Sea | None) -> Sequence[str]:
+        """Return the names of the levels."""
+        return [f"level of group {name}" for name in block.equal_elevations.ids.tolist()]
+
+    def misfit(self, block: Block, network: Network, row: int, component: int, size: float) -> str:
+        """Return in words that a point is off by `size` m."""
+        point = block.points.ids[self.points(block)[row]]
+        return f"point {point} is {size:.2f} m off its equal elevation"
+
+    def state_after(self, network: Network, step: FloatArray, state: State) -> State:
+        """Return the state with the levels after a step (u,)."""
+        return replace(state, levels=state.levels + self.part_of(network, step))
+
+    def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
+        """Return the state with the levels lifted, and grown apart from the height of the centre."""
+        height = float(network.frame.height(centre))
+        return replace(state, levels=height + move.scale * (state.levels - height) + move.shift[2])
+
+    def put_motions(self, network: Network, state: State, centre: FloatArray, motions: FloatArray) -> None:
+        """Put what the motions do to the levels into `motions` (u, 7)."""
+        has_points = np.isfinite(state.levels)  # that of a group without any is no unknown
+        part = self.part_of(network, motions)
+        part[:, 2] = has_points
+        part[:, 6] = np.where(has_points, state.levels - float(network.frame.height(centre)), 0.0)
+
+
+KINDS = (StationPosition(), StationAttitude(), Control(), EqualElevation())

@@ -43,13 +43,10 @@ class MeasuredKind(Kind):
         """Return the block without the rows of the table that are `out` (rows,)."""
         return replace(block, **{self.observed.attribute: taken(self._table(block), ~out)})
 
-    def ends(self, block: Block, enters: BoolArray) -> IntArray:
-        """Return the points (k, b) at the ends of what takes part; points that enter (p,) may be kept."""
-        return self._links(block)[1][self._used(block, enters)]
-
     def measured(self, block: Block, enters: BoolArray) -> Measured:
         """Return what takes part of the table of a block; points that enter (p,) may be kept."""
-        table, (photo, point), used = self._table(block), self._links(block), self._used(block, enters)
+        table, (photo, point) = self._table(block), self._links(block)
+        used = np.asarray(enters[point].all(axis=1)) & self.applies(block)
         return Measured(
             row=np.flatnonzero(used),
             photo=photo[used],
@@ -123,10 +120,6 @@ class MeasuredKind(Kind):
         none = np.zeros((rows, 0), dtype=np.int64)
         photo, point = (getattr(table, name, none) for name in ("photo", "point"))
         return photo.reshape(rows, *photo.shape[1:2] or [1]), point.reshape(rows, *point.shape[1:2] or [1])
-
-    def _used(self, block: Block, enters: BoolArray) -> BoolArray:
-        point = self._links(block)[1]
-        return np.asarray(enters[point].all(axis=1)) & self.applies(block)
 
 
 class StraightLength(MeasuredKind):

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment.kinds.kind import OfWater, Parameter, Rows
+from musatpy.adjustment.kinds.kind import OfWater, Rows, of_unknowns
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.water_surface import WaterKnowledge
@@ -37,8 +37,9 @@ class WaterLevel(OfWater):
 
     def rows(self, network: Network, state: State) -> Rows:
         """Return the corrections as observed."""
+        corrections, row = level_corrections(network, state), np.arange(len(network.water.ids))
         index = self._index(network)
-        return Rows.of_unknowns(level_corrections(network, state), network.water.level_weight, index)
+        return of_unknowns(corrections, network.water.level_weight, index, row, np.zeros_like(row))
 
     def weights(self, network: Network, block: Block) -> FloatArray:
         """Return the weights (c, 1)."""
@@ -66,8 +67,6 @@ class WaterLevel(OfWater):
 
     def transformed(self, network: Network, state: State, centre: FloatArray, move: Similarity) -> State:
         """Return the state with the planes of unknown tides moved."""
-        if not len(network.water.ids):
-            return state
         tide = moved_levels(network, centre, state.tilt, state.tide, move)
         return replace(state, tide=np.where(network.water.group >= 0, tide, state.tide))
 
@@ -85,18 +84,23 @@ class WaterLevel(OfWater):
         k, m = group.rays.shape
         if not network.border.count(self.observed):
             return self.everywhere(network, k), np.zeros((k, m, 2, 0))
-        water = network.water.group[network.photo[group.rays]]
+        columns, belongs = self._at_photos(network, group)
         images = np.zeros((k, m, 2, m))
         ray = np.arange(m)
-        images[:, ray, :, ray] = np.moveaxis(by_water[..., 0] * (water >= 0)[..., None], 1, 0)
-        return network.border.at(self.observed).start + np.maximum(water, 0), images
+        images[:, ray, :, ray] = np.moveaxis(by_water[..., 0] * belongs[..., None], 1, 0)
+        return columns, images
 
     def of_surface(self, network: Network, state: State, group: PointGroup) -> tuple[IntArray, FloatArray]:
         """Return columns (k, m) and partials (k, m): the mean over the photos."""
         if not network.border.count(self.observed):
             return super().of_surface(network, state, group)
+        columns, belongs = self._at_photos(network, group)
+        return columns, belongs / belongs.shape[1]
+
+    def _at_photos(self, network: Network, group: PointGroup) -> tuple[IntArray, BoolArray]:
+        """Return the columns (k, m) of the corrections at the photos of points, and which of these have one."""
         water = network.water.group[network.photo[group.rays]]
-        return network.border.at(self.observed).start + np.maximum(water, 0), (water >= 0) / water.shape[1]
+        return network.border.at(self.observed).start + np.maximum(water, 0), water >= 0
 
     def weight(self, network: Network) -> FloatArray:
         """Return the weights (c,)."""
@@ -122,24 +126,56 @@ def level_corrections(network: Network, state: State) -> FloatArray:
     return out
 
 
+class Parameter(OfWater):
+    """Parameters of the water on which all refracted images depend alike."""
+
+    searched = False  # no card of one photo or point is to blame
+    part: slice  # of the partials by the water
+    attribute: str  # of states, and of what is known of the water
+
+    def takes_part(self, network: Network) -> bool:
+        """Return whether any of them is unknown."""
+        return network.border.count(self.observed) > 0
+
+    def values(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
+        """Return the unknown parameters (X,) at `state`, and as they were given."""
+        return np.atleast_1d(getattr(state, self.attribute)), np.atleast_1d(getattr(network.water, self.attribute))
+
+    def weight(self, network: Network) -> FloatArray:
+        """Return the weights (X,) of what is known of them beforehand, 0 where nothing is."""
+        return np.full(network.border.count(self.observed), getattr(network.water, f"{self.attribute}_weight"))
+
+    def with_values(self, network: Network, state: State, values: FloatArray) -> State:
+        """Return the state with other unknown parameters (X,)."""
+        raise NotImplementedError
+
+    def rows(self, network: Network, state: State) -> Rows:
+        """Return the parameters as observed, components of one row."""
+        (values, given), index = self.values(network, state), self.numbers(network)
+        row, component = np.zeros_like(index), np.arange(len(index))
+        return of_unknowns(values - given, self.weight(network), index, row, component)
+
+    def state_after(self, network: Network, step: FloatArray, state: State) -> State:
+        """Return the state with the parameters after a step (u,)."""
+        part = self.part_of(network, step)
+        return self.with_values(network, state, self.values(network, state)[0] + part) if len(part) else state
+
+    def of_images(self, network: Network, group: PointGroup, by_water: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return columns (k, X) and partials (k, m, 2, X)."""
+        index = self.everywhere(network, len(by_water))
+        return index, by_water[..., self.part][..., : index.shape[1]]
+
+
 class WaterTilt(Parameter):
     """The two slopes, in rad."""
 
     observed = ObservationKind.WATER_TILT
-    part = slice(1, 3)
+    part, attribute = slice(1, 3), "tilt"
     change, unit, digits = "the water still tilts by {} arc seconds", ARC_SECOND, 3
 
     def names(self, block: Block, water: WaterKnowledge, sea: Sea | None) -> Sequence[str]:
         """Return the names of the slopes."""
         return ("tilt of the water east", "tilt of the water north") if water.tilt_unknown else ()
-
-    def values(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
-        """Return the slopes at `state`, and as given."""
-        return state.tilt, network.water.tilt
-
-    def weight(self, network: Network) -> FloatArray:
-        """Return the weights of the slopes."""
-        return np.full(network.border.count(self.observed), network.water.tilt_weight)
 
     def with_values(self, network: Network, state: State, values: FloatArray) -> State:
         """Return the state with other slopes."""
@@ -172,20 +208,12 @@ class WaterIndex(Parameter):
     """The index, relative to air."""
 
     observed = ObservationKind.WATER_INDEX
-    part = slice(3, 4)
+    part, attribute = slice(3, 4), "index"
     change, digits = "the refractive index still changes by {}", 6
 
     def names(self, block: Block, water: WaterKnowledge, sea: Sea | None) -> Sequence[str]:
         """Return its name where it is unknown."""
         return ("refractive index",) if water.index_unknown else ()
-
-    def values(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
-        """Return the index at `state`, and as given."""
-        return np.array([state.index]), np.array([network.water.index])
-
-    def weight(self, network: Network) -> FloatArray:
-        """Return its weight."""
-        return np.full(network.border.count(self.observed), network.water.index_weight)
 
     def with_values(self, network: Network, state: State, values: FloatArray) -> State:
         """Return the state with another index."""
