@@ -63,15 +63,12 @@ class _Run:
         reason = self.job.reason(network, outcome, passes)
         begin(self.job.progress, "covariances")
         return result.solution(
-            block=self.job.block,
-            part=self.job.part,
-            measured=measured,
+            job=self.job,
             network=network,
             refracted=refracted_network,
             state=self.job.with_left_out(network, outcome.state),
             reason=reason,
             warnings=(*warnings, *self.job.suspicions(state, reason)),
-            iterations=tuple(self.job.iterations),
             passes=passes,
             problem=self.problem,
         )

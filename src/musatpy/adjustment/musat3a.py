@@ -76,15 +76,12 @@ class _Run:
         final = job.with_left_out(network, outcome.state)
         begin(job.progress, "covariances")
         solution = result.solution(
-            block=job.block,
-            part=job.part,
-            measured=job.network,
+            job=job,
             network=network,
             refracted=network,
             state=final,
             reason=reason,
             warnings=(*job.notes, *job.suspicions(state, reason)),
-            iterations=tuple(job.iterations),
             passes=(),
             problem=lambda network, state: self.problem(network, free),
             free=free,

@@ -61,6 +61,11 @@ class Precision:
     water: WaterPrecision | None
 
     @property
+    def border_sigma(self) -> FloatArray:
+        """(g,) standard deviations of the global unknowns."""
+        return np.sqrt(np.diagonal(self.unknowns.corner))
+
+    @property
     def considered(self) -> ConsideredWater | None:
         """The considered parameters."""
         return None if self.wide is None else self.wide.parameters

@@ -21,10 +21,11 @@ from musatpy.adjustment.dependence import (
 from musatpy.adjustment.ground import all_residuals
 from musatpy.adjustment.held_parameters import held_parameters
 from musatpy.adjustment.iteration import LeastSquares
+from musatpy.adjustment.job import Job
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.kinds.water import level_corrections
-from musatpy.adjustment.network import Network, Participation
-from musatpy.adjustment.normals import ILL_DETERMINED, Factor, NormalMatrix
+from musatpy.adjustment.network import Network, Participation, PointGroup
+from musatpy.adjustment.normals import ILL_DETERMINED
 from musatpy.adjustment.point_normals import point_squares
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
 from musatpy.adjustment.propagation import count
@@ -32,16 +33,13 @@ from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water, water_over
 from musatpy.adjustment.watpt import refraction_displacement, with_departure
-from musatpy.arrays import FloatArray, IntArray, finite_rows
+from musatpy.arrays import FloatArray, IntArray, TextArray, finite_rows
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
-    BathymetricPoints,
     Block,
-    Dependence,
     GroundPoints,
-    Iteration,
     ObservationKind,
     PlateResiduals,
     PointStatus,
@@ -60,16 +58,12 @@ _APART = 100.0  # sigmas by which rays of a point miss each other that say nothi
 
 
 def solution(
-    *,
-    block: Block,
-    part: Participation,
-    measured: Network,
+    job: Job,
     network: Network,
     refracted: Network,
     state: State,
     reason: str,
     warnings: tuple[str, ...],
-    iterations: tuple[Iteration, ...],
     passes: tuple[WaterPass, ...],
     problem: Callable[[Network, State], LeastSquares],
     free: Freedom | None = None,  # None: nothing may be free
@@ -79,66 +73,69 @@ def solution(
 
     Errors go through `refracted`, its true rays: straight ones would make depths look n times as sure.
     """
+    block, part, measured = job.block, job.part, job.network
     line = problem(network, state).linearise(state)
     bent = line if refracted is network else problem(refracted, state).linearise(state)
-    factor = factor_of(bent.matrix)
-    idle = _idle_photos(network, part)
+    factor, idle, kept_out = factor_of(bent.matrix), _idle_photos(network, part), left_out(network, part)
     dof = (counts := count(network, len(idle), free.count if free else 0)).degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    part, state = _without_unmet(network, part, state, sigma0)
-    warnings += _weakness(block, network, state, bent.matrix, factor)
-    warnings += _what_is_odd(block, network, state, idle, free, dof)
+    part, state = _without_unmet(network, part, state, kept_out, sigma0)
+    if factor.is_weak(ILL_DETERMINED):
+        weak = describe_weakness(network, state, bent.matrix, 10.0 * ILL_DETERMINED, block)
+        warnings += tuple(f"ill-determined: {sentence}" for sentence in weak)
+    warnings += _what_is_odd(block.photos.ids[idle], free, dof)
     plates = _plate_residuals(network, measured, state, part)
     known = precision(block, refracted, state, part, factor, free, plates.residual, line.objective, dof)
     reach = reach_of(network, state, part)
-    stated, points = _points_of(block, refracted, state, part, known, reach)
-    waves, stations = _waves(block, refracted, state, known, crests), _stations(block, network, state, known, idle)
+    stated, points = _points(block, refracted, state, part, known, reach)
+    name = unknown_name(refracted, block)
+    waves = _waves(refracted, state, known, name, crests)
+    level_sigmas = known.border_sigma[network.border.at(ObservationKind.EQUAL_ELEVATION)]
     found = Solution(
         block=block,
         converged=not reason,
         reason=reason,
         warnings=(*warnings, *_stranded(block, network, stated, points), *(waves.warnings if waves else ())),
-        iterations=iterations,
+        iterations=tuple(job.iterations),
         passes=passes,
         sigma0=sigma0,
         degrees_of_freedom=dof,
         sum_of_squares=line.objective,
         observations=counts.observations,
         unknowns=counts.unknowns,
-        stations=stations,
+        stations=_stations(block, network, state, known, idle),
         points=points,
         plates=plates,
-        bathymetric=_bathymetric(block, measured, stated, part, known),
+        bathymetric=bathymetric_points(block, measured, stated, measured.groups + kept_out, np.sqrt(known.depths)),
         levels=state.levels,
-        level_sigmas=_level_sigmas(network, state, known),
+        level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
         measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
-        water=None if block.water is None else _water(block, refracted, state, part, known, reach.height, waves),
+        water=_water(block, refracted, state, part, known, reach.height, waves),
         observed=known.observed,
         pairs=known.pairs,
         level_pairs=known.levels,
         water_precision=known.water,
         considered=known.considered,
         kernels=kernels.name_of(network.photos),
-        dependence=_dependence(block, refracted, known),
+        dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
-    return with_departure(found, network, refracted, bent, factor, state, left_out(refracted, part))
+    return with_departure(found, network, refracted, bent, factor, state, kept_out)
 
 
 def _without_unmet(
-    network: Network, part: Participation, state: State, sigma0: float
+    network: Network, part: Participation, state: State, kept_out: Iterable[PointGroup], sigma0: float
 ) -> tuple[Participation, State]:
-    """Return participation and state without points that took no part and whose rays miss each other.
+    """Return participation and state without points that were kept out and whose rays miss each other.
 
     Nothing says where they are.
     """
-    chosen = [np.zeros(0, dtype=int)]
-    for group in left_out(network, part):
+    unmet: dict[int, str] = {}
+    for group in kept_out:
         squares = point_squares(network, state, group, state.ground[group.point])
         known = finite_rows(state.ground[group.point])
-        chosen.append(group.point[known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))])
-    points = np.concatenate(chosen)
-    unmet = dict.fromkeys(points.tolist(), NOT_MET)
+        apart = known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))
+        unmet |= dict.fromkeys(group.point[apart].tolist(), NOT_MET)
     return replace(part, reasons=part.reasons | unmet), _without(state, unmet)
 
 
@@ -150,14 +147,13 @@ def _without(state: State, points: Iterable[int]) -> State:
 
 
 def _waves(
-    block: Block, network: Network, state: State, known: Precision, crests: OtherCrests | None
+    network: Network, state: State, known: Precision, name: Callable[[int], str], crests: OtherCrests | None
 ) -> AdjustedWaves | None:
     if not network.border.count(ObservationKind.WAVE):
         return None
-    from musatpy.adjustment import swell  # most jobs have no waves
+    from musatpy.adjustment.swell import adjusted_waves  # most jobs have no waves
 
-    name = unknown_name(network, block)
-    return swell.adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
+    return adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
 
 
 def _water(
@@ -168,19 +164,19 @@ def _water(
     known: Precision,
     height: float,
     waves: AdjustedWaves | None,
-) -> AdjustedWater:
-    """Return the water: what is not determined has no sigma, and a level of that kind no number."""
+) -> AdjustedWater | None:
+    """Return the water, None without any: what is not determined has no sigma, and such a level no number."""
+    if block.water is None:
+        return None
     knowledge, border, diagonal = network.water, network.border, known.diagonal
-    sigma = np.where(diagonal.border > 0.0, np.sqrt(np.diagonal(known.unknowns.corner)), np.nan)
-    levels, tilt, index = (
-        sigma[border.at(kind)]
-        for kind in (ObservationKind.WATER_LEVEL, ObservationKind.WATER_TILT, ObservationKind.WATER_INDEX)
+    at = border.at(ObservationKind.WATER_LEVEL)
+    told = diagonal.stations[:, LEVEL] if knowledge.per_photo else diagonal.border[at]
+    adjusted = knowledge.group >= 0 if knowledge.per_photo else np.ones(len(told), dtype=bool)
+    tilt, index = (
+        np.where(diagonal.border > 0.0, known.border_sigma, np.nan)[border.at(kind)]
+        for kind in (ObservationKind.WATER_TILT, ObservationKind.WATER_INDEX)
     )
-    adjusted = np.ones(len(levels), dtype=bool)
-    if knowledge.per_photo:
-        adjusted = knowledge.group >= 0
-        levels = np.sqrt(known.unknowns.of_single_photos()[:, LEVEL, LEVEL])
-        levels = np.where(adjusted & (diagonal.stations[:, LEVEL] > 0.0), levels, np.nan)
+    levels = np.where(adjusted & (told > 0.0), _level_sigmas(network, known), np.nan)
     sigmas = {"level": levels, "tilt": tilt, "index": index}
     limits = limits_of_water(block, height)
     sigmas = {of: np.where(values <= limits[of], values, np.nan) for of, values in sigmas.items()}
@@ -199,26 +195,6 @@ def _water(
     )
 
 
-def _bathymetric(
-    block: Block, measured: Network, state: State, part: Participation, known: Precision
-) -> BathymetricPoints:
-    """Return the submerged points, those that took no part too."""
-    every = (*measured.groups, *left_out(measured, part))
-    return bathymetric_points(block, measured, state, every, np.sqrt(known.depths))
-
-
-def _level_sigmas(network: Network, state: State, known: Precision) -> FloatArray:
-    """Return the sigmas (g,) of the levels of equal elevations, NaN of those that are not known."""
-    sigmas = np.sqrt(np.diagonal(known.unknowns.corner))[network.border.at(ObservationKind.EQUAL_ELEVATION)]
-    return np.where(np.isnan(state.levels), np.nan, sigmas)
-
-
-def _dependence(block: Block, network: Network, known: Precision) -> Dependence:
-    """Return how the unknowns depend on one another."""
-    name = unknown_name(network, block)
-    return dependence(network, known.diagonal, known.cofactors, known.unknowns, name)
-
-
 def _idle_photos(network: Network, part: Participation) -> IntArray:
     """Return the photos that neither a used measurement nor an observation of their own holds."""
     busy = np.zeros(network.photos, dtype=bool)
@@ -229,27 +205,13 @@ def _idle_photos(network: Network, part: Participation) -> IntArray:
     return np.flatnonzero(~busy)
 
 
-def _weakness(
-    block: Block, network: Network, state: State, matrix: NormalMatrix, factor: Factor
-) -> tuple[str, ...]:
-    if not factor.is_weak(ILL_DETERMINED):
-        return ()
-    weak = describe_weakness(network, state, matrix, 10.0 * ILL_DETERMINED, block)
-    return tuple(f"ill-determined: {sentence}" for sentence in weak)
-
-
-def _what_is_odd(
-    block: Block, network: Network, state: State, idle: IntArray, free: Freedom | None, dof: int
-) -> tuple[str, ...]:
-    unchecked = "no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else"
-    weak = ""
+def _what_is_odd(idle: TextArray, free: Freedom | None, dof: int) -> tuple[str, ...]:
+    odd = [f"photo {photo} has no usable measurement: it stays where it was given" for photo in idle]
+    if dof <= 0:
+        odd.append("no redundancy: sigma0 is the a priori 1, and nothing is checked by anything else")
     if free and free.weak:
-        weak = f"free network: {free.weak} of its {free.count} free motions the observations hold a little"
-    return (
-        *(f"photo {block.photos.ids[i]} has no usable measurement: it stays where it was given" for i in idle),
-        *((unchecked,) if dof <= 0 else ()),
-        *((weak,) if weak else ()),
-    )
+        odd.append(f"free network: {free.weak} of its {free.count} free motions the observations hold a little")
+    return tuple(odd)
 
 
 def _stranded(block: Block, network: Network, state: State, points: GroundPoints) -> tuple[str, ...]:
@@ -282,16 +244,20 @@ def _stations(block: Block, network: Network, state: State, known: Precision, id
     )
 
 
-def _points_of(
-    block: Block, network: Network, state: State, part: Participation, known: Precision, reach: Reach
+def _points(
+    block: Block,
+    network: Network,
+    state: State,
+    part: Participation,
+    known: Precision,
+    reach: Reach,
 ) -> tuple[State, GroundPoints]:
-    """Return the points, and the water over them, and the state without those that have no number."""
-    unstated = undetermined_points(network, state, reach, known.points, left_out(network, part))
-    state = _without(state, unstated)
-    rays = np.zeros(network.points, dtype=int)
-    for group in (*network.groups, *left_out(network, part)):
+    """Return the state without points that have no number, and the points with the water over them."""
+    kept_out = left_out(network, part)
+    unstated = undetermined_points(network, state, reach, known.points, kept_out)
+    state, rays = _without(state, unstated), np.zeros(network.points, dtype=int)
+    for group in (*network.groups, *kept_out):
         rays[group.point] = group.rays.shape[1]
-    covariance, water_sigma = known.points.copy(), np.full(network.points, np.nan)
     status, reasons = part.status.copy(), part.reasons | unstated
     lost = ~finite_rows(state.ground) & (status == PointStatus.INTERSECTED)
     for point in np.flatnonzero(lost).tolist():
@@ -301,15 +267,14 @@ def _points_of(
     determined = status != PointStatus.NOT_DETERMINED
     position = np.full((network.points, 3), np.nan)
     position[determined] = network.frame.system(state.ground[determined])
-    covariance[~determined] = np.nan
-    water = water_over(network, state)
-    np.fmax.at(water_sigma, network.point, _tide_sigmas(block, network, known)[network.photo])
-    lowest, highest = np.full((2, network.points), np.nan)
+    water, tide_sigma = water_over(network, state), _tide_sigmas(block, network, known)
+    lowest, highest, water_sigma = np.full((3, network.points), np.nan)
     np.fmin.at(lowest, network.point, water)
     np.fmax.at(highest, network.point, water)
+    np.fmax.at(water_sigma, network.point, tide_sigma[network.photo])
     points = GroundPoints(
         position=position,
-        covariance=covariance,
+        covariance=np.where(determined[:, None, None], known.points, np.nan),
         status=status,
         rays=np.where(determined, rays, 0),
         water=np.stack([lowest, highest], axis=1),
@@ -320,15 +285,17 @@ def _points_of(
     return state, points
 
 
+def _level_sigmas(network: Network, known: Precision) -> FloatArray:
+    """Return the sigmas (c,) m of the corrections of tides."""
+    if network.water.per_photo:
+        return np.sqrt(known.unknowns.of_single_photos()[:, LEVEL, LEVEL])
+    return known.border_sigma[network.border.at(ObservationKind.WATER_LEVEL)]
+
+
 def _tide_sigmas(block: Block, network: Network, known: Precision) -> FloatArray:
     """Return the sigmas (n,) m of the tides, adjusted or of the cards, 0 without error; NaN without a tide."""
-    group, sigma = network.water.group, np.nan_to_num(block.photos.tide_sigma)
-    if network.water.per_photo:
-        levels = np.sqrt(known.unknowns.of_single_photos()[:, LEVEL, LEVEL])
-        sigma = np.where(group >= 0, levels, sigma)
-    elif (group >= 0).any():
-        levels = np.sqrt(np.diagonal(known.unknowns.corner))[network.border.at(ObservationKind.WATER_LEVEL)]
-        sigma = np.where(group >= 0, levels[group], sigma)
+    sigma, adjusted = np.nan_to_num(block.photos.tide_sigma), network.water.group >= 0
+    sigma[adjusted] = _level_sigmas(network, known)[network.water.group[adjusted]]
     return np.where(np.isnan(block.photos.tide), np.nan, sigma)
 
 
