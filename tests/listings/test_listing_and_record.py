@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import random
-from decimal import ROUND_HALF_EVEN, Decimal, localcontext
+import re
 
 import pytest
 
 from listings.runs import RAW, SEA, ST_THOMAS, edited, entry_of, moved, printed, run_of
 from musatpy.image_observations import with_images
-from musatpy.listings import CannotCompareError, compare_texts, parse_rules, recorded
-from musatpy.listings.judge import EXACTLY
-from musatpy.listings.lines import paper_of
-from musatpy.listings.recorded import mapped_section, mapped_sections
-from musatpy.listings.rules import Layout
-from musatpy.listings.sections import sections_of
-from musatpy.listings.tokens import Token, parse
+from musatpy.listings import CannotCompareError, compare_texts, parse_rules
 from musatpy.model import RecordContent
 from musatpy.reports.record import texts_of
 from musatpy.statistics import Statistics
-from musatpy.units import dms_from_radians
 from record_rows import with_columns, with_rows
 from sample_solutions import sample_solution
 
@@ -103,7 +95,8 @@ MOVES = {
         (("points", 2, "position", 0), 1e-9, "Adjusted Ground Points", "203", {"Latitude"}),
         (("stations", 0, "attitude", 0), 1e-8, ATTITUDES, "21", {"X-Tilt"}),
         (("stations", 0, "attitude_sigma", 1), 1e-7, ATTITUDES, "21", {"Sigma Y-T"}),
-        (("solution", "sigma0"), 1e-6, "Solution Summary", "Sigma0 (standard deviation of unit weight)", {""}),
+        (("solution", "sigma0"), 1e-6, "Solution Summary", "Sigma0 (standard deviation of unit weight)",
+         {"field 8"}),
         (("plates", 3, "residual", 1), 2e-5, RESIDUALS, "21 204", {"Resid. y"}),
         (("analyses", "ground_point", 2, "rms"), 0.01, "Ground Point Analysis", "RMS of Differences",
          {"Elev. (M)"}),
@@ -116,8 +109,8 @@ MOVES = {
     SEA: [
         (("stations", 1, "covariance", 0, 0), 1.0, ELLIPSES, "2", {"Major", "Minor", "Bearing"}),
         (("stations", 1, "position_sigma", 2), 0.1, ELLIPSES, "2", {"Sigma Up"}),
-        ((*_PARAMETERS, 2, "adjusted"), 0.01, WAVES, "SW", {"Adjusted", "Adjusted - given"}),
-        ((*_PARAMETERS, 1, "sigma"), 0.01, WAVES, "SW", {"Sigma"}),
+        ((*_PARAMETERS, 2, "adjusted"), 0.01, WAVES, "SW towards, deg", {"Adjusted", "Adjusted - given"}),
+        ((*_PARAMETERS, 1, "sigma"), 0.01, WAVES, "SW length, m", {"Sigma"}),
         (("dependence", "globals", 2, "sigma"), 1e-4, "Statistics: Global Unknowns", "wave SW azimuth",
          {"Sigma m, arc sec, 1"}),
         (("waves", 0, "given_period"), 0.1, "Input: Waves", "SW", {"Period s"}),
@@ -125,14 +118,15 @@ MOVES = {
     ],
     RAW: [
         (("comparator", "non_orthogonality"), 1e-6, "Input: Comparator", ".999985000", {"Lean"}),
-        (("distortion", 3, "values", 1), 1e-6, "Input: Distortion", "RC8", {"K2, P2 or distortion mm"}),
+        (("distortion", 3, "values", 1), 1e-6, "Input: Distortion", "RC8 TABL", {"K2, P2 or distortion mm"}),
         (("lenses", 0, "centre", 1), 1e-4, "Input: Principal Points Of Best Symmetry", "RC8", {"y"}),
         (("reduction", "readings", 4, "xy", 1), 1e-6, "Input: Plate Readings", "21 205", {"v unit"}),
-        (("reduction", "options", "residual_limit"), 1e-4, "Plate Reduction", "Limit of residuals of marks", {""}),
+        (("reduction", "options", "residual_limit"), 1e-4, "Plate Reduction", "Limit of residuals of marks",
+         {"field 7"}),
         (("reduction", "plates", 1, "sigma0"), 0.01, "Plate Reduction: Plates", "22", {"Sigma0"}),
         (("reduction", "plates", 1, "marks", 2, "residual", 0), 1e-4, MARKS, "22 3", {"Resid. x"}),
-        (("reduction", "plates", 2, "spreads", 1, "sigma", 1), 1e-4, "Plate Reduction: Repeated Readings", "23",
-         {"Sigma v unit"}),
+        (("reduction", "plates", 2, "spreads", 1, "sigma", 1), 1e-4, "Plate Reduction: Repeated Readings",
+         "23 points", {"Sigma v unit"}),
         (("plates", 0, "xy", 0), 1e-6, "Input: Plate Measurements, Refined", "21 102", {"x"}),
     ],
 }  # fmt: skip
@@ -194,23 +188,22 @@ def test_what_is_no_record_or_no_listing_of_ours_is_refused(a, b, message):
         compared(a, b)
 
 
-def test_the_map_names_sections_and_fields_that_there_are(listing):
-    """Every heading of a mapped section of the fixtures is mapped, or said to be left out."""
-    printed = {section.title: section for section in sections_of(paper_of(listing, Layout()), Layout())}
-    mapped = {title: mapped_section(title) for title in printed}
-    assert sum(one is not None for one in mapped.values()) >= 25
-    left_out = {"Bath", "Trig", "Test", "Large", "Fails", "Unit", ""}
-    for title, one in mapped.items():
-        if one and one.layout == "rows":
-            names = {column.name for column in printed[title].columns}
-            assert names - set(one.columns) - set(one.ids) <= left_out, title
-    assert len({one.title for one in mapped_sections()}) == len(mapped_sections())
+def test_what_is_not_compared_of_a_listing_is_little(text, listing):
+    notes = compared(listing, text).not_compared
+    columns = {
+        part.removeprefix("column ").split(" (")[0]
+        for note in notes
+        for part in note.split(": ")[-1].split(", ")
+        if part.startswith("column ")
+    }
+    assert columns <= {"Bath", "Trig", "Test", "Large", "Fails", "Unit"}
+    assert len(notes) < 30
 
 
 def test_rows_of_words_and_sections_without_numbers_are_said_not_to_be_compared(text, listing):
     found = compared(listing, text)
     assert "Options: words (6 rows)" in found.not_compared
-    worst = "Statistics: Observations, The Worst First: notes (2 rows), a column without a heading"
+    worst = "Statistics: Observations, The Worst First: a column without a heading, notes (2 rows)"
     assert {"Page headers", worst} <= set(found.not_compared)
 
 
@@ -253,10 +246,7 @@ def test_sentences_are_held_against_the_record():
     first, _, rest = run.listing.partition("\f")
     broken = first + "\f" + rest.replace("is flagged as submerged and", "is flagged as submer-\n  ged and", 1)
     found = compared(broken, run.record)
-    assert [(one.kind, one.section) for one in found.findings] == [
-        ("only in A", "Warnings"),
-        ("only in B", "Warnings"),
-    ]
+    assert [(one.kind, one.section, one.a) for one in found.findings] == [("text", "Warnings", "submer- ged")]
     assert compared(broken.replace("submer-", "submer", 1), run.record).same
 
 
@@ -266,9 +256,8 @@ def test_points_without_a_position_are_held_against_the_record():
         point["reason"] = None
 
     found = held(run_of("cayman/cayman_standard.crd"), change)
-    assert [(one.kind, one.a or one.b) for one in found.findings] == [
-        ("only in A", "1301 intersected kept out by its flags"),
-        ("only in B", "1301 intersected no reason given"),
+    assert [(one.kind, one.row, one.a, one.b) for one in found.findings] == [
+        ("text", "1301 intersected kept out by its flags", "kept out by its flags", "no reason given")
     ]
 
 
@@ -292,9 +281,9 @@ def test_both_numbers_of_a_line_are_held_against_the_record():
 
     found = held(printed(sample_solution()), change)
     assert [(one.row, one.column) for one in found.findings] == [
-        ("Refractive index of water", "sigma"),
-        ("Tilt towards east", ""),
-        ("Tilt towards north", "sigma"),
+        ("Refractive index of water", "field 9"),
+        ("Tilt towards east", "field 5"),
+        ("Tilt towards north", "field 9"),
     ]
 
 
@@ -313,6 +302,8 @@ def test_a_listing_can_be_held_against_a_record_that_is_not_as_ours_are(deck):
     chance = random.Random(5)
     by_table = {}
     for path in places(json.loads(text)):
+        if path == ("schema_version",):
+            continue  # a record of another schema is refused
         by_table.setdefault(tuple(key for key in path if isinstance(key, str)), []).append(path)
     for _ in range(8):  # many at once: one comparison takes a tenth of a second
         content = json.loads(text)
@@ -327,28 +318,20 @@ def test_a_listing_can_be_held_against_a_record_that_is_not_as_ours_are(deck):
         assert compared(listing, json.dumps(content)).sections
 
 
-def test_a_number_is_rounded_as_decimals_are():
-    chance = random.Random(3)
-    with localcontext(EXACTLY):
-        for _ in range(2000):
-            value = chance.choice([chance.uniform(-1e6, 1e6), chance.gauss(0, 1e-5), round(chance.gauss(0, 9)) / 8])
-            step = -chance.randrange(8)
-            token = Token("number", "1", Decimal(1), step)
-            found = recorded.token_of(value, token, "mm")
-            assert found.value == Decimal(value).quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN)
-            assert parse(found.text)[0].value == Decimal(value).quantize(
-                Decimal(1).scaleb(step - 4), ROUND_HALF_EVEN
-            )
-
-
-def test_an_angle_is_rounded_as_it_is_printed():
-    chance = random.Random(4)
-    for _ in range(2000):
-        decimals = chance.randrange(7)
-        value = chance.choice([1.0, -1.0]) * math.radians(chance.randrange(3600 * 360) / 3600 - 1e-12)
-        degrees, minutes, seconds = (float(one) for one in dms_from_radians(value, decimals))
-        size = 3600 * int(abs(degrees)) + 60 * int(minutes) + Decimal(f"{seconds:.{decimals}f}")
-        token = Token("angle", "", Decimal(0), -decimals)
-        with localcontext(EXACTLY):
-            found = recorded.token_of(value, token, "")
-        assert found.value == (size if value > 0.0 else -size)
+@pytest.mark.slow
+@pytest.mark.parametrize("deck", [ST_THOMAS, SEA, RAW])
+def test_a_changed_digit_of_a_listing_is_found(deck):
+    """Beside its record, and beside the listing as it was, there as one finding in its line."""
+    _, listing, text = run_of(deck)
+    chance = random.Random(450)
+    numbers = re.finditer(r"(?<![\w.])-?\d*\.\d+", listing)
+    beside_record = beside_listing = 0
+    for number in chance.sample(list(numbers), 40):
+        place = chance.choice([n for n in range(*number.span()) if listing[n].isdigit()])
+        digit = chance.choice([digit for digit in "0123456789" if digit != listing[place]])
+        changed = listing[:place] + digit + listing[place + 1 :]
+        beside_record += not compared(changed, text).same
+        found = compare_texts(listing, changed).findings
+        beside_listing += [one.place_a.line for one in found] == [listing.count("\n", 0, place) + 1]
+    # of 450, 437 and 448: some numbers the record has not, and one more second is no minute
+    assert beside_record >= 37 and beside_listing >= 39

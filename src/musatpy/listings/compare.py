@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
-from musatpy.listings.align import Alignment, align
+from musatpy.listings.align import align
 from musatpy.listings.findings import Difference, Tally
 from musatpy.listings.judge import Field, Judge, RuleSet, read_angles, still_open
 from musatpy.listings.lines import paper_of
-from musatpy.listings.pairing import SectionPair, pairs_of_sections
 from musatpy.listings.rules import Rules
 from musatpy.listings.sections import (
     Column,
@@ -23,7 +22,7 @@ from musatpy.listings.sections import (
     spot_of,
     squeezed,
 )
-from musatpy.listings.tokens import Placed, Token, parse
+from musatpy.listings.tokens import Placed, Token
 from musatpy.listings.weighing import Comparison, RowPair, Where
 
 _OVERFLOW = re.compile(r"\*{2,}")
@@ -31,114 +30,104 @@ _NO_FIELD = Field(-1, 0, "")
 _Cell = tuple[Field, str, Sequence[Placed], Sequence[Placed]]  # with its unit, and what A and B have there
 
 
+_DIGITS = re.compile(r"\d+")
+
+
 def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
     """Return what differs between the texts of two listings."""
     judge = Judge(rules)
     both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
-    tallies = [_Sections(judge, pair).tally() for pair in pairs_of_sections(both[0], both[1])]
+    tallies = [compare_sections(judge, *pair) for pair in _pairs_of_sections(both[0], both[1])]
+    return Difference.of(names, tallies, judge.rules, overflows(tallies))
+
+
+def overflows(tallies: Sequence[Tally]) -> list[str]:
+    """Return what is to be said of sections with asterisks in both files."""
     counts = [(tally.title, tally.overflowed) for tally in tallies if tally.overflowed]
-    notes = [
+    return [
         f"{title}: {count} field{'s' * (count > 1)} of asterisks in both, whose numbers are not known"
         for title, count in counts
     ]
-    return Difference.of(names, tallies, judge.rules, notes)
 
 
-def _coarse(text: str) -> tuple[str, ...]:
-    """Return the fields of a row, numbers with two digits: what rows of nearly equal numbers have in common."""
-    coarse: list[str] = []
-    for chunk in text.split():
-        try:
-            coarse.append(f"{float(chunk):.1e}")
-        except ValueError:  # words, numbers that run together, D exponents
-            coarse += [token.text if token.value is None else f"{token.value:.1e}" for token in parse(chunk)]
-    return tuple(coarse)
+def _pairs_of_sections(
+    a: Sequence[Section], b: Sequence[Section]
+) -> Iterator[tuple[Section | None, Section | None, bool]]:
+    """Yield the sections of one title, in their order, whether they stand elsewhere, and those of one file only."""
+    titles = [[_DIGITS.sub("#", section.title) or " " for section in sections] for sections in (a, b)]
+    for n, other, moved in align((titles[0], titles[1]), (titles[0], titles[1]), strict=True):
+        yield None if n is None else a[n], None if other is None else b[other], moved
+
+
+def compare_sections(judge: Judge, a: Section | None, b: Section | None, moved: bool = False) -> Tally:
+    """Return what differs between two sections, or what is to be said of a section of one file only."""
+    return _Sections(judge, a, b).tally(moved=moved)
 
 
 class _Sections(Comparison):
     """One section of both listings, or of one only."""
 
-    def __init__(self, judge: Judge, pair: SectionPair) -> None:
-        self.sections = pair
-        self.a, self.b = pair.a or Section(""), pair.b or Section("")
-        title = (pair.a or self.b).title
-        titles = [section.title for section in (pair.a, pair.b) if section]
-        super().__init__(judge, title or "(before the first title)", titles)
+    def __init__(self, judge: Judge, a: Section | None, b: Section | None) -> None:
+        self.alone = "A" if b is None else "B" if a is None else ""
+        self.a, self.b = a or Section(""), b or Section("")
+        title = (a or self.b).title
+        super().__init__(
+            judge, title or "(before the first title)", [section.title for section in (a, b) if section]
+        )
         self.pending = still_open(self.rules)
         self.columns, self.lonely_columns = _pairs_of_columns(self.a.columns, self.b.columns)
-        if pair.columns is not None:
-            self.columns = [(n, other) for n, other in self.columns if self.a.columns[n].name in pair.columns]
 
-    def tally(self) -> Tally:
+    def tally(self, *, moved: bool) -> Tally:
         """Compare, and return what was found."""
-        if self.sections.columns is None:
-            self.around_rows()
-        if not self.sections.lonely:
+        if self.alone:
+            self.only_here(self.a if self.alone == "A" else self.b)
+        else:
+            self.around_rows(moved=moved)
             self.all_rows()
         return self.result
 
-    def around_rows(self) -> None:
+    def around_rows(self, *, moved: bool) -> None:
         """Compare titles and headings, and where the sections stand."""
-        if self.sections.lonely:
-            self.only_here(self.sections.lonely)
-            return
-        if self.sections.moved and not self.allows(spot_of(self.a), "order"):
+        if moved and not self.allows(spot_of(self.a), "order"):
             places = [
                 place_of(section.titles or [line for line, _ in section.lines[:1]]) for section in (self.a, self.b)
             ]
             self.finding("order", Where("(the section)", *places))
-        common = min(len(self.a.titles), len(self.b.titles))
         rows = [[Row(line, ("(title)",), -1) for line in section.titles] for section in (self.a, self.b)]
         for a, b in zip(*rows, strict=False):
             self.rows(a, b, False)
-        for row in rows[0][common:]:
-            self.only(row, "A")
-        for row in rows[1][common:]:
-            self.only(row, "B")
+        common = min(map(len, rows))
+        for side, titles in zip("AB", rows, strict=True):
+            for row in titles[common:]:
+                self.only(row, side)
         for side, columns in zip("AB", self.lonely_columns, strict=True):
             self.only_columns(side, columns)
 
     def all_rows(self) -> None:
         """Compare the rows, each with its partner."""
-        alignment = self.alignment((self.a.rows, self.b.rows))
-        for n, other in alignment.steps():
-            row = None if n is None else self.a.rows[n]
-            partner = None if other is None else self.b.rows[other]
-            if row and partner:
-                self.rows(row, partner, n in alignment.moved)
-            elif row:
-                self.only(row, "A")
-            elif partner:
-                self.only(partner, "B")
+        rows = self.a.rows, self.b.rows
+        ids = [[row.ids if any(row.ids) else () for row in side] for side in rows]
+        texts = [[row.line.text for row in side] for side in rows]
+        strict = self.a.grouped and self.b.grouped
+        for n, other, moved in align((ids[0], ids[1]), (texts[0], texts[1]), strict=strict):
+            if n is not None and other is not None:
+                self.rows(rows[0][n], rows[1][other], moved)
+            elif n is not None:
+                self.only(rows[0][n], "A")
+            elif other is not None:
+                self.only(rows[1][other], "B")
 
-    def alignment(self, rows: tuple[Sequence[Row], Sequence[Row]]) -> Alignment:
-        """Return which row of A belongs to which row of B."""
-        ids = tuple([row.ids if any(row.ids) else () for row in side] for side in rows)
-        texts = tuple([row.line.text for row in side] for side in rows)
-
-        def coarse(side: int, row: int) -> Hashable:
-            return _coarse(texts[side][row])
-
-        return align((ids[0], ids[1]), (texts[0], texts[1]), coarse, strict=self.a.grouped and self.b.grouped)
-
-    def only_here(self, side: str) -> None:
-        """Take a section that the other listing has not: one finding, unless rules allow it.
-
-        Of a table whose columns stand in other tables there, what is left are the columns that do not.
-        """
-        section = self.a if side == "A" else self.b
-        if self.sections.elsewhere:
-            self.only_columns(side, section.columns)
-        elif not self.allows(spot_of(section), side):
+    def only_here(self, section: Section) -> None:
+        """Take a section that the other listing has not: one finding, unless rules allow it."""
+        if not self.allows(spot_of(section), self.alone):
             text = "1 row" if len(section.lines) == 1 else f"{len(section.lines)} rows"
-            self.lonely("section", side, text, Where(a=place_of(section.titles or [section.lines[0][0]])))
+            where = Where(a=place_of(section.titles or [section.lines[0][0]]))
+            self.lonely("section", self.alone, text, where)
 
     def only_columns(self, side: str, columns: Sequence[Column]) -> None:
-        """Report columns that only one listing has, in any of its tables, once."""
+        """Report columns that only one listing has, once."""
         section = self.a if side == "A" else self.b
         for column in columns:
-            if column.name in self.sections.elsewhere:
-                continue
             both = self.pair(Where(), spot_of(section))
             field = Field(0, section.columns.index(column) + 1, column.name)
             decider = self.rule(both, field, None, None)
@@ -148,9 +137,8 @@ class _Sections(Comparison):
 
     def only(self, row: Row, side: str) -> None:
         """Take a row that the other listing has not."""
-        if self.sections.columns is None:
-            spot = spot_of(self.a if side == "A" else self.b, row)
-            self.only_row(spot, side, squeezed(row.line.text), Where(name_of(row), place_of([row.line])))
+        spot = spot_of(self.a if side == "A" else self.b, row)
+        self.only_row(spot, side, squeezed(row.line.text), Where(name_of(row), place_of([row.line])))
 
     def rows(self, a: Row, b: Row, moved: bool) -> None:
         """Compare two rows that belong together."""
@@ -159,7 +147,7 @@ class _Sections(Comparison):
         if "**" in texts[0] and "**" in texts[1]:
             self.result.overflowed += _overflows_in_both(self.a, a, b)
         same = texts[0] == texts[1]
-        if not same and not (self.a.grouped and self.b.grouped):
+        if not same and not (self.a.columns and self.b.columns):
             same = texts[0].split() == texts[1].split()
         if same and not moved and not self.pending:
             return
@@ -195,8 +183,7 @@ class _Sections(Comparison):
             yield _NO_FIELD, "", fields_a, fields_b
             return
         cells = dict(sides[0]), dict(sides[1])
-        if self.sections.columns is None:
-            yield _NO_FIELD, "", cells[0].get(-1, []), cells[1].get(-1, [])
+        yield _NO_FIELD, "", cells[0].get(-1, []), cells[1].get(-1, [])
         for n, other in self.columns:
             column = self.a.columns[n]
             yield Field(n, n + 1, column.name), column.unit, cells[0].get(n, []), cells[1].get(other, [])

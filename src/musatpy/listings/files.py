@@ -28,7 +28,6 @@ def compare_bytes(
 ) -> Difference:
     """Return what `compare_files` does of the contents of two files; their names say which are JSON."""
     texts = text_of(a, names[0]), text_of(b, names[1])
-    del a, b  # of large records there is no room for both
     rules, json = rules or Rules(), [name.lower().endswith(".json") for name in names]
     with localcontext(EXACTLY):
         if all(json):
@@ -36,7 +35,7 @@ def compare_bytes(
 
             return compare_records(*texts, rules, names)
         if any(json):
-            from musatpy.listings.mixed import compare_with_record
+            from musatpy.listings.printed import compare_with_record
 
             return compare_with_record(*texts, rules, names, listing=json.index(False))
         return compare_listings(*texts, rules, names)

@@ -1,39 +1,18 @@
-"""What a record has of a section of the listing: its rows, and its values rounded as they are printed."""
+"""What a record has of a section of the listing: its rows and their values."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from decimal import ROUND_HALF_EVEN, Decimal
-from functools import cache
 from typing import Any, NamedTuple
 
 from musatpy.listings.json_tables import at, count_in, number_of, rows_in
-from musatpy.listings.judge import EXACTLY
 from musatpy.listings.sections import columns_of, numbered
-from musatpy.listings.tokens import Token
 from musatpy.reports.origin import Mapped, Origin
-from musatpy.reports.table import PRINTED, Report, Table
-from musatpy.units import ARC_SECOND, dms_from_radians
+from musatpy.reports.table import Report, Table
 
 _IN_ROWS = {'"': "arc sec", "deg": "degrees"}  # what rows call them
-_LONGEST = 30  # decimals
-_SHOWN_DIGITS = 4  # of the record's number beyond those printed
-
-
-@cache
-def mapped_sections() -> tuple[Mapped, ...]:
-    """Return all sections that have numbers in the record, as the reports state them."""
-    from musatpy.reports.statements import statements  # two listings need them not
-
-    mapped = (statement if isinstance(statement, Mapped) else mapped_of(statement) for statement in statements())
-    return tuple(section for section in mapped if section.table or section.layout == "labels")
-
-
-def mapped_section(title: str) -> Mapped | None:
-    """Return what is known of the section of a title, None where it has no numbers in the record."""
-    return next((section for section in mapped_sections() if re.fullmatch(section.title, title)), None)
 
 
 def mapped_of(report: Report[Any]) -> Mapped:
@@ -166,39 +145,3 @@ def _ellipse(part: str, covariance: Any) -> float | None:
         bearing = 0.5 * math.atan2(2.0 * en, nn - ee)
         return bearing + math.pi if bearing < 0.0 else bearing
     return math.sqrt(mean + half) if part == "major" else math.sqrt(max(mean - half, 0.0))
-
-
-def token_of(value: Any, printed: Token, unit: str) -> Token:
-    """Return the record's value as a token: a number rounded to the digits of `printed`, shown with some more."""
-    if value is None:
-        return Token("word", "")
-    if isinstance(value, str):
-        return Token("word", value.replace("_", " "))
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        return Token("word", str(value))
-    if printed.kind == "angle":
-        return _angle(value, printed)
-    number = value / PRINTED.get(unit, 1.0)
-    step = printed.step if printed.kind == "number" else -_SHOWN_DIGITS
-    if -_LONGEST <= step <= 0:
-        rounded = f"{number:.{-step}f}"
-        text = rounded if number.is_integer() else f"{number:.{_SHOWN_DIGITS - step}f}"
-        return Token("number", text, Decimal(rounded), step)
-    exact = Decimal(number)
-    if abs(step) > _LONGEST:  # no field that a listing of ours has
-        return Token("number", str(exact), exact, step)
-    tens = exact.quantize(Decimal(1).scaleb(step), ROUND_HALF_EVEN, EXACTLY)
-    return Token("number", f"{tens:f}" if number.is_integer() else f"{number:.{_SHOWN_DIGITS}f}", tens, step)
-
-
-def _angle(value: float, printed: Token) -> Token:
-    """Return an angle in radians as degrees, minutes and seconds, rounded to those printed, shown with more."""
-    decimals = max(-printed.step, 0)
-    # as `dms_from_radians` rounds, without arrays
-    size = Decimal(round(abs(value) / ARC_SECOND * 10.0**decimals)).scaleb(-decimals).copy_sign(Decimal(value))
-    if size == printed.value:
-        return printed
-    degrees, minutes, seconds = (float(part) for part in dms_from_radians(value, decimals + _SHOWN_DIGITS))
-    sign = "-" if size.is_signed() else ""
-    text = f"{sign}{abs(degrees):.0f} {minutes:.0f} {seconds:.{decimals + _SHOWN_DIGITS}f}"
-    return Token("angle", text, size, printed.step)

@@ -91,13 +91,6 @@ class Section:
         return texts[-1] if texts else ""
 
     @cached_property
-    def across(self) -> bool:
-        """True where photos or points stand across the page: the heading of the labels says what others name."""
-        named = PHOTO.match(self.label_heading) or POINT.match(self.label_heading)
-        ids = all(any(map(str.isdigit, column.name)) for column in self.columns)
-        return bool(named) and not self.grouped and bool(self.columns) and ids
-
-    @cached_property
     def by_row(self) -> bool:
         """True where all fields of a row are about the same photos and points: no heading names one."""
         return self.grouped or not self.columns
@@ -155,7 +148,7 @@ class Section:
 
     def _is_note(self, text: str) -> bool:
         """Tell whether a line among the rows is a sentence: words that run over the gaps between columns."""
-        if text[0].isdigit() or self.template.fullmatch(text.ljust(self.columns[-1].end)):
+        if text[:1].isdigit() or self.template.fullmatch(text.ljust(self.columns[-1].end)):
             return False
         words = text.split()
         return sum(word[0].isalpha() for word in words) > max(3, len(words) // 2)

@@ -1,0 +1,308 @@
+"""A listing against a record: each line of the listing is printed again with the values of the record.
+
+In place of a printed value stands the record's, in the unit of its column and to as many digits; then print is
+compared with print. Which value is where, the reports state.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from decimal import Decimal
+from functools import cache
+from typing import Any
+
+from musatpy.errors import Problem
+from musatpy.image_observations import are_apart, with_images
+from musatpy.listings.compare import compare_sections, overflows
+from musatpy.listings.findings import Difference
+from musatpy.listings.json_tables import Number, at, read_json
+from musatpy.listings.judge import Judge
+from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
+from musatpy.listings.recorded import entries_of, id_text, mapped_of, rows_of, unit_named, value_of
+from musatpy.listings.rules import Rules
+from musatpy.listings.sections import Row, Section, numbered, sections_of, squeezed
+from musatpy.listings.tokens import Placed, tokens_of
+from musatpy.reports.editing import edited
+from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.table import PRINTED
+
+_MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
+_LARGEST_STEP = 30  # digits before or behind the point
+Record = Mapping[str, Any]
+Cells = Mapping[int, Sequence[Placed]]
+Shown = Mapping[int, tuple[Origin, Record, str]]  # by column: what stands there, in which row, the printed unit
+
+
+def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
+    """Return what differs between a listing and a record; `listing` says which of the two is the listing."""
+    judge, texts, name = Judge(rules), (a, b), names[1 - listing]
+    content = read_json(texts[1 - listing], name)
+    if not isinstance(content, dict):
+        message = "is no record of a run, and cannot be held against a listing"
+        raise CannotCompareError([Problem(file=name, message=message)])
+    _refuse_other_schema(content, name)
+    content = _with_images(content)
+    tallies, notes = [], []
+    for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
+        mapped = next((one for one in stated_sections() if re.fullmatch(one.title, section.title)), None)
+        if mapped is None or _is_left_out(content, mapped.table):
+            notes.append(section.title or "lines before the first title")
+            continue
+        printed = _Printed(section, mapped, content)
+        both = printed.sections()
+        tallies.append(compare_sections(judge, *(both if listing == 0 else both[::-1])))
+        if printed.unknown:
+            kinds = [f"{what} ({count} rows)" if count > 1 else what for what, count in printed.unknown.items()]
+            notes.append(f"{section.title}: {', '.join(kinds)}")
+    if not tallies:
+        raise CannotCompareError([Problem(file=names[listing], message="has no section with numbers of a record")])
+    return Difference.of(names, tallies, judge.rules, [*notes, *overflows(tallies)])
+
+
+def _refuse_other_schema(content: Record, name: str) -> None:
+    """Raise `CannotCompareError` for the record of a run that another version wrote."""
+    from musatpy.reports.record import SCHEMA_VERSION  # two listings need it not
+
+    schema = str(content.get("schema_version", SCHEMA_VERSION))
+    if schema.partition(".")[0] != SCHEMA_VERSION.partition(".")[0]:
+        message = f"is a record of schema {schema}, and this program knows {SCHEMA_VERSION}; run the deck again"
+        raise CannotCompareError([Problem(file=name, message=message)])
+
+
+@cache
+def stated_sections() -> tuple[Mapped, ...]:
+    """Return what the reports state of all sections with numbers of the record."""
+    from musatpy.reports.statements import statements  # two listings need them not
+
+    stated = (one if isinstance(one, Mapped) else mapped_of(one) for one in statements())
+    return tuple(one for one in stated if one.table or one.layout == "labels")
+
+
+def _with_images(content: Record) -> Record:
+    """Return a record with all observations in one table; one that is not as its schema says stays as it is."""
+    try:
+        return with_images(content, lambda value: Number(f"{value:.12g}")) if are_apart(content) else content
+    except (LookupError, TypeError, ValueError, ZeroDivisionError):
+        return content
+
+
+def _is_left_out(content: Record, table: str) -> bool:
+    """Tell whether a record was written without a table."""
+    return content.get("content") == "tables" and at(content, table) is None
+
+
+class _Printed:
+    """A section of the listing, and the same section as the record prints it."""
+
+    def __init__(self, section: Section, mapped: Mapped, content: Record) -> None:
+        self.section = section
+        self.mapped = mapped
+        self.content = content
+        self.unknown: Counter[str] = Counter()  # what of the listing the record has not
+        self.ids: tuple[int, ...] = ()  # columns of a table that name its rows
+        self.listed: list[Row] = []  # rows of the listing that are compared
+        self.recorded: list[Row] = []  # those of the record
+
+    def sections(self) -> tuple[Section, Section]:
+        """Return the section of the listing without what the record has not, and that of the record."""
+        layouts = {
+            "rows": self.table, "across": self.across, "xyz": self.components, "labels": self.labels,
+            "texts": self.texts,
+        }  # fmt: skip
+        layouts[self.mapped.layout]()
+        listed, recorded = (replace(self.section, titles=[]) for _ in range(2))
+        listed.rows, recorded.rows = self.listed, self.recorded
+        listed.id_columns = recorded.id_columns = self.ids or self.section.id_columns
+        return listed, recorded
+
+    def take(self, row: Row, values: Sequence[tuple[int, int, str]]) -> None:
+        """Take a row of the listing; the record prints it with these texts between these columns of print."""
+        self.listed.append(row)
+        text = row.line.text
+        for start, end, value in sorted(values, reverse=True):
+            before, longer = text[:start].ljust(start), len(value) - (end - start)
+            if longer > 0 and before.endswith(" " * (longer + 1)):
+                before = before[:-longer]
+            text = f"{before}{value:>{end - start}}{text[end:]}"
+        self.recorded.append(row._replace(line=Line(text.rstrip(), 0, 0)))
+
+    def take_columns(self, row: Row, cells: Cells, shown: Shown) -> None:
+        """Take a row, with what the record has of some of its columns, and the units of these."""
+        values = []
+        for n, (origin, fields, unit) in shown.items():
+            placed, head = cells.get(n, []), self.section.columns[n]
+            text = _reprinted(placed, value_of(origin, fields), unit)
+            if placed:
+                values.append((placed[0].start, placed[-1].end, text))
+            elif text and not origin.blank:
+                values.append((head.end, head.end, text))
+        self.take(row, values)
+
+    def cells(self, row: Row) -> Cells:
+        """Return the numbers and words of a row by columns."""
+        return dict(self.section.cells(row.line.text, angles=self.section.angles))
+
+    def table(self) -> None:
+        """Print a table with a row for each entry."""
+        heads = self.section.columns
+        names = numbered([head.name for head in heads])
+        self.ids = tuple(n for n, name in enumerate(names) if name in self.mapped.ids)
+        if not heads:
+            self.unknown["rows without headings"] += len(self.section.lines)
+            return
+        sources = {n: source for n, name in enumerate(names) if (source := self.mapped.columns.get(name))}
+        said = {n for n, name in enumerate(names) for source in sources.values() if name and name == source.unit_in}
+        for n, head in enumerate(heads):
+            if n not in said.union(self.ids, sources):
+                self.unknown[f"column {head.name}" if head.name else "a column without a heading"] += 1
+        waiting: dict[tuple[str, ...], list[Record]] = defaultdict(list)
+        for key, fields in reversed(entries_of(self.mapped, self.content)):
+            waiting[key].append(fields)
+        is_cut, after_note = self.mapped.some, -1
+        for row in self.section.rows:
+            cells = self.cells(row)
+            key = tuple([_text_of(row, cells.get(n, [])) for n in self.ids])
+            is_last = CUT.match(row.line.text)
+            if is_last or -1 in cells or (row.line.number == after_note and key not in waiting):
+                self.unknown["notes"] += 1
+                after_note = row.line.number + 1
+                is_cut = is_cut or bool(is_last)
+                continue
+            row = row._replace(ids=key or row.ids)
+            if waiting.get(key):
+                self.take_columns(row, cells, self.shown_in(row, cells, sources, waiting[key].pop()))
+            else:
+                self.listed.append(row)
+        if not is_cut:
+            rest = [key for key, left in waiting.items() for _ in left]
+            self.recorded += [Row(Line(" ".join(key), 0, 0), key, 0) for key in rest]
+
+    def shown_in(self, row: Row, cells: Cells, sources: Mapping[int, Origin], fields: Record) -> Shown:
+        """Return what the record has of the columns of a row of a table."""
+        names = {head.name: n for n, head in reversed(list(enumerate(self.section.columns))) if head.name}
+        shown = {}
+        for n, source in sources.items():
+            unit = source.unit or self.section.columns[n].unit
+            if source.unit_in in names:
+                unit = unit_named(_text_of(row, cells.get(names[source.unit_in], [])))
+            elif source.angles and re.fullmatch(source.angles, row.ids[0]):
+                unit = "arc sec"
+            of = cells.get(names.get(source.unless, -2))
+            if not (of and of[0].token.value == 0):
+                shown[n] = source, fields, unit
+        return shown
+
+    def across(self) -> None:
+        """Print a table with a column for each entry."""
+        entries = rows_of(self.mapped, self.content)
+        by_id = {id_text(at(entry, path)): entry for path in self.mapped.ids.values() for entry in entries}
+        for row in self.section.rows:
+            source = self.mapped.source_of(row.ids[0])
+            if source is None:
+                self.unknown[row.ids[0]] += 1
+                continue
+            shown: dict[int, tuple[Origin, Record, str]] = {}
+            for n, column in enumerate(self.section.columns):
+                entry = by_id.get(column.name) if by_id else (entries[n] if n < len(entries) else None)
+                if entry is None:
+                    self.unknown[f"column {column.name}"] += 1
+                elif source.marks:
+                    is_marked = id_text(at(self.content, source.field)) == column.name
+                    shown[n] = Origin(field="mark"), {"mark": source.marks if is_marked else None}, ""
+                else:
+                    shown[n] = source, entry, column.unit
+            self.take_columns(row, self.cells(row), shown)
+
+    def components(self) -> None:
+        """Print a table with rows X, Y, Z for each entry."""
+        entries = {id_text(entry.get("point")): entry for entry in rows_of(self.mapped, self.content)}
+        for row in self.section.rows:
+            entry, letter = entries.get(row.ids[0]), row.ids[-1]
+            if entry is not None and letter in ("X", "Y", "Z"):
+                sources = ((n, self.mapped.columns.get(head.name)) for n, head in enumerate(self.section.columns))
+                paths = {n: f"{source.field}[{'XYZ'.index(letter)}]" for n, source in sources if source}
+                shown = {n: (Origin(field=path), entry, "") for n, path in paths.items()}
+                self.take_columns(row, self.cells(row), shown)
+            elif any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
+                self.listed.append(row)
+            else:
+                self.unknown["notes"] += 1
+
+    def labels(self) -> None:
+        """Print lines of a label and a value, or more."""
+        for row in self.section.rows:
+            numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
+            source = self.mapped.source_of(row.ids[0])
+            if not numbers or source is None:
+                self.unknown[row.ids[0] if numbers else "words"] += 1
+                continue
+            fields, values = (source.field, *source.then), []
+            if len(numbers) > len(fields):
+                self.unknown[f"{row.ids[0]}, all but the first number"] += 1
+            for n, (number, path) in enumerate(zip(numbers, fields, strict=False), start=1):
+                if source.count and _is_left_out(self.content, path):
+                    self.unknown[f"{row.ids[0]}, number {n}"] += 1
+                else:
+                    value = value_of(replace(source, field=path), self.content)
+                    values.append((number.start, number.end, _reprinted([number], value, source.unit)))
+            self.take(row, values)
+
+    def texts(self) -> None:
+        """Print sentences, however their lines are broken."""
+        is_cut, listed = False, {}
+        for line in _sentences(self.section.rows):
+            if _MORE.match(line.text):
+                is_cut = True
+            else:
+                listed["".join(line.text.split())] = line.text
+                self.listed.append(Row(line, (line.text,), 0))
+        for text in self.recorded_texts():
+            unbroken = "".join(text.split())
+            if unbroken in listed or not is_cut:
+                known = listed.get(unbroken, text)
+                self.recorded.append(Row(Line(known, 0, 0), (known,), 0))
+
+    def recorded_texts(self) -> Iterator[str]:
+        """Yield the texts that the record has of the section."""
+        if self.mapped.ids:
+            yield from (" ".join(entry.ids) for entry in entries_of(self.mapped, self.content))
+        for path in self.mapped.also if self.mapped.ids else (self.mapped.table, *self.mapped.also):
+            entries = at(self.content, path)
+            for entry in entries if isinstance(entries, list) else []:
+                yield id_text(entry.get("text") if isinstance(entry, dict) else entry)
+
+
+def _sentences(rows: Sequence[Row]) -> list[Line]:
+    """Return the lines that are not indented, each with those that continue it."""
+    sentences: list[Line] = []
+    for row in rows:
+        text = squeezed(row.line.text)
+        if sentences and row.line.text[0] == " ":
+            sentences[-1] = sentences[-1]._replace(text=f"{sentences[-1].text} {text}")
+        else:
+            sentences.append(row.line._replace(text=text.removeprefix("- ").removeprefix("Note: ")))
+    return sentences
+
+
+def _text_of(row: Row, placed: Sequence[Placed]) -> str:
+    """Return what stands in a cell, with one blank between words."""
+    return squeezed(row.line.text[placed[0].start : placed[-1].end]) if placed else ""
+
+
+def _reprinted(placed: Sequence[Placed], value: Any, unit: str) -> str:
+    """Return a value of the record as a listing prints it that has `placed`: in its unit, with as many digits."""
+    token = placed[0].token if len(placed) == 1 else None
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        return "" if value is None else str(value).replace("_", " ")
+    if token and token.kind == "angle":
+        return edited(f"S40.{max(-token.step, 0)}", [value])[0].strip()
+    step = token.step if token and token.kind == "number" else -4
+    number = Decimal(value / PRINTED.get(unit, 1.0))
+    if abs(step) > _LARGEST_STEP:  # no field that a listing of ours has
+        return str(number)
+    rounded = number.quantize(Decimal(1).scaleb(step)) + 0
+    return token.text if token and rounded == token.value else f"{rounded:f}"
