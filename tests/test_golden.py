@@ -55,7 +55,7 @@ def test_the_contract_is_met_in_the_modified_run_of_the_clean_strip():
     assert len(block.photos.ids) == 10
     assert len(block.points.ids) == 98
     assert 2 * np.count_nonzero(block.points.bathymetric) >= 98
-    assert 2 * np.count_nonzero(statistics.submerged_plates) >= len(block.plates.photo)
+    assert 2 * np.count_nonzero(block.points.bathymetric[block.plates.point]) >= len(block.plates.photo)
     assert (statistics.plates.total_rms / MICROMETRE <= 15.0)[[0, 2]].all()
     assert (statistics.plates.rms[:, 2] / MICROMETRE <= 15.0).all()
 

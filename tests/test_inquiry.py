@@ -125,7 +125,7 @@ def test_points_that_only_a_photo_gives_are_named():
 
 def test_images_of_a_point_are_those_of_the_solution():
     solution = run_of(ST_THOMAS)
-    quality, plates = Statistics(solution).quality, solution.block.plates
+    quality, plates = Statistics(solution), solution.block.plates
     (about,) = ask(solution, "206")
     rows = np.flatnonzero(solution.block.points.ids[plates.point] == "206")
     assert about.images.photo.tolist() == solution.block.photos.ids[plates.photo[rows]].tolist()

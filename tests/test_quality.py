@@ -9,7 +9,8 @@ from scipy import stats
 from musatpy.model import ObservationKind
 from musatpy.probability import probability_beyond, quantile
 from musatpy.statistics import Statistics
-from musatpy.statistics.quality import ALPHA, BETA, DETECTABLE, TEST_LIMIT, check_test, chi_square, ellipses
+from musatpy.statistics.analyses import ellipses
+from musatpy.statistics.quality import ALPHA, BETA, DETECTABLE, TEST_LIMIT, check_test, chi_square
 from musatpy.statistics.verdict import sigma0_doubt
 from sample_solutions import sample_solution
 
@@ -40,7 +41,7 @@ def test_chi_square_is_that_of_the_library(freedom: float) -> None:
 
 
 def test_test_values_are_students_of_the_residual_without_itself() -> None:
-    quality = Statistics(sample_solution()).quality
+    quality = Statistics(sample_solution())
     f = quality.solution.degrees_of_freedom
     tau = quality.standardised / quality.solution.sigma0
     np.testing.assert_allclose(quality.test, tau * np.sqrt((f - 1) / (f - tau**2)))
@@ -51,7 +52,7 @@ def test_test_values_are_students_of_the_residual_without_itself() -> None:
 
 
 def test_variance_components_share_out_the_squares() -> None:
-    quality = Statistics(sample_solution()).quality
+    quality = Statistics(sample_solution())
     observed = quality.observed
     squares = np.square(observed.residual / observed.sigma).sum()
     total = sum(one.factor * one.redundancy for one in quality.components.values())
@@ -93,7 +94,7 @@ def test_sigma0_is_doubtful_once_in_a_thousand_runs(freedom: int) -> None:
 
 def test_control_has_the_tests_of_its_observations() -> None:
     statistics = Statistics(sample_solution())
-    observed, rows = statistics.quality.observed, statistics.control_tests
+    observed, rows = statistics.observed, statistics.control_tests
     control = np.flatnonzero(observed.kind == ObservationKind.CONTROL)
     assert len(control) and np.count_nonzero(np.isfinite(rows)) == len(control)
     for row in control.tolist():
@@ -106,8 +107,8 @@ def test_residuals_of_control_are_those_of_what_took_part() -> None:
     statistics = Statistics(sample_solution())
     control, analysis = statistics.block.control, statistics.control_residuals
     for axis, found in enumerate(analysis.statistics):
-        used = statistics.control.used[:, axis] & ~control.fixed
-        d = statistics.control.difference[used, axis]
+        used = statistics.block.control.known[:, axis] & ~control.fixed
+        d = statistics.control_difference[used, axis]
         d = d[np.isfinite(d)]
         assert found.size == len(d) > 0
         assert found.rms == pytest.approx(np.sqrt(np.mean(d**2)))
@@ -117,7 +118,7 @@ def test_residuals_of_control_are_those_of_what_took_part() -> None:
 def test_an_estimated_error_is_what_the_others_say_of_an_observation() -> None:
     """An observation that is left out has the residual v / r, with the sign of adjusted minus observed."""
     statistics = Statistics(sample_solution())
-    observed, error = statistics.quality.observed, statistics.quality.estimated_error
-    known = statistics.quality.testable
+    observed, error = statistics.observed, statistics.estimated_error
+    known = statistics.testable
     np.testing.assert_allclose(error[known], -observed.residual[known] / observed.redundancy[known])
     assert np.isnan(error[~known]).all()

@@ -228,5 +228,5 @@ def test_large_residuals_are_beyond_three_sigmas_of_their_own_measurement():
     block = altered(solution.block, plates={"sigma": sigma})
     solution = altered(solution, block=block, plates={"residual": residual})
     found = Statistics(solution)
-    assert found.plate_sigmas[:2].tolist() == [[0.02, 0.02], [0.01, 0.01]]
+    assert found.block.plate_sigmas[:2].tolist() == [[0.02, 0.02], [0.01, 0.01]]
     assert np.flatnonzero(found.large_residuals).tolist() == [1]

@@ -27,13 +27,13 @@ from musatpy.model import (
     Treatment,
     Water,
 )
+from musatpy.model.findings import named
 from musatpy.model.water import index_range
+from musatpy.probability import test_limit as limit_of
 from musatpy.statistics import Statistics
-from musatpy.statistics.analyses import metric_differences
-from musatpy.statistics.gates import flying_height, ground_heights, named
-from musatpy.statistics.quality import test_limit as limit_of
-from musatpy.statistics.undetected import HiddenErrors
-from musatpy.statistics.verdict import normal_tests
+from musatpy.statistics.differences import metric_differences
+from musatpy.statistics.gates import flying_height, ground_heights
+from musatpy.statistics.quality import HiddenErrors
 from sample_solutions import sample_solution
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
@@ -244,7 +244,7 @@ def with_residual(kind: ObservationKind, tests: float) -> Solution:
     ("kind", "concern"), [(ObservationKind.PLATE, Concern.OBSERVATION), (ObservationKind.CONTROL, Concern.CONTROL)]
 )
 def test_single_observations(kind: ObservationKind, concern: Concern) -> None:
-    count = int(np.isfinite(normal_tests(Statistics(solution()))).sum())
+    count = int(np.isfinite(Statistics(solution()).normal_tests).sum())
     limit = float(stats.norm.ppf(1.0 - 0.005 / count))
     assert limit_of(count) == pytest.approx(limit, abs=1e-3)  # Hastings: 5e-4
     assert concern not in concerns(with_residual(kind, 0.7 * limit))
@@ -274,9 +274,9 @@ def test_students_test_as_a_normal_variable() -> None:
     """Wallace's formula, against the library's distributions: 1 % of the value at 25 degrees of freedom."""
     good = solution()
     statistics = Statistics(with_options(good, plate_sigma_is=PlateSigma.GUESS))
-    student, dof = statistics.quality.test, good.degrees_of_freedom
+    student, dof = statistics.test, good.degrees_of_freedom
     expected = stats.norm.isf(stats.t.sf(np.abs(student), dof - 1))
-    np.testing.assert_allclose(np.abs(normal_tests(statistics))[~np.isnan(student)], expected[~np.isnan(student)],
+    np.testing.assert_allclose(np.abs(statistics.normal_tests)[~np.isnan(student)], expected[~np.isnan(student)],
                                rtol=0.01, atol=0.01)  # fmt: skip
 
 
@@ -466,10 +466,10 @@ def test_what_nothing_checks_may_move_a_point_anywhere() -> None:
 def test_hidden_errors_against_the_definition() -> None:
     """What the test of the verdict finds in four of five cases, times what one unit of it does to the point."""
     statistics = Statistics(solution())
-    observed, plates = statistics.quality.observed, statistics.block.plates
+    observed, plates = statistics.observed, statistics.block.plates
     point = int(plates.point[plates.triangulated][0])
     largest = sigmas = 0.0
-    detectable = limit_of(int(statistics.quality.testable.sum())) + 0.841621
+    detectable = limit_of(int(statistics.testable.sum())) + 0.841621
     for row in range(len(observed.kind)):
         own = {
             ObservationKind.PLATE: lambda row: plates.point[observed.row[row]],
@@ -497,7 +497,7 @@ def test_a_redundancy_number_of_a_hundredth_is_needed_to_test_an_image() -> None
     for redundancy, tested in ((0.009, False), (0.011, True)):
         altered = changed(good.observed.redundancy, image, redundancy)
         statistics = Statistics(replace(good, observed=replace(good.observed, redundancy=altered)))
-        assert statistics.quality.testable[image] == tested
+        assert statistics.testable[image] == tested
         assert np.isfinite(statistics.normal_tests[image]) == tested
 
 

@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, falling
 from musatpy.comparison import metric_differences
 from musatpy.errors import MusatError, nearest
 from musatpy.model import ObservationKind
-from musatpy.model.ranking import falling
 
 _DECIMALS = 2  # of test values, as they are printed
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 
+FAMILY_RISK = 0.01  # that any of the tests of a clean run fails
 _RARE = 1e-6  # probability below which the difference from 1 has too few digits
 
 
@@ -67,6 +68,11 @@ def normal_quantile(probability: float) -> float:
     above = 2.515517 + 0.802853 * t + 0.010328 * t * t
     below = 1.0 + 1.432788 * t + 0.189269 * t * t + 0.001308 * t**3
     return math.copysign(t - above / below, probability - 0.5)
+
+
+def test_limit(count: int) -> float:
+    """Return the limit of so many test values together: the risk of all of them is `FAMILY_RISK` (Bonferroni)."""
+    return normal_quantile(1.0 - 0.5 * FAMILY_RISK / max(count, 1))
 
 
 def students_of_pope(tau: FloatArray, freedom: float) -> FloatArray:

@@ -18,7 +18,6 @@ from musatpy.refraction.apparent import Stations, apparent_points
 from musatpy.refraction.flat import air_tangent
 from musatpy.simulation import Simulation, simulate, spec_from_table
 from musatpy.statistics import Statistics
-from musatpy.statistics.soundings import soundings
 
 INDEX = 1.34
 MODES: dict[str, dict[str, Any]] = {
@@ -163,10 +162,11 @@ def test_a_point_with_one_ray_has_no_apparent_depth_and_the_listing_says_so() ->
 def test_depths_of_soundings_stand_beside_those_given() -> None:
     block = soundings_as_control(noise=3.0).block
     solution = adjust(with_options(block, **MODES["rigorous"]))
-    given = soundings(solution)
+    given = Statistics(solution)
     rows = np.isin(solution.bathymetric.point, block.control.point)
-    assert (given.kind[rows] == ControlKind.VERTICAL).sum() == 8 and np.isnan(given.residual[~rows]).all()
-    by_point = dict(zip(block.control.point.tolist(), Statistics(solution).control.difference[:, 2], strict=True))
+    assert (given.sounding_kinds[rows] == ControlKind.VERTICAL).sum() == 8
+    assert np.isnan(given.sounding_residuals[~rows]).all()
+    by_point = dict(zip(block.control.point.tolist(), given.control_difference[:, 2], strict=True))
     expected = [-by_point[point] for point in solution.bathymetric.point[rows].tolist()]
-    np.testing.assert_allclose(given.residual[rows], expected, atol=1e-9)
+    np.testing.assert_allclose(given.sounding_residuals[rows], expected, atol=1e-9)
     assert np.abs(expected).max() > 0.005

@@ -218,11 +218,11 @@ def assert_redundancy_numbers(exact: Solution, squares: np.ndarray) -> None:
 def test_test_values_find_a_gross_error_and_only_it() -> None:
     block = sea_block()
     rays = np.flatnonzero(block.plates.photo == 1)
-    quality = Statistics(simultaneous(block)).quality
+    quality = Statistics(simultaneous(block))
     plates = quality.observed.kind == ObservationKind.PLATE
     row = int(rays[np.argmax([quality.observed.redundancy[plates & (quality.observed.row == i)][1] for i in rays])])
     spoiled = simultaneous(changed(block, ObservationKind.PLATE, row, 1, 0.3))
-    worst = Statistics(spoiled).quality
+    worst = Statistics(spoiled)
     first = worst.worst_first[0]
     assert (worst.observed.kind[first], worst.observed.row[first], worst.observed.component[first]) == (0, row, 1)
     # -v / r is the estimate of the error itself

@@ -34,7 +34,7 @@ from blocks import simulated
 from musatpy.blunders.snooping import LIMIT
 from musatpy.model import Block, Editing, ObservationKind, PointStatus, Solution
 from musatpy.pipeline import adjust
-from musatpy.statistics.quality import test_limit
+from musatpy.probability import test_limit
 from reference.gross_errors import with_plate_blunders
 
 SHARES = (0.01, 0.03, 0.05)

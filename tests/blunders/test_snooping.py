@@ -59,7 +59,7 @@ test_values.__test__ = False
 def test_the_tests_of_a_sound_block_are_those_of_its_solution() -> None:
     block = land_block()
     _, judgement = judgement_without(block)
-    quality = Statistics(adjust(block)).quality
+    quality = Statistics(adjust(block))
     observed, units = quality.observed, judgement.units
     for name in ("kind", "row", "component"):
         np.testing.assert_array_equal(getattr(units, name), getattr(observed, name))

@@ -80,7 +80,7 @@ def _slip(lines: list[bytes], clean: Solution, n: int, column: int, rng: np.rand
         statistics = Statistics(adjust(block))
     except ProblemsError:
         return Slip(grade=UNUSABLE, **what)
-    verdict, test = statistics.verdict, statistics.quality.sigma0
+    verdict, test = statistics.verdict, statistics.sigma0
     moved, farthest = _moved(clean, statistics)
     return Slip(
         **what,

@@ -257,9 +257,9 @@ def test_the_worst_observations_are_those_with_the_largest_tests():
     size = np.abs(statistics.normal_tests)
     assert size[rows[0]] == np.nanmax(size)
     assert (np.diff(np.round(size[rows], 2)) <= 0.0).all()  # as they are printed
-    observed = statistics.quality.observed
+    observed = statistics.observed
     np.testing.assert_allclose(
-        statistics.quality.estimated_error[rows], -observed.residual[rows] / observed.redundancy[rows]
+        statistics.estimated_error[rows], -observed.residual[rows] / observed.redundancy[rows]
     )
     lines = section(listing_of(statistics), "Worst Observations")
     assert [line.split()[0] for line in lines[2:]].count("control") >= 1 and len(lines) == 7

@@ -17,9 +17,8 @@ from musatpy.adjustment.network import Network, Participation, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.reliability import Piece
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, falling
 from musatpy.model import Block, Dependence
-from musatpy.model.ranking import falling
 from musatpy.model.water import index_range
 
 _DECIMALS = 4  # of correlations, as they are printed

@@ -25,7 +25,7 @@ from musatpy.adjustment.kinds import (
 )
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
-from musatpy.adjustment.point_normals import point_squares, settle_group
+from musatpy.adjustment.point_normals import better, point_squares
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
@@ -130,18 +130,17 @@ class Simultaneous:
         after = self.with_squares(after)
         if not_raised(self.evaluate(after, context), before):
             return after
-        return self._settled(after, state)
+        return self.with_squares(self._settled(after, state))
 
     def _settled(self, after: State, before: State) -> State:
         """Return the state `after` with those eliminated points at their optimum that fitted better `before`."""
-        network, ground, squares = self.network, after.ground.copy(), after.squares.copy()
-        for group in together(network.groups):
+        network, ground = self.network, after.ground.copy()
+        for group in network.groups:
             worse = after.squares[group.point] > before.squares[group.point]
             if worse.any() and not group.kept:
                 part = group.part(worse)
-                start = before.ground[part.point]
-                ground[part.point], squares[part.point] = settle_group(network, after, part, start, trial=True)
-        return replace(after, ground=ground, squares=squares)
+                ground[part.point] = better(network, after, part, before.ground[part.point])
+        return replace(after, ground=ground)
 
     def with_squares(self, state: State) -> State:
         """Return the state with the weighted squares of its points where they are."""

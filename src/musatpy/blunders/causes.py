@@ -33,7 +33,7 @@ from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial, Ot
 from musatpy.model.findings import mnemonics
 from musatpy.model.progress import Progress
 from musatpy.statistics import Statistics
-from musatpy.statistics.analyses import elevations
+from musatpy.statistics.differences import elevations
 from musatpy.statistics.flags import NO_BETTER
 from musatpy.statistics.verdict import CHECK_POINT_RISK, in_feet
 from musatpy.units import DEGREE, FOOT
@@ -250,7 +250,7 @@ def check_point_causes(solution: Solution) -> Iterator[Cause]:
         row, squares = int(check.row[place]), float(check.squares[place])
         point, components = int(block.control.point[row]), int(check.components[place])
         images = block.plates.photo[block.plates.point == point]
-        size = -statistics.control.difference[row]  # given minus what the images say
+        size = -statistics.control_difference[row]  # given minus what the images say
         sigma = np.hypot(statistics.point_sigmas[point], np.nan_to_num(block.control.sigma[row]))
         known = np.isfinite(size)
         tested: dict[str, Any] = {

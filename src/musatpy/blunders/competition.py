@@ -11,7 +11,7 @@ import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import BoolArray
+from musatpy.arrays import BoolArray, falling
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     NEARLY,
@@ -37,7 +37,6 @@ from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, Scene, sizes, tak
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
-from musatpy.model.ranking import falling
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted

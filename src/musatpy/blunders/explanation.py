@@ -16,7 +16,7 @@ from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.robust import FITS, chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import BoolArray
+from musatpy.arrays import BoolArray, falling
 from musatpy.blunders.hypotheses import Hypothesis, common_errors, hypotheses
 from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.revisions import moved_state, revised
@@ -35,8 +35,7 @@ from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.progress import begin
-from musatpy.model.ranking import falling
-from musatpy.statistics.quality import test_limit
+from musatpy.probability import test_limit
 
 STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments

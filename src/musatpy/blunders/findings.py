@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.waterline import heights_and_water
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, falling
 from musatpy.blunders.alternatives import misfit
 from musatpy.blunders.scene import LIMIT, sees_water, sizes
 from musatpy.blunders.search import Search
@@ -27,7 +27,6 @@ from musatpy.model import (
     Solution,
 )
 from musatpy.model.block import in_order
-from musatpy.model.ranking import falling
 from musatpy.model.tables import columns
 from musatpy.units import MICROMETRE
 

@@ -18,11 +18,10 @@ from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.water_surface import tide_groups
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, falling
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks, dropped, put_in_again
 from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY
 from musatpy.model import Block, CauseKind, ObservationKind
-from musatpy.model.ranking import falling
 
 _LISTED = 8  # of one kind of hypothesis, those that explain most
 _COMMON_CHECKED = 1e-6  # of c'Pc; less says nothing of a common error

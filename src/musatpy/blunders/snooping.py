@@ -35,8 +35,7 @@ from musatpy.blunders.scene import (
 )
 from musatpy.model import ObservationKind
 from musatpy.model.progress import begin
-from musatpy.probability import students_of_pope
-from musatpy.statistics.quality import test_limit
+from musatpy.probability import students_of_pope, test_limit
 
 _BACK = 0.9  # of the limit, below which an observation comes back
 _RETURNS = 2  # of one observation, at most

@@ -12,7 +12,7 @@ from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.correction_layers import Tally
 from musatpy.compilation.triangulation import PUNCHED, Triangulation
 from musatpy.model import Concern, Grade, Reason, Verdict
-from musatpy.statistics.quality import test_limit
+from musatpy.probability import test_limit
 
 _HALF = 5.0  # sigmas that half of the y-parallaxes of a model are beyond: no errors of run and pointing do that
 _DEEPEST = 80.0  # m, beyond what light comes back from in the clearest water

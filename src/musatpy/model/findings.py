@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from musatpy.model.options import CoordinateSystem
 from musatpy.units import ARC_SECOND, MICROMETRE
 
-_SHOWN = 5  # ids of one cause
+_SHOWN = 5  # ids in a row, the others by their number
 _SCALES = {"um": MICROMETRE, "arc sec": ARC_SECOND}  # of units, in those inside
 CONTROL_CARD, STATION_CARD = "CTG/CTX", "STA/STX"  # the card of geographic jobs, and that of all others
 _POSITION = "east north up"
@@ -182,7 +183,7 @@ class Cause:
     advice: str  # what to check
 
     def __str__(self) -> str:
-        owner = [text for text in (_named("photo", self.photos), _named("point", self.points)) if text]
+        owner = [text for text in (named("photo", self.photos), named("point", self.points)) if text]
         component = "" if self.kind is CauseKind.UNIT or self.component in self.kind else self.component
         name = " ".join(part for part in (self.kind, component, *owner) if part)
         if self.kind is CauseKind.FLAG:
@@ -192,10 +193,15 @@ class Cause:
         return f"{name}{size}: {self.advice}"
 
 
-def _named(what: str, ids: tuple[str, ...]) -> str:
-    """Return ids in words: a few, and the number of the others."""
-    more = f" and {len(ids) - _SHOWN} more" if len(ids) > _SHOWN else ""
-    return f"{what}{'s' if len(ids) > 1 else ''} {', '.join(ids[:_SHOWN])}{more}" if ids else ""
+def named(noun: str, names: Iterable[object]) -> str:
+    """Return `photos 1, 2, 3`: a few by name, the others by their number; nothing of none."""
+    texts = [str(name) for name in names]
+    return f"{noun}{'s' if len(texts) > 1 else ''} {a_few(texts[:_SHOWN], len(texts))}" if texts else ""
+
+
+def a_few(first: Sequence[str], count: int, joint: str = ", ") -> str:
+    """Return the first of `count` names in a row, and the number of the others."""
+    return joint.join(first) + (f" and {count - len(first)} more" if count > len(first) else "")
 
 
 class Grade(StrEnum):
@@ -245,7 +251,7 @@ NO_CARD_EXPLAINS = frozenset(
 OF_FLAGS = frozenset({Concern.FLAGS, Concern.DATUM})  # whose causes stand with them: v'Pv does not show them
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Reason:
     """One reason against an answer."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.plots.tables import Tables, flags, numbers, part, rows_of, texts
 from musatpy.soundings.s44 import orders_met, survey_orders
-from musatpy.statistics.analyses import DifferenceStatistics, difference_statistics
+from musatpy.statistics.differences import DifferenceStatistics, difference_statistics
 
 AXES = {"LOCL": ("X", "Y", "Z")}
 _EAST_NORTH_UP = ("East", "North", "Up")

@@ -19,7 +19,7 @@ from musatpy.plots.tables import Tables, flags, part, texts
 from musatpy.reports.answer import USE
 from musatpy.reports.titles import REFRACTION
 from musatpy.soundings.s44 import NO_ORDER
-from musatpy.statistics.undetected import FAR
+from musatpy.statistics.quality import FAR
 from musatpy.units import MICROMETRE
 
 _CAUSES = 5

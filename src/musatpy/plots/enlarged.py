@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.statistics.quality import ellipses
+from musatpy.statistics.analyses import ellipses
 
 CONFIDENCE = 0.95
 NORMAL = 1.96  # sigmas of 95 % in one dimension

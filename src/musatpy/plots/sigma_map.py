@@ -25,7 +25,7 @@ from musatpy.plots.picture import Picture
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part
 from musatpy.plots.wording import counted, measure
 from musatpy.soundings.s44 import survey_orders
-from musatpy.statistics.quality import ellipses
+from musatpy.statistics.analyses import ellipses
 
 _PLAN = float(np.sqrt(-2.0 * np.log(1.0 - CONFIDENCE)))
 _FINER, _COARSER = 0.5, 3.0  # of the strictest and the last order: photographs may be better or worse than they ask

@@ -14,7 +14,7 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import labelled, wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.exact_water import exact_water
+from musatpy.statistics.analyses import exact_water
 from musatpy.units import ARC_SECOND, DEGREE
 
 

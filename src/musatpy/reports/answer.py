@@ -22,9 +22,8 @@ from musatpy.reports.table import Column, Report
 from musatpy.reports.text import by_kind, labelled, wrapped
 from musatpy.reports.titles import REFRACTION, SYSTEMS
 from musatpy.statistics import Statistics, metric_components
-from musatpy.statistics.quality import ChiSquare
-from musatpy.statistics.undetected import FAR
-from musatpy.statistics.verdict import COMMON_ERRORS, sigma0_doubt, tests_sigma0
+from musatpy.statistics.quality import FAR, ChiSquare
+from musatpy.statistics.verdict import COMMON_ERRORS, sigma0_doubt
 from musatpy.units import MICROMETRE
 
 INDEX = "Index Of Pages"
@@ -272,7 +271,7 @@ def _untested(answer: _Answer) -> list[str]:
 
 
 def _sigma0(statistics: Statistics) -> str:
-    solution, test = statistics.solution, statistics.quality.sigma0
+    solution, test = statistics.solution, statistics.sigma0
     if not np.isfinite(solution.sigma0):
         return "not finite: nothing can be tested"
     value = number_text("F12.4", solution.sigma0)
@@ -280,7 +279,7 @@ def _sigma0(statistics: Statistics) -> str:
         value += f", {number_text('F12.4', solution.unit_sigma)} with the errors of known water allowed for"
     if test is None:
         return f"{value}, not tested: there is no redundancy"
-    if not tests_sigma0(statistics):
+    if not statistics.tests_sigma0:
         return f"{value}, not tested: the sigmas of the plates are estimated by it"
     low, high = (number_text("F8.3", float(np.sqrt(limit))) for limit in (test.low, test.high))
     doubt = number_text("F8.3", sigma0_doubt(solution.degrees_of_freedom))

@@ -15,7 +15,7 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.soundings import NOT_GIVEN, soundings
+from musatpy.statistics.analyses import NOT_GIVEN
 
 _WIDTH = 18
 _HEADINGS = ("No Refraction", "Predicted", "Refraction")
@@ -70,7 +70,7 @@ STATED = (COORDINATES, DEPTHS)
 
 
 def _are_given(statistics: Statistics) -> bool:
-    return bool((soundings(statistics.solution).kind != NOT_GIVEN).any())
+    return bool((statistics.sounding_kinds != NOT_GIVEN).any())
 
 
 def sections(statistics: Statistics) -> list[Section]:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.probability import FAMILY_RISK
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Field, Group, Rows
 from musatpy.reports.origin import Origin
@@ -14,8 +15,7 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.quality import BETA, FAMILY_RISK
-from musatpy.statistics.undetected import CommonErrors
+from musatpy.statistics.quality import BETA, CommonErrors
 from musatpy.statistics.verdict import COMMON_ERRORS
 
 MOVED = ("station", "point", "depth")  # what an error moves

@@ -16,7 +16,7 @@ from musatpy.reports.stated_record import WORDS
 from musatpy.reports.table import Choice, Column, Report, key
 from musatpy.reports.wording import place_columns, place_sigma_columns
 from musatpy.statistics import Words
-from musatpy.statistics.words import words_of
+from musatpy.statistics.analyses import words_of
 
 if TYPE_CHECKING:
     from musatpy.compilation.answers import StatedPoints

@@ -14,7 +14,7 @@ from musatpy.reports import result_record
 from musatpy.reports.encoding import Json, names
 from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows
 from musatpy.statistics import Statistics
-from musatpy.statistics.quality import Quality, owners
+from musatpy.statistics.quality import owners
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,17 +24,12 @@ class _Observed:
     statistics: Statistics
     rows: IntArray
 
-    @property
-    def quality(self) -> Quality:
-        """The tests of the solution."""
-        return self.statistics.quality
-
     def of_kinds(self, of: IntArray, values: Callable[[ObservationKind, IntArray], Sequence[Json]]) -> list[Json]:
         """Return what `values` has for the observations of each kind, by their numbers `of` that it depends on.
 
         It is asked but once for each of these numbers: most have several observations.
         """
-        kinds, of = self.quality.observed.kind[self.rows], of[self.rows]
+        kinds, of = self.statistics.observed.kind[self.rows], of[self.rows]
         out = np.empty(len(kinds), dtype=object)
         for kind in np.unique(kinds).tolist():
             rows = np.flatnonzero(kinds == kind)
@@ -57,17 +52,17 @@ def _besides_images(statistics: Statistics) -> _Observed | None:
 
 
 def _kinds(some: _Observed) -> TextArray:
-    kinds, which = np.unique(some.quality.observed.kind[some.rows], return_inverse=True)
+    kinds, which = np.unique(some.statistics.observed.kind[some.rows], return_inverse=True)
     return np.array(names(ObservationKind, kinds.tolist()), dtype=np.str_)[which]
 
 
 def _owners(some: _Observed) -> list[list[str]]:
-    of = some.quality.observed.row
+    of = some.statistics.observed.row
     return some.of_kinds(of, lambda kind, rows: owners(some.statistics.solution, kind, rows))
 
 
 def _components(some: _Observed) -> list[str]:
-    of = some.quality.observed.component
+    of = some.statistics.observed.component
     return some.of_kinds(of, lambda kind, numbers: [kind.components[number] for number in numbers.tolist()])
 
 
@@ -85,20 +80,20 @@ OBSERVATIONS = Rows[Statistics, _Observed](
         ),
         Field("of", "* string", "ids of the photo, the point, or both", _owners),
         Field("component", "string", "x, y, East, North, Up, X-Tilt, ...", _components),
-        Field("residual", "number", "adjusted minus observed", lambda o: o.quality.observed.residual[o.rows]),
-        Field("sigma", "number", "a priori", lambda o: o.quality.observed.sigma[o.rows]),
+        Field("residual", "number", "adjusted minus observed", lambda o: o.statistics.observed.residual[o.rows]),
+        Field("sigma", "number", "a priori", lambda o: o.statistics.observed.sigma[o.rows]),
         Field(
             "redundancy", "number", "redundancy number; they add up to the degrees of freedom",
-            lambda o: o.quality.observed.redundancy[o.rows],
+            lambda o: o.statistics.observed.redundancy[o.rows],
         ),
         Field(
             "standardised", "number?",
             "residual over its own a priori sigma; null where nothing checks the " "observation",
-            lambda o: o.quality.standardised[o.rows],
+            lambda o: o.statistics.standardised[o.rows],
         ),
         Field(
             "test", "number?", "the same with sigma0 from all other observations: Student's t",
-            lambda o: np.where(np.isfinite(o.quality.test), o.quality.test, np.nan)[o.rows],
+            lambda o: np.where(np.isfinite(o.statistics.test), o.statistics.test, np.nan)[o.rows],
         ),
         Field(
             "normal_test", "number?",
@@ -109,12 +104,12 @@ OBSERVATIONS = Rows[Statistics, _Observed](
         Field(
             "estimated_error", "number?",
             "of the observation if all others are right: minus residual over redundancy number",
-            lambda o: o.quality.estimated_error[o.rows],
+            lambda o: o.statistics.estimated_error[o.rows],
         ),
-        Field("detectable", "number?", "smallest detectable error", lambda o: o.quality.detectable[o.rows]),
+        Field("detectable", "number?", "smallest detectable error", lambda o: o.statistics.detectable[o.rows]),
         Field(
             "effect", "3 number?", "of that error on the own position, east, north, up; null for the water",
-            lambda o: o.quality.effect[o.rows], "m",
+            lambda o: o.statistics.effect[o.rows], "m",
         ),
     ),
     of_images=True,
@@ -135,7 +130,7 @@ def _of_plates(field: Field[_Observed]) -> Field[Statistics]:
         sizes = (3,) if field.kind.startswith("3 ") else ()
         spread = np.full((number, 2, *sizes), np.nan)
         if some is not None:
-            observed = some.quality.observed
+            observed = some.statistics.observed
             of_plate = observed.kind == ObservationKind.PLATE
             spread[observed.row[of_plate], observed.component[of_plate]] = field.of(some)[of_plate]
         return spread

@@ -20,7 +20,7 @@ from musatpy.model.findings import Reason
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
-from musatpy.statistics.exact_water import exact_water
+from musatpy.statistics.analyses import exact_water
 from musatpy.statistics.quality import ChiSquare
 from musatpy.units import ARC_SECOND, DEGREE
 
@@ -202,7 +202,7 @@ FACTOR_DEFINITION = Group[ChiSquare, ChiSquare](
 COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
     "variance_components",
     "variance components",
-    lambda s: list(s.quality.components.items()),
+    lambda s: list(s.components.items()),
     (
         Field("group", "string", "group of observations", lambda g: g[0]),
         Field("redundancy", "number", "sum of the redundancy numbers", lambda g: g[1].redundancy),
@@ -267,7 +267,7 @@ TESTS = Group[Statistics, Statistics](
     "tests of the solution",
     lambda s: None if s.solution.observed is None else s,
     (
-        Group[Statistics, ChiSquare]("sigma0", "", lambda s: s.quality.sigma0, FACTOR, shared="factor"),
+        Group[Statistics, ChiSquare]("sigma0", "", lambda s: s.sigma0, FACTOR, shared="factor"),
         COMPONENTS,
         CHECK_POINTS,
         Group[Statistics, ChiSquare](
@@ -286,14 +286,14 @@ STATION_INFLATION = Rows[Statistics, Statistics](
         Field("photo", "string", "photo id", lambda s: s.block.photos.ids),
         Field(
             "inflation", "6 number?", "variance inflation factors: east, north, up, X-tilt, Y-tilt, heading",
-            lambda s: s.quality.dependence.station_inflation,
+            lambda s: s.dependence.station_inflation,
         ),
     ),
 )  # fmt: skip
 
 
 def _dependence(statistics: Statistics) -> Dependence:
-    return statistics.quality.dependence
+    return statistics.dependence
 
 
 GLOBALS = Rows[Statistics, Dependence](

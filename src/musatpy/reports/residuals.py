@@ -17,7 +17,8 @@ from musatpy.units import MICROMETRE
 
 def _refraction(statistics: Statistics, axis: int) -> np.ndarray:
     """Return the refraction (um) of images of submerged points, by the rows of the table."""
-    refraction = np.where(statistics.submerged_plates, statistics.solution.plates.correction[:, axis], np.nan)
+    submerged = statistics.block.points.bathymetric[statistics.block.plates.point]
+    refraction = np.where(submerged, statistics.solution.plates.correction[:, axis], np.nan)
     return refraction[statistics.plate_order] / MICROMETRE
 
 

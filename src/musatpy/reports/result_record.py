@@ -17,7 +17,7 @@ from musatpy.model import (
 from musatpy.reports.encoding import names, plain
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import PLATE_KINDS, Analysis, DifferenceStatistics, Statistics
-from musatpy.statistics.soundings import NOT_GIVEN, soundings
+from musatpy.statistics.analyses import NOT_GIVEN
 
 Table = Rows[Statistics, Statistics]
 
@@ -314,7 +314,7 @@ POINTS = Table(
 
 
 def _given_heights(statistics: Statistics) -> list[str | None]:
-    kinds = soundings(statistics.solution).kind.tolist()
+    kinds = statistics.sounding_kinds.tolist()
     return [None if kind == NOT_GIVEN else ControlKind(kind).name.lower() for kind in kinds]
 
 
@@ -365,7 +365,7 @@ BATHYMETRIC = Table(
             "control", "string?", "kind of control that gives its height; null where none does", _given_heights,
             choices=("full", "vertical", "check"),
         ),
-        Field("residual", "number?", "adjusted minus given depth", lambda s: soundings(s.solution).residual, "m"),
+        Field("residual", "number?", "adjusted minus given depth", lambda s: s.sounding_residuals, "m"),
     ),
 )  # fmt: skip
 
@@ -385,11 +385,11 @@ CONTROL = Table(
             _POSITION,
         ),
         Field("given_sigma", "3 number?", f"of the deck, {_ENU}", lambda s: s.block.control.sigma, "m"),
-        Field("difference", "3 number?", f"adjusted minus given, {_ENU}", lambda s: s.control.difference, "m"),
-        Field("used", "3 boolean", "the component took part in the adjustment", lambda s: s.control.used),
+        Field("difference", "3 number?", f"adjusted minus given, {_ENU}", lambda s: s.control_difference, "m"),
+        Field("used", "3 boolean", "the component took part in the adjustment", lambda s: s.block.control.known),
         Field(
-            "adjusted_sigma", "3 number?", f"of the adjusted position, {_ENU}", lambda s: s.control.adjusted_sigma,
-            "m",
+            "adjusted_sigma", "3 number?", f"of the adjusted position, {_ENU}",
+            lambda s: s.point_sigmas[s.block.control.point], "m",
         ),
         Field(
             "test", "3 number?", f"test values of the components, {_ENU}, as `normal_test` of the observations",
@@ -463,7 +463,7 @@ PLATES = Table(
         Field("photo", "string", "photo id", lambda s: s.block.photos.ids[s.block.plates.photo]),
         Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.plates.point]),
         Field("xy", "2 number", "measured", lambda s: s.block.plates.xy, "mm", exact=True),
-        Field("sigma", "2 number", "a priori", lambda s: s.plate_sigmas, "mm"),
+        Field("sigma", "2 number", "a priori", lambda s: s.block.plate_sigmas, "mm"),
         Field("triangulated", "boolean", "took part in the solution", lambda s: s.solution.plates.triangulated),
         Field("residual", "2 number?", "adjusted minus measured", lambda s: s.solution.plates.residual, "mm"),
         Field(

@@ -14,7 +14,7 @@ from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section, print_titled
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import labelled
-from musatpy.statistics.analyses import Analysis, DifferenceStatistics, analysis_of
+from musatpy.statistics.differences import Analysis, DifferenceStatistics, analysis_of
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun

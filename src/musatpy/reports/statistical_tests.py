@@ -19,8 +19,8 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.quality import ALPHA, BETA, TEST_LIMIT, ChiSquare, Ellipses, owners
-from musatpy.statistics.undetected import FAR
+from musatpy.statistics.analyses import Ellipses
+from musatpy.statistics.quality import ALPHA, BETA, FAR, TEST_LIMIT, ChiSquare, owners
 from musatpy.units import ARC_SECOND
 
 HIDDEN = "Statistics: Points That Undetected Errors May Move"
@@ -38,12 +38,12 @@ def observation_columns(rows: Rows) -> tuple[Column[Statistics], ...]:
     """Return the columns that say which observations stand in the rows, and in which unit."""
 
     def names(s: Statistics) -> list[str]:
-        links = zip(_kinds(s, rows), s.quality.observed.row[rows(s)].reshape(-1, 1), strict=True)
+        links = zip(_kinds(s, rows), s.observed.row[rows(s)].reshape(-1, 1), strict=True)
         ids = (owners(s.solution, kind, row)[0] for kind, row in links)
         return [" ".join(f"{name:<8}" for name in of) if len(of) > 1 else "".join(of) for of in ids]
 
     def components(s: Statistics) -> list[str]:
-        numbers = s.quality.observed.component[rows(s)].tolist()
+        numbers = s.observed.component[rows(s)].tolist()
         return [kind.components[component] for kind, component in zip(_kinds(s, rows), numbers, strict=True)]
 
     return (
@@ -66,7 +66,7 @@ def in_unit(heading: str, edit: str, shows: str, rows: Rows) -> Column[Statistic
 
 
 def _kinds(statistics: Statistics, rows: Rows) -> list[ObservationKind]:
-    return [ObservationKind(kind) for kind in statistics.quality.observed.kind[rows(statistics)].tolist()]
+    return [ObservationKind(kind) for kind in statistics.observed.kind[rows(statistics)].tolist()]
 
 
 COMPONENTS: Report[Statistics] = Report(
@@ -79,7 +79,7 @@ COMPONENTS: Report[Statistics] = Report(
         Column("Variance\nfactor", "F9.3", shows="factor"),
         Column("Lower\nlimit", "F8.3", shows="low"),
         Column("Upper\nlimit", "F8.3", shows="high"),
-        Column("Test", "A8", lambda s: [_verdict(test) for test in s.quality.components.values()]),
+        Column("Test", "A8", lambda s: [_verdict(test) for test in s.components.values()]),
     ),
 )
 OBSERVATIONS: Report[Statistics] = Report(
@@ -94,8 +94,8 @@ OBSERVATIONS: Report[Statistics] = Report(
         in_unit("Sigma", "F9.3", "sigma", lambda s: _worst(s)),
         Column("Redund.", "F7.3", shows="redundancy"),
         Column("Stand.\nresidual", "F8.2", shows="standardised"),
-        Column("Test\nvalue", "F8.2", lambda s: s.quality.test[_worst(s)], "test"),
-        Column("", "A1", lambda s: np.where(np.abs(s.quality.test[_worst(s)]) > TEST_LIMIT, "*", "")),
+        Column("Test\nvalue", "F8.2", lambda s: s.test[_worst(s)], "test"),
+        Column("", "A1", lambda s: np.where(np.abs(s.test[_worst(s)]) > TEST_LIMIT, "*", "")),
         in_unit("Detectable\nerror", "F10.3", "detectable", lambda s: _worst(s)),
         Column("Effect\nm", "F8.3", shows=Origin(field="effect", norm=True)),
     ),
@@ -149,7 +149,7 @@ CORRELATIONS: Report[Statistics] = Report(
     title="Statistics: Correlations Of 0.95 And More",
     table=quality_record.CORRELATIONS,
     path="dependence.correlations",
-    rows=lambda s: np.arange(len(s.quality.dependence.first))[:_CORRELATIONS],
+    rows=lambda s: np.arange(len(s.dependence.first))[:_CORRELATIONS],
     some=True,
     columns=(
         key("Unknown", "A32", "first"),
@@ -251,9 +251,8 @@ def _plane(statistics: Statistics) -> tuple[str, str]:
 
 def _worst(statistics: Statistics) -> IntArray:
     """Return the observations that are listed: the worst, and all that are starred."""
-    quality = statistics.quality
-    starred = np.count_nonzero(np.abs(np.nan_to_num(quality.test)) > TEST_LIMIT)
-    return quality.worst_first[: max(LISTED, int(starred))]
+    starred = np.count_nonzero(np.abs(np.nan_to_num(statistics.test)) > TEST_LIMIT)
+    return statistics.worst_first[: max(LISTED, int(starred))]
 
 
 def _moved(statistics: Statistics) -> IntArray:
@@ -273,7 +272,7 @@ def _verdict(test: ChiSquare) -> str:
 
 
 def _sigma0(statistics: Statistics) -> list[str]:
-    test = statistics.quality.sigma0
+    test = statistics.sigma0
     if test is None:
         return ["Sigma0 cannot be tested: there is no redundancy."]
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
@@ -322,7 +321,7 @@ def _hidden(statistics: Statistics) -> list[Section]:
 
 
 def _global_sigmas(statistics: Statistics) -> FloatArray:
-    dependence = statistics.quality.dependence
+    dependence = statistics.dependence
     angles = np.array([bool(re.fullmatch(_ANGLE, name)) for name in dependence.names.tolist()], dtype=bool)
     return np.where(angles, dependence.sigma / ARC_SECOND, dependence.sigma)
 
@@ -332,11 +331,11 @@ def _checks(statistics: Statistics) -> IntArray:
 
 
 def _globals(statistics: Statistics) -> IntArray:
-    return worst_first(statistics.quality.dependence.inflation, _INFLATION)
+    return worst_first(statistics.dependence.inflation, _INFLATION)
 
 
 def _inflated(statistics: Statistics) -> IntArray:
-    inflation = np.nan_to_num(statistics.quality.dependence.station_inflation, nan=-np.inf).max(axis=1)
+    inflation = np.nan_to_num(statistics.dependence.station_inflation, nan=-np.inf).max(axis=1)
     return worst_first(inflation, _INFLATION)
 
 

@@ -10,8 +10,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
-from musatpy.model.ranking import falling
+from musatpy.arrays import FloatArray, IntArray, falling
 from musatpy.reports.characters import blank, strings
 from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
 from musatpy.reports.fields import Each, Group, Rows

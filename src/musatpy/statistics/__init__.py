@@ -1,13 +1,9 @@
 """Solution -> numbers: what the reports print, and nothing that they print is computed anywhere else."""
 
-from musatpy.statistics.analyses import (
-    LARGE_RESIDUAL,
-    PLATE_KINDS,
+from musatpy.statistics.analyses import LARGE_RESIDUAL, PLATE_KINDS, PlateStatistics, Statistics, Words
+from musatpy.statistics.differences import (
     Analysis,
-    ControlDifferences,
     DifferenceStatistics,
-    PlateStatistics,
-    Statistics,
     difference_statistics,
     elevations,
     metric_components,
@@ -15,4 +11,3 @@ from musatpy.statistics.analyses import (
     position_components,
     rectangular,
 )
-from musatpy.statistics.words import Words

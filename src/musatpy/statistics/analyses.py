@@ -1,72 +1,56 @@
 """Solution -> numbers: the statistics that the standard analyses print (ETL-0306, Tables 6-1 to 6-9).
 
-Nothing is adjusted and nothing is printed here. The definitions are those that the tables of the report follow
-(docs/reports.md): mean = sum/N, signed; RMS = sqrt(sum d^2/N); standard deviation from the mean = sqrt(sum (d -
-mean)^2/(N - 1)); maximum difference = the signed difference of the largest magnitude.
+Nothing is adjusted and nothing is printed here.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.geodesy import Ellipsoid
+from musatpy.arrays import BoolArray, FloatArray, IntArray, largest
 from musatpy.geometry.rotations import wrapped
-from musatpy.model import Block, ControlKind, CoordinateSystem, ObservationKind, Solution, Verdict
-from musatpy.model.ranking import falling, largest
-from musatpy.statistics.flags import FlagTests, flag_tests
-from musatpy.statistics.quality import TEST_DECIMALS, CheckTest, Ellipses, Quality, check_test, ellipses
-from musatpy.statistics.undetected import CommonErrors, HiddenErrors, common_errors, hidden_errors
-from musatpy.statistics.words import Words, words_of
+from musatpy.model import (
+    Block,
+    ControlKind,
+    CoordinateSystem,
+    Program,
+    Refraction,
+    Solution,
+    SystemSpec,
+    Treatment,
+    Verdict,
+    WaterLevel,
+)
+from musatpy.model.solution import WAVE_VALUES
+from musatpy.model.water import WAVE_SIGMAS
+from musatpy.statistics.differences import (
+    Analysis,
+    analysis_of,
+    elevations,
+    metric_components,
+    position_components,
+    rectangular,
+)
+from musatpy.statistics.quality import Quality, sigmas_of
+from musatpy.statistics.verdict import verdict_of
+from musatpy.units import AngleUnit
 
 if TYPE_CHECKING:
-    from musatpy.systems import Stated, StatedSolution
+    from musatpy.systems import Stated, StatedSolution, Statement
 
 LARGE_RESIDUAL = 3.0  # sigmas
-PRINTED_TEST = 0.005  # test values below print as zero: which one is the largest, is then rounding error
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DifferenceStatistics:
-    """One sample of differences in numbers, in the unit of the sample; NaN where the sample is too small."""
-
-    size: int
-    sum: float
-    mean: float
-    rms: float
-    deviation: float  # standard deviation from the mean, N - 1 in the denominator
-    maximum: float  # signed
-    maximum_id: str  # whose difference the maximum is; empty for an empty sample
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Analysis:
-    """The differences of three components, and the statistics of each.
-
-    Rows are those of `ids`; a component that is not part of its sample is NaN.
-    """
-
-    components: tuple[str, str, str]
-    units: tuple[str, str, str]  # "rad" or "m"
-    ids: TextArray  # (n,)
-    differences: FloatArray  # (n, 3)
-    statistics: tuple[DifferenceStatistics, DifferenceStatistics, DifferenceStatistics]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ControlDifferences:
-    """Adjusted minus given of every control card, metres along east, north, up (X, Y, Z in local jobs)."""
-
-    difference: FloatArray  # (k, 3) NaN where a component is not given, or the point not determined
-    used: BoolArray  # (k, 3) the component was an observation, or fixed
-    adjusted_sigma: FloatArray  # (k, 3) m, of the adjusted position
+NOT_GIVEN = -1
+_NAMED = 8  # photos: of more, the first ones are named
+_ANGLES = {
+    "OPK": ("Omega", "Phi", "Kappa"),
+    "POK": ("Phi", "Omega", "Kappa"),
+    "ATS": ("Azimuth", "Tilt", "Swing"),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,16 +64,62 @@ class PlateStatistics:
     total_rms: FloatArray  # (3, 2) mm
 
 
-@dataclass(frozen=True, eq=False)
-class Statistics:
-    """Every statistic of one solution, each computed when it is first asked for."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ellipses:
+    """Standard error ellipses (n,): semi-axes in m, and the bearing of the longer one, rad from north to east."""
 
-    solution: Solution
+    major: FloatArray
+    minor: FloatArray
+    bearing: FloatArray
+    vertical: FloatArray  # sigma of the height
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Words:
+    """A statement, with what a SYS card says of it."""
+
+    spec: SystemSpec
+    statement: Statement
 
     @property
-    def block(self) -> Block:
-        """The block that was adjusted."""
-        return self.solution.block
+    def angular(self) -> bool:
+        """True where the first two coordinates are angles (rad)."""
+        return self.spec.kind == CoordinateSystem.GEOGRAPHIC
+
+    @property
+    def unit(self) -> AngleUnit:
+        """In which angles are printed."""
+        return self.spec.unit
+
+    @property
+    def names(self) -> tuple[str, str, str]:
+        """The names of the coordinates."""
+        return self.statement.system.names
+
+    @property
+    def units(self) -> tuple[str, str, str]:
+        """The units of the coordinates."""
+        return self.statement.system.units
+
+    @property
+    def angles(self) -> tuple[str, str, str] | None:
+        """The names of the angles of an attitude; None where attitudes are matrices."""
+        return _ANGLES.get(self.spec.angles)
+
+    @property
+    def of_system(self) -> bool:
+        """True where sigmas are of the stated coordinates and attitudes; else of east, north, up and X-tilt, ..."""
+        return self.spec.sigmas == "SYST"
+
+    @property
+    def has_plane(self) -> bool:
+        """True where error ellipses are in the plane of the first two coordinates, not across the vertical."""
+        return self.of_system and self.statement.system.plane
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics(Quality):
+    """Every statistic of one solution, each computed when it is first asked for."""
 
     @property
     def read(self) -> Block:
@@ -102,7 +132,7 @@ class Statistics:
         """Camera Station Position Analysis: adjusted minus initial."""
         photos = self.block.photos
         difference = self.solution.stations.position - photos.position
-        if _system(self.block) is CoordinateSystem.GEOGRAPHIC:
+        if self.block.options.system is CoordinateSystem.GEOGRAPHIC:
             difference[:, 1] = wrapped(difference[:, 1])
         return analysis_of(position_components(self.block), photos.ids, difference)
 
@@ -123,13 +153,13 @@ class Statistics:
         """
         block = self.block
         ids = block.points.ids[block.control.point]
-        if _system(block) is CoordinateSystem.GEOGRAPHIC:
+        if block.options.system is CoordinateSystem.GEOGRAPHIC:
             components = position_components(block)
             difference = self.solution.points.position[block.control.point] - block.control.position
             difference[:, 1] = wrapped(difference[:, 1])
         else:
             components = metric_components(block)
-            difference = self.control.difference
+            difference = self.control_difference
         return analysis_of(components, ids, np.where(block.control.known, difference, np.nan))
 
     @cached_property
@@ -138,93 +168,20 @@ class Statistics:
         block = self.block
         check = block.control.kind == ControlKind.CHECK
         ids = block.points.ids[block.control.point[check]]
-        return analysis_of(metric_components(block), ids, self.control.difference[check])
-
-    @cached_property
-    def control(self) -> ControlDifferences:
-        """Adjusted minus given of every control card in metres, with the sigma of the adjusted position."""
-        block = self.block
-        rows = block.control.point
-        return ControlDifferences(
-            difference=metric_differences(block, block.control.position, self.solution.points.position[rows]),
-            used=block.control.known,
-            adjusted_sigma=self.point_sigmas[rows],
-        )
-
-    @cached_property
-    def quality(self) -> Quality:
-        """The tests of the solution."""
-        return Quality(self.solution)
-
-    @cached_property
-    def normal_tests(self) -> FloatArray:
-        """(o,) test values of the observations as normal variables, NaN where nothing checks one."""
-        from musatpy.statistics.verdict import normal_tests  # it reads these statistics
-
-        return normal_tests(self)
-
-    @cached_property
-    def worst_observations(self) -> IntArray:
-        """Rows of the observations by falling `normal_tests`; those without one, or with zero, left out."""
-        size = np.nan_to_num(np.abs(self.normal_tests), posinf=np.inf)
-        return falling(size, TEST_DECIMALS)[: np.count_nonzero(size > PRINTED_TEST)]
-
-    @cached_property
-    def control_tests(self) -> FloatArray:
-        """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
-        tests = np.full((len(self.block.control.point), 3), np.nan)
-        if self.solution.observed is not None:
-            observed = self.quality.observed
-            control = observed.kind == ObservationKind.CONTROL
-            tests[observed.row[control], observed.component[control]] = self.normal_tests[control]
-        return tests
+        return analysis_of(metric_components(block), ids, self.control_difference[check])
 
     @cached_property
     def control_residuals(self) -> Analysis:
         """Adjusted minus given of the control that took part, in metres; control without error left out."""
         control = self.block.control
         ids = self.block.points.ids[control.point]
-        used = self.control.used & ~control.fixed[:, None]
-        return analysis_of(metric_components(self.block), ids, np.where(used, self.control.difference, np.nan))
-
-    @cached_property
-    def hidden(self) -> HiddenErrors:
-        """How far errors that no test finds may move the points."""
-        return hidden_errors(self)
-
-    @cached_property
-    def common_errors(self) -> CommonErrors | None:
-        """The tests of the parameters that are held; None where the solution says nothing of them."""
-        return common_errors(self)
+        used = control.known & ~control.fixed[:, None]
+        return analysis_of(metric_components(self.block), ids, np.where(used, self.control_difference, np.nan))
 
     @cached_property
     def verdict(self) -> Verdict:
         """What the solution is worth."""
-        from musatpy.statistics.verdict import verdict_of  # it reads these statistics
-
         return verdict_of(self)
-
-    @property
-    def check_sigma0(self) -> float:
-        """Sigma0 as it scales the covariance of check points: not below 1, unless the plate sigma is a guess.
-
-        Plate sigmas that are too large say nothing of the errors of the control.
-        """
-        from musatpy.statistics.verdict import tests_sigma0  # it reads these statistics
-
-        unit_sigma = self.solution.unit_sigma
-        return max(unit_sigma, 1.0) if tests_sigma0(self) else unit_sigma
-
-    @cached_property
-    def check_test(self) -> CheckTest:
-        """The check points against their own covariance by `check_sigma0`, that of their cards included."""
-        block, unit_sigma = self.block, self.solution.unit_sigma
-        rows = np.flatnonzero(block.control.kind == ControlKind.CHECK)
-        given = np.where(np.isnan(block.control.sigma[rows]), 0.0, block.control.sigma[rows])
-        scale = (self.check_sigma0 / unit_sigma) ** 2 if unit_sigma > 0.0 else 1.0
-        covariance = self.solution.points.covariance[block.control.point[rows]] * scale
-        covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
-        return check_test(rows, self.control.difference[rows], covariance)
 
     @cached_property
     def plates(self) -> PlateStatistics:
@@ -232,25 +189,10 @@ class Statistics:
         return _plate_statistics(self.solution)
 
     @cached_property
-    def plate_sigmas(self) -> FloatArray:
-        """(m, 2) mm, a priori: of the card, or the job's where the card gives none, times the submerged factor."""
-        return self.block.plate_sigmas
-
-    @cached_property
     def large_residuals(self) -> BoolArray:
         """(m,) True where a plate residual in x or y is larger than `LARGE_RESIDUAL` of its a priori sigmas."""
         residual = np.abs(self.solution.plates.residual)
-        return np.asarray((residual > LARGE_RESIDUAL * self.plate_sigmas).any(axis=1))
-
-    @cached_property
-    def submerged_plates(self) -> BoolArray:
-        """(m,) True where a plate measurement is of a submerged point."""
-        return self.block.points.bathymetric[self.block.plates.point]
-
-    @cached_property
-    def flags(self) -> FlagTests:
-        """The flags of the points against their heights."""
-        return flag_tests(self)
+        return np.asarray((residual > LARGE_RESIDUAL * self.block.plate_sigmas).any(axis=1))
 
     @cached_property
     def plate_order(self) -> IntArray:
@@ -263,16 +205,6 @@ class Statistics:
         groups = self.block.equal_elevations
         positions = self.solution.points.position[groups.point]
         return elevations(self.block, positions) - self.solution.levels[groups.group]
-
-    @cached_property
-    def station_sigmas(self) -> FloatArray:
-        """(n, 6) a posteriori: east, north, up (m), omega, phi, kappa (rad)."""
-        return _sigmas(self.solution.stations.covariance)
-
-    @cached_property
-    def point_sigmas(self) -> FloatArray:
-        """(p, 3) m, a posteriori, along east, north, up (X, Y, Z in local jobs)."""
-        return _sigmas(self.solution.points.covariance)
 
     @cached_property
     def given_words(self) -> Words | None:
@@ -307,28 +239,50 @@ class Statistics:
         """(n, 6) a posteriori, of what the sigmas of the answer are of: see `Words.of_system`."""
         if self.answer is None or self.answer_words is None or not self.answer_words.of_system:
             return self.station_sigmas
-        return _sigmas(self.answer.covariance)
+        return sigmas_of(self.answer.covariance)
 
     @cached_property
     def answer_point_sigmas(self) -> FloatArray:
         """(p, 3) a posteriori, likewise."""
         if self.answer is None or self.answer_words is None or not self.answer_words.of_system:
             return self.point_sigmas
-        return _sigmas(self.answer.point_covariance)
+        return sigmas_of(self.answer.point_covariance)
 
     @cached_property
     def point_ellipses(self) -> Ellipses:
         """Error ellipses of the ground points, in the plane of `Words.has_plane` or across the vertical."""
         if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
-            return self.quality.points
+            return ellipses(self.solution.points.covariance)
         return ellipses(self.answer.point_covariance)
 
     @cached_property
     def station_ellipses(self) -> Ellipses:
         """Error ellipses of the exposure stations, likewise."""
         if self.answer is None or self.answer_words is None or not self.answer_words.has_plane:
-            return self.quality.stations
+            return ellipses(self.solution.stations.covariance[:, :3, :3])
         return ellipses(self.answer.covariance[:, :3, :3])
+
+    @cached_property
+    def sounding_kinds(self) -> IntArray:
+        """(s,) `ControlKind` of the submerged points whose height is given, `NOT_GIVEN` of the others."""
+        given, kind = self._given_heights
+        return np.where(np.isnan(given), NOT_GIVEN, kind)
+
+    @cached_property
+    def sounding_residuals(self) -> FloatArray:
+        """(s,) m, adjusted minus given depth of the submerged points, NaN where no height is given."""
+        adjusted = self.solution.points.position[self.solution.bathymetric.point]
+        return self._given_heights[0] - elevations(self.block, adjusted)
+
+    @cached_property
+    def _given_heights(self) -> tuple[FloatArray, IntArray]:
+        """Given heights (s,) m of the submerged points, NaN of those without, and their kinds of control (s,)."""
+        control, p = self.block.control, len(self.block.points.ids)
+        given, kind = np.full(p, np.nan), np.full(p, NOT_GIVEN)
+        rows = control.kind != ControlKind.HORIZONTAL
+        given[control.point[rows]] = elevations(self.block, control.position[rows])
+        kind[control.point[rows]] = control.kind[rows]
+        return given[self.solution.bathymetric.point], kind[self.solution.bathymetric.point]
 
     @cached_property
     def bathymetric_xyz(self) -> FloatArray:
@@ -343,106 +297,6 @@ class Statistics:
             solution.points.position[rows],
         )
         return np.stack([rectangular(solution.block, position) for position in positions], axis=1)
-
-
-def difference_statistics(differences: ArrayLike, ids: ArrayLike) -> DifferenceStatistics:
-    """Return the statistics of `differences` (n,), whose rows are named `ids` (n,); NaN rows are left out."""
-    sample, names = np.asarray(differences, dtype=float), np.asarray(ids, dtype=str)
-    kept = ~np.isnan(sample)
-    d, names = sample[kept], names[kept]
-    N = len(d)
-    if N == 0:
-        nan = math.nan
-        return DifferenceStatistics(size=0, sum=0.0, mean=nan, rms=nan, deviation=nan, maximum=nan, maximum_id="")
-    total = math.fsum(d)
-    mean = total / N
-    worst = largest(np.abs(d))
-    return DifferenceStatistics(
-        size=N,
-        sum=total,
-        mean=mean,
-        rms=math.sqrt(math.fsum(d**2) / N),
-        deviation=math.sqrt(math.fsum((d - mean) ** 2) / (N - 1)) if N > 1 else math.nan,
-        maximum=float(d[worst]),
-        maximum_id=str(names[worst]),
-    )
-
-
-def position_components(block: Block) -> dict[str, str]:
-    """Return component -> unit of positions in the job's system."""
-    if _system(block) is CoordinateSystem.GEOGRAPHIC:
-        return {"Latitude": "rad", "Longitude": "rad", "Elevation": "m"}
-    return {"X": "m", "Y": "m", "Z": "m"}
-
-
-def metric_components(block: Block) -> dict[str, str]:
-    """Return component -> unit of differences and sigmas in metres along the vertical and across it."""
-    if _system(block) is CoordinateSystem.LOCAL:
-        return {"X": "m", "Y": "m", "Z": "m"}
-    return {"East": "m", "North": "m", "Up": "m"}
-
-
-def rectangular(block: Block, positions: FloatArray) -> FloatArray:
-    """Return X, Y, Z (n, 3) m of positions (n, 3) in the job's system; rows with a NaN come back all NaN."""
-    if _system(block) is not CoordinateSystem.GEOGRAPHIC:
-        return positions
-    known = ~np.isnan(positions).any(axis=1)
-    xyz = np.full(positions.shape, np.nan)
-    if known.any():
-        xyz[known] = _ellipsoid(block).geocentric(positions[known])
-    return xyz
-
-
-def elevations(block: Block, positions: FloatArray) -> FloatArray:
-    """Return the heights (n,) m of positions (n, 3) in the job's system; NaN where a position has a NaN."""
-    if _system(block) is not CoordinateSystem.GEOCENTRIC:
-        return positions[:, 2]
-    known = ~np.isnan(positions).any(axis=1)
-    heights = np.full(len(positions), np.nan)
-    if known.any():
-        heights[known] = _ellipsoid(block).geographic(positions[known])[:, 2]
-    return heights
-
-
-def metric_differences(block: Block, given: FloatArray, adjusted: FloatArray) -> FloatArray:
-    """Return adjusted minus given (n, 3), metres along the east, north, up of the given points.
-
-    Both are positions (n, 3) in the job's system. A component that is not given (NaN) is NaN in the result, and
-    takes no part in that of the others; in local jobs the axes are those of the frame.
-    """
-    if _system(block) is CoordinateSystem.LOCAL:
-        return adjusted - given
-    geographic = _system(block) is CoordinateSystem.GEOGRAPHIC
-    return _ellipsoid(block).metric_differences(given, adjusted, geographic)
-
-
-def _system(block: Block) -> CoordinateSystem:
-    return block.options.system
-
-
-def _ellipsoid(block: Block) -> Ellipsoid:
-    spec = block.ellipsoid
-    if spec is None:
-        raise ValueError("a geographic or geocentric block without an ellipsoid")
-    return Ellipsoid.of(spec)
-
-
-def _sigmas(covariance: FloatArray) -> FloatArray:
-    """Return the roots of the diagonals (..., n) of covariances (..., n, n); rounding below zero counts as zero."""
-    return np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
-
-
-def analysis_of(components: dict[str, str], ids: TextArray, differences: FloatArray) -> Analysis:
-    """Return the analysis of differences (n, 3) of three components, given by name and unit."""
-    first, second, third = components
-    x, y, z = (difference_statistics(column, ids) for column in differences.T)
-    return Analysis(
-        components=(first, second, third),
-        units=(components[first], components[second], components[third]),
-        ids=ids,
-        differences=differences,
-        statistics=(x, y, z),
-    )
 
 
 def _plate_statistics(solution: Solution) -> PlateStatistics:
@@ -477,3 +331,74 @@ def _largest(rms: FloatArray) -> int:
     """Return the row of the largest sqrt(x^2 + y^2) of `rms` (n, 2), the first of equals, -1 where all are NaN."""
     size = np.hypot(rms[:, 0], rms[:, 1])
     return largest(size) if (~np.isnan(size)).any() else -1
+
+
+def words_of(spec: SystemSpec | None, block: Block) -> Words | None:
+    """Return the words of a statement of a block, None of none. Raises `SystemsError` where it is no statement."""
+    if spec is None:
+        return None
+    from musatpy.systems import statement_of
+
+    return Words(spec=spec, statement=statement_of(spec, block))
+
+
+def ellipses(covariance: FloatArray) -> Ellipses:
+    """Return the standard error ellipses of covariances (n, 3, 3) along east, north, up."""
+    covariance = np.where(np.isfinite(covariance), covariance, np.nan)
+    ee, nn, en = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
+    mean, half = 0.5 * (ee + nn), np.hypot(0.5 * (nn - ee), en)
+    bearing = 0.5 * np.arctan2(2.0 * en, nn - ee)
+    return Ellipses(
+        major=np.sqrt(mean + half),
+        minor=np.sqrt(np.maximum(mean - half, 0.0)),
+        bearing=np.where(bearing < 0.0, bearing + np.pi, bearing),
+        vertical=np.sqrt(covariance[:, 2, 2]),
+    )
+
+
+def exact_water(block: Block) -> tuple[str, ...]:
+    """Return, in words, what of the water is neither adjusted nor has a sigma; nothing without submerged points.
+
+    A run without refraction knows of the water its level only.
+    """
+    options, water = block.options, block.water
+    if water is None or not block.points.bathymetric.any():
+        return ()
+    tides = _exact_tides(block)
+    exact = []
+    if tides.any():
+        every = not (block.photos.tide_sigma > 0.0).any() and options.water_level is WaterLevel.KNOWN
+        exact.append("all tides" if every else f"the tides of photos {_named(block.photos.ids[tides].tolist())}")
+    if options.program is Program.IIA and options.refraction is Refraction.NONE:
+        return tuple(exact)
+    if options.water_index is not Treatment.ADJUST and not water.sigma:
+        exact.append("the refractive index")
+    if options.water_tilt is not Treatment.ADJUST and not water.tilt_sigma:
+        exact.append("the tilt of the surface")
+    waves = block.waves
+    for row, name in enumerate(waves.ids.tolist()):
+        known = [
+            parameter
+            for parameter, sigma in zip(WAVE_VALUES, WAVE_SIGMAS, strict=True)
+            if not getattr(waves, sigma)[row] > 0.0
+        ]
+        if known:
+            exact.append(f"wave {name} ({', '.join(known)})")
+    return tuple(exact)
+
+
+def _exact_tides(block: Block) -> BoolArray:
+    """Return (n,) the photos that show submerged points and whose tide has neither a sigma nor a correction."""
+    photos, level = block.photos, block.options.water_level
+    shown = np.zeros(len(photos.ids), dtype=bool)
+    shown[block.plates.photo[block.points.bathymetric[block.plates.point]]] = True
+    adjusted = np.zeros(len(photos.ids), dtype=bool)
+    if block.options.program is Program.IIIA and level is not WaterLevel.KNOWN:
+        labels = {WaterLevel.GROUP: photos.tide_group, WaterLevel.DAY: photos.tide_day}.get(level)
+        adjusted = np.ones_like(adjusted) if labels is None else labels != ""
+    return shown & np.isfinite(photos.tide) & ~adjusted & ~(photos.tide_sigma > 0.0)
+
+
+def _named(ids: list[str]) -> str:
+    more = len(ids) - _NAMED
+    return ", ".join(ids[:_NAMED]) + (f" and {more} others" if more > 0 else "")

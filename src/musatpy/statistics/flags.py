@@ -7,18 +7,14 @@ contradicts its flag, which v'Pv cannot: without the refraction of its rays the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, falling
 from musatpy.model import Block, OtherFlags, Program, Refraction, Solution
-from musatpy.model.ranking import falling
 from musatpy.model.tables import Table, per_row
-from musatpy.statistics.quality import test_limit
-
-if TYPE_CHECKING:
-    from musatpy.statistics.analyses import Statistics
+from musatpy.probability import test_limit
+from musatpy.statistics.differences import elevations
 
 LEAST_LIMIT = 4.0  # sigmas
 FEW = 3  # flagged points that say less together than each
@@ -93,16 +89,16 @@ class FlagTests(Table):
         return float(least), float(most)
 
 
-def flag_tests(statistics: Statistics) -> FlagTests:
-    """Return the flags of a solution held against its heights; of no point where nothing is refracted."""
-    from musatpy.statistics.analyses import elevations  # which has these tests
+def flag_tests(solution: Solution, point_sigmas: FloatArray) -> FlagTests:
+    """Return the flags of a solution held against its heights; of no point where nothing is refracted.
 
-    block, solution = statistics.block, statistics.solution
-    points, wet = solution.points, block.points.bathymetric
+    `point_sigmas` (p, 3) m: those of the heights come last.
+    """
+    block, points, wet = solution.block, solution.points, solution.block.points.bathymetric
     height, other = elevations(block, points.position), np.full(len(wet), np.nan)
     if solution.other_flags is not None:
         other[solution.other_flags.point] = solution.other_flags.height
-    sigma = np.hypot(statistics.point_sigmas[:, 2], points.water_sigma)
+    sigma = np.hypot(point_sigmas[:, 2], points.water_sigma)
     tested = refracts(block) & ~block.points.dry & np.isfinite(height) & np.isfinite(points.water[:, 0])
     rows = np.flatnonzero(tested & np.isfinite(sigma))
     straight = height.copy()

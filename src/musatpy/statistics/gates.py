@@ -1,4 +1,4 @@
-"""What no answer can be: gates of the verdict that need no statistics, only physics.
+"""What no answer can be: gates of the verdict that need no statistics, only physics; and flags against heights.
 
 Each yields its reasons. What the cards of a deck themselves put there (a camera that looks up, a point above its
 camera) is no reason.
@@ -6,8 +6,7 @@ camera) is no reason.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,19 +19,20 @@ from musatpy.model import (
     Reason,
     Treatment,
 )
+from musatpy.model.findings import named
 from musatpy.model.water import index_range
-from musatpy.statistics.analyses import elevations, rectangular
-
-if TYPE_CHECKING:
-    from musatpy.statistics.analyses import Statistics
+from musatpy.statistics.differences import elevations, rectangular
+from musatpy.statistics.flags import refracts, squares_choose
+from musatpy.statistics.quality import Quality
 
 FARTHEST = 100.0  # flying heights
 PART_OF_FORMAT = 0.1  # of a plate, that no residual of a measurement in the solution reaches
-_NAMED = 5  # photos or points by name, the others by their number
+_NAMED = 5  # points with their heights
+FLAGS = "Flags Against Heights"
 _STATIONS, _POINTS = "Adjusted Exposure Stations", "Adjusted Ground Points"
 
 
-def gates(statistics: Statistics) -> Iterator[Reason]:
+def gates(statistics: Quality) -> Iterator[Reason]:
     """Yield every physical reason to reject a solution."""
     yield from not_finite(statistics)
     yield from stations(statistics)
@@ -41,11 +41,11 @@ def gates(statistics: Statistics) -> Iterator[Reason]:
     yield from residuals(statistics)
 
 
-def not_finite(statistics: Statistics) -> Iterator[Reason]:
+def not_finite(statistics: Quality) -> Iterator[Reason]:
     """Yield what has no finite number: sigma0, stations, points, their covariances."""
     solution, block = statistics.solution, statistics.block
     if not np.isfinite(solution.sigma0):
-        yield _rejected(Concern.FINITE, "sigma0 is not finite", "Solution Summary")
+        yield Reason(Grade.REJECTED, Concern.FINITE, "sigma0 is not finite", "Solution Summary")
     busy = np.zeros(len(block.photos.ids), dtype=bool)
     busy[block.plates.photo[solution.plates.triangulated]] = True
     placed = solution.points.status != PointStatus.NOT_DETERMINED
@@ -62,16 +62,18 @@ def not_finite(statistics: Statistics) -> Iterator[Reason]:
     ):
         lost = np.flatnonzero(rows & ~np.isfinite(values).all(axis=1))
         if len(lost):
-            yield _rejected(Concern.FINITE, f"{named(what, names[lost])}: no finite coordinates", section)
+            text = f"{named(what, names[lost])}: no finite coordinates"
+            yield Reason(Grade.REJECTED, Concern.FINITE, text, section)
         variances = np.diagonal(covariances, axis1=1, axis2=2)
         with np.errstate(invalid="ignore"):
             wild = ~(np.isfinite(variances) & (variances >= 0.0)).all(axis=1)
         unsure = np.flatnonzero(rows & wild & np.isfinite(values).all(axis=1))
         if len(unsure):
-            yield _rejected(Concern.FINITE, f"{named(what, names[unsure])}: no finite sigmas", section)
+            text = f"{named(what, names[unsure])}: no finite sigmas"
+            yield Reason(Grade.REJECTED, Concern.FINITE, text, section)
 
 
-def stations(statistics: Statistics) -> Iterator[Reason]:
+def stations(statistics: Quality) -> Iterator[Reason]:
     """Yield the cameras below their water or their ground, or looking up, where no card puts them so."""
     solution, photos = statistics.solution, statistics.block.photos
     height = elevations(statistics.block, solution.stations.position)
@@ -83,7 +85,9 @@ def stations(statistics: Statistics) -> Iterator[Reason]:
     water = photos.tide if solution.water is None else solution.water.tide
     sees_water = np.zeros(len(height), dtype=bool)
     plates = statistics.block.plates
-    sees_water[plates.photo[statistics.submerged_plates & solution.plates.triangulated]] = True
+    sees_water[plates.photo[statistics.block.points.bathymetric[plates.point] & solution.plates.triangulated]] = (
+        True
+    )
     ground = ground_heights(statistics)
     with np.errstate(invalid="ignore"):
         drowned = sees_water & (height <= water)
@@ -92,10 +96,10 @@ def stations(statistics: Statistics) -> Iterator[Reason]:
     for what, rows in (("below the water", drowned), ("below its ground", buried), ("looking up", upwards)):
         if rows.any():
             text = f"{named('photo', photos.ids[rows])}: camera {what}"
-            yield _rejected(Concern.STATION, text, _STATIONS)
+            yield Reason(Grade.REJECTED, Concern.STATION, text, _STATIONS)
 
 
-def far_points(statistics: Statistics) -> Iterator[Reason]:
+def far_points(statistics: Quality) -> Iterator[Reason]:
     """Yield the points farther from every camera that sees them than `FARTHEST` flying heights."""
     rays, height = ray_lengths(statistics), flying_height(statistics)
     plates, points = statistics.block.plates, statistics.block.points
@@ -106,10 +110,10 @@ def far_points(statistics: Statistics) -> Iterator[Reason]:
     if len(far):
         largest = float(nearest[far].max())
         text = f"{named('point', points.ids[far])}: {largest:.2g} m from the cameras, which fly {height:.0f} m high"
-        yield _rejected(Concern.DISTANCE, text, _POINTS)
+        yield Reason(Grade.REJECTED, Concern.DISTANCE, text, _POINTS)
 
 
-def index(statistics: Statistics) -> Iterator[Reason]:
+def index(statistics: Quality) -> Iterator[Reason]:
     """Yield an adjusted refractive index at the ends of its physical range, or outside."""
     water, given = statistics.solution.water, statistics.block.water
     if water is None or given is None or statistics.block.options.water_index is not Treatment.ADJUST:
@@ -117,10 +121,10 @@ def index(statistics: Statistics) -> Iterator[Reason]:
     low, high = index_range(given.liquid)
     if not low < water.index < high:
         text = f"the adjusted refractive index {water.index:.4f} is not between {low:g} and {high:g}"
-        yield _rejected(Concern.INDEX, text, "Water: Surface And Index")
+        yield Reason(Grade.REJECTED, Concern.INDEX, text, "Water: Surface And Index")
 
 
-def residuals(statistics: Statistics) -> Iterator[Reason]:
+def residuals(statistics: Quality) -> Iterator[Reason]:
     """Yield measurements in the solution whose residual is more than `PART_OF_FORMAT` of the plate."""
     block, residual = statistics.block, np.abs(statistics.solution.plates.residual)
     size = np.nanmin(_formats(statistics), axis=1)[block.photos.camera[block.plates.photo]]
@@ -136,19 +140,10 @@ def residuals(statistics: Statistics) -> Iterator[Reason]:
         ]
         largest = float(residual[rows].max())
         text = f"{named('photo', names)}: residuals up to {largest:.1f} mm"
-        yield _rejected(Concern.FORMAT, text, "Plate Residuals")
+        yield Reason(Grade.REJECTED, Concern.FORMAT, text, "Plate Residuals")
 
 
-def named(noun: str, names: Iterable[object]) -> str:
-    """Return `photos 1, 2, 3`: a few by name, the others by their number."""
-    texts = [str(name) for name in names]
-    if len(texts) == 1:
-        return f"{noun} {texts[0]}"
-    more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
-    return f"{noun}s {', '.join(texts[:_NAMED])}{more}"
-
-
-def ray_lengths(statistics: Statistics) -> FloatArray:
+def ray_lengths(statistics: Quality) -> FloatArray:
     """Return the distances (m,) m from camera to point of every measurement; NaN where one has no position."""
     block, solution = statistics.block, statistics.solution
     stations = rectangular(block, solution.stations.position)[block.plates.photo]
@@ -157,14 +152,14 @@ def ray_lengths(statistics: Statistics) -> FloatArray:
         return np.linalg.norm(points - stations, axis=1)
 
 
-def flying_height(statistics: Statistics) -> float:
+def flying_height(statistics: Quality) -> float:
     """Return the median distance (m) from the cameras to the points of the solution."""
     rays = ray_lengths(statistics)[statistics.solution.plates.triangulated]
     rays = rays[np.isfinite(rays)]
     return float(np.median(rays)) if len(rays) else float("nan")
 
 
-def ground_heights(statistics: Statistics) -> FloatArray:
+def ground_heights(statistics: Quality) -> FloatArray:
     """Return the median height (n,) m of the points that each photo shows; NaN where it shows none."""
     block, solution = statistics.block, statistics.solution
     height = elevations(block, solution.points.position)[block.plates.point]
@@ -188,12 +183,116 @@ def _looks_up(attitude: FloatArray) -> BoolArray:
     return np.cos(attitude[:, 0]) * np.cos(attitude[:, 1]) < 0.0
 
 
-def _formats(statistics: Statistics) -> FloatArray:
+def _formats(statistics: Quality) -> FloatArray:
     """Return the formats (c, 2) mm of the cameras; where none is given, the extent of what was measured."""
     block = statistics.block
     extent = np.ptp(block.plates.xy, axis=0) if len(block.plates.xy) else np.full(2, np.inf)
     return np.where(np.isnan(block.cameras.format_size), extent, block.cameras.format_size)
 
 
-def _rejected(concern: Concern, text: str, section: str) -> Reason:
-    return Reason(grade=Grade.REJECTED, concern=concern, text=text, section=section)
+def flags(statistics: Quality) -> Iterator[Reason]:
+    """Yield that points contradict their flags, and that so many do that water and control may be of two datums."""
+    if not statistics.solution.converged:
+        return
+    tests = statistics.flags
+    below, above = tests.doubted_of(False), tests.doubted_of(True)
+    if datum := _datum(statistics):
+        yield Reason(Grade.REJECTED, Concern.DATUM, datum, FLAGS)
+    for rows, without, side, flag in (
+        (below, "not flagged as submerged (B)", "below the water of all", "with"),
+        (above, "flagged as submerged (B)", "above the water of all", "without"),
+    ):
+        if len(rows):
+            text = (
+                f"{_who(statistics, rows)} {without}, and up to {tests.wrong_side[rows].max():.2f} m "
+                f"({tests.sigmas[rows].max():.1f} sigmas) {side} photos: {_heights(statistics, rows, flag)}"
+            )
+            yield Reason(Grade.DOUBTFUL, Concern.FLAGS, text, FLAGS)
+    if (len(below) or len(above)) and not datum:
+        yield from _offset(statistics)
+
+
+def straight(statistics: Quality) -> Iterator[Reason]:
+    """Yield that submerged points were adjusted as if there were no water."""
+    block = statistics.block
+    wet = block.points.bathymetric & (statistics.solution.points.status != PointStatus.NOT_DETERMINED)
+    if wet.any() and not refracts(block):
+        text = (
+            f"refraction NONE: {_many(int(wet.sum()), 'point')} flagged as submerged adjusted as if there were no "
+            "water; about a quarter of their depth is missing"
+        )
+        yield Reason(Grade.DOUBTFUL, Concern.REFRACTION, text, "Options")
+
+
+def flag_notes(statistics: Quality) -> Iterator[str]:
+    """Yield the points near the water whose flags their heights neither confirm nor contradict."""
+    tests = statistics.flags
+    rows = np.flatnonzero(tests.near & ~tests.flagged)
+    if len(rows):
+        text = (
+            f"{_who(statistics, rows)} not flagged as submerged, and below the water of some photos, or of all by"
+        )
+        yield f"{text} less than {tests.limit:.1f} sigmas"
+    rows = np.flatnonzero(tests.near & tests.flagged)
+    if len(rows):
+        text = f"{_who(statistics, rows)} flagged as submerged, and above the water of all photos"
+        yield f"{text} by less than {tests.limit:.1f} sigmas"
+
+
+def _datum(statistics: Quality) -> str:
+    """Return the reason to reject heights of two datums; empty where they are not, or other flags end it."""
+    tests = statistics.flags
+    if not tests.is_of_the_whole(statistics.solution.other_flags):
+        return ""
+    counts = [
+        f"{len(rows)} of {_many(int((tests.flagged == flagged).sum()), 'point')} {what} the water"
+        for flagged, what in ((True, "flagged as submerged are above"), (False, "without the flag are below"))
+        if len(rows := tests.doubted_of(flagged))
+    ]
+    return f"{', '.join(counts)}: {_apart(statistics) or 'no one offset between tides and control explains it'}"
+
+
+def _offset(statistics: Quality) -> Iterator[Reason]:
+    """Yield the offset between tides and control that would end what a few points contradict."""
+    apart = _apart(statistics)
+    if apart:
+        text = f"if the flags are right, {apart}"
+        yield Reason(Grade.DOUBTFUL, Concern.DATUM, text, FLAGS)
+
+
+def _apart(statistics: Quality) -> str:
+    """Return the offset in words; empty where there is none, or nothing bounds it."""
+    least, most = statistics.flags.offset
+    if not (np.isfinite(least) and np.isfinite(most)) or least > most:
+        return ""
+    sizes = sorted((abs(least), abs(most)))
+    side = "low" if least > 0.0 else "high"
+    return (
+        f"tides and control may be {sizes[0]:.1f} to {sizes[1]:.1f} m apart in height, the tides too {side}: read "
+        "the datum of both again"
+    )
+
+
+def _heights(statistics: Quality, rows: IntArray, flag: str) -> str:
+    """Return both heights of points in words, and the squares of both adjustments where these differ."""
+    tests, ids, texts = statistics.flags, statistics.block.points.ids, []
+    for row in rows[:_NAMED].tolist():
+        other = tests.other_height[row]
+        name = f"{ids[tests.point[row]]} at " if len(rows) > 1 else "at "
+        texts.append(
+            f"{name}{tests.height[row]:.3f} m" + (f", {other:.3f} m {flag} it" if np.isfinite(other) else "")
+        )
+    text, solution = "; ".join(texts), statistics.solution
+    if solution.other_flags is not None and squares_choose(solution):
+        squares = solution.sum_of_squares, solution.other_flags.sum_of_squares
+        text += f"; v'Pv {squares[0]:.1f}, with the other flags {squares[1]:.1f}"
+    return text
+
+
+def _who(statistics: Quality, rows: IntArray) -> str:
+    ids = statistics.block.points.ids[statistics.flags.point[rows]]
+    return f"{named('point', ids)} {'is' if len(ids) == 1 else 'are'}"
+
+
+def _many(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"

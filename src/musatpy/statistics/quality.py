@@ -1,7 +1,8 @@
-"""Tests of a solution: of sigma0, of single observations, of groups of them, of check points; error ellipses.
+"""Tests of a solution: of sigma0, of observations and groups of them, of what many have in common, of check points.
 
-Sources: Baarda (1968) for the standardised residual and the smallest detectable error, Pope (1976) for the test
-with an estimated sigma0, Foerstner (1979) for variance components. Levels of significance are named constants.
+Sources: Baarda (1968) for the standardised residual, the smallest detectable error, and how far an error that no
+test finds may move a point, its external reliability; Pope (1976) for the test with an estimated sigma0; Foerstner
+(1979) for variance components. Levels of significance are named constants.
 """
 
 from __future__ import annotations
@@ -11,10 +12,30 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model import Dependence, ObservationKind, Observations, Solution
-from musatpy.model.ranking import falling
-from musatpy.probability import normal_quantile, probability_beyond, quantile, students_of_pope
+from musatpy.arrays import BoolArray, FloatArray, IntArray, falling
+from musatpy.model import (
+    Block,
+    ControlKind,
+    Dependence,
+    HeldParameters,
+    ObservationKind,
+    Observations,
+    PlateSigma,
+    PointStatus,
+    Program,
+    Solution,
+    Weights,
+)
+from musatpy.model.tables import Table, per_row
+from musatpy.probability import (
+    probability_beyond,
+    quantile,
+    student_as_normal,
+    students_of_pope,
+    test_limit,
+)
+from musatpy.statistics.differences import metric_differences
+from musatpy.statistics.flags import FlagTests, flag_tests
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
 ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors
@@ -22,7 +43,12 @@ TEST_LIMIT = 3.290526731491894  # normal quantile of 1 - ALPHA / 2: test values 
 POWER = 0.8416212335729143  # and that of BETA
 DETECTABLE = TEST_LIMIT + POWER  # 4.13 sigmas of the residual
 TEST_DECIMALS = 2  # with which test values are printed
-FAMILY_RISK = 0.01  # that any observation of a clean run fails the test of the verdict
+PRINTED_TEST = 0.005  # test values below print as zero: which one is the largest, is then rounding error
+BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
+SEEN = 1e-8  # of the squares of a column: what the residuals show below is rounding
+FAR = 5.0  # sigmas of a point: what moves it farther and stays hidden makes it weakly checked
+_DECIMALS = 1  # of sigmas, as they are printed
+_BELIEVED = 4.0  # sigmas: no error that one may believe moves anything by more
 _ROUNDING = 1e-5  # redundancy numbers of control below are rounding
 _UNCHECKED = 0.01  # redundancy numbers below: errors ten times the detectable ones of others would not show
 _CONTROL, _PLATE = ObservationKind.CONTROL, ObservationKind.PLATE
@@ -56,13 +82,59 @@ class CheckTest:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ellipses:
-    """Standard error ellipses (n,): semi-axes in m, and the bearing of the longer one, rad from north to east."""
+class CommonErrors(Table):
+    """The tests of h parameters that are held; NaN where there is none."""
 
-    major: FloatArray
-    minor: FloatArray
-    bearing: FloatArray
-    vertical: FloatArray  # sigma of the height
+    held: HeldParameters
+    limit: float  # of the tests, together at the level of `probability.FAMILY_RISK`
+    test: FloatArray = per_row()  # (h,) normal
+    estimated: FloatArray = per_row()  # (h,) given minus true, in its unit
+    smallest: FloatArray = per_row()  # (h,) error that the test finds with the power `BETA`
+
+    @property
+    def tested(self) -> BoolArray:
+        """(h,) True where there is a test."""
+        return ~np.isnan(self.smallest)
+
+    @property
+    def beyond(self) -> IntArray:
+        """The parameters beyond their tests, the worst first."""
+        size = np.nan_to_num(np.abs(self.test))
+        return falling(size, TEST_DECIMALS)[: np.count_nonzero(size > self.limit)]
+
+    def moved_by(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return by how much errors (h,) move what they move most in its sigmas: (h, 3) m, and in sigmas."""
+        return self.held.shift * error[:, None], self.held.sigmas * error[:, None]
+
+    @property
+    def untested(self) -> IntArray:
+        """The parameters without a test an error of which may move something by over `_BELIEVED` of its sigmas.
+
+        Those first whose reference error moves most.
+        """
+        reference = np.nan_to_num(self.moved_by(self.held.reference)[1]).max(axis=1, initial=0.0)
+        most = reference / self.held.reference * self.held.limit
+        named = ~self.tested & (most > _BELIEVED)
+        return falling(np.where(named, reference, -1.0), _DECIMALS)[: np.count_nonzero(named)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HiddenErrors(Table):
+    """What the largest error of an image or of the control of p points does to them while no test finds it."""
+
+    shift: FloatArray = per_row()  # (p,) m, infinite where nothing checks an observation, NaN without a position
+    sigmas: FloatArray = per_row()  # (p,) the same in sigmas of the coordinate that moves most of its own
+
+    @property
+    def worst_first(self) -> IntArray:
+        """Rows of the points that have a shift, by falling sigmas."""
+        return falling(self.sigmas, _DECIMALS)[: np.count_nonzero(~np.isnan(self.sigmas))]
+
+    @property
+    def weak(self) -> BoolArray:
+        """(p,) True where a hidden error may move the point by more than `FAR` of its sigmas."""
+        with np.errstate(invalid="ignore"):
+            return self.sigmas > FAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +142,11 @@ class Quality:
     """The tests of one solution, each computed when it is first asked for. NaN where nothing checks."""
 
     solution: Solution
+
+    @property
+    def block(self) -> Block:
+        """The block that was adjusted."""
+        return self.solution.block
 
     @cached_property
     def observed(self) -> Observations:
@@ -86,10 +163,27 @@ class Quality:
         return self.solution.dependence
 
     @cached_property
+    def station_sigmas(self) -> FloatArray:
+        """(n, 6) a posteriori: east, north, up (m), omega, phi, kappa (rad)."""
+        return sigmas_of(self.solution.stations.covariance)
+
+    @cached_property
+    def point_sigmas(self) -> FloatArray:
+        """(p, 3) m, a posteriori, along east, north, up (X, Y, Z in local jobs)."""
+        return sigmas_of(self.solution.points.covariance)
+
+    @cached_property
     def sigma0(self) -> ChiSquare | None:
         """The test of sigma0 squared, considered water allowed for; None without redundancy."""
         solution, dof = self.solution, self.solution.degrees_of_freedom
         return chi_square(solution.unit_sigma**2 * dof, dof) if dof > 0 else None
+
+    @cached_property
+    def tests_sigma0(self) -> bool:
+        """True where sigma0 has a value that it should have: not where the plate sigma is a guess."""
+        options = self.block.options
+        equal = options.program is Program.IIA and options.weights is Weights.EQUAL
+        return options.plate_sigma_is is PlateSigma.KNOWN and not equal
 
     @cached_property
     def checked(self) -> BoolArray:
@@ -108,9 +202,13 @@ class Quality:
     @cached_property
     def standardised(self) -> FloatArray:
         """(o,) residual over its own a priori sigma, that of considered water in it: Baarda's test value."""
-        observed = self.observed
-        share = np.sqrt(np.where(self.checked, observed.share, np.nan))
-        return observed.residual / (observed.sigma * share)
+        return self._baarda(self.checked)
+
+    def _baarda(self, tested: BoolArray) -> FloatArray:
+        """Return Baarda's test values (o,) of the observations that are tested (o,), NaN of the others."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            share = np.sqrt(np.where(tested, self.observed.share, np.nan))
+            return self.observed.residual / (self.observed.sigma * share)
 
     @cached_property
     def test(self) -> FloatArray:
@@ -119,6 +217,48 @@ class Quality:
         if f < 2:
             return np.full(len(self.observed.kind), np.nan)
         return students_of_pope(self.standardised / self.solution.unit_sigma, f)
+
+    @cached_property
+    def normal_tests(self) -> FloatArray:
+        """(o,) test values of the observations as normal variables, NaN where nothing checks them.
+
+        The larger of the residual over its a priori sigma (Baarda) and Student's t with sigma0 from all others
+        (Pope), turned to a normal variable (Wallace 1959). Images alone have the second one where sigma0 is below
+        1: what makes it small are plate sigmas that are too large, and control is as good as its cards say. Where
+        the plate sigma is a guess, all have the second one only. Control that is held almost without error is
+        tested as well: residual and sigma of the residual vanish alike.
+        """
+        return self._by_sigma0(self._baarda(self.testable), self.observed.kind == _PLATE)
+
+    def _by_sigma0(self, baarda: FloatArray, images: BoolArray) -> FloatArray:
+        """Return test values (o,) with the a priori sigma as `normal_tests` are; which are of `images` (o,)."""
+        f = self.solution.degrees_of_freedom
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            tau = baarda / max(self.solution.unit_sigma, BEST_SIGMA0)
+            student = np.full(len(tau), np.nan)
+            if f >= 2:
+                largest = 1e6 * np.sqrt(f - 1.0)  # of an infinite one too a test value is told
+                student = student_as_normal(np.clip(students_of_pope(tau, f), -largest, largest), f - 1.0)
+        if not self.tests_sigma0:
+            return student
+        if self.solution.unit_sigma < 1.0:
+            student = np.where(images, student, baarda)
+        return np.where(np.abs(student) > np.abs(baarda), student, baarda)
+
+    @cached_property
+    def worst_observations(self) -> IntArray:
+        """Rows of the observations by falling `normal_tests`; those without one, or with zero, left out."""
+        size = np.nan_to_num(np.abs(self.normal_tests), posinf=np.inf)
+        return falling(size, TEST_DECIMALS)[: np.count_nonzero(size > PRINTED_TEST)]
+
+    @cached_property
+    def control_tests(self) -> FloatArray:
+        """(k, 3) `normal_tests` of the components of every control card, NaN where there is none."""
+        tests = np.full((len(self.block.control.point), 3), np.nan)
+        if self.solution.observed is not None:
+            control = self.observed.kind == _CONTROL
+            tests[self.observed.row[control], self.observed.component[control]] = self.normal_tests[control]
+        return tests
 
     @cached_property
     def detectable(self) -> FloatArray:
@@ -160,7 +300,7 @@ class Quality:
         return tests
 
     def _groups(self) -> dict[str, BoolArray]:
-        observed, block = self.observed, self.solution.block
+        observed, block = self.observed, self.block
         kind, plate = observed.kind, observed.kind == _PLATE
         submerged = np.zeros(len(kind), dtype=bool)
         submerged[plate] = block.points.bathymetric[block.plates.point[observed.row[plate]]]
@@ -174,19 +314,86 @@ class Quality:
         }
 
     @cached_property
-    def points(self) -> Ellipses:
-        """Error ellipses of the ground points."""
-        return ellipses(self.solution.points.covariance)
+    def common_errors(self) -> CommonErrors | None:
+        """The tests of the parameters that are held; None where the solution says nothing of them.
+
+        A parameter has no test where residuals show less than `SEEN` of its error, or none that is smaller than
+        what anybody would believe of it. The limit is that of those that have one.
+        """
+        solution, held = self.solution, self.solution.held
+        if held is None:
+            return None
+        seen = (held.redundant >= SEEN * held.whole) & (held.redundant > 0.0) & (solution.degrees_of_freedom > 0)
+        redundant = np.where(seen, held.redundant, np.nan)
+        deviation = np.sqrt(redundant + held.considered)  # of the pull
+        # of the errors that these tests find, sigma0 is 1 but where the plate sigma is a guess
+        sigma = (1.0 if self.tests_sigma0 else max(solution.unit_sigma, BEST_SIGMA0)) * deviation / redundant
+        limit = test_limit(_tests(sigma / held.limit))
+        smallest = (limit + POWER) * sigma
+        with np.errstate(invalid="ignore"):
+            smallest = np.where(smallest <= held.limit, smallest, np.nan)
+        test = np.where(np.isnan(smallest), np.nan, held.pull / deviation)
+        return CommonErrors(
+            held=held,
+            limit=limit,
+            test=self._by_sigma0(test, np.zeros(len(test), dtype=bool)),
+            estimated=np.where(np.isnan(smallest), np.nan, held.pull / redundant),
+            smallest=smallest,
+        )
 
     @cached_property
-    def stations(self) -> Ellipses:
-        """Error ellipses of the exposure stations."""
-        return ellipses(self.solution.stations.covariance[:, :3, :3])
+    def hidden(self) -> HiddenErrors:
+        """How far errors that the tests of the verdict do not find may move the points."""
+        block, observed = self.block, self.observed
+        detectable = test_limit(int(self.testable.sum())) + POWER
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = detectable * observed.sigma / np.where(self.testable, observed.visibility, 0.0)
+            effect = np.where(observed.influence == 0.0, 0.0, np.abs(observed.influence) * error[:, None])
+        shift, sigmas = np.full((2, len(block.points.ids)), np.nan)
+        for kind, table in ((_PLATE, block.plates), (_CONTROL, block.control)):
+            rows = np.flatnonzero(observed.kind == kind)
+            point = table.point[observed.row[rows]]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                relative = effect[rows] / self.point_sigmas[point]
+            np.fmax.at(shift, point, np.linalg.norm(effect[rows], axis=1))
+            np.fmax.at(sigmas, point, np.nan_to_num(relative, nan=0.0, posinf=np.inf).max(axis=1))
+        kept_out = self.solution.points.status == PointStatus.INTERSECTED  # no test has their images
+        shift[kept_out] = sigmas[kept_out] = np.inf
+        return HiddenErrors(shift=shift, sigmas=sigmas)
 
+    @cached_property
+    def flags(self) -> FlagTests:
+        """The flags of the points against their heights."""
+        return flag_tests(self.solution, self.point_sigmas)
 
-def test_limit(count: int) -> float:
-    """Return the limit of so many test values together: the risk of all of them is `FAMILY_RISK` (Bonferroni)."""
-    return normal_quantile(1.0 - 0.5 * FAMILY_RISK / max(count, 1))
+    @cached_property
+    def control_difference(self) -> FloatArray:
+        """(k, 3) m, adjusted minus given of every control card along east, north, up (X, Y, Z in local jobs).
+
+        NaN where a component is not given, or the point not determined.
+        """
+        control = self.block.control
+        return metric_differences(self.block, control.position, self.solution.points.position[control.point])
+
+    @property
+    def check_sigma0(self) -> float:
+        """Sigma0 as it scales the covariance of check points: not below 1, unless the plate sigma is a guess.
+
+        Plate sigmas that are too large say nothing of the errors of the control.
+        """
+        unit_sigma = self.solution.unit_sigma
+        return max(unit_sigma, 1.0) if self.tests_sigma0 else unit_sigma
+
+    @cached_property
+    def check_test(self) -> CheckTest:
+        """The check points against their own covariance by `check_sigma0`, that of their cards included."""
+        control, unit_sigma = self.block.control, self.solution.unit_sigma
+        rows = np.flatnonzero(control.kind == ControlKind.CHECK)
+        given = np.where(np.isnan(control.sigma[rows]), 0.0, control.sigma[rows])
+        scale = (self.check_sigma0 / unit_sigma) ** 2 if unit_sigma > 0.0 else 1.0
+        covariance = self.solution.points.covariance[control.point[rows]] * scale
+        covariance = covariance + np.square(given)[:, :, None] * np.eye(3)
+        return check_test(rows, self.control_difference[rows], covariance)
 
 
 def chi_square(squares: float, redundancy: float, added: float = 0.0) -> ChiSquare:
@@ -232,15 +439,19 @@ def owners(solution: Solution, kind: ObservationKind, rows: IntArray) -> list[li
     return [[] if ids is None else ids[row].split() for row in rows.tolist()]
 
 
-def ellipses(covariance: FloatArray) -> Ellipses:
-    """Return the standard error ellipses of covariances (n, 3, 3) along east, north, up."""
-    covariance = np.where(np.isfinite(covariance), covariance, np.nan)
-    ee, nn, en = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
-    mean, half = 0.5 * (ee + nn), np.hypot(0.5 * (nn - ee), en)
-    bearing = 0.5 * np.arctan2(2.0 * en, nn - ee)
-    return Ellipses(
-        major=np.sqrt(mean + half),
-        minor=np.sqrt(np.maximum(mean - half, 0.0)),
-        bearing=np.where(bearing < 0.0, bearing + np.pi, bearing),
-        vertical=np.sqrt(covariance[:, 2, 2]),
-    )
+def _tests(sigma: FloatArray) -> int:
+    """Return how many tests there are: the most that find errors within the range of their parameters.
+
+    `sigma` (h,) are those of the estimated errors, in these ranges, NaN where nothing shows; more tests have a
+    higher limit.
+    """
+    ordered = np.sort(sigma)  # NaN last
+    counts = [
+        count for count in range(1, len(sigma) + 1) if (test_limit(count) + POWER) * ordered[count - 1] <= 1.0
+    ]
+    return max(counts, default=0)
+
+
+def sigmas_of(covariance: FloatArray) -> FloatArray:
+    """Return the roots of the diagonals (..., n) of covariances (..., n, n); rounding below zero counts as zero."""
+    return np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import FloatArray, falling, largest
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import (
     Concern,
@@ -19,27 +19,22 @@ from musatpy.model import (
     Initial,
     ObservationKind,
     PlateSigma,
-    Program,
     Reason,
     Solution,
     Verdict,
-    Weights,
 )
+from musatpy.model.findings import a_few, named
 from musatpy.model.photos import other_focal_length
-from musatpy.model.ranking import falling, largest
-from musatpy.probability import probability_beyond, quantile, student_as_normal, students_of_pope
-from musatpy.statistics.analyses import Statistics, elevations, metric_differences, rectangular
-from musatpy.statistics.flag_reasons import flag_notes, flags, straight
-from musatpy.statistics.gates import flying_height, gates, ground_heights, named
-from musatpy.statistics.quality import owners, test_limit
-from musatpy.statistics.undetected import CommonErrors
+from musatpy.probability import probability_beyond, quantile, test_limit
+from musatpy.statistics.differences import elevations, metric_differences, rectangular
+from musatpy.statistics.gates import flag_notes, flags, flying_height, gates, ground_heights, straight
+from musatpy.statistics.quality import CommonErrors, Quality, owners
 from musatpy.units import DEGREE, MICROMETRE, length_unit
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
 SIGMA0_DOUBT = 0.999  # one-sided: of clean runs one in a thousand is doubtful by it
 CHECK_POINT_RISK = 0.001  # that the check points of a clean run fail together
 FARTHEST_OF_WATPT = 1.0  # sigmas from RIGOROUS: with more the sigmas printed are not those of the answer
-BEST_SIGMA0 = 0.2  # for tests: the residuals of decks without errors are rounding
 _SAME_SCALE = 0.03  # relative difference of scales that are the same
 _LISTED = 3  # observations by name
 _OBSERVATIONS = "Statistics: Observations, The Worst First"
@@ -50,10 +45,10 @@ _STATION_ANALYSIS = "Camera Station Position Analysis"
 
 def verdict(solution: Solution) -> Verdict:
     """Return what a solution is worth: accepted, doubtful, rejected or failed, with the reasons."""
-    return Statistics(solution).verdict
+    return verdict_of(Quality(solution))
 
 
-def verdict_of(statistics: Statistics) -> Verdict:
+def verdict_of(statistics: Quality) -> Verdict:
     """Return the verdict on a solution whose statistics exist already."""
     reasons = [
         *convergence(statistics),
@@ -75,56 +70,41 @@ def verdict_of(statistics: Statistics) -> Verdict:
     return Verdict(reasons=tuple(ranked), notes=tuple(notes(statistics)))
 
 
-def convergence(statistics: Statistics) -> Iterator[Reason]:
+def convergence(statistics: Quality) -> Iterator[Reason]:
     """Yield why a run has not converged."""
     solution = statistics.solution
     if not solution.converged:
-        yield Reason(
-            grade=Grade.FAILED,
-            concern=Concern.CONVERGENCE,
-            text=f"not converged: {solution.reason}",
-            section="Solution Summary",
-        )
+        yield Reason(Grade.FAILED, Concern.CONVERGENCE, f"not converged: {solution.reason}", "Solution Summary")
 
 
-def blunders(statistics: Statistics) -> Iterator[Reason]:
+def blunders(statistics: Quality) -> Iterator[Reason]:
     """Yield that blunders were found and are still in the solution, or that EDIT did not take them out."""
     solution = statistics.solution
     if solution.unedited:
-        yield Reason(
-            grade=Grade.REJECTED,
-            concern=Concern.BLUNDERS,
-            text=f"nothing was edited: {solution.unedited}",
-            section="Blunders",
-        )
+        yield Reason(Grade.REJECTED, Concern.BLUNDERS, f"nothing was edited: {solution.unedited}", "Blunders")
     elif solution.findings and solution.block.options.editing is not Editing.EDIT:
         count = len(solution.findings)
         text = f"{count} blunder{'s' if count > 1 else ''} found and left in the solution"
-        yield _doubtful(Concern.BLUNDERS, text, "Blunders")
+        yield Reason(Grade.DOUBTFUL, Concern.BLUNDERS, text, "Blunders")
 
 
-def sigma0(statistics: Statistics) -> Iterator[Reason]:
+def sigma0(statistics: Quality) -> Iterator[Reason]:
     """Yield that sigma0 cannot be tested, is above its limit, or far above."""
     solution, options = statistics.solution, statistics.block.options
     dof, value = solution.degrees_of_freedom, solution.unit_sigma
     if dof <= 0:
-        yield _doubtful(Concern.REDUNDANCY, "no redundancy: nothing is checked", _SIGMA0)
+        yield Reason(Grade.DOUBTFUL, Concern.REDUNDANCY, "no redundancy: nothing is checked", _SIGMA0)
         return
-    if not np.isfinite(value) or not tests_sigma0(statistics):
+    if not np.isfinite(value) or not statistics.tests_sigma0:
         return
     limit = sigma0_doubt(dof)
     if value <= limit:
         return
     gross = value > options.sigma0_limit
-    limits = f"limit {limit:.2f} of 99.9 %"
+    text = f"sigma0 {_number(value)} is above its limit {limit:.2f} of 99.9 %"
     if gross:
-        limits += f", {options.sigma0_limit:g} to be rejected"
-    yield Reason(
-        grade=Grade.REJECTED if gross else Grade.DOUBTFUL,
-        concern=Concern.SIGMA0,
-        text=f"sigma0 {_number(value)} is above its {limits}",
-        section=_SIGMA0,
-    )
+        text += f", {options.sigma0_limit:g} to be rejected"
+    yield Reason(Grade.REJECTED if gross else Grade.DOUBTFUL, Concern.SIGMA0, text, _SIGMA0)
 
 
 def sigma0_doubt(degrees_of_freedom: int) -> float:
@@ -132,18 +112,11 @@ def sigma0_doubt(degrees_of_freedom: int) -> float:
     return float(np.sqrt(quantile(SIGMA0_DOUBT, degrees_of_freedom) / degrees_of_freedom))
 
 
-def tests_sigma0(statistics: Statistics) -> bool:
-    """Return whether sigma0 has a value that it should have: not where the plate sigma is a guess."""
-    options = statistics.block.options
-    equal = options.program is Program.IIA and options.weights is Weights.EQUAL
-    return options.plate_sigma_is is PlateSigma.KNOWN and not equal
-
-
-def observations(statistics: Statistics) -> Iterator[Reason]:
+def observations(statistics: Quality) -> Iterator[Reason]:
     """Yield the observations that fail their test, or fail it grossly; those of control apart."""
     if statistics.solution.observed is None:
         return
-    observed, test = statistics.quality.observed, statistics.normal_tests
+    observed, test = statistics.observed, statistics.normal_tests
     limit = test_limit(int(np.isfinite(test).sum()))
     with np.errstate(invalid="ignore"):
         failed = np.abs(test) > limit
@@ -155,26 +128,20 @@ def observations(statistics: Statistics) -> Iterator[Reason]:
         worst = np.flatnonzero(rows)
         worst = worst[falling(np.abs(test[worst]), 1)]  # as they are printed
         if len(worst):
-            names = "; ".join(_observation(statistics, row, float(test[row])) for row in worst[:_LISTED].tolist())
-            more = f" and {len(worst) - _LISTED} more" if len(worst) > _LISTED else ""
+            texts = [_observation(statistics, row, float(test[row])) for row in worst[:_LISTED].tolist()]
+            text = f"{text} (limit {limit:.1f}): {a_few(texts, len(worst), '; ')}"
             gross = abs(float(test[worst[0]])) > GROSS * statistics.block.options.sigma0_limit
-            yield Reason(
-                grade=Grade.REJECTED if gross else Grade.DOUBTFUL,
-                concern=concern,
-                text=f"{text} (limit {limit:.1f}): {names}{more}",
-                section=_OBSERVATIONS,
-            )
+            yield Reason(Grade.REJECTED if gross else Grade.DOUBTFUL, concern, text, _OBSERVATIONS)
 
 
-def common(statistics: Statistics) -> Iterator[Reason]:
+def common(statistics: Quality) -> Iterator[Reason]:
     """Yield the parameters beyond their tests: held ones, an error of which many observations have in common."""
     errors = statistics.common_errors
     if errors is None or not len(errors.beyond):
         return
-    names = "; or ".join(_common_error(errors, row) for row in errors.beyond[:_LISTED].tolist())
-    more = f" and {len(errors.beyond) - _LISTED} more" if len(errors.beyond) > _LISTED else ""
-    text = f"an error common to all (limit {errors.limit:.1f}): {names}{more}"
-    yield _doubtful(Concern.COMMON, text, COMMON_ERRORS)
+    texts = [_common_error(errors, row) for row in errors.beyond[:_LISTED].tolist()]
+    text = f"an error common to all (limit {errors.limit:.1f}): {a_few(texts, len(errors.beyond), '; or ')}"
+    yield Reason(Grade.DOUBTFUL, Concern.COMMON, text, COMMON_ERRORS)
 
 
 def _common_error(errors: CommonErrors, row: int) -> str:
@@ -184,48 +151,7 @@ def _common_error(errors: CommonErrors, row: int) -> str:
     return f"{errors.held.names[row]}, test {abs(errors.test[row]):.1f}, in error by about {error}{unit}"
 
 
-def normal_tests(statistics: Statistics) -> FloatArray:
-    """Return the test values (o,) of the observations as normal variables, NaN where nothing checks them.
-
-    The larger of the residual over its a priori sigma (Baarda) and Student's t with sigma0 from all others (Pope),
-    turned to a normal variable (Wallace 1959). Images alone have the second one where sigma0 is below 1: what makes
-    it small are plate sigmas that are too large, and control is as good as its cards say. Where the plate sigma is
-    a guess, all have the second one only. Control that is held almost without error is tested as well: residual and
-    sigma of the residual vanish alike.
-    """
-    quality, observed = statistics.quality, statistics.quality.observed
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        share = np.sqrt(np.where(quality.testable, observed.share, np.nan))
-        baarda = observed.residual / (observed.sigma * share)
-    return by_sigma0(statistics, baarda, observed.kind == ObservationKind.PLATE)
-
-
-def by_sigma0(statistics: Statistics, baarda: FloatArray, images: BoolArray) -> FloatArray:
-    """Return test values (o,) with the a priori sigma as `normal_tests` are; which are of `images` (o,)."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        student = _as_normal(baarda / max(statistics.solution.unit_sigma, BEST_SIGMA0), statistics)
-    if not tests_sigma0(statistics):
-        return student
-    if statistics.solution.unit_sigma < 1.0:
-        student = np.where(images, student, baarda)
-    return np.where(np.abs(student) > np.abs(baarda), student, baarda)
-
-
-def sigma_of_tests(statistics: Statistics) -> float:
-    """Return the sigma0 of the errors that these tests find: 1 but where the plate sigma is a guess."""
-    return 1.0 if tests_sigma0(statistics) else max(statistics.solution.unit_sigma, BEST_SIGMA0)
-
-
-def _as_normal(tau: FloatArray, statistics: Statistics) -> FloatArray:
-    """Return Pope's tau (o,) as normal variables: it is Student's t of f - 1 degrees of freedom."""
-    f = statistics.solution.degrees_of_freedom
-    if f < 2:
-        return np.full(len(tau), np.nan)
-    largest = 1e6 * np.sqrt(f - 1.0)  # of an infinite one too a test value is told
-    return student_as_normal(np.clip(students_of_pope(tau, f), -largest, largest), f - 1.0)
-
-
-def check_points(statistics: Statistics) -> Iterator[Reason]:
+def check_points(statistics: Quality) -> Iterator[Reason]:
     """Yield that the check points do not agree with the solution within their own covariance."""
     if statistics.solution.observed is None or not len(statistics.check_test.row):
         return
@@ -239,10 +165,10 @@ def check_points(statistics: Statistics) -> Iterator[Reason]:
     text = (
         f"check points do not agree: chi-square {_number(squares)} of {components} components, worst point {point}"
     )
-    yield _doubtful(Concern.CHECK_POINTS, text, "Statistics: Check Points")
+    yield Reason(Grade.DOUBTFUL, Concern.CHECK_POINTS, text, "Statistics: Check Points")
 
 
-def given_stations(statistics: Statistics) -> Iterator[Reason]:
+def given_stations(statistics: Quality) -> Iterator[Reason]:
     """Yield the stations far from where the cards put them, and what a unit or another camera would explain.
 
     Where stations are computed, cards count that most of them agree with: the others may be those of other photos.
@@ -264,11 +190,11 @@ def given_stations(statistics: Statistics) -> Iterator[Reason]:
         f"{named('photo', block.photos.ids[worst])}: up to {distance[worst[0]]:.2f} flying heights from the given "
         f"position (limit {options.station_limit:g})"
     )
-    yield _doubtful(Concern.GIVEN_STATIONS, text, _STATION_ANALYSIS)
+    yield Reason(Grade.DOUBTFUL, Concern.GIVEN_STATIONS, text, _STATION_ANALYSIS)
     yield from units(statistics)
 
 
-def given_attitudes(statistics: Statistics) -> Iterator[Reason]:
+def given_attitudes(statistics: Quality) -> Iterator[Reason]:
     """Yield the photos turned far from their attitude cards, and that turned plates would explain it.
 
     The limit is the angle that moves the ground below by the limit of stations.
@@ -295,17 +221,18 @@ def given_attitudes(statistics: Statistics) -> Iterator[Reason]:
     if own_axis.all() and quarters.all() and (np.abs(np.abs(kappa) - quarters * 90.0 * DEGREE) < limit).all():
         turns = " or ".join(f"{90 * quarter:.0f}" for quarter in np.unique(quarters))
         text += f", as with plates turned by {turns} degrees: compare kappa with the axes of the plates"
-    yield _doubtful(Concern.GIVEN_STATIONS, text, "Camera Station Attitude Analysis")
+    yield Reason(Grade.DOUBTFUL, Concern.GIVEN_STATIONS, text, "Camera Station Attitude Analysis")
 
 
-def units(statistics: Statistics) -> Iterator[Reason]:
+def units(statistics: Quality) -> Iterator[Reason]:
     """Yield feet for metres, or the focal length of another camera, where that explains where the stations are."""
     block, adjusted = statistics.block, statistics.solution.stations.position
     whose, scale = in_feet(rectangular(block, block.photos.position), rectangular(block, adjusted))
     if whose:
         others = {"control": "stations", "stations": "control"}[whose]
         far = f"the adjusted stations are {scale:.3f} times as far apart as the given ones"
-        yield _doubtful(Concern.UNIT, f"{far}, as with {whose} in feet and {others} in metres", _STATION_ANALYSIS)
+        text = f"{far}, as with {whose} in feet and {others} in metres"
+        yield Reason(Grade.DOUBTFUL, Concern.UNIT, text, _STATION_ANALYSIS)
         return
     ratio = _ratio_of_heights(statistics)
     focal = float(np.median(statistics.block.cameras.focal_length))
@@ -315,10 +242,10 @@ def units(statistics: Statistics) -> Iterator[Reason]:
             f"the stations are {ratio:.3f} times as high above ground as given, as with a focal length of "
             f"{other:g} mm instead of {focal:g}"
         )
-        yield _doubtful(Concern.CAMERA, text, _STATION_ANALYSIS)
+        yield Reason(Grade.DOUBTFUL, Concern.CAMERA, text, _STATION_ANALYSIS)
 
 
-def waves(statistics: Statistics) -> Iterator[Reason]:
+def waves(statistics: Quality) -> Iterator[Reason]:
     """Yield the unknown waves whose crests may be others: these fit nearly as well, or were not looked for."""
     water = statistics.solution.water
     if water is None or water.waves is None:
@@ -326,36 +253,29 @@ def waves(statistics: Statistics) -> Iterator[Reason]:
     unsure = np.flatnonzero(water.waves.unsure)
     if len(unsure):
         text = f"{named('wave', water.waves.ids[unsure])}: other crests may be the right ones"
-        yield _doubtful(Concern.WAVES, text, "Warnings")
+        yield Reason(Grade.DOUBTFUL, Concern.WAVES, text, "Warnings")
 
 
-def departure(statistics: Statistics) -> Iterator[Reason]:
+def departure(statistics: Quality) -> Iterator[Reason]:
     """Yield that a result of WATPT or LEGACY is farther from that of RIGOROUS than its own sigmas allow."""
     away = statistics.solution.departure
     if away is not None and away.sigmas > FARTHEST_OF_WATPT:
         text = f"the result of {statistics.block.options.refraction} is {away}; adjust with refraction RIGOROUS"
-        yield _doubtful(Concern.REFRACTION, text, "Warnings")
+        yield Reason(Grade.DOUBTFUL, Concern.REFRACTION, text, "Warnings")
 
 
-def undetermined(statistics: Statistics) -> Iterator[Reason]:
+def undetermined(statistics: Quality) -> Iterator[Reason]:
     """Yield the water that images depend on, and the points of the adjustment, that nothing determines."""
     solution = statistics.solution
     water = {} if solution.water is None else solution.water.undetermined
     if names := [name for name, needed in water.items() if needed]:
-        text = (
-            f"{_listing(names)}: the images that depend on it do not determine it: hold it (OP2), or give a sigma"
-        )
-        yield _doubtful(Concern.UNDETERMINED, text, "Water")
+        text = "the images that depend on it do not determine it: hold it (OP2), or give a sigma"
+        text = f"{a_few(names[:_LISTED], len(names))}: {text}"
+        yield Reason(Grade.DOUBTFUL, Concern.UNDETERMINED, text, "Water")
     if solution.points.lost:
         points = named("point", statistics.block.points.ids[list(solution.points.lost)])
         text = f"{points}: not determined by the rays, and not stated; more rays are needed, or other ones"
-        yield _doubtful(Concern.UNDETERMINED, text, "Points That Took No Part")
-
-
-def _listing(names: list[str]) -> str:
-    """Return names in a row: a few, and the number of the others."""
-    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return f"{', '.join(names[:_LISTED])}{more}"
+        yield Reason(Grade.DOUBTFUL, Concern.UNDETERMINED, text, "Points That Took No Part")
 
 
 def in_feet(given: FloatArray, adjusted: FloatArray) -> tuple[str, float]:
@@ -374,7 +294,7 @@ def in_feet(given: FloatArray, adjusted: FloatArray) -> tuple[str, float]:
     return next((one for one, factor in times.items() if length_unit(factor, _SAME_SCALE) == "feet"), ""), scale
 
 
-def _ratio_of_heights(statistics: Statistics) -> float:
+def _ratio_of_heights(statistics: Quality) -> float:
     """Return the median ratio of adjusted and given heights of the stations above the ground that they show."""
     block = statistics.block
     ground = ground_heights(statistics)
@@ -386,11 +306,11 @@ def _ratio_of_heights(statistics: Statistics) -> float:
     return float(np.median(ratio)) if len(ratio) else float("nan")
 
 
-def notes(statistics: Statistics) -> Iterator[str]:
+def notes(statistics: Quality) -> Iterator[str]:
     """Yield what is worth knowing and casts no doubt."""
-    test = statistics.quality.sigma0
+    test = statistics.sigma0
     doubtful = any(sigma0(statistics)) or not np.isfinite(statistics.solution.sigma0)
-    if test is not None and tests_sigma0(statistics) and not test.accepted and not doubtful:
+    if test is not None and statistics.tests_sigma0 and not test.accepted and not doubtful:
         low = test.factor < test.low
         side, why = ("below", "larger") if low else ("above", "smaller")
         limit = float(np.sqrt(test.low if low else test.high))
@@ -398,7 +318,7 @@ def notes(statistics: Statistics) -> Iterator[str]:
         yield f"{text}: the sigmas given may be {why} than the errors"
     water = statistics.solution.water
     if water is not None and (names := [name for name, needed in water.undetermined.items() if not needed]):
-        yield f"{_listing(names)}: not determined, and no image depends on it"
+        yield f"{a_few(names[:_LISTED], len(names))}: not determined, and no image depends on it"
     if statistics.block.options.plate_sigma_is is PlateSigma.GUESS:
         um = statistics.block.options.plate_sigma / MICROMETRE
         given = um / statistics.solution.plate_factor
@@ -407,12 +327,12 @@ def notes(statistics: Statistics) -> Iterator[str]:
     yield from flag_notes(statistics)
 
 
-def _observation(statistics: Statistics, row: int, test: float) -> str:
+def _observation(statistics: Quality, row: int, test: float) -> str:
     """Return an observation in words: `plate 21 102 x, test 12.3, in error by about -85.000 um`."""
-    observed = statistics.quality.observed
+    observed = statistics.observed
     kind = ObservationKind(int(observed.kind[row]))
     owner = " ".join(owners(statistics.solution, kind, observed.row[row : row + 1])[0])
-    error = float(statistics.quality.estimated_error[row]) / kind.factor
+    error = float(statistics.estimated_error[row]) / kind.factor
     component = kind.components[int(observed.component[row])]
     return f"{kind.label} {owner} {component}, test {abs(test):.1f}, in error by about {_number(error)} {kind.unit}"
 
@@ -420,7 +340,3 @@ def _observation(statistics: Statistics, row: int, test: float) -> str:
 def _number(value: float) -> str:
     """Return a number in few digits, that are the same on every machine."""
     return f"{value:.3f}" if 0.01 <= abs(value) < 1000.0 else f"{value:.2e}"
-
-
-def _doubtful(concern: Concern, text: str, section: str) -> Reason:
-    return Reason(grade=Grade.DOUBTFUL, concern=concern, text=text, section=section)
