@@ -52,7 +52,9 @@ def test_exchanged_images_get_their_names_back(seed: int) -> None:
     rows, point = np.concatenate(pairs), network.point.copy()
     point[rows] = point[np.stack(pairs)[:, ::-1].reshape(-1)]
     of, out = replace(of, network=replace(network, point=point)), np.isin(np.arange(len(point)), rows)
-    found = names.lookalikes(of, state, out, rows, drawn(draws, network.points, 0.3), 1.0)
+    judgement = SimpleNamespace(covariance=drawn(draws, network.points, 0.3), sigma0=1.0)
+    last = SimpleNamespace(scene=of, state=state, rows_out=lambda kind: out, judgement=judgement)
+    found = names.lookalikes(last)  # type: ignore[arg-type]
     certain = [one for one in found if one.certain]
     assert len(certain) > 0.5 * len(rows)
     assert [one.point for one in certain] == network.point[[one.row for one in certain]].tolist()

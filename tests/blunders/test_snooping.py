@@ -42,7 +42,7 @@ def judgement_without(block: Block, *rows: tuple[ObservationKind, int]) -> tuple
     factors = factors_of(out, sizes(scene, state))
     scene, state, factor = settled(scene, factors, state)
     units = units_of(scene)
-    taken = np.zeros(units.count, dtype=bool)
+    taken = np.zeros(len(units.first), dtype=bool)
     for kind, row in rows:
         taken[units.unit[(units.kind == kind) & (units.row == row)]] = True
     return scene, judged(scene, state, units, taken, factors, factor)
@@ -87,7 +87,7 @@ def test_what_leaves_makes_sigma0_smaller_for_the_others() -> None:
     _, judgement = judgement_without(land_block())
     units, f = judgement.units, judgement.freedom
     first, *_, second = np.flatnonzero(units.kind[units.first] == K.PLATE)
-    value, limit = np.zeros(units.count), units.limits
+    value, limit = np.zeros(len(units.first)), units.limits
     value[first] = 1.2 * limit[first]
     smaller = np.sqrt((f - value[first] ** 2) / (f - 1.0))
     assert smaller < 0.99
@@ -150,7 +150,7 @@ def test_both_kernels_judge_alike(monkeypatch: pytest.MonkeyPatch, submerged: fl
     block = land_block() if not submerged else simulated(12, submerged=submerged, seed=5)[0]
     scene, state = staged(block, None, None, Effort(left=math.inf))
     units = units_of(scene)
-    out = np.zeros(units.count, dtype=bool)
+    out = np.zeros(len(units.first), dtype=bool)
     out[units.unit[units.row == 1]] = True
     factors = {kind: np.ones(weight.shape) for kind, weight in scene.weight.items()}
     for kind, rows in units.of_kinds.items():

@@ -8,11 +8,10 @@ go out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, count
 from math import comb
-from typing import TypeVar
 
 import numpy as np
 
@@ -27,8 +26,6 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.scene import PENALTY, Scene, sizes
 from musatpy.model import ObservationKind
 
-Values = TypeVar("Values", FloatArray, BoolArray)
-
 _MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
 _MOST = 1000  # choices that are tried of one point
 _PART = 2**14  # rays that are tried at a time
@@ -42,7 +39,7 @@ def wrong_images(network: Network, state: State, out: BoolArray, sigma0: float) 
     """
     wrong, ground, asked = np.zeros_like(out), state.ground.copy(), np.zeros(network.points, dtype=bool)
     asked[network.point[out]] = True
-    left = [part for group in network.groups for part in group.some(asked[group.point])]
+    left = _groups(network, asked)
     for group in left:
         wrong[group.rays] = True  # until a choice fits
     for number in count():
@@ -61,12 +58,9 @@ def wrong_images(network: Network, state: State, out: BoolArray, sigma0: float) 
 
 def misfit(network: Network, state: State, point: IntArray) -> FloatArray:
     """Return the root of the squares (k,) of points with all their images, NaN for those that take no part."""
-    roots, asked = np.full(network.points, np.nan), np.zeros(network.points, dtype=bool)
+    asked = np.zeros(network.points, dtype=bool)
     asked[point] = True
-    groups = [part for group in network.groups for part in group.some(asked[group.point])]
-    if groups:
-        roots[_points(groups)] = np.sqrt(_squares(network, state, groups)[0])
-    return roots[point]
+    return np.sqrt(_squares_of(network, state, asked)[point])
 
 
 def exchanged_images(network: Network, state: State, point: int) -> list[tuple[int, int]]:
@@ -94,28 +88,23 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> dict[int, float]:
     difference of the squares. Only points below the water at all their photos can have either, but for those that
     are dry for certain. Where one wrong image would explain the misfit better, the flag is not blamed.
     """
-    network = scene.network
-    asked = _below_water(scene, state, _misfits(scene, state, PENALTY * sigma0**2))
-    groups = [
-        part for group in network.groups if group.rays.shape[1] > 1 for part in group.some(asked[group.point])
-    ]
-    if not groups:
-        return {}
-    flagged = _squares(network, state, groups)[0]
-    misfits = ~(flagged <= PENALTY * sigma0**2)  # the other flag gains no more than these squares
-    if not misfits.any():
-        return {}
-    groups, flagged = _some(groups, misfits), flagged[misfits]
+    network, variance = scene.network, sigma0**2
+    asked, limit = _below_water(scene, state, _misfits(scene, state, PENALTY * variance)), np.zeros(network.points)
+    for group in network.groups:
+        m = group.rays.shape[1]
+        asked[group.point] &= m > 1
+        limit[group.point] = _limit(group, m)
+    flagged = _squares_of(network, state, asked)
+    asked &= ~(flagged <= PENALTY * variance)  # the other flag gains no more than these squares
     other = replace(network, refracted=np.where(asked[network.point], ~network.refracted, network.refracted))
-    flipped = _squares(other, state, groups)[0]
+    flipped = _squares_of(other, state, asked)
     with np.errstate(invalid="ignore"):  # of points that neither way stand before their cameras
-        gain = (flagged - flipped) / sigma0**2
-    limit = np.concatenate([np.full(len(group.point), _limit(group, group.rays.shape[1])) for group in groups])
-    wrong = (gain > PENALTY) & (flipped < sigma0**2 * limit)
-    if wrong.any():
-        one_less = [squares.min(axis=1) for _, squares, _ in _without(network, state, _some(groups, wrong), 1)]
-        wrong[wrong] = np.concatenate(one_less) > flipped[wrong]
-    return dict(zip(_points(groups)[wrong].tolist(), np.sqrt(gain[wrong]).tolist(), strict=True))
+        gain = (flagged - flipped) / variance
+        wrong = (gain > PENALTY) & (flipped < variance * limit)
+    groups = _groups(network, wrong)
+    for group, (_, squares, _) in zip(groups, _without(network, state, groups, 1), strict=True):
+        wrong[group.point] = squares.min(axis=1) > flipped[group.point]
+    return {point: float(np.sqrt(gain[point])) for point in np.flatnonzero(wrong).tolist()}
 
 
 def _misfits(scene: Scene, state: State, least: float) -> BoolArray:
@@ -175,18 +164,17 @@ def _limit(group: PointGroup, images: int) -> float:
     return chi_square_limit(2 * images if group.known else 2 * images - 3)
 
 
-def _points(groups: Iterable[PointGroup]) -> IntArray:
-    return np.concatenate([group.point for group in groups])
+def _groups(network: Network, asked: BoolArray) -> list[PointGroup]:
+    """Return the points that are `asked` (p,), of those that take part."""
+    return [part for group in network.groups for part in group.some(asked[group.point])]
 
 
-def _split(groups: Sequence[PointGroup], values: Values) -> list[Values]:
-    """Return values (k, ...) of the points of groups, group by group."""
-    return np.split(values, np.cumsum([len(group.point) for group in groups])[:-1])
-
-
-def _some(groups: Sequence[PointGroup], chosen: BoolArray) -> list[PointGroup]:
-    """Return the points of groups that are `chosen` (k,), group after group."""
-    return [part for group, rows in zip(groups, _split(groups, chosen), strict=True) for part in group.some(rows)]
+def _squares_of(network: Network, state: State, asked: BoolArray) -> FloatArray:
+    """Return the squares (p,) of points that are `asked` (p,) with all their images, NaN for others."""
+    out, groups = np.full(network.points, np.nan), _groups(network, asked)
+    if groups:
+        out[np.concatenate([group.point for group in groups])] = _squares(network, state, groups)[0]
+    return out
 
 
 def _without(
@@ -196,24 +184,28 @@ def _without(
 
     With the squares (k, c) and the positions (k, c, 3) of the points with these images only.
     """
+    if not groups:
+        return
     kept = [np.array(list(combinations(range(m), m - number))) for m in (group.rays.shape[1] for group in groups)]
     tries = [
         replace(group, point=np.repeat(group.point, len(rows)), rays=group.rays[:, rows].reshape(-1, rows.shape[1]))
         for group, rows in zip(groups, kept, strict=True)
     ]
-    squares, ground = (_split(tries, values) for values in _squares(network, state, tries))
+    ends = np.cumsum([len(group.point) for group in tries])[:-1]
+    squares, ground = (np.split(values, ends) for values in _squares(network, state, tries))
     for rows, of_tries, X in zip(kept, squares, ground, strict=True):
         yield rows, of_tries.reshape(-1, len(rows)), X.reshape(-1, len(rows), 3)
 
 
-def _squares(network: Network, state: State, groups: Iterable[PointGroup]) -> tuple[FloatArray, FloatArray]:
+def _squares(network: Network, state: State, groups: Sequence[PointGroup]) -> tuple[FloatArray, FloatArray]:
     """Return what `_intersected` does, of so many rays at a time as the memory is to hold."""
-    parts: list[list[PointGroup]] = [[]]
-    for part in parts_of(groups, _PART):
-        if sum(group.rays.size for group in parts[-1]) + part.rays.size > _PART:
-            parts.append([])
-        parts[-1].append(part)
-    squares, ground = zip(*(_intersected(network, state, part) for part in parts if part), strict=True)
+    parts = parts_of(groups, _PART)
+    number = np.cumsum([part.rays.size for part in parts]) // _PART
+    met = [
+        _intersected(network, state, [parts[row] for row in np.flatnonzero(number == n).tolist()])
+        for n in np.unique(number).tolist()
+    ]
+    squares, ground = zip(*met, strict=True)
     return np.concatenate(squares), np.concatenate(ground)
 
 

@@ -33,7 +33,7 @@ from musatpy.blunders.hypotheses import (
     of_taken_images,
 )
 from musatpy.blunders.linear_model import LinearModel
-from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, Scene, sizes, taking_part
+from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, Scene, deviations, sizes, taking_part
 from musatpy.blunders.search import Search
 from musatpy.model import CauseKind, ObservationKind
 from musatpy.model.progress import begin
@@ -90,7 +90,7 @@ def members(search: Search, most: int) -> Iterator[Hypothesis]:
     Of those of images the `most` only that seem to explain most.
     """
     last, block = search.last, search.last.scene.block
-    network, out = last.scene.network, last.out()
+    network, out = last.scene.network, last.out
     wrong = np.flatnonzero(last.rows_out(_K.PLATE))
     wrong = wrong[np.argsort(network.point[wrong], kind="stable")]
     point, seen = network.point[wrong], np.bincount(network.point[taking_part(network)], minlength=network.points)
@@ -219,7 +219,7 @@ def _sized(hypothesis: Hypothesis, case: Case) -> Hypothesis:
     """Return a hypothesis with the errors that a case, adjusted without its observations, says."""
     if not hypothesis.given_up:
         return hypothesis
-    residual, _ = case.scene.residuals_and_sizes(case.state)
+    residual = deviations(case.scene.network, case.scene.block, case.state)
     error = -np.concatenate([residual[part.kind][part.row, part.component] for part in hypothesis.given_up])
     return replace(hypothesis, error=np.where(np.isfinite(hypothesis.error), error, np.nan))
 

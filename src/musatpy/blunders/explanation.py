@@ -7,7 +7,6 @@ of squares over sigma0 squared, and a price for each parameter.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,7 +103,7 @@ def starts(last: Snooped) -> list[tuple[Factors, bool]]:
     out where they are many: they are what they seem to be. Errors common to all may look like many such images.
     Where nothing else is out, the search is at rest under that explanation.
     """
-    out, network = last.out(), last.scene.network
+    out, network = last.out, last.scene.network
     nothing = {kind: np.zeros_like(mask) for kind, mask in out.items()}
     wrong = last.rows_out(ObservationKind.PLATE)
     used = taking_part(network)
@@ -140,7 +139,7 @@ def single_images(last: Snooped) -> bool:
     Each of another point, of which nothing is known, and few on each photo: a card, a label or a tide would take
     out control, all images of a point, or many of a photo.
     """
-    out, network = last.out(), last.scene.network
+    out, network = last.out, last.scene.network
     if any(mask.any() for kind, mask in out.items() if kind is not ObservationKind.PLATE):
         return False
     wrong = last.rows_out(ObservationKind.PLATE)
@@ -166,14 +165,10 @@ def first_case(block: Block, scene: Scene, state: State) -> Case:
     return Case(block=block, scene=scene, state=state, out=nothing)
 
 
-def readjusted(case: Case, factors: Factors | None = None) -> Case:
-    """Return the case after a re-adjustment, of infinite squares where that fails.
-
-    `factors` on the weights may be those of a state before.
-    """
-    factors = case.factors() if factors is None else factors
+def readjusted(case: Case) -> Case:
+    """Return the case after a re-adjustment, of infinite squares where that fails."""
     try:
-        state = adjusted(case.scene, factors, case.state, _ITERATIONS).state
+        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
@@ -213,8 +208,15 @@ def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesi
 
     They are as many as the observations: in a large block some good one lies beyond the limit of a small one.
     """
-    wanted = _wanted(case, variance)
-    options = [option for option in hypotheses(model) if wanted(option)]
+    observations = sum(int(np.count_nonzero(weight)) for weight in case.scene.weight.values())
+    normal, known = max(FITS, test_limit(observations)), {option.key for option in case.taken}
+    options = [
+        option
+        for option in hypotheses(model)
+        if option.squares > variance * chi_square_limit(option.parameters, normal)
+        and sensible(option)
+        and (_still_in(case.out, option) if option.given_up else option.key not in known)
+    ]
     if not options:
         return []
     options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
@@ -260,26 +262,6 @@ def _trials(
     return trials
 
 
-def _normal_limit(case: Case) -> float:
-    """Return the normal quantile of what has to be explained."""
-    observations = sum(int(np.count_nonzero(weight)) for weight in case.scene.weight.values())
-    return max(FITS, test_limit(observations))
-
-
-def _wanted(case: Case, variance: float) -> Callable[[Hypothesis], bool]:
-    """Return which hypotheses explain something that has to be explained, and can be taken."""
-    known, normal = {option.key for option in case.taken}, _normal_limit(case)
-
-    def wanted(option: Hypothesis) -> bool:
-        return (
-            option.squares > variance * chi_square_limit(option.parameters, normal)
-            and sensible(option)
-            and (_still_in(case.out, option) if option.given_up else option.key not in known)
-        )
-
-    return wanted
-
-
 def sensible(hypothesis: Hypothesis) -> bool:
     """Return whether what is common to many observations has a size that makes sense."""
     return bool(abs(hypothesis.error[0]) < SENSIBLE.get(hypothesis.kind, np.inf))
@@ -294,7 +276,7 @@ def cheapest(cases: list[Case], variance: float) -> Case:
     """Return the case of least cost; of those that cost alike, that whose last cause is the cheapest to check."""
     least = min(case.cost(variance) for case in cases)
     alike = [case for case in cases if case.cost(variance) <= least + _SAME]
-    return min(alike, key=lambda case: _CHEAP.index(case.taken[-1].kind)) if alike else cases[0]
+    return min(alike, key=lambda case: _CHEAP.index(case.taken[-1].kind))
 
 
 def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case:
@@ -302,10 +284,9 @@ def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case
     if not hypothesis.given_up:
         return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
     case = _taking(case, hypothesis)
-    factors = case.factors()
     # of points of which something is given up: the stations follow little
-    state = at_their_best(case.scene, factors, case.state, hypothesis.point)
-    return readjusted(replace(case, state=state), factors)
+    state = at_their_best(case.scene, case.factors(), case.state, hypothesis.point)
+    return readjusted(replace(case, state=state))
 
 
 def _taking(case: Case, hypothesis: Hypothesis) -> Case:

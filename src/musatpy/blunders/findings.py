@@ -280,7 +280,7 @@ def unedited(search: Search) -> str:
     named = ", ".join(kind for kind in CauseKind if kind in commons)
     if commons - {CauseKind.TIDES} or _explains_most(search):
         return f"one cause explains what does not fit: {named}"
-    block, units = search.last.scene.block, search.last.units
+    block, units = search.last.scene.block, search.last.judgement.units
     for kind, rows in units.of_kinds.items():
         wrong = search.last.rows_out(kind)
         if kind is _K.WATER_LEVEL:  # what common errors explain is not edited anyway
@@ -298,7 +298,7 @@ def _explains_most(search: Search) -> bool:
     common = sum(cause.squares for cause in search.case.taken if np.isfinite(cause.squares))
     if not common > 0.0:
         return False
-    size, out = sizes(search.last.scene, search.last.state), search.last.out()
+    size, out = sizes(search.last.scene, search.last.state), search.last.out
     return common > sum(float(np.square(size[kind][out[kind] > 0.0]).sum()) for kind in out)
 
 
@@ -317,7 +317,7 @@ def wrong_tides(search: Search) -> BoolArray:
 
 def control_out(search: Search) -> tuple[BoolArray, BoolArray]:
     """Return which control points (k,) are wrong in plan, and which in height."""
-    out = search.last.out()[_K.CONTROL] > 0.0
+    out = search.last.out[_K.CONTROL] > 0.0
     return np.asarray(out[:, :2].any(axis=1)), np.asarray(out[:, 2])
 
 

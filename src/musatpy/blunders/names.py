@@ -30,7 +30,6 @@ _NEAR = 6.0  # sigmas of an image: from image to predicted image, both with erro
 _APART = 5.0  # times as far must the second nearest point be
 _CHANCE = 1e-3  # expected number of points that lie so near by chance
 _FEW = 5  # points near a photo, for there to be a density
-_TOGETHER = 32  # photos whose points are looked at together: some megabytes
 _DETERMINED = 2  # good images of a point that can be predicted
 
 
@@ -41,29 +40,26 @@ class Lookalike(NamedTuple):
     point: int  # whose image it is
     distance: float  # mm off its predicted image, NaN where only the other one of a pair has one
     certain: bool  # it is this point, and its name is free on the photo
+    test: float = np.nan  # under the old name, NaN where that could not be tested
+    error: tuple[float, float] = (np.nan, np.nan)  # mm, likewise
 
 
-def lookalikes(
-    scene: Scene, state: State, out: BoolArray, suspect: IntArray, covariance: FloatArray, sigma0: float
-) -> list[Lookalike]:
-    """Return which of the images `suspect` lie on other points; images in `out` (m,) determine no point.
-
-    `covariance` (p, 3, 3) m2 is that of the points along east, north, up.
-    """
-    network = scene.network
-    good = taking_part(network) & ~out
-    determined = np.bincount(network.point[good], minlength=network.points) >= _DETERMINED
+def lookalikes(last: Snooped) -> list[Lookalike]:
+    """Return the images out, or of no point that takes part, that lie on other points."""
+    scene, network, covariance = last.scene, last.scene.network, last.judgement.covariance
+    out, used = last.rows_out(ObservationKind.PLATE), taking_part(network)
+    determined = np.bincount(network.point[used & ~out], minlength=network.points) >= _DETERMINED
     determined &= np.isfinite(covariance).all(axis=(1, 2))
-    suspect = suspect[np.argsort(network.photo[suspect], kind="stable")]
-    photos, first = np.unique(network.photo[suspect], return_index=True)
-    of_photo, around, rims = np.split(suspect, first[1:]), _near(network, photos), _rims(network, photos)
+    suspect = np.flatnonzero(out | (scene.block.plates.triangulated & ~used))
+    if not len(suspect):
+        return []
+    photos = np.unique(network.photo[suspect])
     found: list[Lookalike] = []
-    for begin in range(0, len(photos), _TOGETHER):
-        part = slice(begin, begin + _TOGETHER)
-        seen = _imagined(scene, state, photos[part], around[part], rims, determined, covariance)
-        for rows, (points, xy, spread) in zip(of_photo[part], seen, strict=True):
-            if len(points) >= _FEW:
-                found += _nearest(network, rows, points, xy, spread, sigma0)
+    for photo, near in zip(photos.tolist(), _near(network, photos), strict=True):
+        points, xy, spread = _imagined(scene, last.state, photo, near[determined[near]], covariance)
+        if len(points) >= _FEW:
+            rows = suspect[network.photo[suspect] == photo]
+            found += _nearest(network, rows, points, xy, spread, last.judgement.sigma0)
     found += list(_exchanged(network, found, out, determined))
     certain = _free_names(network, found)
     return [one._replace(certain=name_is_free) for one, name_is_free in zip(found, certain.tolist(), strict=True)]
@@ -96,12 +92,12 @@ def _exchanged(
 
     The other one is found on their point, and the point of its name can be seen nowhere: nothing else tells.
     """
-    rows = {row for row, *_ in found}
-    for row, point, _, sure in found:
-        name = int(network.point[row])
-        if not sure or determined[name]:
+    rows = {one.row for one in found}
+    for one in found:
+        name = int(network.point[one.row])
+        if not one.certain or determined[name]:
             continue
-        partner = np.flatnonzero((network.photo == network.photo[row]) & (network.point == point))
+        partner = np.flatnonzero((network.photo == network.photo[one.row]) & (network.point == one.point))
         if len(partner) == 1 and out[partner[0]] and partner[0] not in rows:
             yield Lookalike(int(partner[0]), name, np.nan, True)
 
@@ -125,8 +121,6 @@ def _free_names(network: Network, found: list[Lookalike]) -> BoolArray:
 
 def _near(network: Network, photos: IntArray) -> list[IntArray]:
     """Return the points on the photos that have points in common with each of some photos (c,)."""
-    if not len(photos):
-        return []
     from scipy.sparse import csr_array  # most jobs do without
 
     seen = np.ones(len(network.photo), dtype=np.int32)
@@ -135,49 +129,27 @@ def _near(network: Network, photos: IntArray) -> list[IntArray]:
     return np.split(near.indices.astype(np.int64), near.indptr[1:-1])
 
 
-def _rims(network: Network, photos: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the largest coordinates (n, 2) mm of the plates of some photos (c,) and their rims."""
-    low, high = np.full((network.photos, 2), np.inf), np.full((network.photos, 2), -np.inf)
-    rows = np.flatnonzero(np.isin(network.photo, photos))
-    np.minimum.at(low, network.photo[rows], network.xy[rows])
-    np.maximum.at(high, network.photo[rows], network.xy[rows])
-    return low - _RIM, high + _RIM
-
-
 def _imagined(
-    scene: Scene,
-    state: State,
-    photos: IntArray,
-    near: list[IntArray],
-    rims: tuple[FloatArray, FloatArray],
-    determined: BoolArray,
-    covariance: FloatArray,
-) -> list[tuple[IntArray, FloatArray, FloatArray]]:
-    """Return what some photos (c,) would show, within `rims`, of the points `near` them that are determined.
+    scene: Scene, state: State, photo: int, points: IntArray, covariance: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return which of some points a photo would show, their images (k, 2) mm, and their covariances (k, 2, 2) mm2.
 
-    Of each photo points (k,), their images (k, 2) mm, and the covariances (k, 2, 2) mm2 of these.
+    `covariance` (p, 3, 3) m2 is that of the points along east, north, up.
     """
-    network, near = scene.network, [points[determined[points]] for points in near]
-    number = np.repeat(np.arange(len(photos)), [len(points) for points in near])
-    photo, points = photos[number], np.concatenate(near)
+    network, ground = scene.network, state.ground[points]
+    shown = network.xy[network.photo == photo]
     imagined = replace(
         network,
-        photo=photo,
+        photo=np.full(len(points), photo),
         point=points,
         refracted=np.asarray(scene.block.points.bathymetric[points]),
     )
-    ground = state.ground[points]
     xy = image_coordinates(imagined, state, np.arange(len(points)), ground)
-    low, high = (rim[photo] for rim in rims)
-    inside = (xy > low) & (xy < high)
-    rows = np.flatnonzero(inside[:, 0] & inside[:, 1])
-    seen = collinearity.in_front(ground[rows] - state.position[photo[rows]], state.M[photo[rows]])
-    rows = rows[seen]
+    inside = ((xy > shown.min(axis=0) - _RIM) & (xy < shown.max(axis=0) + _RIM)).all(axis=1)
+    rows = np.flatnonzero(inside & collinearity.in_front(ground - state.position[photo], state.M[photo]))
     predicted = images(imagined, state, rows, ground[rows], stations=False)
     B = predicted.by_ground @ np.swapaxes(network.frame.axes(ground[rows]), 1, 2)
-    spread = B @ covariance[points[rows]] @ np.swapaxes(B, 1, 2)
-    cuts = np.searchsorted(number[rows], np.arange(1, len(near)))
-    return list(zip(*(np.split(of_all, cuts) for of_all in (points[rows], predicted.xy, spread)), strict=True))
+    return points[rows], predicted.xy, B @ covariance[points[rows]] @ np.swapaxes(B, 1, 2)
 
 
 FAR = 0.1  # of the flying height: a station farther than this from its card is not where it should be
@@ -188,8 +160,8 @@ def flying_height(scene: Scene, state: State) -> float:
     """Return the median distance, m, of points from the stations that see them."""
     network = scene.network
     rays = np.flatnonzero(taking_part(network))
-    v = state.ground.take(network.point[rays], axis=0) - state.position.take(network.photo[rays], axis=0)
-    return float(np.nanmedian(np.sqrt(np.einsum("ri,ri->r", v, v))))
+    off = state.ground[network.point[rays]] - state.position[network.photo[rays]]
+    return float(np.nanmedian(np.linalg.norm(off, axis=1)))
 
 
 def exchanged_photos(block: Block, scene: Scene, state: State) -> list[tuple[int, int]]:
@@ -202,7 +174,7 @@ def exchanged_photos(block: Block, scene: Scene, state: State) -> list[tuple[int
 
 def exchanged_control(last: Snooped) -> list[tuple[int, int]]:
     """Return the pairs of points with control that lie where the cards of the other one say."""
-    network, out = last.scene.network, last.out()[ObservationKind.CONTROL]
+    network, out = last.scene.network, last.out[ObservationKind.CONTROL]
     points = np.unique(last.scene.block.control.point[out[:, :2].any(axis=1)])
     points = points[finite_rows(last.state.ground[points])]
     points = points[finite_rows(network.priors.given[points])]

@@ -10,7 +10,7 @@ the inverse of the normal equations says how well they predict it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,7 +55,6 @@ _TIDE_SIGMA = 0.05  # m, of tides whose card gives none: below what images can t
 _HELD = 0.1  # of the ground sigma of an image, for what the job holds without error
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
-_REMEMBERED = 3  # states, whose residuals are asked for again: where trials begin, and where the last one has ended
 STEP = 1500  # images that a step takes as much as, however few there are
 _WAVES = 4  # times the effort of a step on a plane
 START = 3  # of the least steps, that a computed start takes as much as for each photo
@@ -116,18 +115,6 @@ class Scene:
     held: IntArray  # unknowns of photos that hold a free network
     effort: Effort  # that of the whole search
     progress: Progress | None = None  # whoever watches the search
-    _sizes: list[tuple[Network, State, Factors, Factors]] = field(default_factory=list, repr=False)
-
-    def residuals_and_sizes(self, state: State) -> tuple[Factors, Factors]:
-        """Return the residuals in their units, and in a priori sigmas; those that were asked for last are kept."""
-        for number, (network, known, residuals, sizes) in enumerate(self._sizes):
-            if network is self.network and known is state:
-                self._sizes.insert(0, self._sizes.pop(number))
-                return residuals, sizes
-        residuals = deviations(self.network, self.block, state)
-        sizes = {kind: residuals[kind] * np.sqrt(weight) for kind, weight in self.weight.items()}
-        self._sizes[:] = [(self.network, state, residuals, sizes), *self._sizes[: _REMEMBERED - 1]]
-        return residuals, sizes
 
     def problem(self, factors: Factors) -> Limited:
         """Return the adjustment with the weights times `factors`."""
@@ -305,7 +292,8 @@ def at_their_best(scene: Scene, factors: Factors, state: State, point: IntArray 
 
 def sizes(scene: Scene, state: State) -> Factors:
     """Return the residuals in a priori sigmas."""
-    return scene.residuals_and_sizes(state)[1]
+    residuals = deviations(scene.network, scene.block, state)
+    return {kind: residuals[kind] * np.sqrt(weight) for kind, weight in scene.weight.items()}
 
 
 def plate_scale(scene: Scene, size: Factors) -> float:

@@ -37,7 +37,6 @@ from musatpy.blunders.scene import (
     Factors,
     rebuilt,
     sees_water,
-    taking_part,
 )
 from musatpy.blunders.snooping import Snooped, snooped
 from musatpy.blunders.whole_block import best_start
@@ -53,17 +52,6 @@ _PLATE = ObservationKind.PLATE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Renaming:
-    """An image that has got the name of another point."""
-
-    row: int  # plate measurement
-    point: int  # whose image it is
-    distance: float  # mm off the image of that point, NaN where that could not be predicted
-    test: float  # under the old name, NaN where that could not be tested
-    error: tuple[float, float]  # mm, likewise
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Search:
     """What the search found. Rows are those of the tables of the block, whose points it does not number anew."""
 
@@ -71,7 +59,7 @@ class Search:
     case: Case  # the explanation at rest: the block with right names and flags, and with what is common revised
     last: Snooped  # the search of that
     lookalikes: list[Lookalike]  # images that lie on other points and keep their names
-    renamings: tuple[Renaming, ...]
+    renamings: tuple[Lookalike, ...]  # images that have got the names of other points
     flags: dict[int, float]  # points whose images want the other flag, with the test values of that
 
 
@@ -92,9 +80,9 @@ def search(
         best = _with_exchanges(block, _cheaper(best, sea), sea)
     if given is not None and best.last.judgement.out.any():
         best = _or_as_given(best, given, sea, effort)
-    renamings: tuple[Renaming, ...] = ()
+    renamings: tuple[Lookalike, ...] = ()
     flags: dict[int, float] = {}
-    alike = _lookalikes(best.last)
+    alike = lookalikes(best.last)
     for number in range(1, _REVISIONS + 1):
         begin(progress, "search for blunders: names and flags", number, _REVISIONS)
         last = best.last
@@ -105,7 +93,7 @@ def search(
             break
         renamings, flags = renamings + names, flags | wrong
         best = _renamed(best.case, names, wrong, sea)
-        alike = _lookalikes(best.last)
+        alike = lookalikes(best.last)
     return Search(block=block, case=best.case, last=best.last, lookalikes=alike, renamings=renamings, flags=flags)
 
 
@@ -223,8 +211,8 @@ def _at_rest(case: Case, first: Factors | None, returning: bool = True) -> _Expl
     """
     last = snooped(case.scene, case.state, first, returning)
     revisions = tuple(one for one in case.taken if not one.given_up)
-    squares = squares_in(last.scene, last.out(), last.state)
-    case = replace(case, scene=last.scene, state=last.state, out=last.out(), taken=revisions, squares=squares)
+    squares = squares_in(last.scene, last.out, last.state)
+    case = replace(case, scene=last.scene, state=last.state, out=last.out, taken=revisions, squares=squares)
     return _Explained(case=case, last=last)
 
 
@@ -238,34 +226,17 @@ def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
     return masks
 
 
-def _lookalikes(last: Snooped) -> list[Lookalike]:
-    """Return the images out, or of no point that takes part, that lie on other points."""
-    scene, network = last.scene, last.scene.network
-    out = last.rows_out(_PLATE)
-    alone = scene.block.plates.triangulated & ~taking_part(network)
-    judgement = last.judgement
-    return lookalikes(scene, last.state, out, np.flatnonzero(out | alone), judgement.covariance, judgement.sigma0)
-
-
-def _renamings(last: Snooped, alike: list[Lookalike]) -> list[Renaming]:
+def _renamings(last: Snooped, alike: list[Lookalike]) -> list[Lookalike]:
+    """Return the images that get the names of other points, with their tests under the old ones."""
     judgement, certain = last.judgement, [one for one in alike if one.certain]
     test = np.abs(judgement.table(_PLATE, judgement.test)).max(axis=1)
     error = judgement.table(_PLATE, judgement.error)
     rows = np.array([one.row for one in certain if np.isnan(test[one.row])], dtype=int)
     test[rows] = misfit(last.scene.network, last.state, last.scene.network.point[rows]) / judgement.sigma0
-    return [
-        Renaming(
-            row=one.row,
-            point=one.point,
-            distance=one.distance,
-            test=float(test[one.row]),
-            error=(float(error[one.row, 0]), float(error[one.row, 1])),
-        )
-        for one in certain
-    ]
+    return [one._replace(test=float(test[one.row]), error=tuple(error[one.row].tolist())) for one in certain]
 
 
-def _renamed(case: Case, names: tuple[Renaming, ...], flags: Iterable[int], sea: Sea | None) -> _Explained:
+def _renamed(case: Case, names: tuple[Lookalike, ...], flags: Iterable[int], sea: Sea | None) -> _Explained:
     """Return the search of the block with new names and flags, from where that before has come to rest."""
     block, old = case.block, case.block.plates.point
     point, bathymetric = old.copy(), block.points.bathymetric.copy()

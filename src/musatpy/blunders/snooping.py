@@ -27,6 +27,7 @@ from musatpy.blunders.scene import (
     OTHERS_CHECKED,
     Factors,
     Scene,
+    deviations,
     free_to_cross,
     plate_scale,
     settled,
@@ -71,11 +72,6 @@ class Units:
     place: IntArray  # (o,) ground point, or a number of its own: units of one place compete
     of_kinds: dict[ObservationKind, slice]  # the observations of each kind
 
-    @property
-    def count(self) -> int:
-        """Number of units."""
-        return len(self.first)
-
     @cached_property
     def limits(self) -> FloatArray:
         """(units,) the limits of the test values, by how many observations there are of each kind.
@@ -89,11 +85,6 @@ class Units:
     def first(self) -> IntArray:
         """(units,) the first observation of every unit."""
         return np.flatnonzero(np.diff(self.unit, prepend=-1))
-
-    @cached_property
-    def checked(self) -> FloatArray:
-        """(o,) redundancy numbers below which the tests of what takes part are worth nothing."""
-        return np.where(self.kind == _K.PLATE, IMAGES_CHECKED, OTHERS_CHECKED)
 
     def per_unit(self, value: FloatArray) -> FloatArray:
         """Return (units,) the largest value of the observations of each unit, 0 where none is above."""
@@ -114,33 +105,23 @@ class Judgement:
     units: Units
     out: BoolArray  # (units,)
     test: FloatArray  # (o,) NaN where nothing checks the observation
-    redundancy: FloatArray  # (o,) numbers, likewise
-    residuals: Factors
+    error: FloatArray  # (o,) estimated, likewise: given minus what the others say
+    shapes: dict[ObservationKind, tuple[int, ...]]  # of the tables
     sigma0: float
     freedom: float  # degrees of freedom of what is in
     factor: Factor
     covariance: FloatArray  # (p, 3, 3) m2, east, north, up of the points, NaN for those that take no part
 
-    @cached_property
-    def error(self) -> FloatArray:
-        """(o,) estimated: given minus what the others say."""
-        return -self.units.gathered(self.residuals) / self.redundancy
-
     def table(self, kind: ObservationKind, values: FloatArray) -> FloatArray:
         """Return values (o,) of observations in the table of a kind, NaN for what takes no part."""
-        table, rows = np.full(self.residuals[kind].shape, np.nan), self.units.of_kinds[kind]
+        table, rows = np.full(self.shapes[kind], np.nan), self.units.of_kinds[kind]
         table.reshape(-1)[self.units.element[rows]] = values[rows]
         return table
 
     @cached_property
-    def unit_test(self) -> FloatArray:
-        """(units,) the largest test value, without its sign, of each unit; 0 where nothing checks it."""
-        return self.units.per_unit(np.abs(self.test))
-
-    @cached_property
     def predicted(self) -> BoolArray:
         """(units,) whether the others predict all observations of a unit."""
-        unknown = np.zeros(self.units.count, dtype=bool)
+        unknown = np.zeros(len(self.units.first), dtype=bool)
         unknown[self.units.unit[np.isnan(self.test)]] = True
         return ~unknown
 
@@ -152,21 +133,13 @@ class Snooped:
     scene: Scene
     state: State
     judgement: Judgement
+    out: Factors  # 1 for the observations that are out, 0 for all others
     tides: tuple[Hypothesis, ...]  # errors that the tides of several photos have in common
     rest: bool  # False: it was stopped
 
-    @property
-    def units(self) -> Units:
-        """The units of the judgement."""
-        return self.judgement.units
-
-    def out(self) -> Factors:
-        """Return 1 for the observations that are out, 0 for all others."""
-        return _masks(self.scene, self.units, self.judgement.out)
-
     def rows_out(self, kind: ObservationKind) -> BoolArray:
         """Return which rows (rows,) of the table of a kind have observations that are out."""
-        return _rows(self.scene, self.units, self.judgement.out, kind)
+        return np.asarray(self.out[kind].any(axis=1))
 
 
 def snooped(
@@ -182,7 +155,7 @@ def snooped(
     """
     units = units_of(scene)
     image, limit = units.kind[units.first] == _K.PLATE, units.limits
-    returns = np.full(units.count, 0 if returning else _RETURNS)
+    returns = np.full(len(units.first), 0 if returning else _RETURNS)
     out, state = _first_out(scene, state, units, first, returning)
     moved = returning  # and images are to be chosen once more
     scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
@@ -193,7 +166,7 @@ def snooped(
         factors = factors_of(_masks(scene, units, out), sizes(scene, state))
         scene, state, factor = settled(scene, factors, state)
         judgement = judged(scene, state, units, out, factors, factor)
-        value = judgement.unit_test
+        value = units.per_unit(np.abs(judgement.test))
         fits = judgement.predicted & (value < _BACK * limit)
         back = out & fits & (returns < _RETURNS) & ~image
         if number == 0:  # what nothing predicts can be tested only when it is in
@@ -218,8 +191,9 @@ def snooped(
             back, tides, proven = _tides_of(units, np.concatenate([tide.photo for tide in tides])), (), True
         returns[back] += 1
         out, state = (out & ~back) | leaving, after
-        scene = free_to_cross(scene, _rows(scene, units, back | leaving, _K.PLATE))
-    return Snooped(scene=scene, state=state, judgement=judgement, tides=tides, rest=rest)
+        scene = free_to_cross(scene, _images(scene, units, back | leaving))
+    gone = _masks(scene, units, judgement.out)
+    return Snooped(scene=scene, state=state, judgement=judgement, out=gone, tides=tides, rest=rest)
 
 
 def _first_out(
@@ -246,7 +220,7 @@ def _images_anew(
 
     And the state with these points where the others see them. What else is `out` (units,) has no say.
     """
-    images, unit = _rows(scene, units, anew, _K.PLATE), np.zeros(units.count, dtype=bool)
+    images, unit = _images(scene, units, anew), np.zeros(len(units.first), dtype=bool)
     if not images.any():
         return unit, state
     masks = _masks(scene, units, out)
@@ -259,7 +233,7 @@ def _images_anew(
 
 def _tides_of(units: Units, photo: Sequence[int] | IntArray) -> BoolArray:
     """Return the units that are the tides of some photos."""
-    tides = np.zeros(units.count, dtype=bool)
+    tides = np.zeros(len(units.first), dtype=bool)
     tides[units.unit[(units.kind == _K.WATER_LEVEL) & np.isin(units.row, photo)]] = True
     return tides
 
@@ -311,11 +285,11 @@ def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
     return masks
 
 
-def _rows(scene: Scene, units: Units, chosen: BoolArray, kind: ObservationKind) -> BoolArray:
-    """Return which rows (rows,) of the table of a kind have observations of units that are `chosen` (units,)."""
-    rows, first = np.zeros(len(scene.weight[kind]), dtype=bool), units.first[chosen]
-    rows[units.row[first[units.kind[first] == kind]]] = True
-    return rows
+def _images(scene: Scene, units: Units, chosen: BoolArray) -> BoolArray:
+    """Return which images (m,) are those of units that are `chosen` (units,)."""
+    images, rows = np.zeros(len(scene.network.point), dtype=bool), units.of_kinds[_K.PLATE]
+    images[units.row[rows]] = chosen[units.unit[rows]]
+    return images
 
 
 def judged(
@@ -335,7 +309,7 @@ def judged(
     cofactors = factor.cofactors().holding(scene.held)
     if _is_weak(factor, cofactors):
         raise SingularNormalsError(factor.matrix)
-    residuals, size = scene.residuals_and_sizes(state)
+    residuals = deviations(scene.network, scene.block, state)
     errors = Errors(network=problem.network, state=state, cofactors=cofactors)
     spread = spread_to_observations(errors, scene.block, residuals[_K.PLATE])
     adjusted = {kind: np.zeros(weight.shape) for kind, weight in scene.weight.items()}
@@ -345,9 +319,11 @@ def judged(
             observed = part.weight > 0.0
             adjusted[part.kind][part.row[observed], part.component[observed]] = part.cofactor[observed]
     # in a priori sigmas, and their squares
-    v, leverage = units.gathered(size), units.weight * units.gathered(adjusted)
+    residual, leverage = units.gathered(residuals), units.weight * units.gathered(adjusted)
+    v = residual * np.sqrt(units.weight)
     taken = np.flatnonzero(out[units.unit])  # few, and what is done about them costs little
-    r, used, least = 1.0 - leverage, v.copy(), units.checked.copy()
+    r, used = 1.0 - leverage, v.copy()
+    least = np.where(units.kind == _K.PLATE, IMAGES_CHECKED, OTHERS_CHECKED)
     r[taken] = 1.0 - units.gathered(factors)[taken] * leverage[taken]
     used[taken], least[taken] = 0.0, 1.0 - IMAGES_CHECKED
     f = float(np.sum(r) - np.sum(r[taken]))
@@ -363,8 +339,8 @@ def judged(
         units=units,
         out=out,
         test=test,
-        redundancy=r,
-        residuals=residuals,
+        error=-residual / r,
+        shapes={kind: weight.shape for kind, weight in scene.weight.items()},
         sigma0=sigma0,
         freedom=f,
         factor=factor,
@@ -398,7 +374,7 @@ def _leaving(judgement: Judgement, value: FloatArray) -> BoolArray:
 
     And those that will be beyond their limits as soon as these have gone, as sigma0 gets smaller by them.
     """
-    units, leaving = judgement.units, np.zeros(judgement.units.count, dtype=bool)
+    units, leaving = judgement.units, np.zeros(len(judgement.units.first), dtype=bool)
     value = np.where(judgement.out, 0.0, value)
     limit, f = units.limits, judgement.freedom
     if not (value > limit).any():
