@@ -14,8 +14,8 @@ import pytest
 
 from musatpy import adjust, read_deck
 from musatpy.listings import compare_texts
-from musatpy.listings.audit.checks import audit
-from musatpy.listings.audit.reading import listing_of as read_text
+from musatpy.listings.audit import audit
+from musatpy.listings.audit import listing_of as read_text
 from musatpy.model import Action, CauseKind, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
 from musatpy.reports import answer, brevity
 from musatpy.reports.listing import REPORTS, listing, listing_of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 from pathlib import Path
 
 import click
@@ -38,10 +39,8 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
     reported. Exit status: 0 consistent, 1 inconsistent, 2 where a file, or a row of
     the listing, cannot be read, or the results not be written.
     """
-    from musatpy.listings.audit.against import side_by_side
-    from musatpy.listings.audit.audit_text import audit_json, audit_text, side_text
-    from musatpy.listings.audit.checks import audit
-    from musatpy.listings.audit.reading import read_listing
+    from musatpy.listings.audit.against import side_by_side, side_record, side_text
+    from musatpy.listings.audit.listing import audit, audit_record, audit_text, read_listing
 
     try:
         with cycles_left_alone():
@@ -58,7 +57,8 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
         complain_of_system(error)
         ctx.exit(UNREADABLE)
     if as_json:
-        text = audit_json(structures, findings, beside)
+        record = audit_record(structures, findings) | ({} if beside is None else side_record(beside))
+        text = json.dumps(record, indent=1) + "\n"
     else:
         text = audit_text(structures, findings)
         if beside is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from musatpy.listings.audit.listing_numbers import numbers_of
+from musatpy.listings.audit.against import numbers_of
 
 FIXTURES = Path(__file__).resolve().parents[3] / "fixtures"
 LEGACY = FIXTURES / "legacy"

@@ -5,15 +5,14 @@ from __future__ import annotations
 import pytest
 
 from listings.audit.report_tables import table
-from musatpy.listings.audit.cells import printed, read_cells, words_of
-from musatpy.listings.audit.reading import listing_of, read_listing
-from musatpy.listings.audit.structures import RepairKind
+from musatpy.listings.audit import listing_of, read_listing
+from musatpy.listings.audit.cells import RepairKind, printed, read_cells
 
 K = RepairKind
 
 
-def reading(text, *kinds, decimals=None):
-    return read_cells(words_of(text), kinds, decimals)
+def reading(text, *kinds, places=None):
+    return read_cells(text, kinds, places)
 
 
 @pytest.mark.parametrize(
@@ -54,10 +53,12 @@ def test_a_row_is_read_with_the_repairs_that_it_takes(text, kinds, cells, repair
 
 
 def test_a_lost_point_is_put_where_the_column_has_it():
-    found = reading("66", "number", decimals=2)
+    found = reading("66", "number", places=[2])
     assert found.texts == (".66",)
     assert [one.kind for one in found.repairs(1)] == [K.POINT]
-    assert reading("66", "number") is None and reading("6600", "number", decimals=2) is None
+    assert reading("66", "number") is None and reading("6600", "number", places=[2]) is None
+    # A hyphen for the point, or a minus before a lost one; a digit that is no number.
+    assert reading("-66", "number", places=[2]) is None and reading("6", "number", places=[1]) is None
 
 
 @pytest.mark.parametrize(
@@ -109,9 +110,9 @@ def test_a_row_that_cannot_be_read_is_a_problem_with_its_line():
 @pytest.mark.parametrize(
     ("number", "label", "what"),
     [
-        (1, "Standard Dev", "deviation"),
-        (4, "RMS of All Points - x", "RMS, all, x"),
-        (4, "Frame With Max. RMS All", "all"),
+        (1, "Standard Dev", "Standard Deviation from Mean"),
+        (4, "RMS of All Points - x", "RMS of All Points x"),
+        (4, "Frame With Max. RMS All", "Frame With Max RMS All Points"),
     ],
 )
 def test_a_row_without_a_legible_label_is_missed(number, label, what):
@@ -143,8 +144,8 @@ def test_three_rows_make_a_point(axis):
     assert all(f"row of {axis} of a point is missing" in one.message for one in listing.unreadable[:1])
     assert len(listing.unreadable) >= 1 and listing.repairs == ()
     (found,) = listing.submerged
-    names = [point.name for point in read_listing(table(9)).submerged[0].points]
-    assert [point.name for point in found.points] == [name for name in names if name != "1042"]
+    names = [point.name for point in read_listing(table(9)).submerged[0]]
+    assert [point.name for point in found] == [name for name in names if name != "1042"]
 
 
 @pytest.mark.parametrize(
@@ -164,7 +165,7 @@ def test_noise_beside_the_number_of_a_point_is_a_repair(old, new, repairs):
     assert old in text
     listing = listing_of(text.replace(old, new), "x")
     assert [(one.kind, one.found, one.read) for one in listing.repairs] == repairs
-    assert [point.name for point in listing.submerged[0].points][2] == "1042" and not listing.unreadable
+    assert [point.name for point in listing.submerged[0]][2] == "1042" and not listing.unreadable
 
 
 def test_words_beside_a_coordinate_are_no_ruling():

@@ -5,16 +5,56 @@ The newer run is a listing too, or the record NAME.json that `musat run` left.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, groupby
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from musatpy.errors import MusatError
 from musatpy.json_files import read_record
-from musatpy.listings.audit.listing_numbers import numbers_of
-from musatpy.listings.audit.quantities import Key, Quantity, within_half_circle
-from musatpy.listings.audit.reading import read_listing
-from musatpy.listings.audit.record_numbers import NEEDS, statistics_of_record
-from musatpy.listings.audit.structures import Listing
+from musatpy.listings.audit.analyses import STATISTICS, run_name
+from musatpy.listings.audit.cells import text_like
+from musatpy.listings.audit.listing import Listing, read_listing
+from musatpy.listings.audit.plates import AXES, GROUPS
+from musatpy.listings.audit.submerged import COLUMNS, NAME
+from musatpy.units import ARC_SECOND
+
+_PLATES = "plate residuals"
+_FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
+_ANALYSES = ("camera_station_position", "camera_station_attitude", "ground_point", "check_point")
+_POSITIONS = ("no_refraction", "predicted", "refraction")  # of a submerged point, as COLUMNS
+# The fields of a record that are compared, whole where no field of them is named.
+_NEEDS = {
+    "options": ("refraction",),
+    "analyses": (),
+    "plate_statistics": (),
+    "bathymetric_points": ("point", *_POSITIONS),
+}
+_HEADINGS = ("item", "statistic", "listing", "new", "difference")
+
+
+@dataclass(frozen=True)
+class Key:
+    """What a number is, not where it stood: the report, whose, and which."""
+
+    report: str  # "ground point analysis"
+    refracted: bool | None
+    item: str  # component, frame, point
+    statistic: str
+
+
+class Quantity(NamedTuple):
+    """A number in arc seconds, metres or plate millimetres, or an id."""
+
+    value: float | None  # None for ids
+    unit: str
+    text: str = ""  # as printed; empty where a number comes from a record
+    half: float = 0.0
+
+
+Quantities = Iterator[tuple[Key, Quantity]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +71,7 @@ class Pair:
         if self.old.value is None or self.new.value is None:
             return None
         difference = self.new.value - self.old.value
-        return within_half_circle(difference) if self.old.unit == "arcsec" else difference
+        return difference - (_FULL_CIRCLE * round(difference / _FULL_CIRCLE) if self.old.unit == "arcsec" else 0.0)
 
     @property
     def alike(self) -> bool:
@@ -56,11 +96,17 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
 
     Raises `MusatError` where the file has nothing to compare with, `OSError` where it cannot be read.
     """
-    (first, several_old), (second, several_new) = numbers_of(old), _statistics_in(Path(path))
+    first, several = numbers_of(old)
+    if Path(path).suffix.lower() == ".json":
+        second = dict(_numbers_of_record(read_record(Path(path), _NEEDS)))
+    else:
+        second, several_new = numbers_of(read_listing(path))
+        several = several | several_new
     runs = {key.refracted for key in second if key.refracted is not None}
-    if len(runs) == 1:
-        first = _of_run(first, next(iter(runs)))
-    several = several_old | several_new
+    if len(runs) == 1 and all(key.refracted is None for key in first):
+        # Reports that do not say their run are of the only one there is.
+        (run,) = runs
+        first = {key if key.report == NAME else replace(key, refracted=run): one for key, one in first.items()}
     common = [key for key in first if key in second]
     if not common:
         raise MusatError(f"{path}: has no statistic that is in {old.name} too")
@@ -72,23 +118,137 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
     )
 
 
-def _of_run(statistics: dict[Key, Quantity], refracted: bool) -> dict[Key, Quantity]:
-    """Return statistics of reports that do not say their run, as those of the only run there is."""
-    if any(key.refracted is not None for key in statistics):
-        return statistics
+def numbers_of(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
+    """Return all that can be compared of a listing, and what stands there more than once with different numbers.
+
+    The latter, of two runs with refraction, say, is not compared.
+    """
+    quantities: dict[Key, Quantity] = {}
+    several: set[Key] = set()
+    for key, quantity in _numbers(listing):
+        if quantities.setdefault(key, quantity).text != quantity.text:
+            several.add(key)
+    return {key: quantity for key, quantity in quantities.items() if key not in several}, several
+
+
+def _numbers(listing: Listing) -> Quantities:
+    for analysis in listing.analyses:
+        for component in analysis.components:
+            place = f"{analysis.kind} analysis", analysis.refracted, component.name
+            if component.size is not None:
+                yield Key(*place, "size"), Quantity(component.size, "", str(component.size))
+            for statistic, cell in component.statistics.items():
+                yield Key(*place, statistic), Quantity(cell.value, component.unit, cell.text, cell.half)
+            if component.maximum_id:
+                yield Key(*place, "maximum at"), Quantity(None, "", component.maximum_id)
+    for plates in listing.plates:
+        for (group, axis), row in plates.rms.items():
+            for frame, cell in row.items():
+                key = Key(_PLATES, plates.refracted, frame, f"{group}, {axis}")
+                yield key, Quantity(cell.value, "mm", cell.text, cell.half)
+        for group, stars in plates.stars.items():
+            if len(stars) == 1:
+                yield Key(_PLATES, plates.refracted, group, "largest at"), Quantity(None, "", stars[0][0])
+    for point in chain.from_iterable(listing.submerged):
+        for (column, axis), cell in point.xyz.items():
+            yield Key(NAME, None, point.name, f"{axis}, {column}"), Quantity(cell.value, "m", cell.text, cell.half)
+
+
+def _numbers_of_record(record: Mapping[str, Any]) -> Quantities:
+    """Yield all that can be compared of the record of a run, in full precision."""
+    refracted = record["options"]["refraction"] != "NONE"
+    for name in _ANALYSES:
+        yield from _analysis(f"{name.removeprefix('camera_').replace('_', ' ')} analysis", refracted, record, name)
+    frames, largest = record["plate_statistics"]["frames"], record["plate_statistics"]["largest"]
+    for photo, pairs in zip(frames["photo"], frames["rms"], strict=True):
+        for group, pair in zip(GROUPS, pairs, strict=True):
+            for axis, value in zip(AXES, pair, strict=True):
+                # A listing prints .000 for none.
+                yield Key(_PLATES, refracted, photo, f"{group}, {axis}"), Quantity(value or 0.0, "mm")
+    for group, photo in zip(GROUPS, largest, strict=True):
+        if photo is not None:
+            yield Key(_PLATES, refracted, group, "largest at"), Quantity(None, "", photo)
+    points = record["bathymetric_points"]
+    columns = list(zip(COLUMNS, _POSITIONS, strict=True))[: 3 if refracted else 2]
+    for column, position in columns:
+        for point, xyz in zip(points["point"], points[position], strict=True):
+            for axis, value in zip("XYZ", xyz or (), strict=False):
+                if value is not None:
+                    yield Key(NAME, None, point, f"{axis}, {column}"), Quantity(value, "m")
+
+
+def _analysis(report: str, refracted: bool, record: Mapping[str, Any], name: str) -> Quantities:
+    rows = record["analyses"][name]
+    for row in rows if any(row["size"] for row in rows) else ():  # an analysis of nothing is not printed
+        unit, factor = ("arcsec", 1.0 / ARC_SECOND) if row["unit"] == "rad" else ("m", 1.0)
+        yield Key(report, refracted, row["component"], "size"), Quantity(row["size"], "")
+        for statistic in STATISTICS:
+            if (value := row[statistic]) is not None:
+                yield Key(report, refracted, row["component"], statistic), Quantity(value * factor, unit)
+        if row["maximum_id"]:
+            yield Key(report, refracted, row["component"], "maximum at"), Quantity(None, "", row["maximum_id"])
+
+
+def side_text(beside: SideBySide, listed: int) -> str:
+    """Return the statistics side by side, those that differ beyond their print marked.
+
+    Of a report with more rows than `listed`, those that differ most are shown.
+    """
+    lines: list[str] = []
+    for (report, refracted), group in groupby(beside.pairs, key=lambda pair: (pair.key.report, pair.key.refracted)):
+        pairs = list(group)
+        # An id that differs comes first.
+        ranked = sorted(pairs, key=lambda pair: -abs(pair.difference or 0.0))
+        ranked.sort(key=lambda pair: pair.difference is not None or pair.alike)
+        lines += ["", f"{report}{run_name(refracted)}", ""]
+        lines += _table([_HEADINGS, *(_row(pair) for pair in pairs if pair in ranked[:listed])])
+        if len(pairs) > listed:
+            lines.append(f"... and {len(pairs) - listed} that differ less")
+    differ = sum(not pair.alike for pair in beside.pairs)
+    lines += ["", f"{len(beside.pairs)} compared, {differ} differ by more than their rounding (*)"]
+    lines.append(f"{len(beside.only_old)} only in the listing, {len(beside.only_new)} only in the new run")
+    if beside.several:
+        lines.append(f"{len(beside.several)} more than once in one of them, with different numbers: not compared")
+    return "\n".join(lines[1:]) + "\n"
+
+
+def _row(pair: Pair) -> tuple[str, ...]:
+    mark = "" if pair.alike else " *"
+    if pair.difference is None or not pair.old.unit:
+        new = pair.new.text or f"{pair.new.value:.0f}"
+        size = f"{pair.difference:.0f}" if pair.difference is not None else ""
+    else:
+        new = pair.new.text or text_like(pair.new.value or 0.0, pair.old.text)
+        size = f"{text_like(pair.difference, pair.old.text.split()[-1])} {pair.old.unit}"
+    return pair.key.item, pair.key.statistic, pair.old.text, new, size + mark
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    """Yield rows with texts on the left and numbers on the right of their columns; marks stand behind these."""
+    cells = [(*row[:-1], row[-1].removesuffix(" *")) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for row, whole in zip(cells, rows, strict=True):
+        texts = [
+            cell.ljust(width) if n < 2 else cell.rjust(width)
+            for n, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield ("  ".join(texts) + ("  *" if whole[-1].endswith(" *") else "")).rstrip()
+
+
+def side_record(beside: SideBySide) -> dict[str, Any]:
+    """Return the same for JSON, a dictionary of lists."""
+    keys = {"only_listing": beside.only_old, "only_new": beside.only_new, "several": beside.several}
     return {
-        replace(key, refracted=refracted)
-        if key.report.endswith((" analysis", "plate residuals"))
-        else key: quantity
-        for key, quantity in statistics.items()
+        "compared": [
+            {
+                **dataclasses.asdict(pair.key),
+                "unit": pair.old.unit,
+                "listing": pair.old.text if pair.old.value is None else pair.old.value,
+                "new": pair.new.text if pair.new.value is None else pair.new.value,
+                "difference": pair.difference,
+                "alike": pair.alike,
+            }
+            for pair in beside.pairs
+        ],
+        **{name: [dataclasses.asdict(key) for key in of] for name, of in keys.items()},
     }
-
-
-def _statistics_in(path: Path) -> tuple[dict[Key, Quantity], set[Key]]:
-    if path.suffix.lower() != ".json":
-        return numbers_of(read_listing(path))
-    record = read_record(path, NEEDS)
-    try:
-        return statistics_of_record(record), set()
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
-        raise MusatError(f"{path}: is no record of a run ({type(error).__name__}: {error})") from error

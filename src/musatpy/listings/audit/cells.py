@@ -1,238 +1,186 @@
-"""Words of a row -> cells: the reading with the fewest repairs, and none where two readings are equally good.
+"""Cells of print: words -> cells with their repairs, the numbers that cells stand for, and misprints among them.
 
 A row is read by what its cells must be (a count, an id, a number, a sexagesimal angle), never by columns. Scanned
-words may be broken (`84 6`) or run together (`00.454`); each departure from the text has a cost, and the cheapest
-division of the words into cells is taken.
+words may be broken (`84 6`) or run together (`00.454`); each departure from the text has a cost. The cheapest
+division of the words into cells is taken, and none where two of them are equally good.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
 from typing import Literal, NamedTuple
-
-from musatpy.listings.audit.structures import Printed, Repair, RepairKind
 
 Kind = Literal["count", "id", "number", "angle"]
 
 _TAGS = re.compile(r"</?\w+>")
 _BULLETS = "\u2022\u00b7\u2219"
 _ONES, _ZEROS = "lI|!", "Oo"
-EDGES = frozenset("1lI|![]{}")  # what a vertical rule at the edge of a row is read as
-_ID = re.compile(r"[^\W_][\w./+-]*")
-_EDGE = re.compile(r"^[|!](?=\d)|(?<=\d)[|!]$")
-_COUNT = re.compile(r"0|[1-9]\d{0,14}")  # exact as a number
-_NUMBER = re.compile(r"-?(?:0|[1-9]\d{0,14})?\.\d{1,15}")
-_DEGREES, _MINUTES, _SECONDS = (re.compile(p) for p in (r"-?\d{1,3}", r"\d{1,2}", r"\d{0,2}\.\d{1,15}"))
-_JOINED = re.compile(r"(?P<degrees>-?0)(?P<rest>\d{1,4})(?P<decimals>\.\d+)?")  # degrees lost, were they not 0
-_ANGLE: tuple[Kind, ...] = ("count", "count", "number")  # degrees, minutes, seconds
+_BORDERS = frozenset("1lI|![]{}")  # what a vertical rule at the edge of a row is read as
+_BAR = re.compile(r"^[|!](?=\d)|(?<=\d)[|!]$")  # at the end of an id: a rule, or a 1
+# Numbers of at most 15 digits, which are exact.
+_FORMS = {
+    "count": re.compile(r"0|[1-9]\d{0,14}"),
+    "id": re.compile(r"[^\W_][\w./+-]*"),
+    "number": re.compile(r"-?(?:0|[1-9]\d{0,14})?\.\d{1,15}"),
+    "angle": re.compile(r"-?\d{1,3} \d{1,2} \d{0,2}\.\d{1,15}"),
+}
+# Angles whose fields have run together: the degrees would be lost, were they not 0.
+_SECONDS_JOINED = re.compile(r"(?P<degrees>-?0)(?P<digits>\d{1,4}| \d{2,4})(?P<decimals>\.\d+)")
+_MINUTES_JOINED = re.compile(r"(-?0)(\d{1,2}) (\d*\.\d+)")
 _MOST_WORDS = 4  # of a cell
+_MOST_READINGS = 8  # that are kept of the same words
 _UNEVEN = 2  # per character that an id or a count is longer or shorter than those beside it; for other decimals
 _CHEAP, _DEAR = 1, 3  # joining words one of which is a fragment, or two whole ones
 
 
-Change = tuple[RepairKind, str, str]  # what stood there, and what is read
+class RepairKind(StrEnum):
+    """The repairs of scanned text that are allowed; nothing else is changed, and each one made is reported."""
+
+    STRAY = "stray character"  # punctuation or mark-up that belongs to no number
+    BORDER = "border of the table"  # a 1, l, |, [ or ] at the edge of a row, left of the ruling
+    BULLET = "point read as bullet"  # `•281` is .281
+    HYPHEN = "point read as hyphen"  # `903378-8` is 903378.8
+    ONE = "1 read as letter"  # l, I, |, !
+    ZERO = "0 read as letter"  # O, o
+    SPLIT = "split number"  # `84 6` is 846
+    JOINED = "fields run together"  # `00.454` is 0 0 .454
+    POINT = "lost point"  # `66` where the column has two decimals is .66
+    LABEL = "axis by its place"  # the X, Y or Z of a row is not legible
 
 
-class Cell(NamedTuple):
-    """One cell: its text with blanks between fields, the repairs, and what they cost."""
+@dataclass(frozen=True)
+class Repair:
+    """One repair: what stood in the text, and what was read."""
 
-    text: str
-    repairs: tuple[Change, ...] = ()
-    cost: int = 0
-
-    def after(self, before: Cell) -> Cell:
-        """Return a cell that was repaired before, with all its repairs."""
-        return Cell(self.text, (*before.repairs, *self.repairs), before.cost + self.cost)
+    line: int  # 1-based
+    kind: RepairKind
+    found: str
+    read: str
 
 
 class Reading(NamedTuple):
-    """A row divided into cells."""
+    """Words read as cells: their texts, the repairs (kind, found, read) that these take, and what they cost."""
 
-    cells: tuple[Cell, ...]
-    dropped: tuple[Change, ...] = ()
+    texts: tuple[str, ...] = ()
+    changes: tuple[tuple[RepairKind, str, str], ...] = ()
     cost: int = 0
 
-    @classmethod
-    def of(cls, words: Iterable[str]) -> Reading:
-        """Return words that are cells as they stand."""
-        return cls(tuple(map(Cell, words)))
+    def repaired(self, kind: RepairKind, text: str, cost: int = 1) -> Reading:
+        """Return a reading of one cell with another text, at a cost; itself where the text is the same."""
+        if text == self.texts[0]:
+            return self
+        return Reading((text,), (*self.changes, (kind, self.texts[0], text)), self.cost + cost)
 
-    @property
-    def texts(self) -> tuple[str, ...]:
-        """The cells as they are read."""
-        return tuple(cell.text for cell in self.cells)
+    def then(self, other: Reading) -> Reading:
+        """Return this reading followed by that of the words behind it."""
+        return Reading(self.texts + other.texts, self.changes + other.changes, self.cost + other.cost)
 
     def repairs(self, line: int) -> list[Repair]:
-        """Return all repairs of the row."""
-        changes = [*self.dropped, *(repair for cell in self.cells for repair in cell.repairs)]
-        return [Repair(line, *change) for change in changes]
-
-
-def words_of(text: str) -> tuple[str, ...]:
-    """Return the words of a row, mark-up left out."""
-    return tuple(_TAGS.sub(" ", text).split())
-
-
-def markup_of(text: str, line: int) -> list[Repair]:
-    """Return the mark-up that `words_of` leaves out."""
-    return [Repair(line, RepairKind.STRAY, tag, "") for tag in _TAGS.findall(text)]
+        """Return the repairs of a line."""
+        return [Repair(line, *change) for change in self.changes]
 
 
 def read_cells(
-    words: Sequence[str],
-    kinds: Sequence[Kind],
-    decimals: int | None = None,
-    places: Sequence[int | None] | None = None,
-    width: int | None = None,
+    text: str, kinds: Sequence[Kind], places: Sequence[int | None] | None = None, width: int | None = None
 ) -> Reading | None:
-    """Return the cheapest reading of a row; None where there is none, or two that differ cost the same.
+    """Return the cheapest reading of a text; None where there is none, or two that differ cost the same.
 
-    With `decimals`, a number without a point is taken to have lost it before that many last digits. With `places`,
-    a cell with other decimals than its column has costs more. So does an id or count of another `width`, which is
-    that of most of the row where it is not given.
+    `places` are the decimals that the columns of the cells have. A cell with others costs more, and where a column
+    has two or more, a number of as many digits is taken to have lost its point. An id or count of another `width`
+    costs more, too; that is the width of most of the row where it is not given.
     """
-    places = tuple(places or [None] * len(kinds))
-    if _is_whole(words, kinds, places):
-        return Reading.of(words)
-    best = _readings(tuple(words), tuple(kinds), decimals, places, width)
+    words, kinds = tuple(_TAGS.sub(" ", text).split()), tuple(kinds)
+    if len(words) > _MOST_WORDS * len(kinds) + 6:
+        return None
+    readings = _readings(words, kinds, tuple(places or [None] * len(kinds)))
+    best = _cheapest([_with_widths(reading, kinds, width) for reading in readings])
     if not best or (len(best) > 1 and best[0].cost == best[1].cost):
         return None
-    return best[0]
-
-
-def _is_whole(words: Sequence[str], kinds: Sequence[Kind], places: Sequence[int | None]) -> bool:
-    """Tell whether words are numbers as they should be, or one count: any other reading is dearer."""
-    if len(words) == 1 and tuple(kinds) == ("count",):
-        return _COUNT.fullmatch(words[0]) is not None
-    return len(words) == len(kinds) and all(
-        kind == "number" and _NUMBER.fullmatch(word) and place in (None, len(word.partition(".")[2]))
-        for word, kind, place in zip(words, kinds, places, strict=True)
-    )
+    return Reading(changes=tuple((RepairKind.STRAY, tag, "") for tag in _TAGS.findall(text))).then(best[0])
 
 
 @lru_cache(maxsize=4096)
-def _readings(
-    words: tuple[str, ...],
-    kinds: tuple[Kind, ...],
-    decimals: int | None,
-    places: tuple[int | None, ...],
-    width: int | None,
-) -> list[Reading]:
-    """Return at most two readings with different texts, the cheapest first."""
-    if len(words) > _MOST_WORDS * len(kinds) + 6:
-        return []
-    # (words used, cells read) -> partial readings; a handful of the cheapest of each is kept.
-    states: dict[tuple[int, int], list[Reading]] = {(0, 0): [Reading(())]}
-    for used in range(len(words) + 1):
-        for done in range(len(kinds) + 1):
-            for reading in states.get((used, done), ()):
-                for step, cells, following in _steps(words, used, kinds, done, reading, decimals):
-                    states.setdefault((used + step, cells), []).append(following)
-        for done in range(len(kinds) + 1):
-            if (used + 1, done) in states:
-                states[used + 1, done] = _cheapest(states[used + 1, done])
-    finished = [_with_widths(reading, kinds, places, width) for reading in states.get((len(words), len(kinds)), ())]
-    return _cheapest(finished)[:2]
+def _readings(words: tuple[str, ...], kinds: tuple[Kind, ...], places: tuple[int | None, ...]) -> list[Reading]:
+    """Return the cheapest readings of all words as all cells."""
+    # (first word, first cell) -> readings of what follows.
+    best: dict[tuple[int, int], list[Reading]] = {(len(words), len(kinds)): [Reading()]}
+    for at in reversed(range(len(words))):
+        for n in range(len(kinds) + 1):
+            found = [left_out.then(rest) for left_out in _left_out(words, at) for rest in best.get((at + 1, n), ())]
+            for end in range(at + 1, min(at + _MOST_WORDS, len(words)) + 1):
+                following = best.get((end, n + 1), ())
+                cells = _cells(words[at:end], kinds[n], places[n]) if following else ()
+                found += [cell.then(rest) for cell in cells for rest in following]
+            best[at, n] = _cheapest(found)
+    return best[0, 0] if words else []
 
 
-def _steps(
-    words: tuple[str, ...],
-    used: int,
-    kinds: tuple[Kind, ...],
-    done: int,
-    reading: Reading,
-    decimals: int | None,
-) -> Iterator[tuple[int, int, Reading]]:
-    """Yield what can follow: a word dropped, or a cell of one or more words."""
-    if used == len(words):
-        return
-    word = words[used]
-    edge = used in (0, len(words) - 1) and word in EDGES
-    mark = not re.search(r"[^\W_]", word)
-    if edge or mark:
-        kind = RepairKind.BORDER if edge else RepairKind.STRAY
-        cost = reading.cost + (1 if mark else 2)
-        yield 1, done, Reading(reading.cells, (*reading.dropped, (kind, word, "")), cost)
-    if done < len(kinds):
-        for count in range(1, min(_MOST_WORDS, len(words) - used) + 1):
-            for cell in _cells(words[used : used + count], kinds[done], decimals):
-                yield count, done + 1, Reading((*reading.cells, cell), reading.dropped, reading.cost + cell.cost)
+def _left_out(words: tuple[str, ...], at: int) -> Iterator[Reading]:
+    """Yield the reading of a word that is no cell: the border of a table, or a mark."""
+    word = words[at]
+    is_border, is_mark = at in (0, len(words) - 1) and word in _BORDERS, not re.search(r"[^\W_]", word)
+    if is_border or is_mark:
+        kind = RepairKind.BORDER if is_border else RepairKind.STRAY
+        yield Reading(changes=((kind, word, ""),), cost=1 if is_mark else 2)
 
 
 def _cheapest(readings: list[Reading]) -> list[Reading]:
+    """Return the cheapest readings, the first before all, those of the same texts once."""
     unique: dict[tuple[str, ...], Reading] = {}
-    for reading in sorted(readings, key=lambda r: r.cost):
+    for reading in sorted(readings, key=lambda reading: reading.cost):
         unique.setdefault(reading.texts, reading)
-    return list(unique.values())[:8]
+    return list(unique.values())[:_MOST_READINGS]
 
 
-def _with_widths(
-    reading: Reading, kinds: tuple[Kind, ...], places: tuple[int | None, ...], usual: int | None
-) -> Reading:
-    """Return the reading, dearer where its ids or counts are of unequal width, or its decimals unusual."""
-    widths = sorted(
-        len(cell.text) for cell, kind in zip(reading.cells, kinds, strict=True) if kind in ("id", "count")
-    )
+def _with_widths(reading: Reading, kinds: tuple[Kind, ...], usual: int | None) -> Reading:
+    """Return a reading, dearer where its ids or counts are of unequal width."""
+    cells = zip(reading.texts, kinds, strict=True)
+    widths = sorted(len(text) for text, kind in cells if kind in ("id", "count"))
     if usual is None and widths:
         usual = widths[len(widths) // 2]
-    uneven = sum(abs(width - (usual or 0)) for width in widths)
-    uneven += sum(
-        place is not None and len(cell.text.partition(".")[2]) != place
-        for cell, place in zip(reading.cells, places, strict=True)
-    )
-    return Reading(reading.cells, reading.dropped, reading.cost + _UNEVEN * uneven)
+    return reading._replace(cost=reading.cost + _UNEVEN * sum(abs(width - (usual or 0)) for width in widths))
 
 
 @lru_cache(maxsize=4096)
-def _cells(words: tuple[str, ...], kind: Kind, decimals: int | None) -> tuple[Cell, ...]:
-    """Return what `words` can be as one cell."""
-    if kind == "angle":
-        return tuple(_angles(words))
+def _cells(words: tuple[str, ...], kind: Kind, places: int | None) -> tuple[Reading, ...]:
+    """Return what words can be as one cell."""
     joined = _join(words)
     if kind == "id":
-        return tuple(_ids(joined))
-    cell = _clean(joined.text, kind).after(joined)
-    if kind == "number" and decimals and re.fullmatch(rf"-?\d{{{decimals}}}", cell.text):
-        pointed = re.sub(r"(?=\d)", ".", cell.text, count=1)
-        return (Cell(pointed, ((RepairKind.POINT, cell.text, pointed),), 2).after(cell),)
-    pattern = {"count": _COUNT, "number": _NUMBER}[kind]
-    return (cell,) if pattern.fullmatch(cell.text) else ()
+        barred = joined.repaired(RepairKind.ONE, _BAR.sub("1", joined.texts[0]))
+        cells = [_clean(cell, kind) for cell in dict.fromkeys((joined, barred))]
+    elif kind == "angle":
+        cells = [*_joined_angles(words), *map(_angle, _divisions(words))]
+    else:
+        cells = [_clean(joined, kind)]
+        text = cells[0].texts[0]
+        if kind == "number" and places and places > 1 and re.fullmatch(rf"\d{{{places}}}", text):
+            cells = [cells[0].repaired(RepairKind.POINT, f".{text}", 2)]
+    legible = [cell for cell in cells if _FORMS[kind].fullmatch(cell.texts[0])]
+    unusual = [places not in (None, len(cell.texts[0].partition(".")[2])) for cell in legible]
+    return tuple(
+        cell._replace(cost=cell.cost + _UNEVEN * other) for cell, other in zip(legible, unusual, strict=True)
+    )
 
 
-def _ids(joined: Cell) -> Iterator[Cell]:
-    """Yield what an id can be: a bar at its end is a ruling, or a 1."""
-    ended = re.sub(_EDGE, "1", joined.text)
-    barred = Cell(ended, ((RepairKind.ONE, joined.text, ended),), 1).after(joined)
-    for cell in (joined, barred) if ended != joined.text else (joined,):
-        cleaned = _clean(cell.text, "id")
-        if _ID.fullmatch(cleaned.text):
-            yield cleaned.after(cell)
-
-
-def _join(words: tuple[str, ...]) -> Cell:
+def _join(words: tuple[str, ...]) -> Reading:
     """Return words as one, at the cost of joining them."""
-    text = "".join(words)
-    if len(words) == 1:
-        return Cell(text)
     cost = 0
     for left, right in pairwise(words):
-        fragment = len(right) == 1 or len(left) == 1 or right[0] in f".{_BULLETS}" or left[-1] == "."
-        cost += _CHEAP if fragment else _DEAR
-    return Cell(text, ((RepairKind.SPLIT, " ".join(words), text),), cost)
+        is_fragment = len(right) == 1 or len(left) == 1 or right[0] in f".{_BULLETS}" or left[-1] == "."
+        cost += _CHEAP if is_fragment else _DEAR
+    return Reading((" ".join(words),)).repaired(RepairKind.SPLIT, "".join(words), cost)
 
 
-def _clean(word: str, kind: Kind) -> Cell:
-    """Return a word with the characters of a number put right; ids with letters stay as they are."""
-    text, repairs = word, []
+def _clean(cell: Reading, kind: Kind) -> Reading:
+    """Return a cell with the characters of a number put right; ids with letters stay as they are."""
     for pattern, new, what in _replacements(kind):
-        repaired = re.sub(pattern, new, text)
-        if repaired != text:
-            repairs.append((what, text, repaired))
-            text = repaired
-    return Cell(text, tuple(repairs), len(repairs))
+        cell = cell.repaired(what, re.sub(pattern, new, cell.texts[0]))
+    return cell
 
 
 def _replacements(kind: Kind) -> Iterator[tuple[str, str, RepairKind]]:
@@ -251,45 +199,58 @@ def _replacements(kind: Kind) -> Iterator[tuple[str, str, RepairKind]]:
         yield r"(?<=\d)-(?=\d+$)", ".", RepairKind.HYPHEN
 
 
-def _angles(words: tuple[str, ...]) -> Iterator[Cell]:
-    """Yield degrees, minutes, seconds from two to four words, or from fields run together."""
-    yield from _joined_angles(words)
-    for groups in _divisions(words):
-        joined = [_join(group) for group in groups]
-        cells = [_clean(cell.text, kind) for cell, kind in zip(joined, _ANGLE, strict=True)]
-        patterns = (_DEGREES, _MINUTES, _SECONDS)
-        if all(pattern.fullmatch(cell.text) for pattern, cell in zip(patterns, cells, strict=True)):
-            repairs = sum((cell.repairs for cell in (*joined, *cells)), ())
-            yield Cell(" ".join(cell.text for cell in cells), repairs, sum(cell.cost for cell in (*joined, *cells)))
+def _divisions(words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], ...]]:
+    """Yield words divided into degrees, minutes and seconds."""
+    for first in range(1, len(words) - 1):
+        for second in range(first + 1, len(words)):
+            yield words[:first], words[first:second], words[second:]
 
 
-def _joined_angles(words: tuple[str, ...]) -> Iterator[Cell]:
+def _angle(fields: tuple[tuple[str, ...], ...]) -> Reading:
+    """Return degrees, minutes and seconds as one cell."""
+    whole = Reading()
+    kinds: tuple[Kind, ...] = ("count", "count", "number")
+    for words, kind in zip(fields, kinds, strict=True):
+        whole = whole.then(_clean(_join(words), kind))
+    return whole._replace(texts=(" ".join(whole.texts),))
+
+
+def _joined_angles(words: tuple[str, ...]) -> Iterator[Reading]:
     """Yield degrees, minutes, seconds of fields run together: all three, the first two, or the last two.
 
     Where the minutes may end after one digit or after two, both are yielded, and so none is taken.
     """
-    if len(words) > 2:
-        return
-    first, *rest = [_clean(word, "number") for word in words]
-    alone = first.text in ("0", "-0")
-    match = _JOINED.fullmatch(first.text + (rest[0].text if rest and alone else ""))
-    if match is None or (rest and alone and len(match["rest"]) < 2):  # with one digit, minutes or seconds are lost
-        return
-    digits, decimals = match["rest"], match["decimals"] or ""
-    fields = [(match["degrees"], digits, rest[0].text)] if rest and not alone else []
-    if decimals and (alone or not rest):
-        fields = [(match["degrees"], digits[:n], digits[n:] + decimals) for n in (1, 2)]
-    repairs = sum((cell.repairs for cell in (first, *rest)), ())
-    for degrees, minutes, seconds in dict.fromkeys(fields):
-        if _MINUTES.fullmatch(minutes) and int(minutes) < 60 and _SECONDS.fullmatch(seconds):
-            text = f"{degrees} {minutes} {seconds}"
-            yield Cell(text, (*repairs, (RepairKind.JOINED, " ".join(words), text)), len(repairs) + 1)
+    cells = [_clean(Reading((word,)), "number") for word in words]
+    text, changes = " ".join(cell.texts[0] for cell in cells), sum((cell.changes for cell in cells), ())
+    fields: list[tuple[str, ...]] = []
+    if match := _SECONDS_JOINED.fullmatch(text):
+        digits = match["digits"].strip()
+        fields = [(match["degrees"], digits[:n], digits[n:] + match["decimals"]) for n in (1, 2)]
+    elif match := _MINUTES_JOINED.fullmatch(text):
+        fields = [match.groups()]
+    for angle in dict.fromkeys(fields):
+        if int(angle[1]) < 60:
+            read = " ".join(angle)
+            yield Reading((" ".join(words),), changes, len(changes)).repaired(RepairKind.JOINED, read)
 
 
-def _divisions(words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], ...]]:
-    for first in range(1, len(words) - 1):
-        for second in range(first + 1, len(words)):
-            yield words[:first], words[first:second], words[second:]
+class Printed(NamedTuple):
+    """A number as printed: its value, half a unit of its last digit, its text."""
+
+    value: float  # arc seconds, or the unit of the table
+    half: float
+    text: str
+    line: int  # 1-based
+
+    @property
+    def low(self) -> float:
+        """Smallest number that rounds to the printed one."""
+        return self.value - self.half
+
+    @property
+    def high(self) -> float:
+        """Largest number that rounds to the printed one."""
+        return self.value + self.half
 
 
 def printed(text: str, line: int) -> Printed:
@@ -300,3 +261,60 @@ def printed(text: str, line: int) -> Printed:
         value = abs(int(parts[0])) * 3600.0 + int(parts[1]) * 60.0 + value
         value = -value if parts[0].startswith("-") else value
     return Printed(value=value, half=0.5 * 10.0**-decimals, text=text, line=line)
+
+
+def text_like(value: float, like: str) -> str:
+    """Return a number in the form of a cell: degrees, minutes, seconds, or with its decimals."""
+    places = len(like.partition(".")[2])
+    fields = []
+    if len(like.split()) == 3:
+        ticks = round(abs(value) * 10**places)
+        minutes, rest = divmod(ticks, 60 * 10**places)
+        degrees, minutes = divmod(minutes, 60)
+        fields = [f"{'-' if value < 0.0 and ticks else ''}{degrees}", str(minutes)]
+        value = rest / 10**places
+    number = f"{value:.{places}f}"
+    if not number.strip("-.0"):
+        number = number.removeprefix("-")
+    return " ".join([*fields, number.replace("0.", ".", 1) if number.lstrip("-").startswith("0.") else number])
+
+
+def range_like(low: float, high: float, like: str) -> str:
+    """Return a range in the form of a cell: one number where both ends print the same."""
+    first, last = text_like(low, like), text_like(high, like)
+    return first if first == last else f"{first} to {last}"
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A cell that, were it another number, would leave no contradiction."""
+
+    item: str
+    line: int
+    found: str
+    expected: str = ""  # a number, `A to B`, or empty where the others do not tell
+
+    @classmethod
+    def of(cls, item: str, cell: Printed, expected: str = "") -> Suspect:
+        """Return a printed cell as one."""
+        return cls(item, cell.line, cell.text, expected)
+
+
+@dataclass(frozen=True)
+class Misprint:
+    """One contradiction in a listing, and the cells one of which must be wrong."""
+
+    line: int
+    table: str
+    item: str
+    message: str
+    suspects: tuple[Suspect, ...] = ()
+
+    def lines(self, listing: str) -> list[str]:
+        """Return the finding in print, a line for each suspect below it."""
+        text = [f"{listing}:{self.line}: {self.table}: {self.item}: {self.message}"]
+        for number, suspect in enumerate(self.suspects):
+            expected = f", expected {suspect.expected}" if suspect.expected else ""
+            lead = "    either" if number == 0 and len(self.suspects) > 1 else "    or    " if number else "   "
+            text.append(f"{lead} {suspect.item} {suspect.found}{expected} (line {suspect.line})")
+        return text

@@ -1,26 +1,25 @@
-"""Text -> lines without page headers and carriage control, and the titles of the standard reports among them."""
+"""Text -> lines, titles and labels under the noise of a scan, the standard reports; what their readers note.
+
+Titles and labels are known beforehand, phrases of one reading or of several (`this one|that one`). Noise in them is
+what `cells` repairs in numbers: 1 and 0 as letters or letters as these, stray characters, broken words.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import chain, count, pairwise
-from typing import NamedTuple
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from itertools import pairwise
+from typing import NamedTuple, TypeVar
 
-from musatpy.listings.audit.spelling import (
-    any_of,
-    canonical_rows,
-    noisy_pattern,
-    pattern,
-    required,
-    respelt,
-)
-from musatpy.listings.audit.structures import Repair
-from musatpy.listings.lines import SKIPPED
+from musatpy.errors import Problem
+from musatpy.listings.audit.cells import Kind, Reading, Repair, RepairKind, read_cells
 
-PAGE_HEADER = re.compile(r"\bPAGE\s+(?P<page>[\dlI|!Oo]+)\s*$")
-
+WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
+_PAGE_HEADER = re.compile(r"\bPAGE\s+[\dlI|!Oo]+\s*$")
+_CONTROLS = frozenset(" 01-+")  # of the carriage, in column 1
 _TITLES = (
     ("station position", "Camera Station Position Analysis", ""),
     ("station attitude", "Camera Station Attitude Analysis", ""),
@@ -29,11 +28,16 @@ _TITLES = (
     ("plates", "Plate Residuals", r"(?=\W*$|\s+(?:Standard|Modified))"),
     ("submerged", "Comparison of Computed", r"(?=.*[CG]\W?[oO0]\W?[oO0]\W?rd)"),
 )
-_REQUIRED = {title: required(title) for _, title, _ in _TITLES}
-_HAS_TITLE = any_of(_REQUIRED.values())
 _RUNS = ((False, ("No Refraction Correction", "Standard")), (True, ("Refraction Correction Applied", "Modified")))
-WIDEST = 10_000  # characters of a row: no paper is so wide, nor a paragraph that a scan has as a row
 _NEAR = 6  # lines below a title that still belong to it
+_LEAST = 4  # letters that tell whether it is worth while to look for all of a phrase
+_OFTEN = 3  # a word that stands in as many places is not made by noise
+_NOISE = r"[^A-HJKM-Za-hjkm-z]*"  # what may stand left of a label: no word; l and I may be a border
+_CELLS = r"\.?(?=\s|$)"  # what stands right of it
+_SAME = bytes.maketrans(b"li|!o", b"11110")
+_NO_LETTERS = bytes(n for n in range(128) if not chr(n).isalnum() and chr(n) not in "|!")
+
+Name = TypeVar("Name")  # of a row
 
 
 class Line(NamedTuple):
@@ -41,7 +45,7 @@ class Line(NamedTuple):
 
     number: int
     text: str
-    canonical: str = ""  # see `spelling.canonical_rows`: nothing where the line is neither title nor label
+    canonical: str = ""  # nothing where all letters may be noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,70 +53,186 @@ class StandardReport:
     """A standard report: its lines from the title to the next title."""
 
     kind: str
-    line: int
     refracted: bool | None
     sexagesimal: bool
     lines: tuple[Line, ...]
 
 
-def lines_of(rows: Sequence[str]) -> list[Line]:
-    """Return the rows as lines: page headers are blank, form feeds gone, carriage control is carried out.
+def canonical(text: str) -> str:
+    """Return a text without what noise or case can change: letters and digits that look alike are one."""
+    return text.lower().encode("ascii", "ignore").translate(_SAME, _NO_LETTERS).decode()
 
-    What is wider than `WIDEST` is blank too: no row of print.
+
+@lru_cache(maxsize=256)
+def _required(phrase: str) -> str:
+    """Return letters, in their canonical form, that a text must have to be the phrase under any noise."""
+    common = set.intersection(*(set(words.split()) for words in phrase.split("|")))
+    return canonical(max(sorted(common), key=len)[:_LEAST])
+
+
+@lru_cache(maxsize=256)
+def _plain(phrase: str) -> re.Pattern[str]:
+    """Return the pattern of a phrase with any blanks, points, commas and hyphens between its words."""
+    return re.compile(r"[\s.,\-]*".join(phrase.split()).replace("|", r"\.?|") + r"\.?", re.I)
+
+
+@lru_cache(maxsize=256)
+def _noisy(phrase: str, before: str, after: str) -> re.Pattern[str]:
+    """Return the pattern of a phrase under the noise of a scan, and what stands before and behind it."""
+    likes = {
+        " ": r"[\W_]*",
+        "|": "|",
+        "-": "",
+        **dict.fromkeys("liI1", "[liI1|!]"),
+        **dict.fromkeys("oO0", "[oO0]"),
+    }
+    # Behind each letter, one stray character or a break.
+    noisy = "".join(likes.get(letter, letter) + r"[\W_]?" * letter.isalnum() for letter in phrase)
+    return re.compile(f"(?P<before>{before})(?P<phrase>{noisy}){after}(?P<rest>.*)$", re.I)
+
+
+def found(phrase: str, line: Line, before: str = _NOISE, after: str = _CELLS) -> re.Match[str] | None:
+    """Return the match of a phrase at the head of a line, however noisy: groups before, phrase, rest."""
+    return _noisy(phrase, before, after).match(line.text) if _required(phrase) in line.canonical else None
+
+
+def _respelt(line: int, printed: str, phrase: str) -> Iterator[Repair]:
+    """Yield the repairs that make a text a phrase, one of each kind; upper case is no noise."""
+    printed, read = printed.strip(), phrase.split("|")[0]
+    if _plain(phrase).fullmatch(printed):
+        return
+    bare, goal = (re.sub(r"[\W_]", "", text.replace("|", "1").replace("!", "1")) for text in (printed, read))
+    changed = [{a, b} for a, b in zip(bare, goal, strict=False) if a.casefold() != b.casefold()]
+    if any(pair & set("0oO") for pair in changed):
+        yield Repair(line, RepairKind.ZERO, printed, read)
+    if any(pair & set("1lIi") for pair in changed) or {"|", "!"} & set(printed):
+        yield Repair(line, RepairKind.ONE, printed, read)
+    marks, wanted = (re.findall(r"[^\w\s|!]|_", text) for text in (printed, read))
+    if len(marks) > len(wanted):
+        yield Repair(line, RepairKind.STRAY, printed, read)
+    elif not changed and not ({"|", "!"} & set(printed)):
+        yield Repair(line, RepairKind.SPLIT, printed, read)
+
+
+@dataclass(frozen=True)
+class Notes:
+    """Repairs and problems of one listing, gathered by the readers of its reports."""
+
+    file: str
+    text: str
+    repairs: list[Repair] = field(default_factory=list)
+    unreadable: list[Problem] = field(default_factory=list)
+    used: set[int] = field(default_factory=set)  # lines of rows below a legible title, whether legible or not
+
+    def cells(
+        self, line: Line, text: str, kinds: Sequence[Kind], what: str, places: Sequence[int | None] | None = None
+    ) -> tuple[str, ...]:
+        """Return the cells of the row of `what`; none, and a problem noted, where they are not legible."""
+        reading = self.ids(text, len(kinds)) if set(kinds) == {"id"} else read_cells(text, kinds, places)
+        if reading is None:
+            expected = f"the {len(kinds)} {'cell' if len(kinds) == 1 else 'cells'} of '{what}'"
+            problem = Problem(
+                file=self.file, line=line.number, found=text.strip(), expected=expected, text=line.text
+            )
+            self.unreadable.append(problem)
+            return ()
+        self.repairs.extend(reading.repairs(line.number))
+        return reading.texts
+
+    def ids(self, text: str, number: int, width: int | None = None) -> Reading | None:
+        """Return so many ids, as they stand where they do so in other places too; most have a `width`."""
+        words, reading = text.split(), read_cells(text, ["id"] * number, width=width)
+        if reading is not None and not reading.changes:
+            return reading
+        are_frequent = len(words) == number and all(self._frequency[word] >= _OFTEN for word in words)
+        return Reading(tuple(words)) if are_frequent else reading
+
+    @cached_property
+    def _frequency(self) -> Counter[str]:
+        return Counter(self.text.split())
+
+    def found(self, phrase: str, line: Line, before: str = _NOISE, after: str = _CELLS) -> re.Match[str] | None:
+        """Return the match of a phrase in a line (see `found`), noise in it noted."""
+        match = found(phrase, line, before, after)
+        if match is not None:
+            self.repairs.extend(_respelt(line.number, match["phrase"], phrase))
+        return match
+
+    def after(self, label: str, line: Line) -> str | None:
+        """Return what stands right of a label, noise in it and left of it noted; None where the row has another."""
+        match = self.found(label, line)
+        if match and (noise := match["before"].strip()):
+            self.repair(line, RepairKind.BORDER, noise)
+        return match["rest"] if match else None
+
+    def repair(self, line: Line, kind: RepairKind, printed: str, read: str = "") -> None:
+        """Note a repair of a line; with nothing to be read, what is left out."""
+        self.repairs.append(Repair(line.number, kind, printed, read))
+
+    def lost(self, line: Line, message: str) -> None:
+        """Note a line that must mean something, but whose meaning is not legible."""
+        self.unreadable.append(Problem(file=self.file, line=line.number, message=message, text=line.text))
+
+
+def lines_of(text: str, notes: Notes) -> list[Line]:
+    """Return the lines of a text: page headers are blank, form feeds and carriage control are gone.
+
+    What is wider than `WIDEST` is blank too, and noted: no row of print.
     """
-    rows = [row.replace("\f", "") if "\f" in row else row for row in rows]
+    # Not splitlines(): it parts lines at characters that editors, and so their line numbers, do not.
+    rows = [row.replace("\f", "") for row in text.replace("\r\n", "\n").split("\n")]
     printed = [row for row in rows if row]
-    controlled = bool(printed) and printed[0].startswith("1") and all(row[0] in SKIPPED for row in printed)
-    skipped = [SKIPPED[row[0]] if row else 0 for row in rows] if controlled else []
-    rows = [row[1:].rstrip() for row in rows] if controlled else [row.rstrip() for row in rows]
-    rows = ["" if len(row) > WIDEST or ("PAGE" in row and PAGE_HEADER.search(row)) else row for row in rows]
-    lines = list(map(Line, count(1), rows, canonical_rows(rows)))
-    if not controlled:
-        return lines
-    spaced = ([*[Line(line.number, "")] * n, line] for line, n in zip(lines, skipped, strict=True))
-    return list(chain.from_iterable(spaced))
+    if printed and printed[0].startswith("1") and all(row[0] in _CONTROLS for row in printed):
+        rows = [row[1:] for row in rows]
+    lines = []
+    for number, row in enumerate(map(str.rstrip, rows), start=1):
+        if len(row) > WIDEST:
+            notes.lost(Line(number, row[:WIDEST]), f"a row of {len(row)} characters: no listing has any")
+        is_blank = len(row) > WIDEST or ("PAGE" in row and _PAGE_HEADER.search(row))
+        bare = "" if is_blank else canonical(row)
+        lines.append(Line(number, "" if is_blank else row, "" if bare.isdecimal() else bare))
+    return lines
 
 
-def standard_reports(lines: Sequence[Line], repairs: list[Repair]) -> Iterator[StandardReport]:
-    """Yield the standard reports in their order; a title without a report below it makes an empty section.
-
-    Repairs of titles are added to `repairs`.
-    """
-    likely = [(at, line) for at, line in enumerate(lines) if line.canonical and _HAS_TITLE(line.canonical)]
-    starts = [(at, kind) for at, line in likely if (kind := _kind(line, repairs))]
+def standard_reports(lines: Sequence[Line], notes: Notes) -> Iterator[StandardReport]:
+    """Yield the standard reports in their order; a title without a report below it makes an empty one."""
+    starts = [(at, kind) for at, line in enumerate(lines) if line.canonical for kind in _kinds(line, notes)]
     for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
         title = lines[at : min(at + _NEAR, end)]
         yield StandardReport(
             kind=kind,
-            line=lines[at].number,
-            refracted=next((run for run, phrases in _RUNS if _says(title, phrases, repairs)), None),
-            sexagesimal=_says(title, ("Degrees Minutes",), repairs),
+            refracted=next((run for run, phrases in _RUNS if _says(title, phrases, notes)), None),
+            sexagesimal=_says(title, ("Degrees Minutes",), notes),
             lines=tuple(lines[at:end]),
         )
 
 
-def _kind(line: Line, repairs: list[Repair]) -> str:
-    """Return which report a line is the title of, nothing where it is none."""
-    for kind, title, after in _TITLES:
-        if _REQUIRED[title] not in line.canonical:
-            continue
-        if re.match(rf"\W*{pattern(title)}\b{after}", line.text, re.I):
-            return kind
-        noisy = re.match(rf"\W*(?P<title>{noisy_pattern(title)}){after}", line.text, re.I)
-        if noisy:
-            repairs.extend(respelt(line.number, noisy["title"], title))
-            return kind
-    return ""
+def _kinds(line: Line, notes: Notes) -> list[str]:
+    """Return which report a line is the title of, if it is one."""
+    return [kind for kind, title, after in _TITLES if notes.found(title, line, r"\W*", after)]
 
 
-def _says(title: Sequence[Line], phrases: Sequence[str], repairs: list[Repair]) -> bool:
-    """Tell whether one of the lines has one of the phrases, none of them under noise where one has it plainly."""
-    if any(re.search(rf"\b{pattern(phrase)}\b", line.text, re.I) for phrase in phrases for line in title):
-        return True
-    for phrase in phrases:
-        for line in title:
-            noisy = re.search(rf"\b{noisy_pattern(phrase)}\b", line.text, re.I)
-            if noisy:
-                repairs.extend(respelt(line.number, noisy[0], phrase))
-                return True
-    return False
+def _says(title: Sequence[Line], phrases: Sequence[str], notes: Notes) -> bool:
+    """Tell whether one of the lines of a title has one of the phrases."""
+    return any(notes.found(phrase, line, r".*?\b", r"\b") for phrase in phrases for line in title)
+
+
+def rows_of(report: StandardReport, labels: Mapping[Name, str], notes: Notes) -> dict[Name, tuple[Line, str]]:
+    """Return the rows of a report by the names of their labels: the line, and what stands right of the label.
+
+    They end where a label stands again: below it is a report whose title is not legible. Where there are rows, each
+    that is not there, or has no legible label, is noted.
+    """
+    rows: dict[Name, tuple[Line, str]] = {}
+    for line in report.lines:
+        rests = ((name, notes.after(label, line)) for name, label in labels.items())
+        name, rest = next(((name, rest) for name, rest in rests if rest is not None), (None, ""))
+        if name in rows:
+            break
+        if name is not None:
+            rows[name] = (line, rest)
+    notes.used.update(line.number for line, _ in rows.values())
+    for name in labels if rows else ():
+        if name not in rows:
+            notes.lost(report.lines[0], f"no row '{labels[name].split('|')[0]}' is legible below")
+    return rows
