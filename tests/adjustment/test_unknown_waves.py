@@ -13,7 +13,7 @@ import json_schema
 import musatpy
 from adjustment.test_sea import photographed as block_through_waves
 from altered import altered, with_options
-from musatpy.adjustment import wave_trials
+from musatpy.adjustment import wave_search
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.sightings import images
 from musatpy.adjustment.wavy_water import Sea, WorkingSea
@@ -240,7 +240,7 @@ def test_another_start_is_found_where_the_first_misleads() -> None:
     off = (waves.value - Trains.of(at.waves).values)[0, [0, 2]] / waves.sigma[0, [0, 2]]
     assert np.abs(off).max() < 5.0 and found.sigma0 < 1.3
     with pytest.MonkeyPatch.context() as without:
-        without.setattr(wave_trials, "starts", lambda *_: [])
+        without.setattr(wave_search, "STARTS", 0)
         block = altered(at.block, options={"max_iterations": 20})
         assert musatpy.adjust(block, sea=sea).sigma0 > 2.0
 

@@ -16,16 +16,13 @@ from scipy.optimize import minimize
 import musatpy
 from altered import altered
 from drivers import wave_scenes_study as study
-from musatpy.adjustment import wave_trials
+from musatpy.adjustment import wave_search
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sightings import images
-from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.wave_curvature import safe_curvature, wave_curvature
-from musatpy.adjustment.wave_search import nodes_of
-from musatpy.adjustment.wave_spectrum import LevelBlock, UnknownSea, levelled, spectrum
-from musatpy.adjustment.wave_trials import Minima, WaveTrials
+from musatpy.adjustment.simultaneous import safe_curvature, wave_curvature
+from musatpy.adjustment.wave_search import CrestSearch, Level, WaveTrials
 from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.model import ObservationKind, Solution
 from musatpy.refraction.waves import superposed
@@ -70,7 +67,7 @@ def test_a_false_geometry_is_left_for_the_true_crests(monkeypatch: pytest.Monkey
     found = solved(TWO_WAVES)
     assert found.converged and worst(scene(TWO_WAVES), found) < 5.0 and found.sigma0 < 1.1
     assert set(found.water.waves.verdicts.ravel()) == {"determined"}
-    monkeypatch.setattr(wave_trials, "starts", lambda *_: [])
+    monkeypatch.setattr(wave_search, "STARTS", 0)
     alone = musatpy.adjust(scene(TWO_WAVES).block)
     assert alone.sum_of_squares > 1.5 * found.sum_of_squares and worst(scene(TWO_WAVES), alone) > 5.0
 
@@ -127,26 +124,6 @@ def test_chop_that_no_card_knows_of_is_conspicuous() -> None:
     assert solved(CHOP).sigma0 < 1.5
 
 
-def test_the_minima_know_the_lowest_and_what_is_nearly_as_low() -> None:
-    trials, state = at_start(LEVEL_GUESS)
-    sea = UnknownSea.of(trials.network, state)
-    crest = scene(LEVEL_GUESS).waves.values
-    half_on = crest + np.array([0.0, 0.0, 0.0, 0.5 * crest[0, 1]])
-
-    def outcome(waves: np.ndarray, failure: str = "") -> Outcome:
-        return Outcome(state=replace(state, waves=waves), last_step=np.zeros(0), failure=failure)
-
-    minima = Minima(sea=sea, lowest=outcome(crest, "limits not reached"), squares=90.0)
-    assert not minima.near(crest)  # what has not converged is no minimum
-    assert minima.add(outcome(half_on), 100.0) and minima.squares == 100.0
-    assert minima.near(half_on) and not minima.near(crest)
-    assert minima.add(outcome(crest), 97.0) and not minima.add(outcome(crest), 96.999)
-    crests = minima.other_crests(np.ones(1, dtype=bool))
-    assert crests.excess[0] == pytest.approx(3.0) and crests.rival[0].tolist() == half_on[0].tolist()
-    assert minima.add(outcome(crest), 80.0)
-    assert np.isnan(minima.other_crests(np.ones(1, dtype=bool)).excess[0])  # too far above by now
-
-
 @pytest.mark.slow
 def test_waves_that_no_ray_meets_stay_as_given() -> None:
     made = scene(LEVEL_GUESS).block
@@ -159,13 +136,13 @@ def test_waves_that_no_ray_meets_stay_as_given() -> None:
 # --- the equations ---
 
 
-def at_start(seed: int) -> tuple[WaveTrials, State]:
-    """Return the trials of a scene, and the state adjusted with its waves as given."""
+def at_start(seed: int) -> tuple[WaveTrials, Outcome]:
+    """Return the trials of a scene, and the outcome of an adjustment with its waves as given."""
     job, state = prepared(scene(seed).block, None, None)
     network = job.network.with_plates(job.network.xy, job.bathymetric[job.network.point])
-    trials = WaveTrials(job=job, network=network)
-    outcome = trials.held(trials.quiet, state, network.sea.waves)
-    return trials, outcome.state
+    trials, known = WaveTrials(job=job, network=network), network.with_known_waves(network.sea.waves)
+    problem = trials.problem(known)
+    return trials, job.iterate(problem, known, problem.with_squares(state), 0)
 
 
 def test_curvature_is_that_of_the_sum_of_squares() -> None:
@@ -173,8 +150,8 @@ def test_curvature_is_that_of_the_sum_of_squares() -> None:
 
     It leaves out that rays meet the waves elsewhere as these change: by slopes of a twentieth, times the depth.
     """
-    trials, state = at_start(TWO_WAVES)
-    network = trials.network
+    trials, outcome = at_start(TWO_WAVES)
+    network, state = trials.network, outcome.state
     rays = np.concatenate([group.rays.reshape(-1) for group in network.groups])
 
     def derivatives(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -206,20 +183,18 @@ def test_steps_go_down_where_the_sum_of_squares_curves_down() -> None:
 
 def test_the_spectrum_is_what_waves_lower_the_sum_of_squares_by() -> None:
     """One iteration with height and crest unknown does what the spectrum says, for waves of any length."""
-    trials, state = at_start(LEVEL_GUESS)
-    sea = UnknownSea.of(trials.network, state)
-    block = trials.level_block(sea, 0, state)
-    nodes = nodes_of(sea, 0)
-    some = nodes.values[:: len(nodes.values) // 3]
-    at = spectrum(block, some)
-    for S, g, values in zip(at.matrix, at.pull, some, strict=True):
-        want = _lowered(trials, block, values)
+    trials, outcome = at_start(LEVEL_GUESS)
+    search, level = CrestSearch(trials, outcome), trials.level(0, outcome.state)
+    nodes, _, _ = search.nodes(0)
+    some = nodes[:: len(nodes) // 3]
+    for S, g, values in zip(*search.spectrum(0, level, some), some, strict=True):
+        want = _lowered(trials, level, values)
         assert g @ np.linalg.solve(S, g) == pytest.approx(want, rel=1e-4)  # the priors of _lowered: 1e3 m
 
 
-def _lowered(trials: WaveTrials, block: LevelBlock, values: np.ndarray) -> float:
+def _lowered(trials: WaveTrials, level: Level, values: np.ndarray) -> float:
     """Return by how much two waves of one length, crests a quarter apart, lower the linearised sum of squares."""
-    trains, given = block.sea.trains, trials.network.sea.sea
+    trains, given = trials.network.sea.trains, trials.network.sea.sea
     pair = [trains.with_values(np.array([[0.0, *values[1:3], crest]])).surface for crest in (0.0, 0.25 * values[1])]
     sigma = np.array([[1e3, np.nan, np.nan, np.nan]] * 2)
     sea = Sea(surface=superposed(*pair), time=given.time, origin=given.origin, sigma=sigma)
@@ -228,17 +203,8 @@ def _lowered(trials: WaveTrials, block: LevelBlock, values: np.ndarray) -> float
         sea=WorkingSea.of(sea, trials.network.frame),
         border=trials.network.border.having(ObservationKind.WAVE, ("a", "b")),
     )
-    line = trials.problem(network).linearise(replace(block.state, waves=network.sea.waves))
+    line = trials.problem(network).linearise(replace(level.state, waves=network.sea.waves))
     return float(line.rhs @ factorised(line.matrix).solve(line.rhs))
-
-
-def test_a_levelled_wave_is_known_and_the_other_is_not() -> None:
-    trials, _ = at_start(TWO_WAVES)
-    network = levelled(trials.network, 1)
-    assert network.sea.waves[1, 0] == 0.0 and network.sea.sea.unknown.tolist() == [[True] * 4, [False] * 4]
-    assert network.border.columns[ObservationKind.WAVE] == tuple(
-        f"wave 1 {name}" for name in ("height", "length", "azimuth", "crest")
-    )
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ from musatpy.model import INDEX_RANGE, Block, Datum, ObservationKind, Refraction
 from musatpy.model.progress import Progress, begin
 
 if TYPE_CHECKING:  # most jobs have no unknown waves
-    from musatpy.adjustment.wave_trials import OtherCrests, WaveTrials
+    from musatpy.adjustment.wave_search import OtherCrests, WaveTrials
 
 
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
@@ -181,7 +181,7 @@ class _Run:
         """Return the trials of the waves of a network, None where it has no unknown ones."""
         if not network.border.count(ObservationKind.WAVE):
             return None
-        from musatpy.adjustment.wave_trials import WaveTrials  # most jobs have none
+        from musatpy.adjustment.wave_search import WaveTrials  # most jobs have none
 
         return WaveTrials(job=self.job, network=network)
 

@@ -49,7 +49,7 @@ from musatpy.model import (
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom
-    from musatpy.adjustment.wave_trials import OtherCrests
+    from musatpy.adjustment.wave_search import OtherCrests
 
 
 STRANDED = 3.0  # sigmas of a height above the water, from which a submerged point is told of

@@ -24,13 +24,17 @@ from musatpy.adjustment.kinds import (
     state_after,
 )
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
-from musatpy.adjustment.normals import NormalEquations, NormalMatrix, factorised
-from musatpy.adjustment.point_normals import better, point_squares
+from musatpy.adjustment.normals import NormalEquations, factorised
+from musatpy.adjustment.point_normals import point_squares, settle_group
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
+from musatpy.geometry import collinearity
 from musatpy.model import INDEX_RANGE, ObservationKind, Options
+
+_FLATTEST = 0.1  # of the curvature of the normal equations
+_SHARE = 1e-5  # of the sigmas of waves: steps of the central differences, which lose ten digits of sixteen
 
 
 def sum_of_squares(network: Network, state: State) -> float:
@@ -53,7 +57,6 @@ class Simultaneous:
     network: Network
     options: Options  # its limits
     held: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # what holds a free block
-    curved: bool = False  # the second derivatives of the images by unknown waves count too
 
     @cached_property
     def _loops(self) -> Loops:
@@ -81,8 +84,6 @@ class Simultaneous:
             of_points += E.gain
         add_direct(network, state, normals)
         matrix, rhs = normals.finished(self.held)
-        if self.curved:
-            matrix = self._with_curvature(matrix, state)
         return Linearisation(
             matrix=matrix,
             rhs=rhs,
@@ -91,21 +92,6 @@ class Simultaneous:
             redundancy=self._redundancy,
             of_points=of_points,
         )
-
-    def _with_curvature(self, matrix: NormalMatrix, state: State) -> NormalMatrix:
-        """Return the matrix with the second derivatives by the waves."""
-        from musatpy.adjustment.wave_curvature import safe_curvature, wave_curvature  # most jobs have no waves
-
-        factor, border = factorised(matrix), self.network.border
-        if factor is None:
-            return matrix
-        waves, corner = border.at(ObservationKind.WAVE), matrix.corner.copy()
-        rows = len(matrix.border) + border.numbers(ObservationKind.WAVE)
-        units = np.zeros((matrix.size, len(rows)))
-        units[rows, np.arange(len(rows))] = factor.scale[rows]
-        cofactor = factor.solve_scaled(units)[rows] * factor.scale[rows, None]
-        corner[waves, waves] += safe_curvature(wave_curvature(self.network, state), cofactor)
-        return replace(matrix, corner=corner)
 
     def evaluate(self, state: State, context: list[Follow]) -> float:
         """Return the weighted sum of squares at `state`."""
@@ -130,17 +116,18 @@ class Simultaneous:
         after = self.with_squares(after)
         if not_raised(self.evaluate(after, context), before):
             return after
-        return self.with_squares(self._settled(after, state))
+        return self._settled(after, state)
 
     def _settled(self, after: State, before: State) -> State:
         """Return the state `after` with those eliminated points at their optimum that fitted better `before`."""
-        network, ground = self.network, after.ground.copy()
-        for group in network.groups:
+        network, ground, squares = self.network, after.ground.copy(), after.squares.copy()
+        for group in together(network.groups):
             worse = after.squares[group.point] > before.squares[group.point]
             if worse.any() and not group.kept:
                 part = group.part(worse)
-                ground[part.point] = better(network, after, part, before.ground[part.point])
-        return replace(after, ground=ground)
+                start = before.ground[part.point]
+                ground[part.point], squares[part.point] = settle_group(network, after, part, start, trial=True)
+        return replace(after, ground=ground, squares=squares)
 
     def with_squares(self, state: State) -> State:
         """Return the state with the weighted squares of its points where they are."""
@@ -155,3 +142,74 @@ class Simultaneous:
         turn, shift = self.options.rotation_limit, self.options.translation_limit
         rest = all(kind.movement(self.network, step)[0] < kind.limit(turn, shift) for kind in UNKNOWNS)
         return rest and rotation < turn and max(translation, kept_movement(step, self.network)) < shift
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curved(Simultaneous):
+    """The simultaneous adjustment with the second derivatives of the images by unknown waves.
+
+    In the effect of length, azimuth and crest the height is a factor. Of a wave that hardly shows, steps that take
+    the images for linear go from one side of the minimum to the other, or have to be damped to a crawl. With the
+    second derivatives by the waves alone, steps are those of Newton's method in them. Those by waves and points, or
+    stations, are left out: these move by less than a hundredth of a length.
+    """
+
+    def linearise(self, state: State) -> Linearisation:
+        """Return the normal equations at `state`, their corner with the curvature by the waves."""
+        line, border = super().linearise(state), self.network.border
+        matrix, factor = line.matrix, factorised(line.matrix)
+        if factor is None:
+            return line
+        waves, corner = border.at(ObservationKind.WAVE), matrix.corner.copy()
+        rows = len(matrix.border) + border.numbers(ObservationKind.WAVE)
+        units = np.zeros((matrix.size, len(rows)))
+        units[rows, np.arange(len(rows))] = factor.scale[rows]
+        cofactor = factor.solve_scaled(units)[rows] * factor.scale[rows, None]
+        corner[waves, waves] += safe_curvature(wave_curvature(self.network, state), cofactor)
+        return replace(line, matrix=replace(matrix, corner=corner))
+
+
+def safe_curvature(curvature: FloatArray, cofactor: FloatArray) -> FloatArray:
+    """Return the curvature C (w, w) so that N + C is positive definite; `cofactor` (w, w) is N^-1 of the waves.
+
+    Against N, N + C has the eigenvalues 1 + m. Where they are below zero, or hardly above, the sum of squares
+    curves down, or not at all: their sizes count then, and no less than `_FLATTEST`. So no step goes to a maximum.
+    """
+    L = np.linalg.cholesky(np.linalg.inv(0.5 * (cofactor + cofactor.T)))
+    inner = np.linalg.solve(L, np.linalg.solve(L, curvature).T)
+    m, U = np.linalg.eigh(0.5 * (inner + inner.T))
+    turned = L @ U
+    return (turned * (np.maximum(np.abs(1.0 + m), _FLATTEST) - 1.0)) @ turned.T
+
+
+def wave_curvature(network: Network, state: State) -> FloatArray:
+    """Return sum of P r times the second derivatives of the images by the unknown parameters of the waves (w, w).
+
+    r are the residuals (adjusted minus measured) at `state`, P their weights. The waves act through their height
+    and gradient at the incidence points: the partials of these by the parameters are differenced, all else stays.
+    """
+    sea = network.sea
+    assert sea is not None and sea.trains is not None and sea.sea.sigma is not None, "there are unknown waves"
+    trains, sigma = sea.trains, sea.sea.sigma
+    rays = np.concatenate([group.rays.reshape(-1) for group in network.groups])
+    rays = rays[network.refracted[rays]]
+    photo, ground = network.photo[rays], state.ground[network.point[rays]]
+    bent = sea.at(state.waves).incidence(photo, state.position[photo], ground, state.tide[photo], state.index)
+    f, pp = network.focal_length[photo], network.principal_point[photo]
+    xy, by_v = collinearity.image_by_vector(bent.v, state.M[photo], f, pp)
+    pull = np.einsum("na,nai->ni", network.weight[rays] * (xy - network.xy[rays]), by_v)
+    by_height = np.einsum("ni,ni->n", pull, bent.by_level)
+    by_slope = np.einsum("ni,nia->na", pull, bent.by_slope)
+    unknown, time = sea.sea.unknown, sea.sea.time[photo]
+
+    def gradient(waves: FloatArray) -> FloatArray:
+        height, slope = trains.with_values(waves).by_parameters(bent.place, time)
+        return by_height @ height[:, unknown] + np.einsum("na,naw->w", by_slope, slope[..., unknown])
+
+    rows = []
+    for wave, of in np.argwhere(unknown):
+        step = np.zeros_like(state.waves)
+        step[wave, of] = _SHARE * sigma[wave, of]
+        rows.append((gradient(state.waves + step) - gradient(state.waves - step)) / (2.0 * step[wave, of]))
+    matrix = np.array(rows).reshape(len(rows), len(rows))
+    return 0.5 * (matrix + matrix.T)

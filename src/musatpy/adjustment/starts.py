@@ -29,7 +29,7 @@ from musatpy.errors import AdjustmentError
 from musatpy.model import Iteration, Options, PlateSigma
 
 if TYPE_CHECKING:  # most jobs have no unknown waves
-    from musatpy.adjustment.wave_trials import OtherCrests
+    from musatpy.adjustment.wave_search import OtherCrests
 
 Adjusted = tuple[Network, Outcome, "OtherCrests | None"]
 _LEVEL, _STRAIGHT = "level ground", "the points where straight rays meet"

@@ -11,10 +11,9 @@ from musatpy.adjustment.kinds.water import Wave
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.unknowns import LEVEL, State
-from musatpy.adjustment.wave_search import reach_of, shifts
-from musatpy.adjustment.wave_trials import OtherCrests, nothing_searched
-from musatpy.adjustment.wavy_water import names_of_waves
-from musatpy.arrays import FloatArray
+from musatpy.adjustment.wave_search import OtherCrests, nothing_searched
+from musatpy.adjustment.wavy_water import AZIMUTH, CREST, LENGTH, WorkingSea, names_of_waves
+from musatpy.arrays import FloatArray, finite_rows
 from musatpy.model import AdjustedWaves, ObservationKind
 
 _UP = 2  # of the unknowns of a photo
@@ -51,10 +50,6 @@ def adjusted_waves(
         return out
 
     pairs = list(_correlations(network, cofactors, name))
-    reach, sigma = reach_of(network, state, network.sea), np.nan_to_num(network.sea.sea.sigma)
-    open_by = [
-        np.hypot.reduce(list(shifts(*wave, reach).values())) for wave in zip(network.sea.waves, sigma, strict=True)
-    ]
     crests = crests or nothing_searched(len(unknown))
     return AdjustedWaves(
         ids=np.array(names_of_waves(network.sea.sea)),
@@ -65,7 +60,7 @@ def adjusted_waves(
         kept=spread(np.sqrt(cofactor * Wave().weight(network))),
         inflation=spread(cofactor * diagonal.border[columns]),
         speed=network.sea.trains.with_values(state.waves).speed,
-        open=np.array(open_by),
+        open=_open(network.sea, _reach(network, state, network.sea)),
         rival=crests.rival,
         excess=crests.excess,
         searched=crests.searched,
@@ -73,6 +68,21 @@ def adjusted_waves(
         second=np.array([second for _, second, _ in pairs], dtype=np.str_),
         correlation=np.array([value for _, _, value in pairs]),
     )
+
+
+def _reach(network: Network, state: State, sea: WorkingSea) -> float:
+    """Return the RMS distance (m) of the points that are seen through the waves from their origin."""
+    wet = np.zeros(network.points, dtype=bool)
+    wet[network.point[network.refracted]] = True
+    ground = state.ground[wet & finite_rows(state.ground)]
+    plan = (ground - sea.origin) @ sea.axes[:2].T
+    return float(np.sqrt(np.mean(np.sum(np.square(plan), axis=1)))) if len(ground) else 0.0
+
+
+def _open(sea: WorkingSea, reach: float) -> FloatArray:
+    """Return by how much of its length (k,) the sigmas of a wave shift its crests at a distance (m)."""
+    L, sigma = sea.waves[:, LENGTH], np.nan_to_num(np.asarray(sea.sea.sigma)).T
+    return np.hypot.reduce([reach * sigma[LENGTH] / L**2, reach * sigma[AZIMUTH] / L, sigma[CREST] / L])
 
 
 def _correlations(
