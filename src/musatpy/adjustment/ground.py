@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.adjustment import sightings
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, together
-from musatpy.adjustment.point_normals import better, point_normals, settle_group, with_known
+from musatpy.adjustment.point_normals import point_normals, settle_group, with_known
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.geometry import intersection
@@ -47,7 +47,7 @@ def at_their_best(network: Network, state: State, points: BoolArray) -> State:
     ground = state.ground.copy()
     for group in network.groups:
         for part in () if group.kept else group.some(points[group.point]):
-            ground[part.point] = better(network, state, part, ground[part.point])
+            ground[part.point], _ = settle_group(network, state, part, ground[part.point], trial=True)
     return replace(state, ground=ground)
 
 

@@ -19,7 +19,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity
 
 MAX_STEPS = 25
-_FEW_STEPS = 5  # for a trial: points that take more of them are running away
+_FEW_STEPS = 4  # for a trial: points that take more of them are running away
 STEP_LIMIT = 1e-5  # m; Gauss-Newton squares what is left of a step this small: rounding
 ROUNDING = 1e-6  # growth of the squares that may be rounding: geocentric coordinates are good to a nanometre
 RIDGE = 1e-13  # of the largest diagonal term: keeps a direction that nothing observes from dividing by zero
@@ -133,7 +133,8 @@ def settle_group(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the optimal positions (k, 3) of the points of a group and their weighted squares (k,).
 
-    By Gauss-Newton with step halving; a `trial` goes some way only where points run away.
+    By Gauss-Newton with step halving. A `trial` goes some way only where points run away, and to places that it has
+    looked at: none that fits worse than `ground` does.
     """
 
     def step(rows: IntArray, X: FloatArray) -> Step:
@@ -145,24 +146,25 @@ def settle_group(
     def held(rows: IntArray, X: FloatArray) -> FloatArray:
         return hold(network, group.point, X) if group.known else X
 
-    return steps_to_best(step, ground, held, _FEW_STEPS if trial else MAX_STEPS)
+    return steps_to_best(step, ground, held, trial=trial)
 
 
 def steps_to_best(
     step: Callable[[IntArray, FloatArray], Step],
     ground: FloatArray,
     held: Callable[[IntArray, FloatArray], FloatArray],
-    most: int = MAX_STEPS,
     each: bool = False,
+    trial: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Return where points come to rest (k, 3) from `ground`, and their weighted squares (k,) there.
 
     `step` tells of some of them, rows (r,) at X (r, 3), the steps, the squares where they are, and by how much
-    these fall; `held` puts back what is held of them. They go on until all are at rest, or `each` until it is.
+    these fall; `held` puts back what is held of them. They go on until all are at rest, or `each` until it is. What
+    a `trial` is, `settle_group` says.
     """
     X, best, rows = ground.copy(), ground.copy(), np.arange(len(ground))
     least, gain, last = np.full(len(ground), np.inf), np.zeros(len(ground)), np.zeros_like(ground)
-    for _ in range(most):
+    for _ in range(_FEW_STEPS if trial else MAX_STEPS):
         new, squares, fall = step(rows, X[rows])
         worse = np.isfinite(least[rows]) & ~(squares <= least[rows] * (1.0 + ROUNDING) + ROUNDING)
         best[rows] = np.where(worse[:, None], best[rows], X[rows])
@@ -174,15 +176,10 @@ def steps_to_best(
         if not moving.any():
             break
         rows = rows[moving] if each else rows
+    if trial:
+        return best, least
     # the last step is taken without looking: its gain in squares is known to the second order
     return X, np.maximum(least - gain, 0.0)
-
-
-def better(network: Network, state: State, group: PointGroup, ground: FloatArray) -> FloatArray:
-    """Return the positions (k, 3) of the points of a group: their optimum, or `ground` where that fits better."""
-    settled, _ = settle_group(network, state, group, ground, trial=True)
-    before, after = (point_squares(network, state, group, X) for X in (ground, settled))
-    return np.where((after < before)[:, None], settled, ground)
 
 
 def hold(network: Network, point: IntArray, ground: FloatArray) -> FloatArray:

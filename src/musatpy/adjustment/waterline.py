@@ -29,7 +29,8 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle
 # triangulations in a row that end short of their limits: one may be helped by the next, while rays change their
-# sides of the water; where that ends short too, points are no guide to the water, and more of them only take time
+# sides of the water; where that ends short too, points are no guide to the water, and more of them only take time.
+# On waves, where one takes many times as long, the first that ends short is the last
 SHORT = 2
 _SAME = 1e-4  # m, of water lines that points are held on: where the water is tilted they move with the points
 
@@ -96,7 +97,7 @@ def at_rest_in_water(
         outcome = adjusted(network, state, number)
         state, last = outcome.state, line
         short = short + 1 if outcome.failure else 0
-        if outcome.lost or short == SHORT:
+        if outcome.lost or short == (SHORT if measured.sea is None else 1):
             break
         line = best_line(measured, line, state, bathymetric, outcome.factor)
         if line.same_as(last):
