@@ -108,15 +108,15 @@ def pointed(rows: list[Row], seed: int, pointing: float = POINTING) -> StageRead
     """Return readings with errors of pointing."""
     model, ids, kind, submerged, read = (np.array(column) for column in zip(*rows, strict=True))
     errors = pointing * np.random.default_rng(seed).normal(size=read.shape)
-    return StageReadings.on_stages(
+    return StageReadings(
         model=model, ids=ids, kind=kind, submerged=submerged, xy=np.round(read + errors, 6),
-        sigma=np.full(len(read), np.nan),
     )  # fmt: skip
 
 
 def models(*names: tuple[str, str, str]) -> StereomodelSpecs:
     """Return stereomodels by name, left and right photo."""
-    return StereomodelSpecs.of_photos(*(np.array(column) for column in zip(*names, strict=True)), POINTING)
+    ids, left, right = (np.array(column) for column in zip(*names, strict=True))
+    return StereomodelSpecs(ids=ids, left=left, right=right, pointing=np.full(len(ids), POINTING))
 
 
 def compilation(pointing: float = POINTING) -> Compilation:
@@ -136,12 +136,13 @@ def compilation(pointing: float = POINTING) -> Compilation:
         titles=("ST THOMAS USVI  POINTS OF THE RUN AND OF THE BOTTOM  SIMULATED",),
         models=models(*MODELS),
         stages=pointed(rows, 22, pointing),
-        profiles=ProfileSpecs.between_points(
+        profiles=ProfileSpecs(
             ids=np.array([name for name, *_ in PROFILES]),
             model=np.array([number for _, number, *_ in PROFILES]),
             start=np.array([start for _, _, (start, _), _ in PROFILES]),
             end=np.array([end for _, _, (_, end), _ in PROFILES]),
             step=np.full(len(PROFILES), 50.0),
+            spacing=np.full(len(PROFILES), 50.0),
             spike=np.full(len(PROFILES), 2.0),
             tolerance=np.full(len(PROFILES), 0.3),
         ),

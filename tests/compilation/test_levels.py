@@ -69,14 +69,18 @@ def bottom(
     count = len(model)
     deck = Compilation(
         titles=(),
-        models=StereomodelSpecs.of_photos(names, np.full(len(names), "1"), np.full(len(names), "2"), 0.005),
-        stages=StageReadings.on_stages(
+        models=StereomodelSpecs(
+            ids=names,
+            left=np.full(len(names), "1"),
+            right=np.full(len(names), "2"),
+            pointing=np.full(len(names), 0.005),
+        ),
+        stages=StageReadings(
             model=model,
             ids=np.array([f"{row}" for row in range(count)]),
             kind=np.full(count, "G"),
             submerged=np.ones(count, dtype=bool),
             xy=flat_images(run, np.concatenate(points)),
-            sigma=np.full(count, np.nan),
         ),
         contours=ContourSpec(interval=2.0),
         grids=empty(GridSpecs) if grids is None else grids,

@@ -336,12 +336,11 @@ def again(solution: model.Solution, pointing: float, shift: float = 0.0) -> tupl
     common, left, right = common[two], rows[0][left[two]], rows[1][right[two]]
     deck = Compilation(
         titles=(),
-        models=StereomodelSpecs.of_photos(np.array(["M"]), np.array(["21"]), np.array(["22"]), pointing),
-        stages=StageReadings.on_stages(
+        models=StereomodelSpecs(ids=["M"], left=["21"], right=["22"], pointing=[pointing]),
+        stages=StageReadings(
             model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
             kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common],
             xy=np.stack([block.plates.xy[left], block.plates.xy[right]], axis=1) + shift,
-            sigma=np.full(len(common), np.nan),
         ),
     )  # fmt: skip
     return compiled(of_solution(solution), deck), left

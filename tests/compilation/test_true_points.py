@@ -173,11 +173,10 @@ def against(solution: model.Solution, xy: np.ndarray, sigma: float) -> AgainstRu
     read = np.stack([xy[rows[0][left]], xy[rows[1][right]]], axis=1)
     deck = Compilation(
         titles=(),
-        models=StereomodelSpecs.of_photos(np.array(["M"]), np.array(["21"]), np.array(["22"]), sigma),
-        stages=StageReadings.on_stages(
+        models=StereomodelSpecs(ids=["M"], left=["21"], right=["22"], pointing=[sigma]),
+        stages=StageReadings(
             model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
             kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common], xy=read,
-            sigma=np.full(len(common), np.nan),
         ),
     )  # fmt: skip
     result = compiled(of_solution(solution), deck)

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -34,34 +33,15 @@ class StereomodelSpecs(Table):
     ids: TextArray = per_row()  # (m,)
     left: TextArray = per_row()  # (m,) photo ids
     right: TextArray = per_row()
-    mode: TextArray = per_row()  # (m,) IMAGE, PRINTED
-    vertical: TextArray = per_row()  # (m,) POINT, MODEL
-    tide: TextArray = per_row()  # (m,) PHOTO, MEAN
-    rays: TextArray = per_row()  # (m,) OWN, SHARED
-    pointing: FloatArray = per_row(unit="mm")  # (m,)
-    limit: FloatArray = per_row(unit="mm")  # (m,)
-    adjust: BoolArray = per_row()  # (m,) the right stage is corrected by points read again
-    true_marks: BoolArray = (
-        per_row()
-    )  # (m,) the mark of the plotter was the true point, not where straight rays meet
-
-    @classmethod
-    def of_photos(cls, ids: TextArray, left: TextArray, right: TextArray, pointing: float) -> StereomodelSpecs:
-        """Return models of photos with a pointing (mm) and all else left open."""
-        blank, none = np.full(len(ids), ""), np.full(len(ids), np.nan)
-        return cls(
-            ids=ids,
-            left=left,
-            right=right,
-            mode=blank,
-            vertical=blank,
-            tide=blank,
-            rays=blank,
-            pointing=np.full(len(ids), pointing),
-            limit=none,
-            adjust=np.zeros(len(ids), dtype=bool),
-            true_marks=np.zeros(len(ids), dtype=bool),
-        )
+    mode: TextArray = per_row(blank="")  # (m,) IMAGE, PRINTED
+    vertical: TextArray = per_row(blank="")  # (m,) POINT, MODEL
+    tide: TextArray = per_row(blank="")  # (m,) PHOTO, MEAN
+    rays: TextArray = per_row(blank="")  # (m,) OWN, SHARED
+    pointing: FloatArray = per_row(unit="mm", blank=np.nan)  # (m,)
+    limit: FloatArray = per_row(unit="mm", blank=np.nan)  # (m,)
+    adjust: BoolArray = per_row(blank=False)  # (m,) the right stage is corrected by points read again
+    # (m,) the mark of the plotter was the true point, not where straight rays meet
+    true_marks: BoolArray = per_row(blank=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,19 +53,12 @@ class StageReadings(Table):
     kind: TextArray = per_row()  # (k,) G, P, S, R
     submerged: BoolArray = per_row()  # (k,)
     xy: FloatArray = per_row(2, 2, unit="mm")  # (k, 2, 2) left and right, x and y; NaN of model points
-    sigma: FloatArray = per_row(unit="mm")  # (k,) NaN: the pointing of the model
-    place: FloatArray = per_row(3, unit="m")  # (k, 3) in the model, of the mark; NaN of readings on the stages
-    parallax: FloatArray = per_row(
-        unit="mm"
-    )  # (k,) of the right image less the left, along Y of the model; NaN: not read
-    time: FloatArray = per_row(unit="s")  # (k,) of readings of profiles; NaN: not known
-
-    @classmethod
-    def on_stages(cls, **columns: Any) -> StageReadings:
-        """Return readings on the stages from the other columns."""
-        count = len(columns["ids"])
-        unknown = np.full(count, np.nan)
-        return cls(**{"time": unknown, **columns}, place=np.full((count, 3), np.nan), parallax=unknown)
+    sigma: FloatArray = per_row(unit="mm", blank=np.nan)  # (k,) NaN: the pointing of the model
+    # (k, 3) in the model, of the mark; NaN of readings on the stages
+    place: FloatArray = per_row(3, unit="m", blank=np.nan)
+    # (k,) of the right image less the left, along Y of the model; NaN: not read
+    parallax: FloatArray = per_row(unit="mm", blank=np.nan)
+    time: FloatArray = per_row(unit="s", blank=np.nan)  # (k,) of readings of profiles; NaN: not known
 
     def of_model(self, row: int) -> IntArray:
         """Return the rows of the readings in a model."""
@@ -114,27 +87,14 @@ class ProfileSpecs(Table):
     model: IntArray = per_row()  # (q,) link to the models
     start: TextArray = per_row()  # (q,) ids of readings; empty: `places` has the ends
     end: TextArray = per_row()
-    places: FloatArray = per_row(2, 2)  # (q, 2, 2) start and end, NaN where points are
-    system: TextArray = per_row()  # (q,) of these: M model, J job (degrees, or m); empty where points are
+    places: FloatArray = per_row(2, 2, blank=np.nan)  # (q, 2, 2) start and end, NaN where points are
+    system: TextArray = per_row(blank="")  # (q,) of these: M model, J job (degrees, or m); empty where points are
     step: FloatArray = per_row(unit="m")  # (q,)
-    spike: FloatArray = per_row(unit="m")  # (q,) NaN: nothing is a spike
-    tolerance: FloatArray = per_row(unit="m")  # (q,) 0: all readings are needed
-    scan: TextArray = per_row()  # (q,) L one line, X, Y lines along this axis of the model
-    zigzag: BoolArray = per_row()  # (q,) every other line of a scan was read from its end
-    spacing: FloatArray = per_row(unit="m")  # (q,) of the lines of a scan
-
-    @classmethod
-    def between_points(cls, **columns: Any) -> ProfileSpecs:
-        """Return single lines between points from the other columns."""
-        count = len(columns["ids"])
-        return cls(
-            **columns,
-            places=np.full((count, 2, 2), np.nan),
-            system=np.full(count, ""),
-            scan=np.full(count, "L"),
-            zigzag=np.zeros(count, dtype=bool),
-            spacing=columns["step"],
-        )
+    spike: FloatArray = per_row(unit="m", blank=np.nan)  # (q,) NaN: nothing is a spike
+    tolerance: FloatArray = per_row(unit="m", blank=0.0)  # (q,) 0: all readings are needed
+    scan: TextArray = per_row(blank="L")  # (q,) L one line, X, Y lines along this axis of the model
+    zigzag: BoolArray = per_row(blank=False)  # (q,) every other line of a scan was read from its end
+    spacing: FloatArray = per_row(unit="m", blank=np.nan)  # (q,) of the lines of a scan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -27,7 +27,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.refraction import flat
-from musatpy.refraction.stationary import Path, Rays, Reach, path, solved, stationary
+from musatpy.refraction.stationary import Path, PerRay, Rays, Reach, path, solved, stationary
 from musatpy.refraction.surface import Surface
 
 _MOST_LENGTHS = 133.0  # along the diameter of a disc: with more waves the search takes too long
@@ -57,15 +57,12 @@ class RayPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Cells:
+class _Cells(PerRay):
     """Squares: rows of their rays (M,), centres (M, 2), half their sides (M,) m."""
 
     ray: IntArray
     centre: FloatArray
     half: FloatArray
-
-    def some(self, which: BoolArray | slice) -> _Cells:
-        return _Cells(ray=self.ray[which], centre=self.centre[which], half=self.half[which])
 
     def quarters(self) -> _Cells:
         corner = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
@@ -216,15 +213,11 @@ def _replaced(points: RayPoints, rays: IntArray, other: RayPoints) -> RayPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Disc:
+class Disc(PerRay):
     """Centre (N, 2) and radius (N,) m."""
 
     centre: FloatArray
     radius: FloatArray
-
-    def some(self, which: Any) -> Disc:
-        """Return the discs of the rays that a mask, slice or array of rows chooses."""
-        return Disc(centre=self.centre[which], radius=self.radius[which])
 
     def has(self, xy: FloatArray, ray: Any = slice(None)) -> BoolArray:
         """Tell which places (M, 2) lie within the discs of their rays (M,)."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
-from musatpy.refraction.flat import RefractedRay
+from musatpy.refraction.flat import RefractedRay, shaped
 from musatpy.refraction.stationary import Rays
 from musatpy.refraction.surface import Surface
 
@@ -64,22 +64,20 @@ def refracted_ray(
     dr += _outer(m, dc * (1.0 / n - c / (n * n * cos_theta)))
     by_index = -u / n**2 - m * (c / n**2 + (1.0 - c * c) / (n**3 * cos_theta))
 
-    def shaped(array: FloatArray) -> FloatArray:
-        return array.reshape(*shape, *array.shape[1:])
-
-    return WaveRay(
-        origin=shaped(W),
-        direction=shaped(r),
-        origin_by_camera=shaped(dW[:, :, _CAMERA]),
-        origin_by_direction=shaped(dW[:, :, _DIRECTION]),
-        origin_by_level=shaped(dW[:, :, _LEVEL]),
-        origin_by_slope=shaped(dW[:, :, _SLOPE]),
-        direction_by_camera=shaped(dr[:, :, _CAMERA]),
-        direction_by_direction=shaped(dr[:, :, _DIRECTION]),
-        direction_by_level=shaped(dr[:, :, _LEVEL]),
-        direction_by_slope=shaped(dr[:, :, _SLOPE]),
-        direction_by_index=shaped(by_index),
+    rays_below = WaveRay(
+        origin=W,
+        direction=r,
+        origin_by_camera=dW[:, :, _CAMERA],
+        origin_by_direction=dW[:, :, _DIRECTION],
+        origin_by_level=dW[:, :, _LEVEL],
+        origin_by_slope=dW[:, :, _SLOPE],
+        direction_by_camera=dr[:, :, _CAMERA],
+        direction_by_direction=dr[:, :, _DIRECTION],
+        direction_by_level=dr[:, :, _LEVEL],
+        direction_by_slope=dr[:, :, _SLOPE],
+        direction_by_index=by_index,
     )
+    return shaped(rays_below, shape)
 
 
 def _meeting_partials(p: FloatArray, u: FloatArray, rho: FloatArray) -> FloatArray:

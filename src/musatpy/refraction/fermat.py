@@ -68,30 +68,27 @@ def incidence(
     rays = Rays.of(camera, ground, index, time)
     _check_cameras(surface, rays)
     wet = surface.relief(rays.ground[:, :2], rays.time).height > rays.ground[:, 2]
-    v = rays.ground - rays.camera
-    number, complete = np.zeros(len(v), dtype=np.int64), np.ones(len(v), dtype=bool)
-    count = len(v)
-    by_camera = np.broadcast_to(-np.eye(3), (count, 3, 3)).copy()
-    by_ground = -by_camera
-    by_level, by_index, by_slope = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3, 2))
+    count, straight = len(wet), np.eye(3)
+    out = WaveIncidence(
+        v=rays.ground - rays.camera,
+        by_camera=np.tile(-straight, (count, 1, 1)),
+        by_ground=np.tile(straight, (count, 1, 1)),
+        by_level=np.zeros((count, 3)),
+        by_index=np.zeros((count, 3)),
+        by_slope=np.zeros((count, 3, 2)),
+        number=np.zeros(count, dtype=np.int64),
+        complete=np.ones(count, dtype=bool),
+    )
+    partials = out.v, out.by_camera, out.by_ground, out.by_level, out.by_index, out.by_slope
     rows = np.flatnonzero(wet)
     for part in np.split(rows, range(_PART, len(rows), _PART)):
         under = rays.some(part)
-        xy, number[part], complete[part] = _principal(surface, under)
+        xy, out.number[part], out.complete[part] = _principal(surface, under)
         _check_covered(surface, under, xy)
-        parts = _partials(surface, under, xy)
-        v[part], by_camera[part], by_ground[part], by_level[part], by_index[part], by_slope[part] = parts
+        for array, values in zip(partials, _partials(surface, under, xy), strict=True):
+            array[part] = values
     shape = np.broadcast_shapes(np.shape(camera)[:-1], np.shape(ground)[:-1], np.shape(index), np.shape(time))
-    return WaveIncidence(
-        v=v.reshape(*shape, 3),
-        by_camera=by_camera.reshape(*shape, 3, 3),
-        by_ground=by_ground.reshape(*shape, 3, 3),
-        by_level=by_level.reshape(*shape, 3),
-        by_index=by_index.reshape(*shape, 3),
-        by_slope=by_slope.reshape(*shape, 3, 2),
-        number=number.reshape(shape),
-        complete=complete.reshape(shape),
-    )
+    return flat.shaped(out, shape)
 
 
 def refraction_points(
@@ -106,7 +103,7 @@ def refraction_points(
     if not surface.relief(ray.ground[:, :2], ray.time).height[0] > ray.ground[0, 2]:
         raise ValueError("the ground point is not below the water")
     points = search(surface, ray)
-    _check_covered(surface, ray.repeated(len(points.xy)), points.xy)
+    _check_covered(surface, ray.some(np.zeros(len(points.xy), dtype=int)), points.xy)
     height = surface.relief(points.xy, ray.time).height
     return RefractionPoints(
         place=np.concatenate([points.xy, height[:, None]], axis=1),

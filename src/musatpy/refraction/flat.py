@@ -10,7 +10,7 @@ water. An adjustment needs that: which rays are wet must not change under its fe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -52,6 +52,9 @@ class RefractedRay:
     direction_by_direction: FloatArray
     origin_by_level: FloatArray
     direction_by_index: FloatArray
+
+
+Traced = TypeVar("Traced", bound=Incidence | RefractedRay)
 
 
 def water_tangent_ratio(tangent: ArrayLike, index: ArrayLike) -> FloatArray:
@@ -141,13 +144,13 @@ def incidence(
     for start in range(0, r, _CHUNK):
         part = slice(start, start + _CHUNK)
         _set_incidence(rays.part(part), out, part)
-    return Incidence(
-        v=out.v.reshape(*shape, 3),
-        by_camera=out.by_camera.reshape(*shape, 3, 3),
-        by_ground=out.by_ground.reshape(*shape, 3, 3),
-        by_level=out.by_level.reshape(*shape, 3),
-        by_index=out.by_index.reshape(*shape, 3),
-    )
+    return shaped(out, shape)
+
+
+def shaped(rays: Traced, shape: tuple[int, ...]) -> Traced:
+    """Return what is known of r rays, whose arrays have one row each, in the `shape` of these rays."""
+    arrays = {field.name: getattr(rays, field.name) for field in fields(rays)}
+    return replace(rays, **{name: array.reshape((*shape, *array.shape[1:])) for name, array in arrays.items()})
 
 
 def water_vector(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,16 @@ _LARGEST_ANGLE = 1.5  # rad, of a water ray from the vertical: beyond it, no bou
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rays:
+class PerRay:
+    """Arrays with one row for each of some rays, or of their places or cells."""
+
+    def some(self, which: Any) -> Self:
+        """Return the rows that a mask, slice or array of rows chooses."""
+        return replace(self, **{field.name: getattr(self, field.name)[which] for field in fields(self)})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rays(PerRay):
     """Cameras and ground points (N, 3) m, indices (N,) and times (N,) s of N rays."""
 
     camera: FloatArray
@@ -38,16 +47,6 @@ class Rays:
             index=np.broadcast_to(np.asarray(index, float), shape).reshape(-1),
             time=np.broadcast_to(np.asarray(time, float), shape).reshape(-1),
         )
-
-    def some(self, which: Any) -> Rays:
-        """Return the rays that a mask, slice or array of rows chooses."""
-        return Rays(
-            camera=self.camera[which], ground=self.ground[which], index=self.index[which], time=self.time[which]
-        )
-
-    def repeated(self, count: int) -> Rays:
-        """Return the first ray `count` times."""
-        return self.some(np.zeros(count, dtype=int))
 
     def reach(self, surface: Surface) -> Reach:
         """Return where the rays can meet a surface: nowhere beyond, infinitely far where nothing bounds it.
@@ -80,7 +79,7 @@ def _water_angle(air: FloatArray, gamma: float, index: FloatArray) -> FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reach:
+class Reach(PerRay):
     """How far (N,) m from its ground point a ray can meet the water, and what it can find there.
 
     Its largest angle in air (N,) rad; greatest and least depth (N,) m of the ground point below the water.
@@ -91,13 +90,9 @@ class Reach:
     deepest: FloatArray
     shallowest: FloatArray
 
-    def some(self, which: Any) -> Reach:
-        """Return the reach of the rays that a mask, slice or array of rows chooses."""
-        return Reach(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Path:
+class Path(PerRay):
     """The optical path (N,) over places of the surface, its gradient (N, 2) and second derivatives (N, 2, 2) there.
 
     air, water (N, 3): unit vectors along the path; their lengths (N,) m; height (N,) of the surface and its
@@ -119,10 +114,6 @@ class Path:
         """The tangents (N, 3, 2) of the surface along x and y."""
         plan = np.broadcast_to(np.eye(2), (len(self.slope), 2, 2))
         return np.concatenate([plan, self.slope[:, None, :]], axis=1)
-
-    def some(self, which: Any) -> Path:
-        """Return the path of the rays that a mask, slice or array of rows chooses."""
-        return Path(**{field.name: getattr(self, field.name)[which] for field in fields(self)})
 
     def replace(self, rows: Any, other: Path) -> None:
         """Put the path of other places into some rows."""

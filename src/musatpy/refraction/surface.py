@@ -58,13 +58,8 @@ class Surface(Protocol):
         ...
 
     def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
-        """Tell where (...) it is known."""
-        ...
-
-
-def everywhere(xy: FloatArray) -> BoolArray:
-    """Return the answer (...) of a surface without edges to whether it covers places (..., 2)."""
-    return np.ones(np.shape(xy)[:-1], dtype=bool)
+        """Tell where (...) it is known: everywhere, but that it has edges."""
+        return np.ones(np.shape(xy)[:-1], dtype=bool)
 
 
 def unit_direction(azimuth: ArrayLike) -> FloatArray:
@@ -74,7 +69,7 @@ def unit_direction(azimuth: ArrayLike) -> FloatArray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plane:
+class Plane(Surface):
     """z = level + slope . (x, y): `level` m at the origin, `slope` towards x and y; at rest."""
 
     level: float = 0.0
@@ -95,13 +90,9 @@ class Plane:
             hessian=np.zeros((*xy.shape, 2)),
         )
 
-    def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
-        """Tell that it is known everywhere."""
-        return everywhere(xy)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Gridded:
+class Gridded(Surface):
     """Heights (nx, ny) m over x (nx,) and y (ny,) m, ascending, at least four each; moving as a whole.
 
     The surface between is the interpolating bicubic spline, whose second derivatives are continuous. `velocity`

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.refraction.surface import Limits, Relief, Surface, everywhere, unit_direction
+from musatpy.refraction.surface import Limits, Relief, Surface, unit_direction
 
 _STEPS = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Harmonic:
+class Harmonic(Surface):
     """Waves about a level (m), one entry per component.
 
     amplitude (k,) m, half the height from trough to crest; vector (k, 2) rad/m, 2 pi over the length, in the
@@ -70,10 +70,6 @@ class Harmonic:
             gradient=along @ k,
             hessian=-(across @ (k[:, :, None] * k[:, None, :]).reshape(-1, 4)).reshape(*across.shape[:-1], 2, 2),
         )
-
-    def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
-        """Tell that it is known everywhere."""
-        return everywhere(xy)
 
 
 def sinusoidal(
@@ -141,7 +137,7 @@ def stokes(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trochoid:
+class Trochoid(Surface):
     """x = q - r sin(k q), z = level + k r^2 / 2 + r cos(k q) along the direction it runs to, k = 2 pi / length.
 
     amplitude r (m), half the height; length (m); azimuth (rad) from x towards y; speed (m/s); crest (m): distance
@@ -196,10 +192,6 @@ class Trochoid:
             hessian=bend[..., None, None] * np.outer(direction, direction),
         )
 
-    def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
-        """Tell that it is known everywhere."""
-        return everywhere(xy)
-
 
 def _parameter(angle: FloatArray, e: float) -> FloatArray:
     """Return theta of theta - e sin(theta) = angle (...): Kepler's equation, whose safe start is -+ pi."""
@@ -229,7 +221,7 @@ def _largest_third(e: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Superposed:
+class Superposed(Surface):
     """The sum of surfaces of any families; at least one."""
 
     surfaces: tuple[Surface, ...]

@@ -119,7 +119,12 @@ class _Scene:
             all_places = all_places.with_more(more)
         deck = Compilation(
             titles=self.spec.title,
-            models=StereomodelSpecs.of_photos(names, left, right, max(self.keys.pointing, 0.001) * MICROMETRE),
+            models=StereomodelSpecs(
+                ids=names,
+                left=left,
+                right=right,
+                pointing=np.full(len(names), max(self.keys.pointing, 0.001) * MICROMETRE),
+            ),
             stages=stacked([self._stages(number, read) for number, read in enumerate(models)]),
             profiles=self._profiles(len(pairs)),
             datum=SoundingDatum(name="LEVEL", height=self._level),
@@ -227,13 +232,12 @@ class _Scene:
         xy = read.xy + error.reshape(-1, 2, 2)
         if self.keys.bias:
             xy[:, 1] += self.keys.bias * MICROMETRE * self._parallax(number, read)
-        return StageReadings.on_stages(
+        return StageReadings(
             model=np.full(len(read.ids), number),
             ids=read.ids,
             kind=read.kind,
             submerged=read.submerged,
             xy=np.round(xy, 6),
-            sigma=np.full(len(read.ids), np.nan),
             time=self._times(read.kind),
         )
 
@@ -268,14 +272,13 @@ class _Scene:
         if not count:
             return empty(ProfileSpecs)
         lines = [(model, line + 1) for model in range(models) for line in range(count)]
-        return ProfileSpecs.between_points(
+        return ProfileSpecs(
             ids=np.array([f"P{line}" for _, line in lines]),
             model=np.array([model for model, _ in lines]),
             start=np.array([f"A{line}" for _, line in lines]),
             end=np.array([f"B{line}" for _, line in lines]),
             step=np.full(len(lines), 50.0),
-            spike=np.full(len(lines), np.nan),
-            tolerance=np.zeros(len(lines)),
+            spacing=np.full(len(lines), 50.0),
         )
 
     def _soundings(self, places: Places) -> str:

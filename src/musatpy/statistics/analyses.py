@@ -80,41 +80,13 @@ class Words:
 
     spec: SystemSpec
     statement: Statement
-
-    @property
-    def angular(self) -> bool:
-        """True where the first two coordinates are angles (rad)."""
-        return self.spec.kind == CoordinateSystem.GEOGRAPHIC
-
-    @property
-    def unit(self) -> AngleUnit:
-        """In which angles are printed."""
-        return self.spec.unit
-
-    @property
-    def names(self) -> tuple[str, str, str]:
-        """The names of the coordinates."""
-        return self.statement.system.names
-
-    @property
-    def units(self) -> tuple[str, str, str]:
-        """The units of the coordinates."""
-        return self.statement.system.units
-
-    @property
-    def angles(self) -> tuple[str, str, str] | None:
-        """The names of the angles of an attitude; None where attitudes are matrices."""
-        return _ANGLES.get(self.spec.angles)
-
-    @property
-    def of_system(self) -> bool:
-        """True where sigmas are of the stated coordinates and attitudes; else of east, north, up and X-tilt, ..."""
-        return self.spec.sigmas == "SYST"
-
-    @property
-    def has_plane(self) -> bool:
-        """True where error ellipses are in the plane of the first two coordinates, not across the vertical."""
-        return self.of_system and self.statement.system.plane
+    angular: bool  # the first two coordinates are angles (rad)
+    unit: AngleUnit  # in which angles are printed
+    names: tuple[str, str, str]  # of the coordinates
+    units: tuple[str, str, str]
+    angles: tuple[str, str, str] | None  # names of those of an attitude; None where attitudes are matrices
+    of_system: bool  # sigmas are of the stated coordinates and attitudes; else of east, north, up and X-tilt, ...
+    has_plane: bool  # error ellipses are in the plane of the first two coordinates, not across the vertical
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,7 +311,19 @@ def words_of(spec: SystemSpec | None, block: Block) -> Words | None:
         return None
     from musatpy.systems import statement_of
 
-    return Words(spec=spec, statement=statement_of(spec, block))
+    statement = statement_of(spec, block)
+    of_system = spec.sigmas == "SYST"
+    return Words(
+        spec=spec,
+        statement=statement,
+        angular=spec.kind == CoordinateSystem.GEOGRAPHIC,
+        unit=spec.unit,
+        names=statement.system.names,
+        units=statement.system.units,
+        angles=_ANGLES.get(spec.angles),
+        of_system=of_system,
+        has_plane=of_system and statement.system.plane,
+    )
 
 
 def ellipses(covariance: FloatArray) -> Ellipses:

@@ -9,9 +9,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.crs import Plan
-from musatpy.refraction.surface import Limits, Relief, Surface, everywhere
+from musatpy.refraction.surface import Limits, Relief, Surface
 from musatpy.sea.stereo.fitted import FittedSurface
 from musatpy.sea.stereo.surface_points import SurfacePoints
 from musatpy.sea.stereo.through import TruePoint, true_points_of_apparent
@@ -56,7 +56,7 @@ class Corrected:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Endless:
+class Endless(Surface):
     """An estimated surface that answers everywhere: whether it `covers` a place is asked afterwards."""
 
     fitted: FittedSurface
@@ -75,9 +75,6 @@ class Endless:
 
     def relief(self, xy: FloatArray, time: ArrayLike = 0.0) -> Relief:
         return self.fitted.surface.relief(xy, time)
-
-    def covers(self, xy: FloatArray, time: ArrayLike = 0.0) -> BoolArray:
-        return everywhere(xy)
 
     def shape_covariance(self, xy: FloatArray) -> FloatArray:
         return self.fitted.shape_covariance(xy)
