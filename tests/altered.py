@@ -1,7 +1,5 @@
 """Blocks, solutions and their parts with something changed: for tests that spoil one thing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import is_dataclass, replace
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """A printer that obeys ASA carriage control."""
 
-from __future__ import annotations
-
 
 def played(text):
     """Return the pages that an ASA printer makes of a text."""

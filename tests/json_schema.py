@@ -4,8 +4,6 @@
 and src/musatpy/campaign/summary.md.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 `python tests/raw_plates.py` writes the deck of fixtures/st_thomas_raw again. A test holds the file to it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Records with the rows of their tables as objects, as tests read and change them; and back to columns."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

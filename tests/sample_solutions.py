@@ -4,8 +4,6 @@ Nothing here is adjusted: positions, residuals and sigmas are drawn so that they
 the statistics and the reports must make of them is computed independently in the tests.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from musatpy.geometry.geodesy import Ellipsoid

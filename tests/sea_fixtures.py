@@ -1,7 +1,5 @@
 """The pair of fixtures/sea, simulated: `python tests/sea_fixtures.py` writes its files anew."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 `python tests/stage_readings.py` writes the decks and soundings again. A test holds these to it.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Two solutions side by side: known differences come out as they were put in."""
 
-from __future__ import annotations
-
 import copy
 import json
 from typing import Any

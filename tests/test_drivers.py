@@ -1,7 +1,5 @@
 """Decks and inputs that are wrong: by chance, by a slip of the punch, by mistakes common to a deck."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Messages with their cards, limits of inputs, and draws of chance."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import time

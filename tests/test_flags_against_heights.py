@@ -1,7 +1,5 @@
 """Points whose heights contradict their flags, and datums of water and control: what the verdict says of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """FORTRAN editing: the rules one by one, and every representable value written and read back."""
 
-from __future__ import annotations
-
 import math
 from decimal import ROUND_HALF_EVEN, Decimal
 

@@ -1,7 +1,5 @@
 """The fixtures, run: listings byte for byte, the contract's criterion, and the truth behind the simulation."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """One point or photo of a run: what the record says of it, and what would happen without its observations."""
 
-from __future__ import annotations
-
 import gzip
 import itertools
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Records read from JSON, by rows or columns, and their tables of images."""
 
-from __future__ import annotations
-
 import copy
 import gzip
 import json

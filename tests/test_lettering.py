@@ -1,7 +1,5 @@
 """Letters by Pillow stand where matplotlib would have put them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import RendererAgg

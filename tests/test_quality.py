@@ -1,7 +1,5 @@
 """The tests of a solution against scipy.stats, and against what their definitions say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """Runs and the files they leave: whole or not at all, locked, examples copied."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The statistics of a solution, against plain numpy, loops and PROJ."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

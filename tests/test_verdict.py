@@ -1,7 +1,5 @@
 """The verdict: every gate and every test of it, tripped by itself, and the decks that showed what it is for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -4,8 +4,6 @@ Images are traced by `reference.waves`, which knows nothing of the program's ref
 waves are set up here from the words of the cards and the dispersion relation.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path

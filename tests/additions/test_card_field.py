@@ -1,7 +1,5 @@
 """A card field is added to a copy of the program as docs/extending.md says: two files, and nothing is lost."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

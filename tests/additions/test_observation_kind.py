@@ -1,7 +1,5 @@
 """A kind of observation is added to a copy of the program as docs/extending.md says."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """A table is added to a copy of the house by the recipe of docs/extending.md: what prints or reads it knows it."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Batches run for real: folders of decks, the command in a process of its own, and what has to be true after it."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Baselines: saved, checked, accepted, listed."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

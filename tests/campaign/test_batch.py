@@ -1,7 +1,5 @@
 """Batches: what is run, kept and told."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

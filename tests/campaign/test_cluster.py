@@ -1,7 +1,5 @@
 """A batch by the workers of another engine: a scheduler and two workers of Dask, and executors of Python."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

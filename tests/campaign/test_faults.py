@@ -1,7 +1,5 @@
 """What can happen to a batch, made to happen: kill -9, full disks, unreadable decks, two batches at once."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """What a job reads besides its deck, files that are no decks, and terminals and signals that end."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """`musat baseline` killed between any two steps in which a file gets its name or goes."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

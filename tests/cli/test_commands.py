@@ -1,7 +1,5 @@
 """The commands: what they print where, and the status they end with."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import pty

@@ -1,7 +1,5 @@
 """`musat diff` and `musat audit`: statuses, what is printed, and files that cannot be compared."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

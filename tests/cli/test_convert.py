@@ -1,7 +1,5 @@
 """`musat convert`: which family is which, what is said and written, and how it ends."""
 
-from __future__ import annotations
-
 import shutil
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`musat depth`: what it prints and writes, and how it ends where something is missing or wrong."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pty

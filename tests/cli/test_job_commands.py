@@ -1,7 +1,5 @@
 """`musat merge`, `extract`, `list` and `run --punch`: what they write, say, and refuse."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

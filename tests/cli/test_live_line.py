@@ -1,7 +1,5 @@
 """The line on the terminal that says where a run is: what it shows, that it goes on, and that nothing stays."""
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Iterator

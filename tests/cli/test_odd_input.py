@@ -1,7 +1,5 @@
 """Input that is mistyped, hostile, piped, too large, or behind links: what the commands say of it."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

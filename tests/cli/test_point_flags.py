@@ -1,7 +1,5 @@
 """`--dry` and `--submerged`: flags of points besides those of the cards."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`musat run` of decks with comparator readings: what it writes, and every plate that it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`musat sea fit` and `musat sea correct`: what they write, say, and refuse."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`musat sea interpolate`: what it writes, says, and refuses."""
 
-from __future__ import annotations
-
 import csv
 import json
 from functools import partial

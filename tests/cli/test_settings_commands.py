@@ -1,7 +1,5 @@
 """`--set` of the commands that run decks, and `musat card`."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

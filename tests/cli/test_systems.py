@@ -1,7 +1,5 @@
 """Jobs in other coordinate systems: their runs, files, punched decks, and every reason why one cannot be."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`musat waves`: what it writes, says, and refuses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

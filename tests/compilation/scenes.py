@@ -1,7 +1,5 @@
 """Pairs of vertical photographs over flat and curved water, with images traced without what is tested."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from musatpy import model

@@ -1,7 +1,5 @@
 """`musat as11 compile`: the deck of St. Thomas against its truth, and decks that are wrong."""
 
-from __future__ import annotations
-
 import json
 import re
 import sqlite3

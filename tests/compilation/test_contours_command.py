@@ -1,7 +1,5 @@
 """Contours beside others, by functions and by `musat as11 compare-contours`, and contours of rasters as files."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Old compilations corrected, by polynomials too: points, lines, grids, and files that cannot be used."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files of many points and posts corrected in chunks: the same as in one, and whole or not at all."""
 
-from __future__ import annotations
-
 import os
 import signal
 import struct

@@ -1,7 +1,5 @@
 """Stages that were read raw: reduced as plates are, undone step by step, and every fault of their cards."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The bottom of several models, joined in the middle; contours, posts, and a datum in a grid file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

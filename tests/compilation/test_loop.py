@@ -1,7 +1,5 @@
 """The real-time loop: marks to stages and back, the water line, paths that are driven, marks without stages."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Points of a pair against those of a network of rays, and the tests of their y-parallaxes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The picture of a bottom: as high as its map, with the bar beside that whole."""
 
-from __future__ import annotations
-
 import pytest
 
 from musatpy.compilation.pictures import height_of

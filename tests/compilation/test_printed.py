@@ -4,8 +4,6 @@
 what the formulas of arrays say must be the same.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Profiles by the coordinates of their ends, scans of lines side by side, and how fast they were read."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Soundings beside rasters of depths: planes, empty posts, systems; and what refraction does to an old raster."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a compilation may stand on: a run that has not converged, said on every page, and punched decks."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs whose water has waves, known or found: points, stages and old compilations go through them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

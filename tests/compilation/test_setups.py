@@ -1,7 +1,5 @@
 """Models set up: the points of the run in them, the precision to expect, and right stages that have moved."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Soundings over plane bottoms, with every reason why one does not count, and by `musat as11 compare-soundings`."""
 
-from __future__ import annotations
-
 import datetime
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Compiled points against the run, in the answer's system, in their models, by their rays, and in words."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from pathlib import Path

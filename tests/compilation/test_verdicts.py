@@ -1,7 +1,5 @@
 """Compilation decks that are wrong, every message at its card, and the verdict of what is compiled."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -4,8 +4,6 @@
 scipy's least squares of the image residuals.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -6,8 +6,6 @@ ellipsoid. The water is the level surface: over 1.6 km it bends by 5 cm from any
 those of the local job, and are traced anew, as is where their rays meet in air. True points are the same.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

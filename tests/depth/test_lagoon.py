@@ -1,7 +1,5 @@
 """Points of the lagoon corrected: against the truth, in every format, and files that cannot be used."""
 
-from __future__ import annotations
-
 import csv
 import datetime
 import io

@@ -1,7 +1,5 @@
 """Points corrected by the record of a run, local or restated in any system."""
 
-from __future__ import annotations
-
 import csv
 import json
 import pickle

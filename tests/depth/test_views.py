@@ -1,7 +1,5 @@
 """Depth factors over a model: the printed approximations of Groeneveld Meijer (1964), rays, and what is missing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The examples of README and docs show what comes out, their links lead somewhere, and their terms exist."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

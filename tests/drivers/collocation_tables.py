@@ -3,8 +3,6 @@
 Takes minutes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -5,8 +5,6 @@ the first cause, the first reason of page 1, and how far the worst station or po
 sigmas.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 `drivers.fuzzing` makes them by the thousand.
 """
 
-from __future__ import annotations
-
 import json
 import random
 import re

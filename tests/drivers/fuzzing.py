@@ -4,8 +4,6 @@
 the counts. A process that the system ends, because code outside Python hangs, is a fault of its case.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -4,8 +4,6 @@ A run that ends in "unexpected" has a fault, and so has one that calls an answer
 too long; `drivers.fuzzing` runs them by the thousand.
 """
 
-from __future__ import annotations
-
 import re
 import signal
 import time

@@ -3,8 +3,6 @@
 Run it after a change that moves numbers; pictures need the extra `plots`.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from functools import cache

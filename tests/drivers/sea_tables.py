@@ -3,8 +3,6 @@
 Pictures need the extra `plots`. It takes some minutes.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

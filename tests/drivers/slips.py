@@ -3,8 +3,6 @@
 `python -m drivers.slips [COUNT] [SEED]` prints the table of both decks.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 Run it after a change that moves numbers: some minutes. The picture needs the extra `plots`.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from concurrent.futures import ProcessPoolExecutor

@@ -4,8 +4,6 @@ Adjusts the scenes of `reference.wave_scenes` and says of each whether its answe
 unknowns of the documents.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections import Counter

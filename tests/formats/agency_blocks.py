@@ -1,7 +1,5 @@
 """Blocks of every coordinate system with random values, of which other agencies' files hold parts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bad decks for every cross check, made from a good one by one edit, with their whole reports."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Bad decks for the checks of the cards that state systems, with their whole reports."""
 
-from __future__ import annotations
-
 from dataclasses import replace as with_values
 
 from formats.bad_deck_cases import LOCAL, Case, Expected, case

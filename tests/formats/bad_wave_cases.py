@@ -1,7 +1,5 @@
 """Bad decks for the checks of waves on the water, with their whole reports."""
 
-from __future__ import annotations
-
 from formats.bad_deck_cases import GEOCENTRIC, Case, Expected, case, water_options
 from formats.deck_edits import Edit, add, deck, replace
 

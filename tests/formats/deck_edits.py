@@ -1,7 +1,5 @@
 """A small good deck, and edits of its cards: what the tests of bad decks are made of."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace as with_values
 from functools import cache

@@ -1,7 +1,5 @@
 """Blocks with random values in every field, of any coordinate system: they mean nothing, but fit a deck."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any

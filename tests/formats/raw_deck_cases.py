@@ -1,7 +1,5 @@
 """Bad decks of raw plates for their cross checks, made from the fixture by one edit, with their whole reports."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from formats.bad_deck_cases import Case, Expected, case, warning

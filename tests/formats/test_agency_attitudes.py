@@ -1,7 +1,5 @@
 """Attitudes of other agencies: their rotations written out, and the rays that they and the model's give."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Blocks -> files of other agencies -> blocks: what the files hold comes back, to the byte and the last decimal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Blocks made call by call: those of decks again, and every slip named with the call that made it."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 

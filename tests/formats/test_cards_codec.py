@@ -1,7 +1,5 @@
 """The column codec against its definition, the codec of `FieldSpec`, on plain and on nasty values."""
 
-from __future__ import annotations
-
 import math
 import re
 

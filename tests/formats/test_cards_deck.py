@@ -1,7 +1,5 @@
 """Whole decks: tables, every problem in one pass, line ends, and decks written."""
 
-from __future__ import annotations
-
 import math
 import tracemalloc
 

@@ -1,7 +1,5 @@
 """Card formats: loading, what is wrong in one, their manual, and that they fill the model."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Every check has a bad deck, which is reported exactly; any bytes and values give problems only."""
 
-from __future__ import annotations
-
 import warnings
 from functools import cache
 

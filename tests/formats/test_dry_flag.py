@@ -1,7 +1,5 @@
 """The flag D of plate and control cards: dry for certain, whatever the water; through all that has flags."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Flags held against given heights and tides by the checks of a deck: what is told, and what is not."""
 
-from __future__ import annotations
-
 import pytest
 
 from formats.bad_deck_cases import COMPUTE, IIIA

@@ -1,7 +1,5 @@
 """Deck -> Block -> deck: byte-identical for canonical decks, and the block is what was written."""
 
-from __future__ import annotations
-
 from dataclasses import fields, is_dataclass, replace
 
 import numpy as np

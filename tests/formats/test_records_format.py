@@ -1,7 +1,5 @@
 """The formats of files of records: what TOML may say, fields, lines, and files that are wrong."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

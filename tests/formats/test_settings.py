@@ -1,7 +1,5 @@
 """Fields set by name: what stands in their columns then, and what is said of slips."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Temperature, salinity and wavelength in place of the refractive index: what a job makes of them, and keeps."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Waves on the cards of a deck: what a job makes of them, and keeps."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import fields, replace

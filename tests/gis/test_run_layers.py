@@ -1,7 +1,5 @@
 """`musat run --gis`: layers read back by other libraries, with their system and to the printed digit."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

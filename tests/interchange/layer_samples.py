@@ -1,7 +1,5 @@
 """Layers for the tests of formats, and bytes of their files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

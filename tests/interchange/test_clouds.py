@@ -1,7 +1,5 @@
 """Clouds of points: LAS and LAZ read from their bytes, XYZ by csv and numpy."""
 
-from __future__ import annotations
-
 import csv
 import struct
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """DXF drawings, read by GDAL; and what other programs draw, written by ezdxf."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

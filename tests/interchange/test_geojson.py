@@ -1,7 +1,5 @@
 """GeoJSON, read by json; in longitude and latitude of WGS 84 or not written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

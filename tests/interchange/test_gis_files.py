@@ -1,7 +1,5 @@
 """GeoPackages read by SQLite and shapely, GeoTIFFs by their tags."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 import zlib

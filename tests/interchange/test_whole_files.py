@@ -1,7 +1,5 @@
 """Files that cannot be written to the end: the old ones stay, and nothing else is left. Extras that are missing."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Decks for the tests of editing: fixtures, and what two blocks have in common."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

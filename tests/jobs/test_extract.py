@@ -1,7 +1,5 @@
 """Photos out of a deck: everything that belongs to them comes along, and nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

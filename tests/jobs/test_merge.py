@@ -1,7 +1,5 @@
 """Decks put together: nothing lost, nothing twice, and no contradiction let pass."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

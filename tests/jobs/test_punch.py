@@ -1,7 +1,5 @@
 """Decks punched of solutions: the same job from where it came to rest, or its results as new observations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial

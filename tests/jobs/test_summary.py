@@ -1,7 +1,5 @@
 """Decks read for editing, summaries of jobs, and decks of raw readings cut out and merged."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import fields, replace
 from itertools import combinations

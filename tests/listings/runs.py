@@ -1,7 +1,5 @@
 """Runs of decks of the fixtures, with their listings and records: each is made once for all tests."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Photos across the page, three to a table."""
 
-from __future__ import annotations
-
 import pytest
 
 from musatpy.listings import compare_texts, parse_rules

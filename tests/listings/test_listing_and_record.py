@@ -1,7 +1,5 @@
 """A listing against the record of its run."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import random

@@ -1,7 +1,5 @@
 """Two listings: what differs, what does not, and what each kind of rule lets pass."""
 
-from __future__ import annotations
-
 import random
 import re
 from decimal import Decimal

@@ -1,7 +1,5 @@
 """Two records: their tables, fields, units and sigmas."""
 
-from __future__ import annotations
-
 import json
 import math
 from decimal import Decimal

@@ -1,7 +1,5 @@
 """Tokens of listings, files of rules, and any input at all."""
 
-from __future__ import annotations
-
 import json
 import random
 from decimal import Decimal

@@ -1,7 +1,5 @@
 """Solutions as frames, as a dataset, and in a notebook: what the record says, cell by cell."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import sys

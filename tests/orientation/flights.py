@@ -1,7 +1,5 @@
 """Local blocks of any flying pattern, imaged straight, for tests of orientation: the truth and a bare block."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Orientation in air: absolute, relative, of one photo, and strips of models."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Decks of the geometries of Okamoto and Mori (1974), of a laboratory in centimetres and from the air in metres."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`musat orient`: decks of laboratories and flights without stations, against their truth and program IIIA."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Strips oriented by `musat orient`, and pairs without water."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

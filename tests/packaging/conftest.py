@@ -1,7 +1,5 @@
 """The wheel, built once, offline with the tools of this environment."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The lower bounds of the dependencies hold: a job, pictures, page and layers with the oldest packages allowed."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -5,8 +5,6 @@ It is started as a command, in a folder that knows nothing of the checkout, and 
 it says.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The wheel holds the card formats, and the program runs from it alone."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Chromium without a network, driven by its DevTools protocol over two pipes: no package is needed for that."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import json

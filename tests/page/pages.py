@@ -1,7 +1,5 @@
 """Pages of fixtures without their pictures, and what stands on a page, read by a parser of its own."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from functools import cache

@@ -1,7 +1,5 @@
 """Cells, hulls, stated tables and the index of pages."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

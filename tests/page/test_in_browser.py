@@ -3,8 +3,6 @@
 They need Chromium, and axe-core by the variable AXE_CORE, a path of axe.min.js; .ci/run sees to both.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

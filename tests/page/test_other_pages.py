@@ -1,7 +1,5 @@
 """Pages of compilations and of comparisons with soundings."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """What stands on the page of a run, against the record and against numbers found another way."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """Records whose pictures tests look at, as tables."""
 
-from __future__ import annotations
-
 import copy
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every picture of a run: what it shows and says, and what becomes of records that lack something."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import re

@@ -1,7 +1,5 @@
 """Frame, ticks and numbers of axes as matplotlib has them, and signs that are drawn in one stroke."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes

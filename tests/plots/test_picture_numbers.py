@@ -1,7 +1,5 @@
 """The numbers behind pictures: functions of arrays, held against other ways to the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyproj
 import pytest

@@ -1,7 +1,5 @@
 """`musat plot`, and `musat run --plots`: files, words, and what cannot be used."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plates to reduce: a camera with eight marks, a comparator, film, lens and air whose true values are known."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from musatpy.geometry.rotations import attitude_matrix

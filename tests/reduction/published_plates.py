@@ -1,7 +1,5 @@
 """Plate reductions whose data and answers are public, each with its source; nothing comes from this program."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Fiducial transformations: exact, by chance, exchanged marks; partials of all steps of the reduction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The whole reduction of a plate and of a block, against plates that were made by undoing it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

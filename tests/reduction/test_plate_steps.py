@@ -1,7 +1,5 @@
 """Repeated readings, distances between marks, reseau, lens, atmosphere and curvature: what each step is for."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

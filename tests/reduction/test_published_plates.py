@@ -1,7 +1,5 @@
 """Published plate reductions, reproduced: see `published_plates` for the sources."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Jobs from comparator readings: the deck, the reduction that its cards ask for, the adjustment after it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import fields, replace

@@ -1,7 +1,5 @@
 """Differences between solutions of the program and those of the reference, or others, in sigmas of the latter."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from musatpy.model import AdjustedStations, Block, Solution

@@ -5,8 +5,6 @@ whole chain, refraction included; the normal system is solved by QR. It shares o
 program. Frames: attitudes refer to the local vertical frame of the given station position, which stays fixed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Ground points are held in the job's own parameters, (latitude, longitude, height
 height of a point needs no iteration and a fixed height or a fixed horizontal position is a parameter left out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ long vector of weighted misclosures; its derivatives are central differences, Ga
 shared with the program but the model classes and the place where its tides hold.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

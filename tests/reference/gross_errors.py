@@ -1,7 +1,5 @@
 """Gross errors put into blocks, for tests and benchmarks of the search for them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from altered import added, altered, put

@@ -3,8 +3,6 @@
 Images come from the reference projection of `dense_bundle`, so they share nothing with the program.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

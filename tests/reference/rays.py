@@ -1,7 +1,5 @@
 """Straight and refracted projection for the reference adjustment, safe for complex arguments."""
 
-from __future__ import annotations
-
 import numpy as np
 
 _BISECTIONS = 30  # a bracket of 1e-9: from there Newton's three steps are quadratic whatever the geometry

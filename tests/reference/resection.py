@@ -1,7 +1,5 @@
 """Rough stations of near-vertical photographs from control, by a plane similarity: to start an adjustment."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -5,8 +5,6 @@ is written down here, and projected by the rotation of `reference.rays`. Axes: x
 (north), z up from the mean water level, m; times in s from the middle of the strip.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

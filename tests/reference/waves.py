@@ -1,7 +1,5 @@
 """Blocks photographed through waves: images by Snell's law across the normal, by a root finder, in any axes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Page 1 and the index: what they say stands on the pages that they name, and they keep to their room."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

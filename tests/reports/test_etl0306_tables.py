@@ -1,7 +1,5 @@
 """The printed Tables 6-1 to 6-9 of ETL-0306, from solutions built to have their sums, RMS and maxima."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import itertools

@@ -1,7 +1,5 @@
 """The listing as a whole: paper, order, stability, and that its numbers are those of the solution."""
 
-from __future__ import annotations
-
 import dataclasses
 import datetime
 import itertools

@@ -1,7 +1,5 @@
 """Pages, edit descriptors, and tables as CSV files."""
 
-from __future__ import annotations
-
 import csv
 import math
 import re

@@ -1,7 +1,5 @@
 """Order of rows: of what prints alike, of identifiers, of causes."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 from dataclasses import replace

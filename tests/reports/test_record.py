@@ -1,7 +1,5 @@
 """The JSON record: its schema, full precision, and that it says what the solution says."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """The listing and the record of an answer that is stated elsewhere: numbers are those of the stated solution."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """Collocation: against independent formulations, brute force, simulation, and what it is the limit of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Theory of waves, and what they do to a map that takes them for level water."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

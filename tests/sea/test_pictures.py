@@ -1,7 +1,5 @@
 """Pictures: of what they are asked for, always the same, and those of the pages stand in docs."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Water surfaces estimated from points on them: truth without noise, covariance, partials, rejection, coverage."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Points of runs and files for surfaces, control of decks, and a pair on the ellipsoid."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Points below an estimated surface: true places again, partials, and sigmas by simulation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Wave specs: what can be asked for, what is refused, and that the study runs what the spec says."""
 
-from __future__ import annotations
-
 import copy
 import csv
 import io

@@ -1,7 +1,5 @@
 """What the studies of seas rest on, and that their tables in docs are what they compute."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

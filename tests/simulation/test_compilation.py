@@ -1,7 +1,5 @@
 """Simulated readings in models: the truth comes back through run and compilation; soundings tell of refraction."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from io import StringIO

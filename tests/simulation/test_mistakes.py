@@ -1,7 +1,5 @@
 """Gross errors of all kinds: the deck has them, the truth says which, and nothing else changes."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Simulated waves, and decks of fixtures that are those of their specs."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Decks that say the wrong thing of the water: program IIIA finds index, tides and tilt as they are."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Differences of depths from soundings, and files of soundings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The picture of differences: what stands where, on which axes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

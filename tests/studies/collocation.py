@@ -5,8 +5,6 @@ in deep water. Control points are scattered at random over the model, their erro
 waves (`sea.experiment`) with noise; check points stand between them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import StrEnum
 

@@ -1,7 +1,5 @@
 """A section through a wave with every ray from one point under water: Okamoto (1982), Figure 7."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

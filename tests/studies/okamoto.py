@@ -6,8 +6,6 @@ under INFERRED was found by fitting the printed tables; what was deduced from th
 here, Z of the paper points down: the mirror image, with the same errors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from musatpy.arrays import FloatArray

@@ -1,7 +1,5 @@
 """The pictures of the studies, in docs: Okamoto's tables, collocation, waves from stereo, waves as unknowns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ The surface is estimated from the surface points, and the bottom is intersected 
 level, through the true waves, through estimated waves, and through an estimated grid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Images are traced through the true waves by `refraction.fermat`. Model axes: x a
 from the mean water level, m; the waves have their origin in the middle of the strip, times count from its middle.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Triangles, contours, posts, planes about places, profiles and their lags."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

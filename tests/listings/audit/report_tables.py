@@ -1,7 +1,5 @@
 """Where the fixtures of the legacy listings, the scanned report and its list of misprints are."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Words into cells: every declared repair, what is not repaired, and readings that are not taken."""
 
-from __future__ import annotations
-
 import pytest
 
 from listings.audit.report_tables import table

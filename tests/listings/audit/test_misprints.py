@@ -1,7 +1,5 @@
 """The misprints of Tables 6-1 to 6-9 of ETL-0306, and no others: in the transcribed tables and in the scan."""
 
-from __future__ import annotations
-
 import csv
 import re
 

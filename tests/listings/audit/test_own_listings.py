@@ -1,7 +1,5 @@
 """Our own listings, those of compilations and scanned tables are audited by their standard reports."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

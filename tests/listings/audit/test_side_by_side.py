@@ -1,7 +1,5 @@
 """A legacy listing beside a newer run: the same statistic of the same id, from a listing or a record."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

@@ -1,7 +1,5 @@
 """Listings as a whole: pages, several runs, missing lines, and noise of a scanner."""
 
-from __future__ import annotations
-
 import random
 import re
 

@@ -4,8 +4,6 @@ Built in the paper's axes (Z down, image vectors (x, y, c), plane a X + b Y + Z 
 and given in those of the house.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

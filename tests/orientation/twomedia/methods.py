@@ -1,7 +1,5 @@
 """The methods by their names, and how many points of a geometry are control in each."""
 
-from __future__ import annotations
-
 from musatpy.orientation.twomedia.combined import COMBINED
 from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, PAIR_SUCCESSIVE
 from musatpy.orientation.twomedia.sights import Method

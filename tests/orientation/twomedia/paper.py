@@ -1,7 +1,5 @@
 """The equations of Okamoto and Mori (1974) as they are printed, in the paper's own axes: Z down, (x, y, c)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from orientation.twomedia.geometries import A, B, N, Scene, rotation

@@ -1,7 +1,5 @@
 """The same images as a block of program IIIA: the independent solution that the methods are held against."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Strips of photos over level water, with their truth, in the geometries of a laboratory and from the air."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """EQUAL weights as printed: what is said of the estimate goes by the sigmas of the images all the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

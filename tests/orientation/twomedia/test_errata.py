@@ -1,7 +1,5 @@
 """The equations of the paper: partials, axes, and what is wrong as printed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

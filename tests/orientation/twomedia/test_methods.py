@@ -1,7 +1,5 @@
 """The methods of Okamoto and Mori (1974) on their geometries: truth from nothing, sigmas, IIIA as the referee."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Gross errors among the images and the control: who is named, and what is left of them in the result."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Exact solutions of minimum sets, and solutions that no camera over the water can have taken."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

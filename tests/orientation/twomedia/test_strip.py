@@ -1,7 +1,5 @@
 """Strips through water: truth without errors, joins, errors to first order, control, order of the photos."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Studies of orientations through water: precision, diagnosis, starts, other solutions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
