@@ -9,24 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from musatpy import model
 from musatpy.formats import musat
-from musatpy.model import (
-    Atmosphere,
-    Block,
-    ComparatorSpec,
-    CrossMeasurements,
-    Distortion,
-    DistortionSide,
-    FiducialMeasurements,
-    Fiducials,
-    Lenses,
-    MarkDistances,
-    PlateMeasurements,
-    Plates,
-    Polynomials,
-    ReductionOptions,
-    ReseauCrosses,
-)
 from musatpy.reduction.plate_steps import restore
 from musatpy.reduction.refined_block import reduction_of
 from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
@@ -44,7 +28,7 @@ MARKS = {
     "7": (-112.001, -0.001),
     "8": (0.002, -112.003),
 }
-COMPARATOR = ComparatorSpec(
+COMPARATOR = model.ComparatorSpec(
     scale_u=0.999985,
     scale_v=1.000021,
     non_orthogonality=14.5 * ARC_SECOND,
@@ -62,12 +46,12 @@ FILMS = {
 PLACE = np.array([131.2, 127.9])
 
 
-def refined_block() -> Block:
+def refined_block() -> model.Block:
     """Return the block of St. Thomas."""
     return musat.read_deck(FIXTURES / "st_thomas" / "st_thomas.crd")
 
 
-def raw_block(block: Block | None = None, **changes: object) -> Block:
+def raw_block(block: model.Block | None = None, **changes: object) -> model.Block:
     """Return a block as a comparator would have read it; `changes` are of its calibrations and options.
 
     Marks, and the first point of each photo, are read twice. The readings of the marks have errors of 3 um; those
@@ -89,7 +73,7 @@ def raw_block(block: Block | None = None, **changes: object) -> Block:
     plates = block.plates
     return replace(
         block,
-        plates=PlateMeasurements(
+        plates=model.PlateMeasurements(
             photo=plates.photo[row],
             point=plates.point[row],
             xy=readings,
@@ -99,7 +83,7 @@ def raw_block(block: Block | None = None, **changes: object) -> Block:
     )
 
 
-def with_calibrations(block: Block, rng: np.random.Generator) -> Block:
+def with_calibrations(block: model.Block, rng: np.random.Generator) -> model.Block:
     """Return the block with the calibrations of camera and comparator, the options, and readings of the marks."""
     comparator = COMPARATOR
     ids, xy = np.array(list(MARKS)), np.array(list(MARKS.values()))
@@ -112,24 +96,26 @@ def with_calibrations(block: Block, rng: np.random.Generator) -> Block:
     return replace(
         block,
         titles=(f"{block.titles[0][:50]} RAW PLATES",),
-        reduction=ReductionOptions(
-            plates=Plates.RAW,
+        reduction=model.ReductionOptions(
+            plates=model.Plates.RAW,
             residual_limit=30.0 * MICROMETRE,
-            side=DistortionSide.IDEAL,
-            polynomials=Polynomials.CORRECTION,
-            atmosphere=Atmosphere.US1976,
+            side=model.DistortionSide.IDEAL,
+            polynomials=model.Polynomials.CORRECTION,
+            atmosphere=model.Atmosphere.US1976,
             ground_height=20.0,
         ),
         comparator=comparator,
-        fiducials=Fiducials(camera=np.zeros(q, dtype=int), ids=ids, xy=xy, sigma=np.full((q, 2), 0.002)),
-        fiducial_measurements=FiducialMeasurements(
+        fiducials=model.Fiducials(camera=np.zeros(q, dtype=int), ids=ids, xy=xy, sigma=np.full((q, 2), 0.002)),
+        fiducial_measurements=model.FiducialMeasurements(
             photo=np.repeat(np.arange(len(photos)), 2 * q),
             ids=np.tile(ids, 2 * len(photos)),
             xy=np.concatenate([part for pair in zip(readings, again, strict=True) for part in pair]),
             sigma=np.full((2 * q * len(photos), 2), np.nan),
         ),
-        lenses=Lenses(camera=np.zeros(1, dtype=int), centre=np.array([[0.012, -0.004]]), k0=np.array([-2.4e-5])),
-        distortion=Distortion(
+        lenses=model.Lenses(
+            camera=np.zeros(1, dtype=int), centre=np.array([[0.012, -0.004]]), k0=np.array([-2.4e-5])
+        ),
+        distortion=model.Distortion(
             camera=np.zeros(5, dtype=int),
             kind=np.array(["RADL", "DCEN", "TABL", "TABL", "TABL"]),
             values=np.array(
@@ -145,10 +131,10 @@ def with_calibrations(block: Block, rng: np.random.Generator) -> Block:
     )
 
 
-def distances() -> MarkDistances:
+def distances() -> model.MarkDistances:
     """Return four calibrated distances between the marks, two of them along the axes."""
     ends = [("7", "5"), ("8", "6"), ("3", "1"), ("4", "2")]
-    return MarkDistances(
+    return model.MarkDistances(
         camera=np.zeros(4, dtype=int),
         marks=np.array(ends),
         distance=np.array([np.hypot(*np.subtract(MARKS[a], MARKS[b])) for a, b in ends]).round(5),
@@ -157,12 +143,12 @@ def distances() -> MarkDistances:
     )
 
 
-def reseau() -> ReseauCrosses:
+def reseau() -> model.ReseauCrosses:
     """Return a reseau of 7 by 7 crosses, 38 mm apart."""
     row, column = (places.ravel() for places in np.indices((7, 7)))
     rng = np.random.default_rng(7)
     xy = np.stack([38.0 * (column - 3), 38.0 * (3 - row)], axis=1) + rng.normal(0.0, 2.0 * MICROMETRE, (49, 2))
-    return ReseauCrosses(
+    return model.ReseauCrosses(
         camera=np.zeros(49, dtype=int),
         ids=np.array([f"{'ABCDEFG'[i]}{j + 1:02d}" for i, j in zip(row, column, strict=True)]),
         row=row + 1.0,
@@ -171,7 +157,7 @@ def reseau() -> ReseauCrosses:
     )
 
 
-def crosses(photos: list[str]) -> CrossMeasurements:
+def crosses(photos: list[str]) -> model.CrossMeasurements:
     """Return one reading of each cross on each photo; the film is deformed by up to 0.02 mm."""
     known, readings = reseau(), []
     x, y = known.xy.T / 110.0
@@ -179,14 +165,14 @@ def crosses(photos: list[str]) -> CrossMeasurements:
     matrix = np.linalg.inv(reduction_matrix(COMPARATOR))
     for photo in photos:
         readings.append((bent @ film_of(photo).T + PLACE) @ matrix.T)
-    return CrossMeasurements(
+    return model.CrossMeasurements(
         photo=np.repeat(np.arange(len(photos)), 49),
         ids=np.tile(known.ids, len(photos)),
         xy=np.concatenate(readings),
     )
 
 
-def reduction_matrix(spec: ComparatorSpec) -> np.ndarray:
+def reduction_matrix(spec: model.ComparatorSpec) -> np.ndarray:
     """Return the matrix from readings to plate millimetres, written out (docs/reduction.md)."""
     sin, cos = np.sin(spec.non_orthogonality), np.cos(spec.non_orthogonality)
     h = -1.0 if spec.left_handed else 1.0

@@ -6,54 +6,8 @@ the statistics and the reports must make of them is computed independently in th
 
 import numpy as np
 
+from musatpy import model
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import (
-    Action,
-    AdjustedStations,
-    AdjustedWater,
-    AirBases,
-    BathymetricPoints,
-    Block,
-    Cameras,
-    Cause,
-    CauseKind,
-    ComparatorSpec,
-    Control,
-    ControlKind,
-    CoordinateSystem,
-    CrossMeasurements,
-    Dependence,
-    Distances,
-    Distortion,
-    EllipsoidSpec,
-    EqualElevations,
-    FiducialMeasurements,
-    Fiducials,
-    Finding,
-    GroundPoints,
-    HeightDifferences,
-    Iteration,
-    Lenses,
-    LevelPairs,
-    MarkDistances,
-    ObservationKind,
-    Observations,
-    Options,
-    Photos,
-    PlateMeasurements,
-    PlateResiduals,
-    Points,
-    PointStatus,
-    Refraction,
-    ReseauCrosses,
-    Solution,
-    StationPairs,
-    Water,
-    WaterPass,
-    WaterPrecision,
-    WaveOrigin,
-    Waves,
-)
 from musatpy.units import ARC_SECOND, DEGREE
 
 PHOTOS = tuple(str(frame) for frame in range(837, 847))
@@ -92,21 +46,21 @@ class _Strip:
 
 
 def sample_block(
-    system: CoordinateSystem = CoordinateSystem.GEOGRAPHIC,
-    refraction: Refraction = Refraction.WATPT,
+    system: model.CoordinateSystem = model.CoordinateSystem.GEOGRAPHIC,
+    refraction: model.Refraction = model.Refraction.WATPT,
     seed: int = 306,
-) -> Block:
+) -> model.Block:
     """Return the block: 10 photos, 98 points, 7 horizontal, 35 vertical and 3 check points."""
     return _block(_Strip(seed), system, refraction)
 
 
 def sample_solution(
-    system: CoordinateSystem = CoordinateSystem.GEOGRAPHIC,
-    refraction: Refraction = Refraction.WATPT,
+    system: model.CoordinateSystem = model.CoordinateSystem.GEOGRAPHIC,
+    refraction: model.Refraction = model.Refraction.WATPT,
     seed: int = 306,
     *,
     converged: bool = True,
-) -> Solution:
+) -> model.Solution:
     """Return a solution of `sample_block`; point 1101 is not determined, point 1047 kept out and intersected."""
     strip = _Strip(seed)
     block = _block(strip, system, refraction)
@@ -114,12 +68,12 @@ def sample_solution(
     n, p = len(PHOTOS), len(strip.ids)
     adjusted = strip.points + rng.normal(0.0, [0.5, 0.5, 2.0], (p, 3))
     position = _in_system(adjusted, system)
-    status = np.full(p, int(PointStatus.TRIANGULATED))
-    status[0], status[12] = PointStatus.INTERSECTED, PointStatus.NOT_DETERMINED
+    status = np.full(p, int(model.PointStatus.TRIANGULATED))
+    status[0], status[12] = model.PointStatus.INTERSECTED, model.PointStatus.NOT_DETERMINED
     position[12] = np.nan
     covariance = _covariances(rng, np.tile([0.1, 0.1, 0.3], (p, 1)))
     covariance[12] = np.nan
-    return Solution(
+    return model.Solution(
         block=block,
         converged=converged,
         reason="" if converged else "photo 843 still moves by 0.412 m and 12.3 arc seconds after 20 iterations",
@@ -131,12 +85,12 @@ def sample_solution(
         sum_of_squares=271 * 1.0375**2,
         observations={"plate coordinates": 2 * len(block.plates.photo), "station positions": 30, "control": 49},
         unknowns={"stations": 6 * n, "ground coordinates": 3 * p},
-        stations=AdjustedStations(
+        stations=model.AdjustedStations(
             position=_in_system(strip.stations + rng.normal(0.0, [8.0, 12.0, 20.0], (n, 3)), system),
             attitude=strip.attitudes + rng.normal(0.0, [600.0, 900.0, 1.0], (n, 3)) * ARC_SECOND,
             covariance=_covariances(rng, np.tile([0.3, 0.3, 0.2, 2e-5, 2e-5, 1e-5], (n, 1))),
         ),
-        points=GroundPoints(
+        points=model.GroundPoints(
             position=position,
             covariance=covariance,
             status=status,
@@ -148,19 +102,19 @@ def sample_solution(
         levels=np.array([0.113]),
         level_sigmas=np.array([0.071]),
         measured={
-            ObservationKind.AIR_BASE: np.array([1843.2214]),
-            ObservationKind.DISTANCE: np.array([612.4123]),
-            ObservationKind.HEIGHT_DIFFERENCE: np.array([-3.2041]),
+            model.ObservationKind.AIR_BASE: np.array([1843.2214]),
+            model.ObservationKind.DISTANCE: np.array([612.4123]),
+            model.ObservationKind.HEIGHT_DIFFERENCE: np.array([-3.2041]),
         },
         water=_water(block),
-        pairs=StationPairs(photo=np.array([[0, 1], [1, 2]]), covariance=rng.normal(0.0, 1e-3, (2, 6, 6))),
-        level_pairs=LevelPairs(
+        pairs=model.StationPairs(photo=np.array([[0, 1], [1, 2]]), covariance=rng.normal(0.0, 1e-3, (2, 6, 6))),
+        level_pairs=model.LevelPairs(
             photo=np.array([[0, 0], [0, 1]]),
             of_first=rng.normal(0.0, 1e-3, (2, 6)),
             of_second=rng.normal(0.0, 1e-3, (2, 6)),
             level=np.array([0.02, 0.01]),
         ),
-        water_precision=WaterPrecision(
+        water_precision=model.WaterPrecision(
             names=("water level",),
             covariance=np.array([[0.01]]),
             stations=rng.normal(0.0, 1e-3, (n, 6, 1)),
@@ -169,19 +123,19 @@ def sample_solution(
         observed=_observed(rng, block, plates),
         dependence=_dependence(rng, n),
         findings=(
-            Finding(
-                kind=CauseKind.IMAGE,
+            model.Finding(
+                kind=model.CauseKind.IMAGE,
                 photo="1",
                 point="101",
                 test=5.5,
                 size=(61.0, np.nan),
-                action=Action.KEPT_OUT,
+                action=model.Action.KEPT_OUT,
                 note="it lies on point 102",
             ),
         ),
         causes=(
-            Cause(
-                kind=CauseKind.HORIZONTAL,
+            model.Cause(
+                kind=model.CauseKind.HORIZONTAL,
                 cards=("CTG",),
                 points=("101",),
                 component="position",
@@ -197,8 +151,8 @@ def sample_solution(
     )
 
 
-def _water(block: Block) -> AdjustedWater:
-    return AdjustedWater(
+def _water(block: model.Block) -> model.AdjustedWater:
+    return model.AdjustedWater(
         tide=block.photos.tide + 0.12,
         correction=[0.12],
         correction_ids=[""],
@@ -210,7 +164,7 @@ def _water(block: Block) -> AdjustedWater:
     )
 
 
-def _observed(rng: np.random.Generator, block: Block, plates: PlateResiduals) -> Observations:
+def _observed(rng: np.random.Generator, block: model.Block, plates: model.PlateResiduals) -> model.Observations:
     """Return a row of every kind, and forty plate coordinates."""
     images = np.flatnonzero(plates.triangulated)[:20]
     kind = np.array([0] * 40 + list(range(1, 11)))
@@ -222,7 +176,7 @@ def _observed(rng: np.random.Generator, block: Block, plates: PlateResiduals) ->
     residual = rng.normal(0.0, 0.7, 50) * sigma
     residual[:40] = plates.residual[images].ravel()
     influence[(kind >= 6) & (kind <= 8)] = NAN
-    return Observations(
+    return model.Observations(
         kind=kind,
         row=row,
         component=component,
@@ -233,8 +187,8 @@ def _observed(rng: np.random.Generator, block: Block, plates: PlateResiduals) ->
     )
 
 
-def _dependence(rng: np.random.Generator, n: int) -> Dependence:
-    return Dependence(
+def _dependence(rng: np.random.Generator, n: int) -> model.Dependence:
+    return model.Dependence(
         station_inflation=rng.uniform(5.0, 900.0, (n, 6)),
         names=["level of group SHORE", "water level"],
         sigma=[0.071, 0.05],
@@ -245,7 +199,7 @@ def _dependence(rng: np.random.Generator, n: int) -> Dependence:
     )
 
 
-def _block(strip: _Strip, system: CoordinateSystem, refraction: Refraction) -> Block:
+def _block(strip: _Strip, system: model.CoordinateSystem, refraction: model.Refraction) -> model.Block:
     n = len(PHOTOS)
     photo, point = strip.rays().T
     m = len(photo)
@@ -254,21 +208,21 @@ def _block(strip: _Strip, system: CoordinateSystem, refraction: Refraction) -> B
     kept[point == 0] = False
     plate_sigma = np.full((m, 2), NAN)
     plate_sigma[::50] = 0.012
-    return Block(
+    return model.Block(
         titles=("GRAND CAYMAN STRIP, FRAMES 837-846", "HAND-MADE NUMBERS FOR THE TESTS OF THE LISTING"),
-        options=Options(system=system, refraction=refraction),
-        ellipsoid=None if system is CoordinateSystem.LOCAL else EllipsoidSpec(name="clrk66"),
-        water=Water(index=1.34, sigma=0.001),
-        cameras=Cameras(
+        options=model.Options(system=system, refraction=refraction),
+        ellipsoid=None if system is model.CoordinateSystem.LOCAL else model.EllipsoidSpec(name="clrk66"),
+        water=model.Water(index=1.34, sigma=0.001),
+        cameras=model.Cameras(
             ids=["RC10"], focal_length=[152.67], principal_point=[[0.004, -0.011]], format_size=[[230.0, 230.0]]
         ),
-        distortion=Distortion(
+        distortion=model.Distortion(
             camera=[0, 0], kind=["RADL", "TABL"], values=[[1.2e-5, -3e-9, 0.0], [70.0, 0.004, NAN]]
         ),
-        fiducials=Fiducials(
+        fiducials=model.Fiducials(
             camera=[0, 0], ids=["A", "B"], xy=[[106.0, 106.0], [-106.0, 106.0]], sigma=[[0.002, 0.002], [NAN, NAN]]
         ),
-        photos=Photos(
+        photos=model.Photos(
             ids=PHOTOS,
             camera=np.zeros(n, dtype=int),
             position=_in_system(strip.stations, system),
@@ -279,30 +233,32 @@ def _block(strip: _Strip, system: CoordinateSystem, refraction: Refraction) -> B
             tide_sigma=np.full(n, 0.05),
             time=np.where(np.arange(n) < 9, 12.5 * np.arange(n), NAN),
         ),
-        fiducial_measurements=FiducialMeasurements(
+        fiducial_measurements=model.FiducialMeasurements(
             photo=[0, 0], ids=["A", "B"], xy=[[106.01, 105.99], [-105.98, 106.0]], sigma=np.full((2, 2), NAN)
         ),
-        points=Points(ids=strip.ids, bathymetric=np.arange(len(strip.ids)) < len(BATHYMETRIC)),
-        plates=PlateMeasurements(
+        points=model.Points(ids=strip.ids, bathymetric=np.arange(len(strip.ids)) < len(BATHYMETRIC)),
+        plates=model.PlateMeasurements(
             photo=photo, point=point, xy=rng.uniform(-105.0, 105.0, (m, 2)), sigma=plate_sigma, triangulated=kept
         ),
         control=_control(strip, system),
-        equal_elevations=EqualElevations(ids=["SHORE"], sigma=[0.2], group=[0, 0, 0], point=[60, 61, 62]),
-        air_bases=AirBases(photo=[[0, 1]], length=[1843.0], sigma=[0.5]),
-        distances=Distances(point=[[60, 61]], length=[612.4], sigma=[0.02]),
-        height_differences=HeightDifferences(point=[[61, 62]], difference=[-3.2], sigma=[0.005]),
-        comparator=ComparatorSpec(rotation=90.0 * DEGREE),
-        lenses=Lenses(camera=[0], centre=[[0.012, -0.004]], k0=[-2.4e-5]),
-        mark_distances=MarkDistances(camera=[0], marks=[["A", "B"]], distance=[212.0], sigma=[0.003], axis=["X"]),
-        reseau=ReseauCrosses(camera=[0], ids=["A01"], row=[1], column=[3], xy=[[-100.0, 100.0]]),
-        cross_measurements=CrossMeasurements(photo=[0], ids=["A01"], xy=[[-99.987, 100.012]]),
+        equal_elevations=model.EqualElevations(ids=["SHORE"], sigma=[0.2], group=[0, 0, 0], point=[60, 61, 62]),
+        air_bases=model.AirBases(photo=[[0, 1]], length=[1843.0], sigma=[0.5]),
+        distances=model.Distances(point=[[60, 61]], length=[612.4], sigma=[0.02]),
+        height_differences=model.HeightDifferences(point=[[61, 62]], difference=[-3.2], sigma=[0.005]),
+        comparator=model.ComparatorSpec(rotation=90.0 * DEGREE),
+        lenses=model.Lenses(camera=[0], centre=[[0.012, -0.004]], k0=[-2.4e-5]),
+        mark_distances=model.MarkDistances(
+            camera=[0], marks=[["A", "B"]], distance=[212.0], sigma=[0.003], axis=["X"]
+        ),
+        reseau=model.ReseauCrosses(camera=[0], ids=["A01"], row=[1], column=[3], xy=[[-100.0, 100.0]]),
+        cross_measurements=model.CrossMeasurements(photo=[0], ids=["A01"], xy=[[-99.987, 100.012]]),
         waves=_waves(),
-        wave_origin=WaveOrigin(position=tuple(_in_system(strip.stations[:1], system)[0].tolist())),
+        wave_origin=model.WaveOrigin(position=tuple(_in_system(strip.stations[:1], system)[0].tolist())),
     )
 
 
-def _waves() -> Waves:
-    return Waves(
+def _waves() -> model.Waves:
+    return model.Waves(
         ids=["SW", "CHOP"],
         shape=["STOK", ""],
         period=[10.0, NAN],
@@ -319,29 +275,32 @@ def _waves() -> Waves:
     )
 
 
-def _control(strip: _Strip, system: CoordinateSystem) -> Control:
+def _control(strip: _Strip, system: model.CoordinateSystem) -> model.Control:
     rows = [*range(13, 20), *range(30, 64), 10, 70, 71, 72, 12]
     kinds = (
-        [ControlKind.HORIZONTAL] * 7 + [ControlKind.VERTICAL] * 35 + [ControlKind.CHECK] * 3 + [ControlKind.FULL]
+        [model.ControlKind.HORIZONTAL] * 7
+        + [model.ControlKind.VERTICAL] * 35
+        + [model.ControlKind.CHECK] * 3
+        + [model.ControlKind.FULL]
     )
     position = _in_system(strip.points[rows], system)
-    if system is not CoordinateSystem.GEOCENTRIC:
+    if system is not model.CoordinateSystem.GEOCENTRIC:
         position[7:42, :2] = NAN
         position[:7, 2] = NAN
     sigma = np.tile([1.0, 1.0, 3.0], (len(rows), 1))
     sigma[42:45] = NAN
     fixed = np.zeros(len(rows), dtype=bool)
     fixed[0] = True
-    return Control(point=rows, kind=kinds, fixed=fixed, position=position, sigma=sigma)
+    return model.Control(point=rows, kind=kinds, fixed=fixed, position=position, sigma=sigma)
 
 
-def _in_system(enu: np.ndarray, system: CoordinateSystem) -> np.ndarray:
+def _in_system(enu: np.ndarray, system: model.CoordinateSystem) -> np.ndarray:
     """Return positions (n, 3) in a system, from metres east, north, up of ORIGIN."""
-    if system is CoordinateSystem.LOCAL:
+    if system is model.CoordinateSystem.LOCAL:
         return enu.copy()
     ellipsoid = Ellipsoid("clrk66")
     xyz = ellipsoid.geocentric(ORIGIN) + enu @ ellipsoid.frame(ORIGIN)
-    return xyz if system is CoordinateSystem.GEOCENTRIC else ellipsoid.geographic(xyz)
+    return xyz if system is model.CoordinateSystem.GEOCENTRIC else ellipsoid.geographic(xyz)
 
 
 def _covariances(rng: np.random.Generator, sigmas: np.ndarray) -> np.ndarray:
@@ -351,25 +310,25 @@ def _covariances(rng: np.random.Generator, sigmas: np.ndarray) -> np.ndarray:
     return scaled[:, :, None] * correlation * scaled[:, None, :]
 
 
-def _residuals(rng: np.random.Generator, block: Block, status: np.ndarray) -> PlateResiduals:
+def _residuals(rng: np.random.Generator, block: model.Block, status: np.ndarray) -> model.PlateResiduals:
     m = len(block.plates.photo)
     residual = rng.normal(0.0, [0.006, 0.010], (m, 2))
     residual[~block.plates.triangulated] = rng.normal(0.0, [0.01, 0.1], ((~block.plates.triangulated).sum(), 2))
-    residual[status[block.plates.point] == PointStatus.NOT_DETERMINED] = np.nan
+    residual[status[block.plates.point] == model.PointStatus.NOT_DETERMINED] = np.nan
     submerged = block.points.bathymetric[block.plates.point]
     correction = np.where(submerged[:, None], rng.normal(0.0, 0.05, (m, 2)), 0.0)
-    taken = block.plates.triangulated & (status[block.plates.point] == PointStatus.TRIANGULATED)
-    return PlateResiduals(residual=residual, triangulated=taken, correction=correction)
+    taken = block.plates.triangulated & (status[block.plates.point] == model.PointStatus.TRIANGULATED)
+    return model.PlateResiduals(residual=residual, triangulated=taken, correction=correction)
 
 
-def _bathymetric(adjusted: np.ndarray, system: CoordinateSystem) -> BathymetricPoints:
+def _bathymetric(adjusted: np.ndarray, system: model.CoordinateSystem) -> model.BathymetricPoints:
     s = len(BATHYMETRIC)
     depth = -adjusted[:s, 2] + 0.2
     apparent, predicted = adjusted[:s].copy(), adjusted[:s].copy()
     apparent[:, 2] = 0.2 - depth / 1.37
     predicted[:, 2] = 0.2 - depth / 1.37 * 1.36
     apparent_depth = depth / 1.37
-    return BathymetricPoints(
+    return model.BathymetricPoints(
         point=np.arange(s),
         apparent=_in_system(apparent, system),
         predicted=_in_system(predicted, system),
@@ -382,9 +341,9 @@ def _bathymetric(adjusted: np.ndarray, system: CoordinateSystem) -> BathymetricP
     )
 
 
-def _iterations() -> tuple[Iteration, ...]:
-    def iteration(outer: int, number: int, seconds: float, metres: float, squares: float) -> Iteration:
-        return Iteration(
+def _iterations() -> tuple[model.Iteration, ...]:
+    def iteration(outer: int, number: int, seconds: float, metres: float, squares: float) -> model.Iteration:
+        return model.Iteration(
             outer_pass=outer,
             number=number,
             rotation=seconds * ARC_SECOND,
@@ -404,10 +363,10 @@ def _iterations() -> tuple[Iteration, ...]:
     )
 
 
-def _passes(refraction: Refraction) -> tuple[WaterPass, ...]:
-    if refraction not in (Refraction.WATPT, Refraction.LEGACY):
+def _passes(refraction: model.Refraction) -> tuple[model.WaterPass, ...]:
+    if refraction not in (model.Refraction.WATPT, model.Refraction.LEGACY):
         return ()
     return (
-        WaterPass(number=1, movement=4.512, point=3, rms_movement=2.11, rms_residual=0.0071),
-        WaterPass(number=2, movement=0.0004, point=5, rms_movement=0.0002, rms_residual=0.0069),
+        model.WaterPass(number=1, movement=4.512, point=3, rms_movement=2.11, rms_residual=0.0071),
+        model.WaterPass(number=2, movement=0.0004, point=5, rms_movement=0.0002, rms_residual=0.0069),
     )

@@ -8,73 +8,59 @@ import numpy as np
 import pytest
 
 from altered import altered, put, with_options
-from musatpy import adjust, read_deck, verdict
-from musatpy.model import (
-    Action,
-    Block,
-    CauseKind,
-    Concern,
-    ControlKind,
-    Editing,
-    Grade,
-    Program,
-    Reason,
-    Refraction,
-    Solution,
-    WaterLevel,
-)
+from musatpy import adjust, model, read_deck, verdict
 from musatpy.reports.listing import listing
 from musatpy.reports.record import record
 from musatpy.statistics import Statistics
 from musatpy.statistics.flags import LEAST_LIMIT
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
-OF_FLAGS = (Concern.FLAGS, Concern.DATUM)
+OF_FLAGS = (model.Concern.FLAGS, model.Concern.DATUM)
 FORGOTTEN = ("203", "206", "212", "218", "210", "219")  # deep enough for their heights to tell
 
 
 @cache
-def st_thomas() -> Block:
+def st_thomas() -> model.Block:
     return read_deck(FIXTURES / "st_thomas/st_thomas.crd")
 
 
 @cache
-def case(name: str) -> Solution:
+def case(name: str) -> model.Solution:
     return adjust(read_deck(FIXTURES / f"trust/{name}.crd"))
 
 
-def with_flags(block: Block, wet: bool, *names: str) -> Block:
+def with_flags(block: model.Block, wet: bool, *names: str) -> model.Block:
     at = np.isin(block.points.ids, names)
     return altered(block, points={"bathymetric": put(at, wet)})
 
 
-def with_tides(block: Block, offset: float) -> Block:
+def with_tides(block: model.Block, offset: float) -> model.Block:
     """Return a block whose tides stand higher: as one whose land, stations and control stand lower."""
     return altered(block, photos={"tide": lambda tide: tide + offset})
 
 
-def of_flags(solution: Solution) -> list[Reason]:
+def of_flags(solution: model.Solution) -> list[model.Reason]:
     return [reason for reason in verdict(solution).reasons if reason.concern in OF_FLAGS]
 
 
-def height(solution: Solution, name: str) -> float:
+def height(solution: model.Solution, name: str) -> float:
     return float(solution.points.position[solution.block.points.ids == name][0, 2])
 
 
-def table(solution: Solution) -> dict[str, tuple[float, float | None]]:
+def table(solution: model.Solution) -> dict[str, tuple[float, float | None]]:
     """Return both heights of the points in doubt, as recorded."""
     rows = record(solution)["flags_against_heights"]
     return dict(zip(rows["point"], zip(rows["height"], rows["other_height"], strict=True), strict=True))
 
 
 @cache
-def without(name: str) -> Solution:
+def without(name: str) -> model.Solution:
     return adjust(with_flags(st_thomas(), False, name))
 
 
 def test_the_printed_strip_is_consistent_with_its_water() -> None:
     solution = adjust(st_thomas())
-    assert verdict(solution).grade is Grade.ACCEPTED and solution.other_flags is None
+    assert verdict(solution).grade is model.Grade.ACCEPTED and solution.other_flags is None
     assert record(solution)["flags_against_heights"]["point"] == []
     assert "Flags Against Heights" not in listing(solution)
     assert not verdict(solution).notes  # on 202, 205, 208: they are on the shore line
@@ -84,14 +70,14 @@ def test_the_printed_strip_is_consistent_with_its_water() -> None:
 def test_a_forgotten_flag_is_named_with_both_heights(name: str) -> None:
     solution = without(name)
     (reason,) = of_flags(solution)[:1]
-    assert reason == verdict(solution).reasons[0] and reason.grade is Grade.DOUBTFUL
-    assert reason.concern is Concern.FLAGS
+    assert reason == verdict(solution).reasons[0] and reason.grade is model.Grade.DOUBTFUL
+    assert reason.concern is model.Concern.FLAGS
     assert reason.text.startswith(f"point {name} is not flagged as submerged (B), and up to ")
     right = height(adjust(st_thomas()), name)
     assert table(solution) == {name: pytest.approx((height(solution, name), right), abs=1e-3)}
     assert f"at {height(solution, name):.3f} m, {table(solution)[name][1]:.3f} m with it" in reason.text
     assert "v'Pv" not in reason.text  # which cannot choose the flag here
-    assert solution.causes[0].kind is CauseKind.FLAG and solution.causes[0].points == (name,)
+    assert solution.causes[0].kind is model.CauseKind.FLAG and solution.causes[0].points == (name,)
 
 
 def test_a_shallow_point_moves_little_without_its_flag_and_is_noted() -> None:
@@ -128,7 +114,7 @@ def test_the_limit_is_that_of_the_points_tested_and_four_at_least() -> None:
 def test_all_forgotten_flags_are_tried_together() -> None:
     solution = case("forgot_all_B")
     (reason,) = of_flags(solution)
-    assert reason.grade is Grade.DOUBTFUL and reason.concern is Concern.FLAGS
+    assert reason.grade is model.Grade.DOUBTFUL and reason.concern is model.Concern.FLAGS
     assert set(table(solution)) == set(FORGOTTEN)
     for _, other in table(solution).values():
         assert other is not None
@@ -143,8 +129,8 @@ def test_all_forgotten_flags_are_tried_together() -> None:
 def test_half_of_the_flags_forgotten_is_no_matter_of_datums(first: int) -> None:
     names = st_thomas().points.ids[st_thomas().points.bathymetric][first::2].tolist()
     reasons = of_flags(adjust(with_flags(st_thomas(), False, *names)))
-    assert reasons[0].concern is Concern.FLAGS
-    assert all(reason.grade is Grade.DOUBTFUL for reason in reasons)
+    assert reasons[0].concern is model.Concern.FLAGS
+    assert all(reason.grade is model.Grade.DOUBTFUL for reason in reasons)
 
 
 @pytest.mark.slow
@@ -161,7 +147,7 @@ def test_the_point_of_a_long_strip_is_named() -> None:
 def test_a_flagged_point_above_the_water_is_doubted() -> None:
     solution = adjust(with_flags(st_thomas(), True, "204"))
     (reason,) = of_flags(solution)
-    assert reason.grade is Grade.DOUBTFUL and reason.concern is Concern.FLAGS
+    assert reason.grade is model.Grade.DOUBTFUL and reason.concern is model.Concern.FLAGS
     assert reason.text.startswith("point 204 is flagged as submerged (B), and up to ")
     assert "above the water of all photos" in reason.text and "without it" in reason.text
     assert table(solution)["204"][1] == pytest.approx(height(adjust(st_thomas()), "204"), abs=1e-6)
@@ -206,14 +192,17 @@ def test_check_points_and_points_kept_out_count() -> None:
     assert of_flags(adjust(kept_out))[0].text.startswith("point 212")
     control = altered(
         block,
-        control={"point": put(block.control.kind == ControlKind.CHECK, point)},
+        control={"point": put(block.control.kind == model.ControlKind.CHECK, point)},
     )
     assert "point 212" in of_flags(adjust(control))[0].text
 
 
 def test_adjusted_water_is_the_one_that_counts() -> None:
     block = with_options(
-        st_thomas(), program=Program.IIIA, water_level=WaterLevel.ONE, refraction=Refraction.RIGOROUS
+        st_thomas(),
+        program=model.Program.IIIA,
+        water_level=model.WaterLevel.ONE,
+        refraction=model.Refraction.RIGOROUS,
     )
     solution = adjust(altered(block, photos={"tide_sigma": np.full(3, 0.3)}))
     points = solution.points
@@ -233,25 +222,25 @@ def test_the_tilt_of_the_water_counts() -> None:
 
 
 def test_flagged_points_without_refraction_are_doubtful() -> None:
-    solution = adjust(with_options(st_thomas(), refraction=Refraction.NONE))
+    solution = adjust(with_options(st_thomas(), refraction=model.Refraction.NONE))
     (reason,) = verdict(solution).reasons
-    assert reason.grade is Grade.DOUBTFUL and reason.concern is Concern.REFRACTION
+    assert reason.grade is model.Grade.DOUBTFUL and reason.concern is model.Concern.REFRACTION
     assert reason.text.startswith(
         "refraction NONE: 8 points flagged as submerged adjusted as if there were no water"
     )
-    dry = with_options(with_flags(st_thomas(), False, *st_thomas().points.ids), refraction=Refraction.NONE)
-    assert verdict(adjust(dry)).grade is Grade.ACCEPTED
+    dry = with_options(with_flags(st_thomas(), False, *st_thomas().points.ids), refraction=model.Refraction.NONE)
+    assert verdict(adjust(dry)).grade is model.Grade.ACCEPTED
 
 
 def test_water_and_control_of_two_datums_are_rejected_with_the_offset() -> None:
     solution = case("tides_msl_control_ellipsoidal")
     reasons = of_flags(solution)
-    assert reasons[0].grade is Grade.REJECTED and reasons[0].concern is Concern.DATUM
+    assert reasons[0].grade is model.Grade.REJECTED and reasons[0].concern is model.Concern.DATUM
     assert reasons[0].text == (
         "8 of 8 points flagged as submerged are above the water: tides and control may be 40.9 to 42.7 m apart in "
         "height, the tides too low: read the datum of both again"
     )
-    assert solution.causes[0].kind is CauseKind.TIDES
+    assert solution.causes[0].kind is model.CauseKind.TIDES
     assert solution.causes[0].size[0] == pytest.approx(-42.0, abs=1.0)  # given minus true
 
 
@@ -260,7 +249,7 @@ def test_water_and_control_of_two_datums_are_rejected_with_the_offset() -> None:
 )
 def test_land_and_control_moved_against_the_tides(moved: float) -> None:
     reference, solution = adjust(st_thomas()), adjust(with_tides(st_thomas(), -moved))
-    assert verdict(solution).grade is not Grade.ACCEPTED
+    assert verdict(solution).grade is not model.Grade.ACCEPTED
     assert verdict(solution).reasons[0].concern in OF_FLAGS
     least, most = Statistics(solution).flags.offset
     assert least <= moved <= most and np.sign(least) == np.sign(most) == np.sign(moved)
@@ -292,21 +281,24 @@ def test_listing_and_record_have_each_point_in_doubt() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("editing", [Editing.LIST, Editing.EDIT])
-def test_a_search_that_names_the_flag_is_not_contradicted(editing: Editing) -> None:
+@pytest.mark.parametrize("editing", [model.Editing.LIST, model.Editing.EDIT])
+def test_a_search_that_names_the_flag_is_not_contradicted(editing: model.Editing) -> None:
     solution = adjust(with_options(with_flags(st_thomas(), False, "212"), editing=editing))
     reasons = verdict(solution).reasons
-    if any(finding.action is Action.FLAGGED for finding in solution.findings) and editing is Editing.EDIT:
+    if (
+        any(finding.action is model.Action.FLAGGED for finding in solution.findings)
+        and editing is model.Editing.EDIT
+    ):
         assert not reasons  # the flag is set
     else:
-        assert reasons[0].concern is Concern.FLAGS
-        flags = [cause for cause in solution.causes if cause.kind is CauseKind.FLAG]
+        assert reasons[0].concern is model.Concern.FLAGS
+        flags = [cause for cause in solution.causes if cause.kind is model.CauseKind.FLAG]
         assert [cause.points for cause in flags] == [("212",)] and solution.causes[0] is flags[0]
 
 
 def test_control_held_below_the_water_is_doubted_without_its_flag() -> None:
     block = st_thomas()
-    row = int(np.flatnonzero(block.control.kind == ControlKind.VERTICAL)[0])
+    row = int(np.flatnonzero(block.control.kind == model.ControlKind.VERTICAL)[0])
     drowned = altered(
         block,
         control={"position": put((row, 2), -3.0), "fixed": put(row, True)},

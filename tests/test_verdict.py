@@ -9,22 +9,7 @@ import pytest
 from scipy import stats
 
 from altered import altered, put, with_options
-from musatpy import adjust, pipeline, read_deck, verdict
-from musatpy.model import (
-    Block,
-    Concern,
-    ControlKind,
-    Editing,
-    Grade,
-    Initial,
-    ObservationKind,
-    Observations,
-    PlateSigma,
-    Refraction,
-    Solution,
-    Treatment,
-    Water,
-)
+from musatpy import adjust, model, pipeline, read_deck, verdict
 from musatpy.model.findings import named
 from musatpy.model.water import index_range
 from musatpy.probability import test_limit as limit_of
@@ -38,19 +23,19 @@ FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 
 @cache
-def solution() -> Solution:
+def solution() -> model.Solution:
     return adjust(read_deck(FIXTURES / "st_thomas/st_thomas.crd"))
 
 
-def concerns(found: Solution) -> dict[Concern, Grade]:
+def concerns(found: model.Solution) -> dict[model.Concern, model.Grade]:
     return {reason.concern: reason.grade for reason in verdict(found).reasons}
 
 
-def stations(found: Solution, **values: object) -> Solution:
+def stations(found: model.Solution, **values: object) -> model.Solution:
     return replace(found, stations=replace(found.stations, **values))
 
 
-def points(found: Solution, **values: object) -> Solution:
+def points(found: model.Solution, **values: object) -> model.Solution:
     return replace(found, points=replace(found.points, **values))
 
 
@@ -63,19 +48,22 @@ def changed(array: np.ndarray, row: object, value: float) -> np.ndarray:
 
 def test_a_good_run_is_accepted() -> None:
     found = verdict(solution())
-    assert (found.grade, found.reasons, found.notes) == (Grade.ACCEPTED, (), ())
+    assert (found.grade, found.reasons, found.notes) == (model.Grade.ACCEPTED, (), ())
     assert found.usable and str(found) == "ACCEPTED"
 
 
 def test_grades_from_the_best_to_the_worst() -> None:
-    assert [grade.rank for grade in (Grade.ACCEPTED, Grade.DOUBTFUL, Grade.REJECTED, Grade.FAILED)] == [0, 1, 2, 3]
+    assert [
+        grade.rank
+        for grade in (model.Grade.ACCEPTED, model.Grade.DOUBTFUL, model.Grade.REJECTED, model.Grade.FAILED)
+    ] == [0, 1, 2, 3]
 
 
 def test_a_run_that_did_not_converge_failed_whatever_else() -> None:
     found = verdict(replace(solution(), converged=False, reason="limits not reached", sigma0=float("inf")))
-    assert found.grade is Grade.FAILED and not found.usable
+    assert found.grade is model.Grade.FAILED and not found.usable
     assert found.reasons[0].text == "not converged: limits not reached"
-    assert Concern.FINITE in {reason.concern for reason in found.reasons}
+    assert model.Concern.FINITE in {reason.concern for reason in found.reasons}
 
 
 # --- gates ---
@@ -83,13 +71,13 @@ def test_a_run_that_did_not_converge_failed_whatever_else() -> None:
 
 @pytest.mark.parametrize("value", [np.inf, np.nan])
 def test_sigma0_that_is_not_finite(value: float) -> None:
-    assert concerns(replace(solution(), sigma0=value)) == {Concern.FINITE: Grade.REJECTED}
+    assert concerns(replace(solution(), sigma0=value)) == {model.Concern.FINITE: model.Grade.REJECTED}
 
 
 def test_stations_and_points_that_are_not_finite() -> None:
     good = solution()
-    assert concerns(stations(good, position=changed(good.stations.position, 1, np.nan)))[Concern.FINITE]
-    assert concerns(points(good, position=changed(good.points.position, 3, np.inf)))[Concern.FINITE]
+    assert concerns(stations(good, position=changed(good.stations.position, 1, np.nan)))[model.Concern.FINITE]
+    assert concerns(points(good, position=changed(good.points.position, 3, np.inf)))[model.Concern.FINITE]
 
 
 def test_covariances_that_are_not_finite_or_negative() -> None:
@@ -99,14 +87,14 @@ def test_covariances_that_are_not_finite_or_negative() -> None:
             stations(good, covariance=changed(good.stations.covariance, (0, 2, 2), value)),
             points(good, covariance=changed(good.points.covariance, (5, 0, 0), value)),
         ):
-            assert concerns(wild)[Concern.FINITE] is Grade.REJECTED
+            assert concerns(wild)[model.Concern.FINITE] is model.Grade.REJECTED
 
 
 def test_points_without_a_position_need_no_numbers() -> None:
     good = solution()
     status = changed(good.points.status, 3, 2)
     lost = points(good, status=status, position=changed(good.points.position, 3, np.nan))
-    assert Concern.FINITE not in concerns(lost)
+    assert model.Concern.FINITE not in concerns(lost)
 
 
 def test_a_camera_below_the_water() -> None:
@@ -114,7 +102,7 @@ def test_a_camera_below_the_water() -> None:
     low = stations(good, position=changed(good.stations.position, (0, 2), 0.1))  # the tide is 0.12 m
     texts = [reason.text for reason in verdict(low).reasons]
     assert "photo 21: camera below the water" in texts
-    assert verdict(low).grade is Grade.REJECTED
+    assert verdict(low).grade is model.Grade.REJECTED
 
 
 def test_a_camera_below_its_ground_unless_its_card_has_it_there() -> None:
@@ -123,7 +111,7 @@ def test_a_camera_below_its_ground_unless_its_card_has_it_there() -> None:
     assert "photo 21: camera below its ground" in str(verdict(stations(good, position=position)))
     as_given = altered(stations(good, position=position), block={"photos": {"position": put((0, 2), -50.0)}})
     assert "below its ground" not in str(verdict(as_given))
-    computed = with_options(as_given, initial=Initial.COMPUTE)
+    computed = with_options(as_given, initial=model.Initial.COMPUTE)
     assert "below its ground" in str(verdict(computed))
 
 
@@ -140,7 +128,7 @@ def test_a_point_far_from_all_cameras(heights: float, rejected: bool) -> None:
     good = solution()
     deep = -heights * 100.0 * flying_height(Statistics(good))
     found = concerns(points(good, position=changed(good.points.position, (3, 2), deep)))
-    assert (found.get(Concern.DISTANCE) is Grade.REJECTED) == rejected
+    assert (found.get(model.Concern.DISTANCE) is model.Grade.REJECTED) == rejected
 
 
 @pytest.mark.parametrize(
@@ -148,20 +136,20 @@ def test_a_point_far_from_all_cameras(heights: float, rejected: bool) -> None:
     [("", 1.36, False), ("", 1.41, True), ("", 1.29, True), ("BENZENE", 1.52, False), ("BENZENE", 2.02, True)],
 )
 def test_an_adjusted_index(liquid: str, adjusted: float, rejected: bool) -> None:
-    good = with_options(solution(), water_index=Treatment.ADJUST)
-    found = altered(good, block={"water": Water(liquid=liquid)}, water={"index": adjusted})
-    assert (concerns(found).get(Concern.INDEX) is Grade.REJECTED) == rejected
-    known = with_options(found, water_index=Treatment.KNOWN)
-    assert Concern.INDEX not in concerns(known)
+    good = with_options(solution(), water_index=model.Treatment.ADJUST)
+    found = altered(good, block={"water": model.Water(liquid=liquid)}, water={"index": adjusted})
+    assert (concerns(found).get(model.Concern.INDEX) is model.Grade.REJECTED) == rejected
+    known = with_options(found, water_index=model.Treatment.KNOWN)
+    assert model.Concern.INDEX not in concerns(known)
 
 
 def test_an_index_at_an_end_of_its_range_is_rejected() -> None:
     """An adjustment that is held at a limit comes to rest there."""
-    good, limits = with_options(solution(), water_index=Treatment.ADJUST), index_range("")
+    good, limits = with_options(solution(), water_index=model.Treatment.ADJUST), index_range("")
     for end, inside in zip(limits, limits[::-1], strict=True):
         for index, rejected in ((end, True), (float(np.nextafter(end, inside)), False)):
-            found = altered(good, block={"water": Water(index=1.34)}, water={"index": index})
-            assert (concerns(found).get(Concern.INDEX) is Grade.REJECTED) == rejected
+            found = altered(good, block={"water": model.Water(index=1.34)}, water={"index": index})
+            assert (concerns(found).get(model.Concern.INDEX) is model.Grade.REJECTED) == rejected
 
 
 @pytest.mark.parametrize(("size", "rejected"), [(11.0, False), (12.0, True)])
@@ -173,7 +161,7 @@ def test_residuals_of_a_tenth_of_the_shorter_side(size: float, rejected: bool) -
         block={"cameras": {"format_size": lambda sizes: np.broadcast_to([228.6, 114.3], sizes.shape)}},
         plates={"residual": residual},
     )
-    assert (concerns(oblong).get(Concern.FORMAT) is Grade.REJECTED) == rejected
+    assert (concerns(oblong).get(model.Concern.FORMAT) is model.Grade.REJECTED) == rejected
 
 
 @pytest.mark.parametrize(("size", "rejected"), [(22.0, False), (23.0, True)])  # mm, of a plate of 228.6 mm
@@ -181,16 +169,16 @@ def test_residuals_of_a_tenth_of_the_plate(size: float, rejected: bool) -> None:
     good = solution()
     residual = changed(good.plates.residual, (4, 1), -size)
     found = concerns(altered(good, plates={"residual": residual}))
-    assert (found.get(Concern.FORMAT) is Grade.REJECTED) == rejected
+    assert (found.get(model.Concern.FORMAT) is model.Grade.REJECTED) == rejected
     kept_out = changed(good.plates.triangulated, 4, False)
     out = altered(good, plates={"residual": residual, "triangulated": kept_out})
-    assert Concern.FORMAT not in concerns(out)
+    assert model.Concern.FORMAT not in concerns(out)
 
 
 # --- statistics ---
 
 
-def with_sigma0(value: float, **options: object) -> Solution:
+def with_sigma0(value: float, **options: object) -> model.Solution:
     good = solution()
     squares = value**2 * good.degrees_of_freedom
     return with_options(replace(good, sigma0=value, sum_of_squares=squares), **options)
@@ -199,12 +187,12 @@ def with_sigma0(value: float, **options: object) -> Solution:
 def test_sigma0_against_its_limits() -> None:
     dof = solution().degrees_of_freedom
     limit = float(np.sqrt(stats.chi2.ppf(0.999, dof) / dof))
-    assert Concern.SIGMA0 not in concerns(with_sigma0(limit * 0.999))
-    assert concerns(with_sigma0(limit * 1.001))[Concern.SIGMA0] is Grade.DOUBTFUL
-    assert concerns(with_sigma0(2.99))[Concern.SIGMA0] is Grade.DOUBTFUL
-    assert concerns(with_sigma0(3.01))[Concern.SIGMA0] is Grade.REJECTED
-    assert concerns(with_sigma0(3.01, sigma0_limit=4.0))[Concern.SIGMA0] is Grade.DOUBTFUL
-    assert concerns(with_sigma0(2.01, sigma0_limit=2.0))[Concern.SIGMA0] is Grade.REJECTED
+    assert model.Concern.SIGMA0 not in concerns(with_sigma0(limit * 0.999))
+    assert concerns(with_sigma0(limit * 1.001))[model.Concern.SIGMA0] is model.Grade.DOUBTFUL
+    assert concerns(with_sigma0(2.99))[model.Concern.SIGMA0] is model.Grade.DOUBTFUL
+    assert concerns(with_sigma0(3.01))[model.Concern.SIGMA0] is model.Grade.REJECTED
+    assert concerns(with_sigma0(3.01, sigma0_limit=4.0))[model.Concern.SIGMA0] is model.Grade.DOUBTFUL
+    assert concerns(with_sigma0(2.01, sigma0_limit=2.0))[model.Concern.SIGMA0] is model.Grade.REJECTED
 
 
 def test_sigma0_outside_its_printed_limits_is_a_note() -> None:
@@ -213,12 +201,12 @@ def test_sigma0_outside_its_printed_limits_is_a_note() -> None:
     assert "above its limit" in verdict(with_sigma0(high * 1.001)).notes[0]
     assert "below its limit" in verdict(with_sigma0(low * 0.999)).notes[0]
     assert not verdict(with_sigma0(high * 0.999)).notes and not verdict(with_sigma0(low * 1.001)).notes
-    assert Concern.SIGMA0 not in concerns(with_sigma0(1e-6))  # a deck without errors
+    assert model.Concern.SIGMA0 not in concerns(with_sigma0(1e-6))  # a deck without errors
 
 
 def test_a_guessed_plate_sigma_has_sigma0_estimated() -> None:
-    found = replace(with_sigma0(7.0, plate_sigma_is=PlateSigma.GUESS), plate_factor=2.0)
-    assert Concern.SIGMA0 not in concerns(found)
+    found = replace(with_sigma0(7.0, plate_sigma_is=model.PlateSigma.GUESS), plate_factor=2.0)
+    assert model.Concern.SIGMA0 not in concerns(found)
     assert verdict(found).notes == (
         "the plate sigma is a guess of 2.5 um: its variance component makes it 5.0 um, "
         "by which the job is adjusted and tested",
@@ -226,10 +214,10 @@ def test_a_guessed_plate_sigma_has_sigma0_estimated() -> None:
 
 
 def test_no_redundancy_is_a_doubt() -> None:
-    assert concerns(replace(solution(), degrees_of_freedom=0)) == {Concern.REDUNDANCY: Grade.DOUBTFUL}
+    assert concerns(replace(solution(), degrees_of_freedom=0)) == {model.Concern.REDUNDANCY: model.Grade.DOUBTFUL}
 
 
-def with_residual(kind: ObservationKind, tests: float) -> Solution:
+def with_residual(kind: model.ObservationKind, tests: float) -> model.Solution:
     """Return the solution with the first checked observation of a kind at so many sigmas of its residual."""
     good = solution()
     observed = good.observed
@@ -239,39 +227,45 @@ def with_residual(kind: ObservationKind, tests: float) -> Solution:
 
 
 @pytest.mark.parametrize(
-    ("kind", "concern"), [(ObservationKind.PLATE, Concern.OBSERVATION), (ObservationKind.CONTROL, Concern.CONTROL)]
+    ("kind", "concern"),
+    [
+        (model.ObservationKind.PLATE, model.Concern.OBSERVATION),
+        (model.ObservationKind.CONTROL, model.Concern.CONTROL),
+    ],
 )
-def test_single_observations(kind: ObservationKind, concern: Concern) -> None:
+def test_single_observations(kind: model.ObservationKind, concern: model.Concern) -> None:
     count = int(np.isfinite(Statistics(solution()).normal_tests).sum())
     limit = float(stats.norm.ppf(1.0 - 0.005 / count))
     assert limit_of(count) == pytest.approx(limit, abs=1e-3)  # Hastings: 5e-4
     assert concern not in concerns(with_residual(kind, 0.7 * limit))
-    assert concerns(with_residual(kind, -1.2 * limit))[concern] is Grade.DOUBTFUL
-    assert concerns(with_residual(kind, -17.0))[concern] is Grade.REJECTED
+    assert concerns(with_residual(kind, -1.2 * limit))[concern] is model.Grade.DOUBTFUL
+    assert concerns(with_residual(kind, -17.0))[concern] is model.Grade.REJECTED
 
 
 def test_single_observations_by_the_limit_of_sigma0() -> None:
     """Control, whose test is that of its own sigma where sigma0 is below 1."""
-    kind = ObservationKind.CONTROL
+    kind = model.ObservationKind.CONTROL
     for tests, limit, grade in ((14.0, 3.0, "DOUBTFUL"), (-16.0, 3.0, "REJECTED"), (-16.0, 4.0, "DOUBTFUL")):
-        assert concerns(with_options(with_residual(kind, tests), sigma0_limit=limit))[Concern.CONTROL] == grade
+        assert (
+            concerns(with_options(with_residual(kind, tests), sigma0_limit=limit))[model.Concern.CONTROL] == grade
+        )
 
 
 def test_the_estimated_error_has_the_sign_of_given_minus_true() -> None:
     """A residual is adjusted minus observed: an observation that is too large by 50 um has a negative one."""
-    found = with_residual(ObservationKind.PLATE, -20.0)
-    rows = np.flatnonzero(found.observed.kind == ObservationKind.PLATE)
+    found = with_residual(model.ObservationKind.PLATE, -20.0)
+    rows = np.flatnonzero(found.observed.kind == model.ObservationKind.PLATE)
     worst = rows[np.argmax(np.abs(found.observed.residual[rows]))]
     error = -found.observed.residual[worst] / found.observed.redundancy[worst]
     assert error > 0.0
-    text = next(r.text for r in verdict(found).reasons if r.concern is Concern.OBSERVATION)
+    text = next(r.text for r in verdict(found).reasons if r.concern is model.Concern.OBSERVATION)
     assert f"in error by about {error * 1000:.3f} um" in text
 
 
 def test_students_test_as_a_normal_variable() -> None:
     """Wallace's formula, against the library's distributions: 1 % of the value at 25 degrees of freedom."""
     good = solution()
-    statistics = Statistics(with_options(good, plate_sigma_is=PlateSigma.GUESS))
+    statistics = Statistics(with_options(good, plate_sigma_is=model.PlateSigma.GUESS))
     student, dof = statistics.test, good.degrees_of_freedom
     expected = stats.norm.isf(stats.t.sf(np.abs(student), dof - 1))
     np.testing.assert_allclose(np.abs(statistics.normal_tests)[~np.isnan(student)], expected[~np.isnan(student)],
@@ -281,7 +275,7 @@ def test_students_test_as_a_normal_variable() -> None:
 def test_control_held_almost_without_error_is_tested() -> None:
     good = solution()
     observed = good.observed
-    row = int(np.flatnonzero(observed.kind == ObservationKind.CONTROL)[0])
+    row = int(np.flatnonzero(observed.kind == model.ObservationKind.CONTROL)[0])
     r, sigma = 1e-4, 0.001
     held = replace(
         observed,
@@ -290,27 +284,27 @@ def test_control_held_almost_without_error_is_tested() -> None:
         residual=changed(observed.residual, row, 10.0 * sigma * np.sqrt(r)),
     )
     found = replace(good, observed=held)
-    assert concerns(found) == {Concern.CONTROL: Grade.DOUBTFUL}
+    assert concerns(found) == {model.Concern.CONTROL: model.Grade.DOUBTFUL}
     rounding = replace(good, observed=replace(held, redundancy=changed(held.redundancy, row, 1e-7)))
-    assert Concern.CONTROL not in concerns(rounding)
+    assert model.Concern.CONTROL not in concerns(rounding)
 
 
 def test_small_sigma0_makes_no_control_doubtful() -> None:
     """Plate sigmas that are too large do not make the control better than its cards say."""
-    found = with_residual(ObservationKind.CONTROL, 2.0)
-    assert Concern.CONTROL not in concerns(replace(found, sigma0=0.3, sum_of_squares=0.09 * 27))
+    found = with_residual(model.ObservationKind.CONTROL, 2.0)
+    assert model.Concern.CONTROL not in concerns(replace(found, sigma0=0.3, sum_of_squares=0.09 * 27))
 
 
 def test_check_points() -> None:
     good = solution()
     control = good.block.control
-    row = int(np.flatnonzero(control.kind == ControlKind.CHECK)[0])
+    row = int(np.flatnonzero(control.kind == model.ControlKind.CHECK)[0])
     sigma = np.sqrt(good.points.covariance[control.point[row], 2, 2])
     for sigmas, doubtful in ((2.0, False), (9.0, True)):
         height = good.points.position[control.point[row], 2] + sigmas * sigma
         given = replace(control, position=changed(control.position, (row, 2), height))
         found = concerns(altered(good, block={"control": given}))
-        assert (found.get(Concern.CHECK_POINTS) is Grade.DOUBTFUL) == doubtful
+        assert (found.get(model.Concern.CHECK_POINTS) is model.Grade.DOUBTFUL) == doubtful
 
 
 @pytest.mark.parametrize(("share", "doubtful"), [(0.97, False), (1.03, True)])
@@ -318,9 +312,9 @@ def test_a_check_point_is_doubtful_from_a_chance_of_one_in_a_thousand(share: flo
     """Of its three components: squares of 16.27."""
     good = solution()
     control = good.block.control
-    row = int(np.flatnonzero(control.kind == ControlKind.CHECK)[0])
+    row = int(np.flatnonzero(control.kind == model.ControlKind.CHECK)[0])
 
-    def off(metres: float) -> Solution:
+    def off(metres: float) -> model.Solution:
         height = good.points.position[control.point[row], 2] + metres
         return altered(
             good, block={"control": replace(control, position=changed(control.position, (row, 2), height))}
@@ -331,14 +325,14 @@ def test_a_check_point_is_doubtful_from_a_chance_of_one_in_a_thousand(share: flo
     parabola = np.polyfit([-1.0, 0.0, 1.0], [float(test.squares[0]) for test in tests], 2)
     metres = np.roots(parabola - [0.0, 0.0, share * stats.chi2.ppf(0.999, 3)]).max()
     found = concerns(off(float(metres)))
-    assert (found.get(Concern.CHECK_POINTS) is Grade.DOUBTFUL) == doubtful
+    assert (found.get(model.Concern.CHECK_POINTS) is model.Grade.DOUBTFUL) == doubtful
 
 
 def test_printed_tests_of_check_points_are_those_of_the_verdict() -> None:
     """A point 2.5 sigmas of sigma0 = 1 off fails no test, however small sigma0 is."""
     good = solution()
     control, dof = good.block.control, good.degrees_of_freedom
-    row = int(np.flatnonzero(control.kind == ControlKind.CHECK)[0])
+    row = int(np.flatnonzero(control.kind == model.ControlKind.CHECK)[0])
     for sigma0, grown in ((0.25, 1.0), (2.0, 2.0)):
         share = (sigma0 / good.unit_sigma) ** 2
         scaled = altered(
@@ -355,14 +349,14 @@ def test_printed_tests_of_check_points_are_those_of_the_verdict() -> None:
         covariance = good.points.covariance[control.point[row]] / good.unit_sigma**2
         off = np.array([0.0, 0.0, -deviation])
         assert check.squares[place] == pytest.approx(off @ np.linalg.solve(covariance, off) / grown**2)
-        assert Concern.CHECK_POINTS not in concerns(tested)
-    guessed = altered(tested, block={"options": {"plate_sigma_is": PlateSigma.GUESS}})
+        assert model.Concern.CHECK_POINTS not in concerns(tested)
+    guessed = altered(tested, block={"options": {"plate_sigma_is": model.PlateSigma.GUESS}})
     assert Statistics(guessed).check_sigma0 == 2.0
     low = replace(guessed, sigma0=0.25, sum_of_squares=0.0625 * dof)
     assert Statistics(low).check_sigma0 == 0.25  # relative to a guess
 
 
-def moved_stations(found: Solution, by: float) -> Solution:
+def moved_stations(found: model.Solution, by: float) -> model.Solution:
     """Return the solution with the first given station so many flying heights off."""
     height = flying_height(Statistics(found))
     up = found.stations.position[0, 2] + by * height
@@ -372,11 +366,11 @@ def moved_stations(found: Solution, by: float) -> Solution:
 
 def test_stations_far_from_given_positions() -> None:
     good = solution()
-    assert Concern.GIVEN_STATIONS not in concerns(moved_stations(good, 0.19))
+    assert model.Concern.GIVEN_STATIONS not in concerns(moved_stations(good, 0.19))
     far = moved_stations(good, 0.21)
-    assert concerns(far)[Concern.GIVEN_STATIONS] is Grade.DOUBTFUL
-    assert Concern.GIVEN_STATIONS not in concerns(with_options(far, station_limit=0.3))
-    assert Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=Initial.COMPUTE))
+    assert concerns(far)[model.Concern.GIVEN_STATIONS] is model.Grade.DOUBTFUL
+    assert model.Concern.GIVEN_STATIONS not in concerns(with_options(far, station_limit=0.3))
+    assert model.Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=model.Initial.COMPUTE))
 
 
 @pytest.mark.parametrize(("moved", "doubted"), [([0], True), ([0, 1], False)])
@@ -385,11 +379,11 @@ def test_computed_stations_far_from_cards_that_most_others_agree_with(moved: lis
     good = solution()
     cards = good.stations.position.copy()
     cards[moved, 2] += 0.5 * flying_height(Statistics(good))
-    computed = replace(with_options(good, initial=Initial.COMPUTE), cards=cards)
-    assert (Concern.GIVEN_STATIONS in concerns(computed)) is doubted
+    computed = replace(with_options(good, initial=model.Initial.COMPUTE), cards=cards)
+    assert (model.Concern.GIVEN_STATIONS in concerns(computed)) is doubted
 
 
-def turned_card(found: Solution, axis: int, degrees: float) -> Solution:
+def turned_card(found: model.Solution, axis: int, degrees: float) -> model.Solution:
     """Return the solution with the attitude card of the first photo turned from its answer."""
     attitude = found.stations.attitude.copy()
     attitude[0, axis] += np.deg2rad(degrees)
@@ -400,14 +394,14 @@ def turned_card(found: Solution, axis: int, degrees: float) -> Solution:
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_photos_turned_from_their_attitude_cards(axis: int, sign: float) -> None:
     good = solution()
-    assert Concern.GIVEN_STATIONS not in concerns(turned_card(good, axis, sign * 11.2))
+    assert model.Concern.GIVEN_STATIONS not in concerns(turned_card(good, axis, sign * 11.2))
     far = turned_card(good, axis, sign * 11.5)
-    (reason,) = (one for one in verdict(far).reasons if one.concern is Concern.GIVEN_STATIONS)
-    assert reason.grade is Grade.DOUBTFUL
+    (reason,) = (one for one in verdict(far).reasons if one.concern is model.Concern.GIVEN_STATIONS)
+    assert reason.grade is model.Grade.DOUBTFUL
     assert reason.text.startswith("photo ")
     assert "turned by up to 11.5 degrees from the given attitude (limit 11.3)" in reason.text
     assert "as with plates" not in reason.text
-    assert Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=Initial.COMPUTE))
+    assert model.Concern.GIVEN_STATIONS not in concerns(with_options(far, initial=model.Initial.COMPUTE))
 
 
 @pytest.mark.parametrize(("degrees", "turns"), [(90.0, "90"), (-90.0, "90"), (180.0, "180")])
@@ -422,10 +416,10 @@ def test_a_focal_length_of_another_camera() -> None:
     heights = good.stations.position[:, 2]
     position = changed(good.block.photos.position, (slice(None), 2), heights * 1.27)  # no camera of 193 mm
     odd = altered(good.block, photos={"position": position})
-    assert Concern.CAMERA not in concerns(replace(good, block=odd))
+    assert model.Concern.CAMERA not in concerns(replace(good, block=odd))
     position = changed(good.block.photos.position, (slice(None), 2), heights * 305.0 / 152.25)
     twice = altered(good.block, photos={"position": position})
-    text = next(r.text for r in verdict(replace(good, block=twice)).reasons if r.concern is Concern.CAMERA)
+    text = next(r.text for r in verdict(replace(good, block=twice)).reasons if r.concern is model.Concern.CAMERA)
     assert "focal length of 305 mm instead of 152.25" in text
 
 
@@ -435,11 +429,11 @@ def test_blunders_left_in_the_solution() -> None:
     block = read_deck(deck)
     xy = changed(block.plates.xy, (4, 1), block.plates.xy[4, 1] + 0.2)
     spoilt = altered(block, plates={"xy": xy})
-    for editing, grade in ((Editing.LIST, Grade.DOUBTFUL), (Editing.EDIT, None)):
+    for editing, grade in ((model.Editing.LIST, model.Grade.DOUBTFUL), (model.Editing.EDIT, None)):
         options = replace(block.options, editing=editing)
         found = adjust(replace(spoilt, options=options))
-        assert concerns(found).get(Concern.BLUNDERS) is grade
-        assert (verdict(found).grade is Grade.ACCEPTED) == (editing is Editing.EDIT)
+        assert concerns(found).get(model.Concern.BLUNDERS) is grade
+        assert (verdict(found).grade is model.Grade.ACCEPTED) == (editing is model.Editing.EDIT)
 
 
 def test_names_of_many() -> None:
@@ -453,8 +447,8 @@ def test_names_of_many() -> None:
 
 def test_what_nothing_checks_may_move_a_point_anywhere() -> None:
     good = solution()
-    observed: Observations = good.observed
-    image = int(np.flatnonzero(observed.kind == ObservationKind.PLATE)[0])
+    observed: model.Observations = good.observed
+    image = int(np.flatnonzero(observed.kind == model.ObservationKind.PLATE)[0])
     point = int(good.block.plates.point[observed.row[image]])
     unchecked = replace(good, observed=replace(observed, redundancy=changed(observed.redundancy, image, 0.0)))
     hidden = Statistics(unchecked).hidden
@@ -470,9 +464,9 @@ def test_hidden_errors_against_the_definition() -> None:
     detectable = limit_of(int(statistics.testable.sum())) + 0.841621
     for row in range(len(observed.kind)):
         own = {
-            ObservationKind.PLATE: lambda row: plates.point[observed.row[row]],
-            ObservationKind.CONTROL: lambda row: statistics.block.control.point[observed.row[row]],
-        }.get(ObservationKind(observed.kind[row]))
+            model.ObservationKind.PLATE: lambda row: plates.point[observed.row[row]],
+            model.ObservationKind.CONTROL: lambda row: statistics.block.control.point[observed.row[row]],
+        }.get(model.ObservationKind(observed.kind[row]))
         if own is not None and own(row) == point:
             effect = detectable * observed.sigma[row] / np.sqrt(observed.redundancy[row]) * observed.influence[row]
             largest = max(largest, float(np.linalg.norm(effect)))
@@ -491,7 +485,7 @@ def test_a_point_is_weakly_checked_beyond_five_sigmas() -> None:
 def test_a_redundancy_number_of_a_hundredth_is_needed_to_test_an_image() -> None:
     """Below it an error ten times the smallest detectable one of a well checked image would not show."""
     good = solution()
-    image = int(np.flatnonzero(good.observed.kind == ObservationKind.PLATE)[0])
+    image = int(np.flatnonzero(good.observed.kind == model.ObservationKind.PLATE)[0])
     for redundancy, tested in ((0.009, False), (0.011, True)):
         altered = changed(good.observed.redundancy, image, redundancy)
         statistics = Statistics(replace(good, observed=replace(good.observed, redundancy=altered)))
@@ -502,18 +496,18 @@ def test_a_redundancy_number_of_a_hundredth_is_needed_to_test_an_image() -> None
 # --- decks ---
 
 DECKS = {
-    "cameras_underground": (Grade.REJECTED, "camera below its ground"),
-    "control_in_feet": (Grade.DOUBTFUL, "control in feet"),
-    "iia_same_deck": (Grade.DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
-    "iiia_false_minimum": (Grade.DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
-    "point_at_4e15_converged": (Grade.REJECTED, ""),
-    "sigma0_inf_converged": (Grade.FAILED, "sigma0 is not finite"),
+    "cameras_underground": (model.Grade.REJECTED, "camera below its ground"),
+    "control_in_feet": (model.Grade.DOUBTFUL, "control in feet"),
+    "iia_same_deck": (model.Grade.DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
+    "iiia_false_minimum": (model.Grade.DOUBTFUL, "points 144, 112 are flagged as submerged (B)"),
+    "point_at_4e15_converged": (model.Grade.REJECTED, ""),
+    "sigma0_inf_converged": (model.Grade.FAILED, "sigma0 is not finite"),
 }
 
 
 @pytest.mark.parametrize("name", DECKS)
 def test_decks_that_showed_a_defect(name: str) -> None:
-    block: Block = read_deck(FIXTURES / f"verdict/{name}.crd")
+    block: model.Block = read_deck(FIXTURES / f"verdict/{name}.crd")
     grade, text = DECKS[name]
     found = verdict(adjust(block))
     assert found.grade is grade
@@ -522,15 +516,15 @@ def test_decks_that_showed_a_defect(name: str) -> None:
 
 def test_an_edit_that_was_refused_rejects() -> None:
     """Nothing was taken out: the solution has all that EDIT was to take out of it."""
-    refused = with_options(replace(solution(), unedited="one cause explains most"), editing=Editing.EDIT)
-    assert concerns(refused) == {Concern.BLUNDERS: Grade.REJECTED}
+    refused = with_options(replace(solution(), unedited="one cause explains most"), editing=model.Editing.EDIT)
+    assert concerns(refused) == {model.Concern.BLUNDERS: model.Grade.REJECTED}
     assert "nothing was edited: one cause explains most" in str(verdict(refused))
 
 
 def test_crests_that_may_be_others_make_doubtful() -> None:
     good = adjust(read_deck(FIXTURES / "waves/unknown.crd"))
     waves = good.water.waves
-    assert Concern.WAVES not in concerns(good)
+    assert model.Concern.WAVES not in concerns(good)
     for changes, doubtful in (
         ({"excess": np.full(len(waves.ids), 3.0)}, True),  # others fit nearly as well
         ({"searched": np.zeros(len(waves.ids), bool), "open": np.full(len(waves.ids), 9.0)}, True),
@@ -540,7 +534,7 @@ def test_crests_that_may_be_others_make_doubtful() -> None:
         ),  # known by the card
     ):
         unsure = altered(good, water={"waves": replace(waves, **changes)})
-        assert (concerns(unsure).get(Concern.WAVES) is Grade.DOUBTFUL) == doubtful
+        assert (concerns(unsure).get(model.Concern.WAVES) is model.Grade.DOUBTFUL) == doubtful
 
 
 def test_ground_heights_are_medians_of_what_each_photo_shows() -> None:
@@ -559,10 +553,10 @@ def test_a_result_of_watpt_far_from_the_rigorous_one_is_doubtful() -> None:
     block = read_deck(FIXTURES / "verdict/watpt_far_from_rigorous.crd")
     far = adjust(block)
     (reason,) = verdict(far).reasons
-    assert (reason.grade, reason.concern) == (Grade.DOUBTFUL, Concern.REFRACTION)
+    assert (reason.grade, reason.concern) == (model.Grade.DOUBTFUL, model.Concern.REFRACTION)
     assert "1.37 sigma" in reason.text and "up of photo 4; adjust with refraction RIGOROUS" in reason.text
     assert not pipeline.doubtful(far)
-    rigorous = adjust(altered(block, options={"refraction": Refraction.RIGOROUS}))
+    rigorous = adjust(altered(block, options={"refraction": model.Refraction.RIGOROUS}))
     assert not verdict(rigorous).reasons
     apart = metric_differences(block, far.stations.position, rigorous.stations.position)
     sigmas = np.abs(apart) / np.sqrt(np.einsum("kii->ki", far.stations.covariance[:, :3, :3]))

@@ -1,7 +1,5 @@
 """Real data with independent answers as blocks: the Strasbourg block (DBAT) and two single-photo resections."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -9,18 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from musatpy.model import (
-    Block,
-    Cameras,
-    Control,
-    ControlKind,
-    CoordinateSystem,
-    Options,
-    Photos,
-    PlateMeasurements,
-    Points,
-    Refraction,
-)
+from musatpy import model
 from musatpy.units import DEGREE
 from reference.resection import near_vertical
 
@@ -37,7 +24,7 @@ def load_case(name: str) -> dict[str, Any]:
     return data
 
 
-def strasbourg(case: dict[str, Any], variant: str) -> Block:
+def strasbourg(case: dict[str, Any], variant: str) -> model.Block:
     """Return the five-photo block as DBAT adjusted it: variant S1 (fixed control), S2 (weighted) or S4 (smart).
 
     x = 0.006 px - 26.577, y = 38.811 - 0.006 py in millimetres; image sigma 1 px; no sigmas on the stations, which
@@ -76,7 +63,7 @@ def strasbourg(case: dict[str, Any], variant: str) -> Block:
     )
 
 
-def resection(case: dict[str, Any]) -> Block:
+def resection(case: dict[str, Any]) -> model.Block:
     """Return a single photo over fixed control, unit plate sigma so that the sum of squares is in mm2."""
     rows = case["points_id_x_y_X_Y_Z"]
     ids = [row[0] for row in rows]
@@ -111,28 +98,31 @@ def local_block(
     control_ids: list[str],
     control: np.ndarray,
     control_sigma: np.ndarray | None,
-) -> Block:
+) -> model.Block:
     """Return a local rectangular block of one camera with full control, fixed where no sigma is given."""
     photo, point, xy = plates
-    return Block(
+    return model.Block(
         titles=(title,),
-        options=Options(
-            system=CoordinateSystem.LOCAL, refraction=Refraction.NONE, plate_sigma=plate_sigma, max_iterations=30
+        options=model.Options(
+            system=model.CoordinateSystem.LOCAL,
+            refraction=model.Refraction.NONE,
+            plate_sigma=plate_sigma,
+            max_iterations=30,
         ),
-        cameras=Cameras(
+        cameras=model.Cameras(
             ids=["CAM1"], focal_length=[focal_length], principal_point=[[0.0, 0.0]], format_size=[[np.nan, np.nan]]
         ),
-        photos=Photos(
+        photos=model.Photos(
             ids=photo_ids,
             camera=np.zeros(len(photo_ids), dtype=int),
             position=position,
             attitude=attitude,
         ),
-        points=Points(ids=point_ids),
-        plates=PlateMeasurements(photo=photo, point=point, xy=xy),
-        control=Control(
+        points=model.Points(ids=point_ids),
+        plates=model.PlateMeasurements(photo=photo, point=point, xy=xy),
+        control=model.Control(
             point=[point_ids.index(name) for name in control_ids],
-            kind=np.full(len(control_ids), ControlKind.FULL),
+            kind=np.full(len(control_ids), model.ControlKind.FULL),
             fixed=np.full(len(control_ids), control_sigma is None),
             position=control,
             sigma=[] if control_sigma is None else control_sigma,

@@ -3,24 +3,12 @@
 Images come from the reference projection of `dense_bundle`, so they share nothing with the program.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from altered import altered
-from musatpy.model import (
-    Block,
-    Control,
-    ControlKind,
-    CoordinateSystem,
-    Options,
-    PlateMeasurements,
-    Program,
-    Refraction,
-    Water,
-)
+from musatpy import model
 from musatpy.model.tables import empty
 from musatpy.units import DEGREE
 from orientation.flights import fly, spread
@@ -38,7 +26,7 @@ class Oblique:
     tilt: float
     convergent: bool = False  # a second strip on the far side looks back
     submerged: bool = False
-    program: Program = Program.IIIA
+    program: model.Program = model.Program.IIIA
     photos: int = 4  # of a strip
     height: float = 3000.0  # m over the ground
     base: float = 0.4  # of the height
@@ -53,11 +41,11 @@ class Oblique:
 class ObliqueBlock:
     """A block started from its true stations, and the errors that starts are given."""
 
-    block: Block
+    block: model.Block
     shift: np.ndarray  # (n, 3) m, of 100 to 500 m
     turn: np.ndarray  # (n, 3) rad, of up to 5 degrees each
 
-    def started(self, share: float = 1.0) -> Block:
+    def started(self, share: float = 1.0) -> model.Block:
         """Return the block with a share of the errors put on its stations."""
         photos = self.block.photos
         moved = replace(
@@ -80,11 +68,11 @@ def make_oblique(plan: Oblique) -> ObliqueBlock:
     block = altered(
         bare,
         options=_options(plan),
-        water=Water(index=1.34) if plan.submerged else None,
+        water=model.Water(index=1.34) if plan.submerged else None,
         photos={"position": C, "attitude": angles_of(M), "tide": np.full(n, TIDE if plan.submerged else np.nan)},
         points={"ids": np.arange(p).astype(str), "bathymetric": wet, "dry": np.zeros(p, dtype=bool)},
-        plates=empty(PlateMeasurements),
-        control=empty(Control),
+        plates=empty(model.PlateMeasurements),
+        control=empty(model.Control),
     )
     block = replace(block, plates=_measured(block, C, M, X, rng))
     block = replace(block, control=_controlled(plan, block, X, rng))
@@ -118,11 +106,11 @@ def drawn(seed: int) -> ObliqueBlock:
     )
 
 
-def _options(plan: Oblique) -> Options:
-    return Options(
+def _options(plan: Oblique) -> model.Options:
+    return model.Options(
         program=plan.program,
-        system=CoordinateSystem.LOCAL,
-        refraction=Refraction.RIGOROUS if plan.submerged else Refraction.NONE,
+        system=model.CoordinateSystem.LOCAL,
+        refraction=model.Refraction.RIGOROUS if plan.submerged else model.Refraction.NONE,
         plate_sigma=SIGMA,
         max_iterations=60,
     )
@@ -181,25 +169,25 @@ def _ground(plan: Oblique, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
 
 
 def _measured(
-    block: Block, C: np.ndarray, M: np.ndarray, X: np.ndarray, rng: np.random.Generator
-) -> PlateMeasurements:
+    block: model.Block, C: np.ndarray, M: np.ndarray, X: np.ndarray, rng: np.random.Generator
+) -> model.PlateMeasurements:
     xy = project_all(block, X, refraction=block.points.bathymetric.any())
     front = np.einsum("nij,npj->npi", M, X[None] - C[:, None])[..., 2] < 0.0
     seen = front & (np.abs(xy) < 105.0).all(axis=2)
     seen &= seen.sum(axis=0) > 1
     photo, point = np.nonzero(seen)
     noisy = xy[photo, point] + rng.normal(0.0, SIGMA, (len(photo), 2))
-    return PlateMeasurements(photo=photo, point=point, xy=noisy)
+    return model.PlateMeasurements(photo=photo, point=point, xy=noisy)
 
 
-def _controlled(plan: Oblique, block: Block, X: np.ndarray, rng: np.random.Generator) -> Control:
+def _controlled(plan: Oblique, block: model.Block, X: np.ndarray, rng: np.random.Generator) -> model.Control:
     """Return full control on dry points with rays, far from each other."""
     rays = np.bincount(block.plates.point, minlength=len(X))
     dry = np.flatnonzero((rays > 1) & ~block.points.bathymetric)
     point = dry[spread(X[dry], plan.control)]
-    return Control(
+    return model.Control(
         point=point,
-        kind=np.full(plan.control, int(ControlKind.FULL)),
+        kind=np.full(plan.control, int(model.ControlKind.FULL)),
         position=X[point] + rng.normal(0.0, 0.1, (plan.control, 3)),
         sigma=np.full((plan.control, 3), 0.1),
     )

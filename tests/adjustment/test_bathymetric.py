@@ -1,7 +1,5 @@
 """Submerged points by straight rays of the adjusted stations, at n times their depth, and as adjusted."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

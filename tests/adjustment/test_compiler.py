@@ -1,7 +1,5 @@
 """Loops are compiled anew when any source of theirs is another one."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

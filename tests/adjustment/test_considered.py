@@ -1,7 +1,5 @@
 """Water that has a sigma and is not adjusted: its errors in all sigmas, in those of depths, and in the tests."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Free networks: inner constraints against a dense pseudo-inverse, and what they must leave alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 
 from altered import altered
-from musatpy import read_deck, write_deck
+from musatpy import model, read_deck, write_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import freedom
@@ -19,20 +17,6 @@ from musatpy.adjustment.job import prepared
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.errors import AdjustmentError
 from musatpy.geometry import similarity
-from musatpy.model import (
-    AirBases,
-    Block,
-    Control,
-    ControlKind,
-    CoordinateSystem,
-    Datum,
-    Distances,
-    Initial,
-    ObservationKind,
-    Program,
-    Refraction,
-    Solution,
-)
 from musatpy.model.tables import empty
 from musatpy.statistics import metric_differences
 from orientation.flights import FOCAL_LENGTH, HEIGHT, Flight, fly, strip
@@ -42,24 +26,30 @@ from reference.networks import Plan, simulate
 TIGHT = {"rotation_limit": 1e-9, "translation_limit": 1e-6, "max_iterations": 40}
 
 
-def free_block(plan: Plan, kinds: tuple[ControlKind, ...] = ()) -> Block:
+def free_block(plan: Plan, kinds: tuple[model.ControlKind, ...] = ()) -> model.Block:
     """The block of a plan without control but that of `kinds`, as a free network of IIIA."""
     block = simulate(plan).block
     kept = np.isin(block.control.kind, kinds)
     options = replace(
-        block.options, program=Program.IIIA, datum=Datum.FREE, refraction=Refraction.RIGOROUS, **TIGHT
+        block.options,
+        program=model.Program.IIIA,
+        datum=model.Datum.FREE,
+        refraction=model.Refraction.RIGOROUS,
+        **TIGHT,
     )
-    return altered(block, control={"kind": np.where(kept, block.control.kind, ControlKind.CHECK)}, options=options)
+    return altered(
+        block, control={"kind": np.where(kept, block.control.kind, model.ControlKind.CHECK)}, options=options
+    )
 
 
 @lru_cache
-def solved(plan: Plan, kinds: tuple[ControlKind, ...] = ()) -> Solution:
+def solved(plan: Plan, kinds: tuple[model.ControlKind, ...] = ()) -> model.Solution:
     solution = adjust(free_block(plan, kinds))
     assert solution.converged, solution.reason
     return solution
 
 
-def dense_cofactors(solution: Solution, defect: int) -> tuple[np.ndarray, dense_bundle.Network]:
+def dense_cofactors(solution: model.Solution, defect: int) -> tuple[np.ndarray, dense_bundle.Network]:
     """Q under the inner constraints over the points, from the eigenvectors of the dense normal matrix."""
     block = solution.block
     network = dense_bundle.Network(block, refraction=True)
@@ -79,9 +69,9 @@ def dense_cofactors(solution: Solution, defect: int) -> tuple[np.ndarray, dense_
     return S @ Q @ S.T, network
 
 
-def in_given_frame(solution: Solution) -> np.ndarray:
+def in_given_frame(solution: model.Solution) -> np.ndarray:
     """Attitudes of a local job need no turning."""
-    assert solution.block.options.system is CoordinateSystem.LOCAL
+    assert solution.block.options.system is model.CoordinateSystem.LOCAL
     return solution.stations.attitude
 
 
@@ -154,11 +144,11 @@ def test_a_distance_gives_the_scale() -> None:
     known = np.flatnonzero(np.isfinite(solved(plan).points.position).all(axis=1))
     ends = solved(plan).points.position[known[[0, -1]]]
     length = float(np.linalg.norm(ends[1] - ends[0])) * 1.001
-    measured = Distances(point=known[None, [0, -1]], length=[length], sigma=[0.01])
+    measured = model.Distances(point=known[None, [0, -1]], length=[length], sigma=[0.01])
     solution = adjust(replace(block, distances=measured))
     assert solution.converged
     assert solution.observations["inner constraints"] == 6
-    adjusted = solution.measured[ObservationKind.DISTANCE]
+    adjusted = solution.measured[model.ObservationKind.DISTANCE]
     assert adjusted[0] == pytest.approx(length, abs=1e-6)  # nothing else speaks of the scale
     assert solution.degrees_of_freedom == solved(plan).degrees_of_freedom
 
@@ -166,13 +156,13 @@ def test_a_distance_gives_the_scale() -> None:
 def test_a_datum_by_control_of_a_free_block_is_refused() -> None:
     block = free_block(Plan(photos_per_strip=4))
     with pytest.raises(AdjustmentError, match="the block as a whole is free in shift east"):
-        adjust(altered(block, options={"datum": Datum.CONTROL}))
+        adjust(altered(block, options={"datum": model.Datum.CONTROL}))
 
 
 def test_control_makes_the_option_do_nothing() -> None:
-    plan = Plan(photos_per_strip=4, kinds=(ControlKind.FULL,))
-    held = free_block(plan, (ControlKind.FULL,))
-    free, usual = adjust(held), adjust(altered(held, options={"datum": Datum.CONTROL}))
+    plan = Plan(photos_per_strip=4, kinds=(model.ControlKind.FULL,))
+    held = free_block(plan, (model.ControlKind.FULL,))
+    free, usual = adjust(held), adjust(altered(held, options={"datum": model.Datum.CONTROL}))
     np.testing.assert_array_equal(free.points.position, usual.points.position)
     np.testing.assert_array_equal(free.stations.covariance, usual.stations.covariance)
 
@@ -180,13 +170,13 @@ def test_control_makes_the_option_do_nothing() -> None:
 # --- nothing known of the stations either ---
 
 
-def unplaced(block: Block, known: tuple[int, ...] = ()) -> Block:
+def unplaced(block: model.Block, known: tuple[int, ...] = ()) -> model.Block:
     """The block to be computed as a free network, without its stations and all control but that of rows `known`."""
     unknown = np.full((len(block.photos.ids), 3), np.nan)
     photos = dict.fromkeys(("position", "attitude", "position_sigma", "attitude_sigma"), unknown)
-    kind = np.full(len(block.control.point), int(ControlKind.CHECK))
+    kind = np.full(len(block.control.point), int(model.ControlKind.CHECK))
     kind[list(known)] = block.control.kind[list(known)]
-    options = {"program": Program.IIIA, "datum": Datum.FREE, "initial": Initial.COMPUTE, **TIGHT}
+    options = {"program": model.Program.IIIA, "datum": model.Datum.FREE, "initial": model.Initial.COMPUTE, **TIGHT}
     return altered(block, photos=photos, control={"kind": kind}, options=options)
 
 
@@ -197,7 +187,7 @@ def flown(**changes: Any) -> Flight:
     return fly(np.concatenate(stations), attitude, seed=4, **changes)
 
 
-def assert_same_shape(solution: Solution, truth: np.ndarray, sigmas: float) -> np.ndarray:
+def assert_same_shape(solution: model.Solution, truth: np.ndarray, sigmas: float) -> np.ndarray:
     """Assert that the points are the true ones but for a similarity, and return its scale and shift."""
     known = np.isfinite(solution.points.position).all(axis=1)
     found = solution.points.position[known]
@@ -232,7 +222,7 @@ def test_a_distance_scales_a_block_without_stations() -> None:
     truth = flown(control=2)
     ends = truth.block.control.point
     length = float(np.linalg.norm(truth.X[ends[1]] - truth.X[ends[0]]))
-    measured = Distances(point=ends[None], length=[length], sigma=[0.05])
+    measured = model.Distances(point=ends[None], length=[length], sigma=[0.05])
     solution = adjust(replace(unplaced(truth.block), distances=measured))
     assert solution.converged, solution.reason
     assert solution.observations["inner constraints"] == 6
@@ -243,7 +233,7 @@ def test_a_distance_scales_a_block_without_stations() -> None:
 def test_an_air_base_scales_a_block_without_stations() -> None:
     truth = flown(control=2)
     length = float(np.linalg.norm(truth.C[1] - truth.C[0]))
-    bases = AirBases(photo=[[0, 1]], length=[length], sigma=[0.05])
+    bases = model.AirBases(photo=[[0, 1]], length=[length], sigma=[0.05])
     solution = adjust(replace(unplaced(truth.block), air_bases=bases))
     assert solution.converged, solution.reason
     scale, *_ = assert_same_shape(solution, truth.X, 5.0)
@@ -266,7 +256,9 @@ def test_heights_alone_do_not_place_a_block() -> None:
     """Four known heights hold height and tilts; the scale, which relief would hold, the nominal one replaces."""
     truth = flown()
     control = truth.block.control
-    block = replace(truth.block, control=replace(control, kind=np.full(len(control.kind), ControlKind.VERTICAL)))
+    block = replace(
+        truth.block, control=replace(control, kind=np.full(len(control.kind), model.ControlKind.VERTICAL))
+    )
     solution = adjust(unplaced(block, (0, 1, 2, 3)))
     assert solution.converged, solution.reason
     assert_same_shape(solution, truth.X, 5.0)
@@ -290,8 +282,8 @@ def test_submerged_points_put_an_unplaced_block_to_the_tide() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("system", [CoordinateSystem.GEOGRAPHIC, CoordinateSystem.GEOCENTRIC])
-def test_a_job_on_the_ellipsoid_needs_one_position(system: CoordinateSystem) -> None:
+@pytest.mark.parametrize("system", [model.CoordinateSystem.GEOGRAPHIC, model.CoordinateSystem.GEOCENTRIC])
+def test_a_job_on_the_ellipsoid_needs_one_position(system: model.CoordinateSystem) -> None:
     simulated = simulate(Plan(photos_per_strip=4, system=system, seed=2))
     with pytest.raises(AdjustmentError, match=r"a GEO. job needs a position at least"):
         adjust(unplaced(simulated.block))
@@ -308,13 +300,13 @@ def test_a_job_on_the_ellipsoid_needs_one_position(system: CoordinateSystem) -> 
 def test_the_control_option_still_says_why_photos_are_not_placed() -> None:
     block = unplaced(flown(control=2).block)
     with pytest.raises(AdjustmentError, match="2 and 1 are needed to place them"):
-        adjust(altered(block, options={"datum": Datum.CONTROL}))
+        adjust(altered(block, options={"datum": model.Datum.CONTROL}))
 
 
 def test_a_deck_of_plates_alone_passes_its_checks(tmp_path: Path) -> None:
     block = unplaced(flown(control=2).block)
     deck = tmp_path / "plates.crd"
-    write_deck(replace(block, control=empty(Control)), deck)
+    write_deck(replace(block, control=empty(model.Control)), deck)
     assert not {"STA", "CTL"} & {line[:3] for line in deck.read_text().splitlines()}
     solution = adjust(read_deck(deck))
     assert solution.converged, solution.reason

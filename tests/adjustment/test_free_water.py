@@ -1,6 +1,4 @@
-"""Free networks over water of which level, tilt or index are unknown: the plane belongs to what is free."""
-
-from __future__ import annotations
+"""Water whose plane nothing holds, and starts of blocks in a tank from nothing."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,26 +7,31 @@ import numpy as np
 import pytest
 
 import musatpy
+from musatpy import model
 from musatpy.adjustment.datum import freedom, moved_to
+from musatpy.adjustment.initial import THROUGH_WATER, initial_photos
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds.water import moved_levels, turned_slopes
 from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.geometry.geodesy import middle_of
+from musatpy.errors import AdjustmentError
+from musatpy.geometry.geodesy import Ellipsoid, middle_of
 from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.similarity import Similarity, fit
-from musatpy.model import (
-    Block,
-    Datum,
-    Initial,
-    ObservationKind,
-    Solution,
-    Treatment,
-    Water,
-    WaterLevel,
-)
 from musatpy.orientation.twomedia.oriented import Oriented, orient
 from musatpy.orientation.twomedia.sights import Plane
-from orientation.twomedia.geometries import KINDS, geometry, sights_of
+from musatpy.orientation.twomedia.single import SINGLE_RAY
+from orientation.twomedia.geometries import (
+    ANGLES,
+    KINDS,
+    Kind,
+    geometry,
+    level_of,
+    points_of,
+    scene,
+    sights_of,
+    stations_of,
+    truth_of,
+)
 from orientation.twomedia.methods import METHODS
 from orientation.twomedia.referee import block_of, level_of_origin
 from reference.compare import covariance_difference
@@ -44,7 +47,7 @@ CASES = [
 
 
 @cache
-def model_and_block(method: str, index: bool = False) -> tuple[Oriented, Block]:
+def model_and_block(method: str, index: bool = False) -> tuple[Oriented, model.Block]:
     """The orientation of noisy images of the laboratory, and the block of a free network that starts from it."""
     true = geometry("lab", method)
     sights = sights_of(true)
@@ -52,12 +55,12 @@ def model_and_block(method: str, index: bool = False) -> tuple[Oriented, Block]:
     sights = replace(sights, image=sights.image + noise * sights.image_sigma)
     result = orient(sights, METHODS[method], Plane(index_unknown=index), LAB.B)
     block = block_of(true, sights, result.at)
-    treatment = Treatment.ADJUST if index else Treatment.KNOWN
-    return result, replace(block, options=replace(block.options, datum=Datum.FREE, water_index=treatment))
+    treatment = model.Treatment.ADJUST if index else model.Treatment.KNOWN
+    return result, replace(block, options=replace(block.options, datum=model.Datum.FREE, water_index=treatment))
 
 
 @cache
-def adjusted(method: str, index: bool = False) -> Solution:
+def adjusted(method: str, index: bool = False) -> model.Solution:
     solution = musatpy.adjust(model_and_block(method, index)[1])
     assert solution.converged, solution.reason
     return solution
@@ -72,7 +75,7 @@ def test_relative_orientation_through_water_after_a_similarity(method: str, inde
     assert solution.degrees_of_freedom == result.redundancy
     assert solution.warnings == ()
     assert solution.sum_of_squares == pytest.approx(result.adjusted.squares[0], rel=1e-9)
-    images = solution.observed.kind == ObservationKind.PLATE
+    images = solution.observed.kind == model.ObservationKind.PLATE
     np.testing.assert_allclose(
         solution.observed.redundancy[images].reshape(-1, 2), result.image_redundancy, atol=1e-9
     )
@@ -111,7 +114,7 @@ def test_covariances_are_those_of_a_dense_pseudo_inverse() -> None:
         assert np.abs(covariance_difference(ours / unit, theirs)).max() < 1e-5
 
 
-def dense_cofactors(solution: Solution) -> tuple[np.ndarray, dict[str, slice]]:
+def dense_cofactors(solution: model.Solution) -> tuple[np.ndarray, dict[str, slice]]:
     """The cofactors under inner constraints over the points, from dense normals by central differences."""
     problem, water = Problem(solution.block), solution.water
     assert water is not None
@@ -136,14 +139,14 @@ def dense_cofactors(solution: Solution) -> tuple[np.ndarray, dict[str, slice]]:
 @pytest.mark.parametrize(
     ("level", "tilt", "free"),
     [
-        (WaterLevel.ONE, Treatment.ADJUST, 7),
-        (WaterLevel.PHOTO, Treatment.ADJUST, 7),
-        (WaterLevel.ONE, Treatment.KNOWN, 5),  # a plane of known slopes holds two turns
-        (WaterLevel.KNOWN, Treatment.ADJUST, 6),  # and one that goes through a known place one motion
-        (WaterLevel.KNOWN, Treatment.KNOWN, 4),
+        (model.WaterLevel.ONE, model.Treatment.ADJUST, 7),
+        (model.WaterLevel.PHOTO, model.Treatment.ADJUST, 7),
+        (model.WaterLevel.ONE, model.Treatment.KNOWN, 5),  # a plane of known slopes holds two turns
+        (model.WaterLevel.KNOWN, model.Treatment.ADJUST, 6),  # and one that goes through a known place one motion
+        (model.WaterLevel.KNOWN, model.Treatment.KNOWN, 4),
     ],
 )
-def test_what_the_plane_does_not_hold_is_free(level: WaterLevel, tilt: Treatment, free: int) -> None:
+def test_what_the_plane_does_not_hold_is_free(level: model.WaterLevel, tilt: model.Treatment, free: int) -> None:
     """Slopes of 20 %, so that shifts and the turn about the normal carry the level along."""
     block = with_plane(model_and_block("TRIPLET")[1], (0.2, -0.1))
     block = replace(block, options=replace(block.options, water_level=level, water_tilt=tilt))
@@ -155,10 +158,10 @@ def test_what_the_plane_does_not_hold_is_free(level: WaterLevel, tilt: Treatment
     assert unheld.weak == 0
 
 
-def with_plane(block: Block, slopes: tuple[float, float]) -> Block:
+def with_plane(block: model.Block, slopes: tuple[float, float]) -> model.Block:
     """The block with other slopes of the water."""
     assert block.water is not None
-    return replace(block, water=Water(index=block.water.index, tilt_east=slopes[0], tilt_north=slopes[1]))
+    return replace(block, water=model.Water(index=block.water.index, tilt_east=slopes[0], tilt_north=slopes[1]))
 
 
 @pytest.mark.parametrize("method", ["PAIR-INDEPENDENT", "TRIPLET"])
@@ -167,7 +170,9 @@ def test_nothing_known_but_the_images(method: str) -> None:
     result, block = model_and_block(method)
     unknown = np.full_like(block.photos.position, np.nan)
     photos = replace(block.photos, position=unknown, attitude=unknown, tide=np.zeros(len(unknown)))
-    options = replace(block.options, initial=Initial.COMPUTE, translation_limit=1e-8)  # of photographs at 1:10,000
+    options = replace(
+        block.options, initial=model.Initial.COMPUTE, translation_limit=1e-8
+    )  # of photographs at 1:10,000
     solution = musatpy.adjust(replace(block, photos=photos, options=options))
     assert solution.converged, solution.reason
     assert solution.observations["inner constraints"] == 7
@@ -214,3 +219,113 @@ def test_a_free_move_changes_no_image() -> None:
     np.testing.assert_allclose(moved.ground, first, atol=1e-9)
     before, after = (problem.with_squares(at).squares.sum() for at in (state, moved))
     assert after == pytest.approx(before, rel=1e-9)
+
+
+TANK = Kind(H=200.0, B=100.0, least=50.0, largest=120.0, width=100.0, c=0.15)
+SLOPES, CONTROL_SIGMA = (0.03, 0.02), 0.01
+TOLD = "photo 0: straight rays agree with no station; its initial values are those of its control through the water"
+
+
+def tank(tide: float = 5.0, wrong: float = 0.0) -> tuple[Oriented, model.Block]:
+    """The photo oriented from nothing, and its block without a station.
+
+    `tide` is by how much the given one is off, `wrong` the shift of control point 3 (in the block alone).
+    """
+    true = scene(TANK, points_of(TANK, 11), stations_of(TANK, 1), ANGLES[:1])
+    sights = sights_of(true, 20, control_sigma=CONTROL_SIGMA)
+    rng = np.random.default_rng(0)
+    sights = replace(
+        sights,
+        image=sights.image + rng.normal(size=sights.image.shape) * sights.image_sigma,
+        control=sights.control + rng.normal(size=sights.control.shape) * CONTROL_SIGMA,
+    )
+    block = block_of(true, sights, truth_of(true)[0])
+    unknown = np.full((1, 3), np.nan)
+    position = block.control.position.copy()
+    position[3] += wrong
+    return orient(sights, SINGLE_RAY, Plane()), replace(
+        block,
+        options=replace(block.options, initial=model.Initial.COMPUTE),
+        photos=replace(block.photos, position=unknown, attitude=unknown, tide=block.photos.tide + tide),
+        control=replace(block.control, position=position),
+    )
+
+
+@pytest.mark.parametrize("tide", [5.0, 120.0])
+def test_program_iiia_starts_from_nothing(tide: float) -> None:
+    """And ends where the orientation does, to 1e-6 of its sigmas; a tide may be a guess."""
+    oriented, block = tank(tide)
+    solution = musatpy.adjust(block)
+    assert solution.converged, solution.reason
+    assert solution.warnings[0] == f"{TOLD} (SINGLE-RAY)"
+    pose = np.concatenate([solution.stations.attitude[0], solution.stations.position[0]])
+    assert np.abs((pose - oriented.at.vector[0:6]) / oriented.sigma[:6]).max() < 1e-6
+    assert solution.sum_of_squares == pytest.approx(oriented.adjusted.squares[0], rel=1e-9)
+    assert solution.degrees_of_freedom == oriented.redundancy
+
+
+@pytest.mark.slow
+def test_a_wrong_control_point_is_named_and_does_not_lead_astray() -> None:
+    oriented, block = tank(wrong=8.0)
+    values = initial_photos(block)
+    assert values.found.tolist() == [THROUGH_WATER]
+    assert values.notes == (f"{TOLD} (SINGLE-RAY, without control 3)",)
+    off = (values.photos.position[0] - oriented.at.station[0]) / oriented.sigma[3:6]
+    assert np.abs(off).max() < 3.0  # of 20 points one less
+    given = replace(block.options, initial=model.Initial.GIVEN)
+    assert musatpy.adjust(replace(block, photos=values.photos, options=given)).converged
+
+
+def test_a_geocentric_job_starts_in_its_level_axes() -> None:
+    """200 m of the ellipsoid are level to 1 mm, a tenth of the sigma of the control."""
+    oriented, block = tank()
+    ellipsoid = model.EllipsoidSpec(name="WGS84")
+    at = np.array([0.6, -1.1, 0.0])  # latitude and longitude, rad
+    origin, axes = Ellipsoid.of(ellipsoid).geocentric(at), Ellipsoid.of(ellipsoid).frame(at)
+    solution = musatpy.adjust(
+        replace(
+            block,
+            ellipsoid=ellipsoid,
+            options=replace(
+                block.options, system=model.CoordinateSystem.GEOCENTRIC, rotation_limit=1e-9, translation_limit=1e-6
+            ),
+            control=replace(block.control, position=origin + block.control.position @ axes),
+        )
+    )
+    assert solution.converged, solution.reason
+    assert solution.warnings[0] == f"{TOLD} (SINGLE-RAY)"
+    station = (solution.stations.position[0] - origin) @ axes.T
+    assert np.abs((station - oriented.at.station[0]) / oriented.sigma[3:6]).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("level", "tilt"),
+    [(model.WaterLevel.KNOWN, model.Treatment.KNOWN), (model.WaterLevel.ONE, model.Treatment.KNOWN)],
+)
+def test_what_the_deck_knows_of_the_plane_is_held(level: model.WaterLevel, tilt: model.Treatment) -> None:
+    _, block = tank(tide=0.0)
+    assert block.water is not None
+    water = replace(block.water, tilt_east=SLOPES[0], tilt_north=SLOPES[1])
+    # the tide holds at the middle of the stations, which stand over 0, 0
+    photos = replace(block.photos, tide=np.array([level_of(TANK)]))
+    options = replace(block.options, water_level=level, water_tilt=tilt)
+    solution = musatpy.adjust(replace(block, water=water, photos=photos, options=options))
+    assert solution.converged, solution.reason
+    assert solution.warnings[0].startswith(TOLD)
+    assert solution.sigma0 == pytest.approx(1.0, abs=0.4)  # three standard errors of 33 degrees of freedom
+    sigma = np.sqrt(np.diagonal(solution.stations.covariance[0])[:3])
+    assert np.abs(solution.stations.position[0] / sigma).max() < 4.0
+
+
+@pytest.mark.slow
+def test_control_that_contradicts_says_so_of_both_ways() -> None:
+    _, block = tank()
+    mixed = replace(block, control=replace(block.control, position=block.control.position[::-1]))
+    with pytest.raises(AdjustmentError, match=r"agree with no station.*; through the water, SINGLE-RAY: "):
+        musatpy.adjust(mixed)
+
+
+def test_without_refraction_there_is_no_water() -> None:
+    _, block = tank()
+    dry = replace(block, options=replace(block.options, refraction=model.Refraction.NONE))
+    assert initial_photos(dry).found.tolist() == [""]

@@ -1,7 +1,5 @@
 """Initial values from plates and control alone: the adjustment from them is that from good starts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 Slow, as they are compiled first: half a minute of CPU on a new machine.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

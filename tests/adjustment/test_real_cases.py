@@ -3,8 +3,6 @@
 Every tolerance is half a unit of the last printed digit.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

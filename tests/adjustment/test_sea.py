@@ -1,7 +1,5 @@
 """Blocks photographed through waves: both programs find the truth where they know the waves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

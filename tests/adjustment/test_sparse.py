@@ -1,7 +1,5 @@
 """The multifrontal factor and its selected inverse, against dense matrices."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

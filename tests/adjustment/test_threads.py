@@ -1,7 +1,5 @@
 """Pieces of work on threads."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import threading

@@ -1,48 +1,61 @@
-"""What no observation determines has no number: water without a wet image, points whose rays do not meet well."""
+"""What nothing determines, what is lost, and which control makes a datum."""
 
-from __future__ import annotations
-
+import dataclasses
 import json
+import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import musatpy
-from altered import altered, with_options
-from musatpy import adjust, read_deck, verdict
+from altered import added, altered, with_options
+from musatpy import listing, model, read_deck, verdict
+from musatpy.adjustment import adjust
+from musatpy.adjustment.iteration import Linearisation, iterate
+from musatpy.formats import musat
+from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.model import Block, Concern, PointStatus, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.pipeline import doubtful
 from musatpy.runs import run_deck
-from reference import networks
+from musatpy.simulation import simulate, spec_from_table
+from musatpy.statistics import metric_differences
+from musatpy.units import ARC_SECOND
+from reference import compare, dense_bundle, networks
+from reference.networks import Plan
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
-UNKNOWN = {"water_level": WaterLevel.PHOTO, "water_index": Treatment.ADJUST, "water_tilt": Treatment.ADJUST}
+UNKNOWN = {
+    "water_level": model.WaterLevel.PHOTO,
+    "water_index": model.Treatment.ADJUST,
+    "water_tilt": model.Treatment.ADJUST,
+}
 
 
-def st_thomas(flagged: tuple[str, ...] | None = None, **options: object) -> Block:
+def st_thomas(flagged: tuple[str, ...] | None = None, **options: object) -> model.Block:
     """Return St. Thomas as a job of IIIA, some of its points flagged as submerged: as on its cards, or these."""
     block = read_deck(FIXTURES / "st_thomas/st_thomas.crd")
     if flagged is not None:
         block = altered(block, points={"bathymetric": np.isin(block.points.ids, flagged)})
-    return with_options(block, program=Program.IIIA, refraction=Refraction.RIGOROUS, **options)
+    return with_options(block, program=model.Program.IIIA, refraction=model.Refraction.RIGOROUS, **options)
 
 
-def undetermined(solution: Solution) -> list[str]:
-    return [reason.text for reason in verdict(solution).reasons if reason.concern is Concern.UNDETERMINED]
+def undetermined(solution: model.Solution) -> list[str]:
+    return [reason.text for reason in verdict(solution).reasons if reason.concern is model.Concern.UNDETERMINED]
 
 
 def test_water_without_an_image_has_no_number_and_is_a_note(tmp_path: Path) -> None:
-    solution = adjust(st_thomas((), **UNKNOWN))
+    solution = musatpy.adjust(st_thomas((), **UNKNOWN))
     water = solution.water
     for values in (water.correction, water.correction_sigma, water.tilt_sigma, water.index_sigma):
         assert np.isnan(values).all()
     assert not undetermined(solution)
     assert any("not determined, and no image depends on it" in note for note in verdict(solution).notes)
     # it is neither observed nor estimated: sigma0 is that of the job without water
-    dry = adjust(altered(st_thomas(()), water=None))
+    dry = musatpy.adjust(altered(st_thomas(()), water=None))
     assert solution.degrees_of_freedom == dry.degrees_of_freedom
     assert solution.sigma0 == pytest.approx(dry.sigma0, rel=1e-9)
 
@@ -65,7 +78,7 @@ def test_what_cards_give_a_sigma_is_known_by_it() -> None:
     block = altered(
         st_thomas((), **UNKNOWN), photos={"tide_sigma": np.full(3, 0.1)}, water={"sigma": 3e-3, "tilt_sigma": 1e-5}
     )
-    water = adjust(block).water
+    water = musatpy.adjust(block).water
     assert not water.undetermined
     assert np.isfinite(water.correction_sigma).all() and np.isfinite(water.index_sigma)
 
@@ -80,7 +93,7 @@ def test_what_cards_give_a_sigma_is_known_by_it() -> None:
     ],
 )
 def test_a_tilt_that_images_depend_on_is_doubtful(flagged: tuple[str, ...], sigmas: list[bool]) -> None:
-    solution = adjust(st_thomas(flagged, water_tilt=Treatment.ADJUST))
+    solution = musatpy.adjust(st_thomas(flagged, water_tilt=model.Treatment.ADJUST))
     assert solution.converged
     assert np.isfinite(solution.water.tilt_sigma).tolist() == sigmas
     assert bool(undetermined(solution)) is not all(sigmas)
@@ -90,18 +103,18 @@ def test_a_tilt_that_images_depend_on_is_doubtful(flagged: tuple[str, ...], sigm
 
 
 def test_determined_water_is_as_before() -> None:
-    solution = adjust(st_thomas(water_level=WaterLevel.ONE))
+    solution = musatpy.adjust(st_thomas(water_level=model.WaterLevel.ONE))
     assert not solution.water.undetermined
     assert np.isfinite(solution.water.correction_sigma).all()
 
 
-def with_rays_apart(seed: int, heights: float, *, kept_out: bool = False) -> tuple[Block, int]:
+def with_rays_apart(seed: int, heights: float, *, kept_out: bool = False) -> tuple[model.Block, int]:
     """Return a strip, and a pass point of two photos of it whose images are those of a place so far off.
 
     A base b and a distance d determine it to d^2/b of the angle of an image: a sixth of a height at 40.
     """
     block = networks.simulate(networks.Plan(seed=seed)).block
-    solution, plates = adjust(block), block.plates
+    solution, plates = musatpy.adjust(block), block.plates
     free = ~np.isin(np.arange(len(block.points.ids)), [*block.control.point, *block.equal_elevations.point])
     point = int(np.flatnonzero(free & (np.bincount(plates.point) == 2) & ~block.points.bathymetric)[0])
     rows = np.flatnonzero(plates.point == point)
@@ -121,12 +134,12 @@ def with_rays_apart(seed: int, heights: float, *, kept_out: bool = False) -> tup
 @pytest.mark.parametrize("kept_out", [False, True])
 def test_a_point_that_its_rays_do_not_determine_is_named_and_not_stated(kept_out: bool, tmp_path: Path) -> None:
     block, point = with_rays_apart(3, 60.0, kept_out=kept_out)
-    solution = adjust(block)
+    solution = musatpy.adjust(block)
     points, name = solution.points, str(block.points.ids[point])
-    assert points.status[point] == PointStatus.NOT_DETERMINED
+    assert points.status[point] == model.PointStatus.NOT_DETERMINED
     assert np.isnan(points.position[point]).all() and np.isnan(points.covariance[point]).all()
     assert points.reasons[point].startswith("its rays do not determine it: its ellipsoid is ")
-    assert (points.status == PointStatus.NOT_DETERMINED).sum() == 1
+    assert (points.status == model.PointStatus.NOT_DETERMINED).sum() == 1
     assert bool(undetermined(solution)) is not kept_out
     deck = tmp_path / "job.crd"
     musatpy.write_deck(block, deck)
@@ -140,9 +153,9 @@ def test_a_point_that_its_rays_do_not_determine_is_named_and_not_stated(kept_out
 
 @pytest.mark.parametrize("heights", [1.0, 5.0, 15.0])
 def test_weak_points_are_stated_with_their_sigmas(heights: float) -> None:
-    solution = adjust(with_rays_apart(3, heights)[0])
+    solution = musatpy.adjust(with_rays_apart(3, heights)[0])
     assert not undetermined(solution)
-    assert (solution.points.status != PointStatus.NOT_DETERMINED).all()
+    assert (solution.points.status != model.PointStatus.NOT_DETERMINED).all()
 
 
 def test_a_weak_datum_is_no_matter_of_rays() -> None:
@@ -151,10 +164,214 @@ def test_a_weak_datum_is_no_matter_of_rays() -> None:
     weak = altered(
         block, control={"sigma": block.control.sigma * 1e4}, photos={"position_sigma": lambda s: s * 1e3}
     )
-    solution = adjust(weak)
+    solution = musatpy.adjust(weak)
     size = np.sqrt(np.einsum("kii->k", solution.points.covariance))
     assert np.nanmedian(size) > 0.1 * networks.Plan().height
     assert all(
         np.sum(block.plates.point == point) == 1 for point in solution.points.lost
     )  # held by that control alone
-    assert (solution.points.status == PointStatus.TRIANGULATED).sum() > 10
+    assert (solution.points.status == model.PointStatus.TRIANGULATED).sum() > 10
+
+
+E, N, U, X_TILT, Y_TILT, HEADING = range(6)
+WHOLE = tuple((0, component) for component in range(6))
+LOCAL, GEOGRAPHIC = model.CoordinateSystem.LOCAL, model.CoordinateSystem.GEOGRAPHIC
+# The strip flies at a heading of 0.4 rad: a base is long to the east and to the north, and level.
+FIXED = {
+    "one station, and east of the next": (*WHOLE, (1, E)),
+    "one station, and north of the last": (*WHOLE, (2, N)),
+    "components of three stations": ((0, E), (0, N), (0, U), (1, U), (2, E), (2, N), (0, X_TILT), (1, Y_TILT)),
+    "seven components": ((0, E), (1, N), (2, U), (1, X_TILT), (2, Y_TILT), (0, HEADING), (2, N)),
+}
+FREE = {
+    "scale": (*WHOLE, (1, X_TILT), (1, Y_TILT), (2, HEADING)),
+    "scale, for the base is level": (*WHOLE, (0, U)),
+    "heading": ((0, E), (0, N), (0, U), (0, X_TILT), (0, Y_TILT), (1, U)),
+    "shift north": ((0, E), (1, E), (2, E), (0, U), *((photo, angle) for photo in range(3) for angle in (3, 4, 5))),
+    "shift up": ((0, E), (0, N), (1, E), (2, N), (0, X_TILT), (1, Y_TILT), (2, HEADING)),
+}
+
+
+@cache
+def strip(
+    system: model.CoordinateSystem, observed: tuple[tuple[int, int], ...], program: model.Program
+) -> model.Block:
+    """Return a strip of three photos without control, of whose stations some components are observed."""
+    refraction = model.Refraction.NONE if program is model.Program.IIA else model.Refraction.RIGOROUS
+    plan = Plan(system=system, station_sigma=0.05, attitude_sigma=20 * ARC_SECOND, plate_sigma=0.004)
+    block = networks.simulate(plan).block
+    known = np.zeros((3, 6), dtype=bool)
+    known[tuple(np.array(observed).T)] = True
+    photos = block.photos
+    return altered(
+        block,
+        options={"program": program, "refraction": refraction},
+        photos=replace(
+            photos,
+            position_sigma=np.where(known[:, :3], photos.position_sigma, np.nan),
+            attitude_sigma=np.where(known[:, 3:], photos.attitude_sigma, np.nan),
+        ),
+        control={
+            "kind": np.full(len(block.control.point), model.ControlKind.CHECK),
+            "fixed": np.zeros(len(block.control.point), dtype=bool),
+            "sigma": np.full((len(block.control.point), 3), np.nan),
+        },
+    )
+
+
+def errors(block: model.Block) -> list[str]:
+    return [one.message for one in musat.check_deck(musat.deck_bytes(block))[1] if one.severity == "error"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", list(model.Program))
+@pytest.mark.parametrize("system", [LOCAL, GEOGRAPHIC])
+@pytest.mark.parametrize("name", list(FIXED))
+def test_what_holds_all_seven_motions_is_a_datum(
+    name: str, system: model.CoordinateSystem, program: model.Program
+) -> None:
+    block = strip(system, FIXED[name], program)
+    assert errors(block) == []
+    solution = adjust(block)
+    result = dense_bundle.solve(block, refraction=False)
+    assert solution.converged
+    assert solution.sigma0 == pytest.approx(result.sigma0, rel=1e-6)
+    assert np.abs(compare.station_difference(solution, result)).max() < 1e-3
+    assert np.nanmax(np.abs(compare.covariance_difference(solution.stations.covariance, result.covariance))) < 1e-4
+
+
+@pytest.mark.parametrize("system", [LOCAL, GEOGRAPHIC])
+@pytest.mark.parametrize("name", list(FREE))
+def test_what_leaves_a_motion_free_is_none(name: str, system: model.CoordinateSystem) -> None:
+    (message,) = errors(strip(system, FREE[name], model.Program.IIA))
+    assert "its datum needs" in message
+
+
+DECK = Path(__file__).resolve().parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
+
+
+@pytest.fixture(scope="module")
+def block():
+    return read_deck(DECK)
+
+
+def moved_control(block, row, degrees):
+    return altered(block, control={"position": added(row, [*np.radians(degrees), 0.0])})
+
+
+def moved_station(block, row, degrees):
+    return altered(block, photos={"position": added(row, [*np.radians(degrees), 0.0])})
+
+
+def observed_station(block, row, degrees):
+    """A station far off that the deck calls known to a metre."""
+    moved = moved_station(block, row, degrees)
+    sigma = np.full_like(block.photos.position_sigma, 1.0)
+    return altered(moved, photos={"position_sigma": sigma})
+
+
+def measured_distance(block, factor):
+    """A distance between the points 204 and 219, so many times too long."""
+    ends = np.flatnonzero(np.isin(block.points.ids, ["204", "219"]))
+    places = Ellipsoid(block.ellipsoid.name).geocentric(musatpy.adjust(block).points.position[ends])
+    length = factor * float(np.linalg.norm(places[1] - places[0]))
+    return dataclasses.replace(block, distances=model.Distances(point=[ends], length=[length], sigma=[0.05]))
+
+
+RIGOROUS = {"refraction": model.Refraction.RIGOROUS}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("spoil", "changes", "named"),
+    [
+        pytest.param(
+            lambda block: moved_control(block, 3, (1.0, 0.0)), {}, "point 104 on photo", id="control-latitude"
+        ),
+        pytest.param(
+            lambda block: moved_control(block, 0, (0.0, -1.0)),
+            {**RIGOROUS, "max_iterations": 10},
+            "point 101 on photo",
+            id="control-longitude",
+        ),
+        pytest.param(
+            lambda block: moved_control(block, 3, (1.0, 0.0)),
+            {"program": model.Program.IIIA, "max_iterations": 10},
+            "point 104 on photo",
+            id="control-latitude-IIIA",
+        ),
+        pytest.param(
+            lambda block: measured_distance(block, 10.0),
+            {"program": model.Program.IIIA, "max_iterations": 5},
+            "the distance of points 204 and 219 is off by",
+            id="distance-IIIA",
+        ),
+        pytest.param(
+            lambda block: observed_station(block, 2, (1.0, 0.0)),
+            {"program": model.Program.IIIA, "max_iterations": 6},
+            "on photo 23 is",
+            id="station-IIIA",
+        ),
+    ],
+)
+def test_a_hopeless_job_ends_as_not_converged_and_names_the_culprit(block, spoil, changes, named):
+    solution = musatpy.adjust(with_options(spoil(block), **changes))
+    assert not solution.converged
+    # whichever is above its limit; a step that is damped heavily can be below both
+    assert re.search("still (moves|turns)|no step lowers the sum of squares", solution.reason)
+    assert "; most at odds: " in solution.reason
+    assert "NOT CONVERGED" in listing(solution)
+    at_start = [text for text in solution.warnings if text.startswith("at the start of the run most at odds: ")]
+    assert named in at_start[0].split(", ")[0]  # the worst comes first
+
+
+@pytest.mark.slow
+def test_points_behind_cameras_end_the_run(block):
+    solution = musatpy.adjust(observed_station(block, 2, (1.0, 0.0)))
+    assert solution.reason.startswith("points stay behind their cameras")
+    assert solution.passes == ()  # nothing is built on a lost triangulation
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", list(model.Program))
+def test_a_start_a_degree_off_is_found_back(block, program):
+    """A given station without sigma is a start only: the images and the control know better."""
+    rigorous = with_options(block, program=program, refraction=model.Refraction.RIGOROUS)
+    found, usual = musatpy.adjust(moved_station(rigorous, 2, (1.0, 0.0))), musatpy.adjust(rigorous)
+    assert found.converged
+    off = metric_differences(block, found.points.position, usual.points.position)
+    assert np.nanmax(np.abs(off)) < 0.02  # m: the limits of the steps leave millimetres
+
+
+def test_normal_equations_without_sense_end_the_run():
+    """Where linearising gives what is no number, the run ends like any other that has lost its points."""
+
+    class Senseless:
+        def linearise(self, state):
+            matrix = SimpleNamespace(sensible=lambda: False)
+            return Linearisation(matrix=matrix, rhs=np.zeros(1), objective=1.0, context=None, redundancy=1)
+
+    outcome = iterate(Senseless(), "first", 5, lambda step: None)
+    assert outcome.lost
+    assert outcome.state == "first"
+
+
+@pytest.mark.slow
+def test_a_run_that_falls_short_does_not_follow_the_water_line_for_long():
+    """One iteration is not enough for any triangulation, and points change their sides of the water after each."""
+    spec = spec_from_table(
+        {
+            "job": {"centre": [18.0, -65.0]},
+            "flight": {"photos": 6, "height": 1500.0},
+            "water": {"tide_scatter": 0.3},
+            "shoal": [{"share": 0.6, "depth": [0.1, 1.0]}],
+            "points": {"extra": [{"number": 40}]},
+            "control": [{"kind": "full", "number": 6, "sigma": 0.1}],
+            "stations": {"position_error": 300.0, "attitude_error": 3.0},
+            "options": {"program": "IIIA", "max_iterations": 1},
+        }
+    )
+    solution = musatpy.adjust(simulate(spec).block)
+    assert not solution.converged
+    assert solution.reason.startswith("limits not reached in 1 iteration")
+    assert [one.outer_pass for one in solution.iterations] == [1, 2]

@@ -1,22 +1,24 @@
-"""Wrong tides, tilts and indices, drawn from their priors: the estimated sigmas are those of the errors.
+"""Errors are as large as their sigmas say: of all unknowns, of guessed plates, of depths."""
 
-Every block has other errors in everything that was observed. The mean of sigma0 squared must be 1, and errors over
-their covariances must have the expectation of chi-square: where a prior has the wrong weight or is taken twice, or
-a partial by the water is wrong, they have not.
-"""
-
-from __future__ import annotations
-
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import cycle, islice, product
+from typing import Any
 
 import numpy as np
 import pytest
 
-from altered import altered
+import musatpy
+from adjustment.test_equivalence import simulated
+from altered import altered, with_options
 from musatpy.adjustment import adjust
-from musatpy.model import Block, Program, Solution, Treatment, WaterLevel
+from musatpy.adjustment.job import plate_component, with_plate_sigmas
+from musatpy.model import Block, Grade, PlateSigma, Program, Refraction, Solution, Treatment, WaterLevel
 from musatpy.model.tables import taken
+from musatpy.statistics.verdict import verdict
+from reference.dense_bundle import Network, starting_state
 from reference.networks import Plan, Simulated, simulate
 
 BLOCKS = 15  # of each kind, 45 together
@@ -171,3 +173,196 @@ def test_errors_of_all_blocks_together_have_unit_variance() -> None:
     assert points.mean() / 3.0 == pytest.approx(1.0, abs=3.5 * error / np.sqrt(3.0))
     variance = np.concatenate([one.variance for one in found])
     assert variance.mean() == pytest.approx(1.0, abs=3.5 * error / np.sqrt(found[0].freedom))
+
+
+SHARE = 3.0  # of the true plate sigma in the guess: a third
+
+
+def guessed(made: Simulated, program: Program = Program.IIIA, **options: float) -> Block:
+    block = with_plate_sigmas(made.block, 1.0 / SHARE)
+    limits = {"rotation_limit": 1e-7, "translation_limit": 1e-4, "max_iterations": 30} | options
+    return with_options(block, program=program, plate_sigma_is=PlateSigma.GUESS, **limits)
+
+
+def squared_errors(made: Simulated, solution: Solution) -> dict[str, np.ndarray]:
+    """Return squared errors over stated variances, of stations, points and control."""
+    station = solution.stations.position - made.truth.position
+    point = solution.points.position - made.truth.points
+    of_stations = np.diagonal(solution.stations.covariance, axis1=1, axis2=2)[:, :3]
+    of_points = np.diagonal(solution.points.covariance, axis1=1, axis2=2)
+    known = np.isin(np.arange(len(point)), solution.block.control.point)
+    points = point**2 / of_points
+    return {"stations": station**2 / of_stations, "points": points[~known], "control": points[known]}
+
+
+@pytest.mark.slow
+def test_plates_alone_are_weighed_until_their_component_is_one() -> None:
+    made = simulate(Plan(submerged=True, station_sigma=0.05, photos_per_strip=4, seed=3))
+    block = guessed(made)
+    solution = musatpy.adjust(block)
+    assert plate_component(solution) == pytest.approx(1.0, abs=1e-4)
+    assert solution.plate_factor == pytest.approx(SHARE, rel=0.25)  # of 30 degrees of freedom
+    np.testing.assert_allclose(solution.block.plate_sigmas, block.plate_sigmas * solution.plate_factor, rtol=1e-12)
+    for name in ("control", "photos"):
+        assert getattr(solution.block, name) is getattr(block, name)
+    # the same sigmas known give the same answer, and the estimate does not depend on the guess
+    known = musatpy.adjust(with_options(solution.block, plate_sigma_is=PlateSigma.KNOWN))
+    np.testing.assert_array_equal(known.points.position, solution.points.position)
+    np.testing.assert_array_equal(known.points.covariance, solution.points.covariance)
+    better = musatpy.adjust(with_plate_sigmas(block, 2.0))
+    assert better.plate_factor == pytest.approx(solution.plate_factor / 2.0, rel=1e-3)
+    other = musatpy.adjust(guessed(made, Program.IIA))
+    assert other.plate_factor == pytest.approx(solution.plate_factor, rel=1e-4)  # one minimum
+    assert known.plate_factor == 1.0
+
+
+def test_errors_of_considered_water_are_not_those_of_plates() -> None:
+    made = simulate(Plan(submerged=True, photos_per_strip=4, seed=3))
+    solution = musatpy.adjust(made.block)
+    assert solution.observed is not None
+    plain = plate_component(solution)
+    variances = np.where(solution.observed.sigma > 0.0, 0.1 * np.square(solution.observed.sigma), 0.0)
+    considered = replace(solution, observed=replace(solution.observed, considered=variances))
+    assert plain is not None
+    assert plate_component(considered) < plain
+
+
+@pytest.mark.slow
+def test_plates_that_nothing_checks_or_that_fail_keep_their_guess() -> None:
+    made = simulate(Plan(photos_per_strip=3, seed=2))
+    short = musatpy.adjust(guessed(made, max_iterations=1))
+    assert not short.converged
+    assert short.plate_factor == 1.0
+    solution = musatpy.adjust(guessed(made))
+    unchecked = altered(solution, observed={"redundancy": np.zeros_like(solution.observed.redundancy)})
+    assert plate_component(unchecked) is None
+    exact = simulate(Plan(photos_per_strip=3, seed=2, noise=0.0))  # residuals are rounding: no sigma at all
+    assert musatpy.adjust(guessed(exact)).converged
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_their_sigmas_say() -> None:
+    squares: dict[str, list[np.ndarray]] = {"stations": [], "points": [], "control": []}
+    for seed in range(6):
+        made = simulate(Plan(submerged=True, station_sigma=0.05, photos_per_strip=4, seed=seed))
+        for name, values in squared_errors(made, musatpy.adjust(guessed(made))).items():
+            squares[name].append(values)
+    ratios = {name: float(np.sqrt(np.nanmean(np.concatenate(values)))) for name, values in squares.items()}
+    # 6 strips that correlate within: 0.11; sigma0 for all alike gives 0.54 for stations and 0.61 for control
+    assert ratios == pytest.approx({"stations": 1.0, "points": 1.0, "control": 1.0}, abs=0.22)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", list(Program))
+def test_large_blocks_find_their_plate_sigma(program: Program) -> None:
+    made = simulate(Plan(photos_per_strip=72, strips=3, seed=1))
+    solution = musatpy.adjust(guessed(made, program))
+    assert solution.converged
+    assert solution.plate_factor == pytest.approx(SHARE, rel=0.03)  # of some thousand degrees of freedom
+
+
+_DRAWS = 24  # three of each combination
+_TIDE, _INDEX = 0.30, 0.004  # m, and of the index
+_IIIA: dict[str, Any] = {"program": Program.IIIA}
+PROGRAMS: dict[str, dict[str, Any]] = {
+    "IIA": {"program": Program.IIA, "refraction": Refraction.RIGOROUS},
+    "WATPT": {"program": Program.IIA, "refraction": Refraction.WATPT},
+    "IIIA": _IIIA,
+    "IIIA, levels adjusted": {**_IIIA, "water_level": WaterLevel.GROUP},
+    "IIIA, levels and index adjusted": {
+        **_IIIA,
+        "water_level": WaterLevel.GROUP,
+        "water_index": Treatment.ADJUST,
+    },
+}
+
+
+@lru_cache
+def scene(tide: float = _TIDE) -> Simulated:
+    """A strip of four photos over control on land and points under water, exact, at its true stations."""
+    plan = Plan(
+        submerged=True, photos_per_strip=4, noise=0.0, control_errors=False, start_error=(0.0, 0.0),
+        plate_sigma=0.003, seed=31,
+    )  # fmt: skip
+    simulation = simulated(plan)
+    tides = {"tide_sigma": np.full(4, tide), "tide_group": np.array(["A", "A", "B", "B"])}
+    return altered(simulation, block={"photos": tides, "water": {"sigma": _INDEX}})
+
+
+def draws(count: int, tide_sigma: float = _TIDE) -> Iterator[tuple[Block, np.ndarray]]:
+    """Yield blocks with errors of everything that has a sigma, and the true depths (p,) at the true tides."""
+    simulation, rng = scene(tide_sigma), np.random.default_rng(5)
+    block, truth = simulation.block, simulation.truth
+    control, plates = block.control, block.plates
+    rays = np.bincount(plates.point, minlength=len(block.points.ids))
+    plate_sigma = np.where(np.isnan(plates.sigma), block.options.plate_sigma, plates.sigma)
+    for signs in islice(cycle(product((-1.0, 1.0), repeat=3)), count):
+        tide = block.photos.tide + tide_sigma * np.array(signs)[[0, 0, 1, 1]]
+        index = block.water.index + _INDEX * signs[2]
+        true = Network(altered(block, water={"index": index}, photos={"tide": tide}), refraction=True)
+        rows = np.arange(len(plates.photo))
+        state = starting_state(true, truth)
+        xy = true.project(state, plates.photo, plates.point, np.zeros((len(rows), 9)), true.wet(rows))
+        given = control.position + rng.normal(size=control.position.shape) * np.nan_to_num(control.sigma)
+        noisy = np.real(xy) + rng.normal(size=xy.shape) * plate_sigma
+        level = np.bincount(plates.point, weights=tide[plates.photo], minlength=len(rays)) / rays
+        yield (
+            replace(block, plates=replace(plates, xy=noisy), control=replace(control, position=given)),
+            level - truth.points[:, 2],
+        )
+
+
+def errors(solution: Solution, depth: np.ndarray) -> np.ndarray:
+    """Return the errors (s,) of depths in their sigmas."""
+    found = solution.bathymetric
+    return (found.depth - depth[found.point]) / found.depth_sigma
+
+
+def ratio(options: dict[str, Any], count: int) -> tuple[float, float, float]:
+    """Return the RMS of the errors of depths over their sigmas, that over sigmas of heights, and mean sigma0."""
+    sums, number, sigma0 = np.zeros(2), 0, []
+    for block, depth in draws(count):
+        solution = adjust(replace(block, options=replace(block.options, **options)))
+        assert solution.converged, solution.reason
+        off = errors(solution, depth)
+        wrong = (
+            off
+            * solution.bathymetric.depth_sigma
+            / np.sqrt(solution.points.covariance[solution.bathymetric.point, 2, 2])
+        )
+        sums += np.nansum(np.square([off, wrong]), axis=1)
+        number += np.isfinite(off).sum()
+        sigma0.append(solution.unit_sigma)
+    return *np.sqrt(sums / number).tolist(), float(np.mean(sigma0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["IIA", "IIIA"])
+def test_errors_of_poor_tides_are_no_reason_to_doubt_a_run_that_knows_them(name: str) -> None:
+    """Tides that are off by metres bend the images by several of their sigmas, and the blocks are accepted."""
+    sums = []
+    for block, _ in draws(8, 2.0):
+        options = replace(block.options, **PROGRAMS[name])
+        known = adjust(replace(block, options=options))
+        blank = {"tide_sigma": np.full(4, np.nan)}
+        trusted = adjust(altered(block, options=options, photos=blank, water={"sigma": None}))
+        assert trusted.sigma0 == known.sigma0
+        sums.append((known.sigma0, known.unit_sigma, verdict(known).grade, verdict(trusted).grade))
+    sigma0, unit_sigma, known_grades, trusted_grades = zip(*sums, strict=True)
+    assert set(known_grades) == {Grade.ACCEPTED}
+    assert trusted_grades.count(Grade.ACCEPTED) < 6 and max(sigma0) > 1.5
+    assert np.sqrt(np.mean(np.square(unit_sigma))) == pytest.approx(1.0, abs=0.1)  # two standard errors
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["IIA", "IIIA, levels and index adjusted"])
+def test_errors_of_depths_are_as_large_as_their_sigmas(name: str) -> None:
+    depths, heights, unit = ratio(PROGRAMS[name], _DRAWS)
+    assert depths == pytest.approx(1.0, abs=0.17)  # two and a half standard errors and more
+    assert heights > 1.3 * depths
+    assert unit == pytest.approx(1.0, abs=0.042)
+
+
+if __name__ == "__main__":
+    for program, choice in PROGRAMS.items():
+        print(f"{program:<34}", *(f"{value:8.4f}" for value in ratio(choice, int(sys.argv[1]))), flush=True)

@@ -1,7 +1,5 @@
 """Waves as unknowns of the simultaneous adjustment: the truth, the sigmas, and what cannot be determined."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

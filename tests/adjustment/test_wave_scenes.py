@@ -3,8 +3,6 @@
 The study of 500 scenes is `python -m drivers.wave_scenes_study 500`.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import lru_cache
@@ -208,7 +206,7 @@ def _lowered(trials: WaveTrials, level: Level, values: np.ndarray) -> float:
 
 
 @pytest.mark.slow
-def test_none_of_ten_scenes_is_false() -> None:
+def test_none_of_five_scenes_is_false() -> None:
     """Seeds of their own; of 500, the driver."""
-    every = [study.result(seed) for seed in range(2000, 2010)]
+    every = [study.result(seed) for seed in range(2000, 2005)]
     assert not [one.seed for one in every if one.status in ("FALSE", "failed")]

@@ -1,7 +1,5 @@
 """Simulated strips over water whose flags, tides or depths are out of the ordinary."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

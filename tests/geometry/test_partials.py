@@ -5,8 +5,6 @@ A case is a function of one flat argument and the closed-form Jacobian at a poin
 bends (2e-8 allowed).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -86,7 +86,7 @@ def test_what_a_strip_punches_iiia_starts_from(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_wrong_image_is_named_whatever_the_order_of_the_names(tmp_path: Path) -> None:
-    block, _ = strip_block("lab", 6)
+    block, _ = strip_block("lab", 4)
     plates, ids = block.plates, block.points.ids[::-1]
     image = int(np.flatnonzero((plates.photo == 2) & ~np.isin(plates.point, block.control.point))[3])
     xy = plates.xy.copy()

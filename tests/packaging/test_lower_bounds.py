@@ -42,9 +42,10 @@ def oldest(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     if sys.version_info >= (3, 13):
         pytest.skip("the oldest packages allowed have no wheels for this Python")
     folder = tmp_path_factory.mktemp("oldest")
-    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True, timeout=120)
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True, timeout=120)
     pins = [f"{name}=={version}" for name, version in users().items()]
-    pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--no-input", "--only-binary", ":all:"]
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / "bin" / "python"), "install", "-q", "--no-input"]
+    pip += ["--no-compile", "--only-binary", ":all:"]
     for more in (["--retries", "1", *pins], ["--no-deps", str(wheel)]):
         ran = subprocess.run([*pip, *more], capture_output=True, text=True, timeout=600)
         if ran.returncode and NO_INDEX.search(ran.stderr):

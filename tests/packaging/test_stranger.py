@@ -65,11 +65,12 @@ class Stranger:
 def environment(wheel, tmp_path_factory):
     """An environment with the wheel."""
     folder = tmp_path_factory.mktemp("environment")
-    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True, capture_output=True)
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True, capture_output=True)
     (packages,) = folder.glob("lib/python*/site-packages")
     places = {str(Path(package.__file__).parents[1]) for package in PACKAGES}
     (packages / "needed.pth").write_text("\n".join(sorted(places)))
-    pip = [str(folder / "bin" / "pip"), "install", "--no-index", "--no-deps", "--quiet", str(wheel)]
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / "bin" / "python"), "install"]
+    pip += ["--no-index", "--no-deps", "--quiet", str(wheel)]
     subprocess.run(pip, check=True, capture_output=True)
     return folder
 

@@ -9,24 +9,10 @@ import numpy as np
 import pytest
 
 from formats.deck_edits import in_system
-from musatpy import adjust, listing, read_deck
+from musatpy import adjust, listing, model, read_deck
 from musatpy.errors import AdjustmentError, DeckError, PlatesError
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.model import (
-    Atmosphere,
-    Block,
-    CoordinateSystem,
-    Curvature,
-    Distortion,
-    DistortionSide,
-    Lenses,
-    Plates,
-    Polynomials,
-    ReductionOptions,
-    Refused,
-    Transformation,
-)
 from musatpy.model.reduction import Reduced
 from musatpy.model.tables import empty
 from musatpy.reduction.readings_job import reduce
@@ -163,8 +149,8 @@ def test_refraction_moves_the_fixture_by_its_formula():
 
 # --- every option of the cards ---
 
-GEOGRAPHIC, LOCAL = CoordinateSystem.GEOGRAPHIC, CoordinateSystem.LOCAL
-RAW = ReductionOptions(plates=Plates.RAW)
+GEOGRAPHIC, LOCAL = model.CoordinateSystem.GEOGRAPHIC, model.CoordinateSystem.LOCAL
+RAW = model.ReductionOptions(plates=model.Plates.RAW)
 PHOTOS = in_system(LOCAL).photos.ids.tolist()
 
 
@@ -174,23 +160,31 @@ def options(**changes):
 
 VARIANTS = [
     ("defaults", {**options()}, ["comparator", "fiducials", "lens"]),
-    ("similarity", {**options(transformation=Transformation.SIMILARITY)}, ["comparator", "fiducials", "lens"]),
-    ("projective", {**options(transformation=Transformation.PROJECTIVE)}, ["comparator", "fiducials", "lens"]),
+    (
+        "similarity",
+        {**options(transformation=model.Transformation.SIMILARITY)},
+        ["comparator", "fiducials", "lens"],
+    ),
+    (
+        "projective",
+        {**options(transformation=model.Transformation.PROJECTIVE)},
+        ["comparator", "fiducials", "lens"],
+    ),
     (
         "distances",
-        {**options(transformation=Transformation.DISTANCES), "mark_distances": distances()},
+        {**options(transformation=model.Transformation.DISTANCES), "mark_distances": distances()},
         ["comparator", "fiducials", "lens"],
     ),
     (
         "reseau",
-        {**options(side=DistortionSide.IDEAL), "reseau": reseau(), "cross_measurements": crosses(PHOTOS)},
+        {**options(side=model.DistortionSide.IDEAL), "reseau": reseau(), "cross_measurements": crosses(PHOTOS)},
         ["comparator", "fiducials", "reseau", "lens"],
     ),
     (
         "grid",
         {
-            **options(atmosphere=Atmosphere.ARDC, curvature=Curvature.YES, ground_height=3.0),
-            "lenses": empty(Lenses),
+            **options(atmosphere=model.Atmosphere.ARDC, curvature=model.Curvature.YES, ground_height=3.0),
+            "lenses": empty(model.Lenses),
         },
         ["comparator", "fiducials", "lens", "refraction", "curvature"],
     ),
@@ -200,7 +194,7 @@ VARIANTS = [
 @pytest.mark.parametrize(
     ("system", "changes", "steps"),
     [(LOCAL, *one[1:]) for one in VARIANTS]
-    + [(system, *VARIANTS[0][1:]) for system in CoordinateSystem if system is not LOCAL],
+    + [(system, *VARIANTS[0][1:]) for system in model.CoordinateSystem if system is not LOCAL],
     ids=[*(one[0] for one in VARIANTS), "geographic", "geocentric"],
 )
 def test_readings_on_cards_come_back_refined(system, changes, steps):
@@ -214,10 +208,10 @@ def test_readings_on_cards_come_back_refined(system, changes, steps):
 
 def test_heights_are_the_same_in_every_system():
     """The strip is 1500 m up; local and geographic heights differ by the curvature over 1.4 km."""
-    wanted = options(atmosphere=Atmosphere.ARDC, ground_height=0.0)
+    wanted = options(atmosphere=model.Atmosphere.ARDC, ground_height=0.0)
     moved = [
         [plate.step("refraction").largest for plate in reduction_of(raw_block(in_system(system), **wanted))]
-        for system in CoordinateSystem
+        for system in model.CoordinateSystem
     ]
     np.testing.assert_allclose(moved[1:], [moved[0]] * 2, rtol=3e-4)  # 0.15 m in 1500
 
@@ -227,13 +221,13 @@ def test_heights_are_the_same_in_every_system():
     [("RADL", np.zeros((2, 3)), "camera RC8 has 2 RADL"), ("TABL", np.full((2, 3), 10.0), "camera RC8: the radii")],
 )
 def test_distortions_that_contradict_each_other(kind, rows, message):
-    twice = Distortion(camera=np.zeros(2), kind=np.array([kind, kind]), values=rows)
+    twice = model.Distortion(camera=np.zeros(2), kind=np.array([kind, kind]), values=rows)
     with pytest.raises(DeckError, match=message):
         raw_block(in_system(LOCAL), distortion=twice)
 
 
 def test_a_table_in_any_order():
-    table = Distortion(
+    table = model.Distortion(
         camera=np.zeros(2),
         kind=np.array(["TABL", "TABL"]),
         values=np.array([[150.0, 0.015, 0.0], [75.0, 0.0, 0.0]]),
@@ -244,7 +238,7 @@ def test_a_table_in_any_order():
 
 def test_readings_in_the_fiducial_system_need_no_step():
     want = in_system(LOCAL)
-    block, reduced = reduce(replace(want, **options(transformation=Transformation.NONE)))
+    block, reduced = reduce(replace(want, **options(transformation=model.Transformation.NONE)))
     np.testing.assert_array_equal(block.plates.xy, want.plates.xy)
     assert all(not plate.steps and np.isnan(plate.sigma0) for plate in reduced.plates)
 
@@ -254,8 +248,10 @@ def step_of(name, **changes):
     return reduction_of(again(raw_block(in_system(LOCAL), **changes)))[0].step(name).step
 
 
-@pytest.mark.parametrize("side", DistortionSide)
-@pytest.mark.parametrize(("polynomials", "sign"), [(Polynomials.DISTORTION, 1.0), (Polynomials.CORRECTION, -1.0)])
+@pytest.mark.parametrize("side", model.DistortionSide)
+@pytest.mark.parametrize(
+    ("polynomials", "sign"), [(model.Polynomials.DISTORTION, 1.0), (model.Polynomials.CORRECTION, -1.0)]
+)
 def test_the_lens_is_that_of_the_cards(side, polynomials, sign):
     lens = step_of("lens", **options(side=side, polynomials=polynomials))
     assert lens.side.value == side.value
@@ -263,11 +259,14 @@ def test_the_lens_is_that_of_the_cards(side, polynomials, sign):
     np.testing.assert_array_equal(sign * lens.k, [-2.4e-5, 3.1e-9, -1.2e-13, 0.0])
     np.testing.assert_array_equal(sign * lens.p, [1.5e-7, -0.8e-7, 0.0])
     np.testing.assert_array_equal(lens.radial, [0.002, -0.001, -0.004])  # never with another sign
-    assert step_of("lens", **options(), lenses=empty(Lenses)).centre.tolist() == [0.0, 0.0]  # of autocollimation
+    assert step_of("lens", **options(), lenses=empty(model.Lenses)).centre.tolist() == [
+        0.0,
+        0.0,
+    ]  # of autocollimation
 
 
 def test_refraction_and_curvature_are_those_of_the_cards():
-    wanted = options(atmosphere=Atmosphere.ARDC, curvature=Curvature.YES, ground_height=300.0)
+    wanted = options(atmosphere=model.Atmosphere.ARDC, curvature=model.Curvature.YES, ground_height=300.0)
     H, h = 1.5, 0.3  # km
     K = 2410e-6 * (H / (H * H - 6.0 * H + 250.0) - h * h / (H * (h * h - 6.0 * h + 250.0)))
     assert step_of("refraction", **wanted).K == pytest.approx(K, rel=1e-12)  # rounding errors
@@ -316,7 +315,7 @@ def test_readings_in_a_job_of_another_system():
     """The fixture with its stations and control in UTM: the same refined coordinates, and the answer in feet."""
     utm = read_deck(ROOT / "fixtures" / "st_thomas_utm" / "st_thomas_utm.crd")
     stated = again(replace(read_deck(DECK), given_in=utm.given_in, stated_in=utm.stated_in))
-    assert stated.given_in is not None and stated.options.system is CoordinateSystem.GEOGRAPHIC
+    assert stated.given_in is not None and stated.options.system is model.CoordinateSystem.GEOGRAPHIC
     assert stated.reduction.ground_height == pytest.approx(20.0, abs=1e-6)
     block, _ = reduce(stated)
     # stations are rounded to 0.1 mm and attitudes to 1e-10 gon: nothing beside the rounding of the readings
@@ -328,7 +327,7 @@ def test_readings_in_a_job_of_another_system():
 # --- refused plates ---
 
 
-def without_marks(block: Block, photo: int, marks: str = "45678") -> Block:
+def without_marks(block: model.Block, photo: int, marks: str = "45678") -> model.Block:
     """Return a block without some of the marks of a photo."""
     table = block.fiducial_measurements
     kept = ~((table.photo == photo) & np.isin(table.ids, list(marks)))
@@ -336,7 +335,7 @@ def without_marks(block: Block, photo: int, marks: str = "45678") -> Block:
     return replace(block, fiducial_measurements=replace(table, **rows))
 
 
-def refusing(refused: Refused, *photos: int) -> Block:
+def refusing(refused: model.Refused, *photos: int) -> model.Block:
     """Return the local block with two marks on some photos, and what then."""
     block = raw_block(in_system(LOCAL))
     block = replace(block, reduction=replace(block.reduction, refused=refused))
@@ -347,12 +346,12 @@ def refusing(refused: Refused, *photos: int) -> Block:
 
 def test_a_refused_plate_stops_the_job():
     with pytest.raises(PlatesError) as caught:
-        adjust(refusing(Refused.STOP, 0, 2))
+        adjust(refusing(model.Refused.STOP, 0, 2))
     assert caught.value.refusals == dict.fromkeys([PHOTOS[0], PHOTOS[2]], "2 marks measured, 3 needed")
 
 
 def test_a_job_goes_on_without_a_refused_plate():
-    block, reduced = reduce(refusing(Refused.GO_ON, 0))
+    block, reduced = reduce(refusing(model.Refused.GO_ON, 0))
     assert reduced.refusals == {PHOTOS[0]: "2 marks measured, 3 needed"}
     assert block.photos.ids.tolist() == PHOTOS[1:]
     want = in_system(LOCAL)
@@ -362,19 +361,19 @@ def test_a_job_goes_on_without_a_refused_plate():
     np.testing.assert_allclose(block.plates.xy, want.plates.xy[kept], rtol=0.0, atol=LAST_DIGIT)
     bases = (want.air_bases.photo > 0).all(axis=1)
     np.testing.assert_array_equal(block.air_bases.photo, want.air_bases.photo[bases] - 1)
-    solution = adjust(refusing(Refused.GO_ON, 0))
+    solution = adjust(refusing(model.Refused.GO_ON, 0))
     assert solution.converged and solution.reduced.refusals == reduced.refusals
 
 
 def test_no_job_goes_on_without_any_plate():
     with pytest.raises(PlatesError) as caught:
-        adjust(refusing(Refused.GO_ON, 0, 1, 2))
+        adjust(refusing(model.Refused.GO_ON, 0, 1, 2))
     assert list(caught.value.refusals) == PHOTOS
 
 
 def test_what_cannot_be_adjusted_without_a_plate_says_what_is_left_out():
     with pytest.raises(AdjustmentError) as caught:
-        adjust(refusing(Refused.GO_ON, 0, 1))
+        adjust(refusing(model.Refused.GO_ON, 0, 1))
     told = [str(problem) for problem in caught.value.problems]
     assert f"warning: photo {PHOTOS[0]} was left out: 2 marks measured, 3 needed" in told
 
@@ -388,15 +387,15 @@ def test_a_photo_without_points_is_not_refused():
     assert done.photos.ids.tolist() == PHOTOS and [plate.photo for plate in reduced.plates] == PHOTOS[:2]
 
 
-@pytest.mark.parametrize("system", [system for system in CoordinateSystem if system is not LOCAL])
+@pytest.mark.parametrize("system", [system for system in model.CoordinateSystem if system is not LOCAL])
 def test_curvature_belongs_to_a_grid(system):
     with pytest.raises(DeckError, match="earth curvature belongs to jobs in a grid"):
-        reduce(replace(in_system(system), **options(curvature=Curvature.YES)))
+        reduce(replace(in_system(system), **options(curvature=model.Curvature.YES)))
 
 
 def test_only_cameras_with_plates_need_distances():
     block = raw_block(
-        in_system(LOCAL), **options(transformation=Transformation.DISTANCES), mark_distances=distances()
+        in_system(LOCAL), **options(transformation=model.Transformation.DISTANCES), mark_distances=distances()
     )
     cameras = {one.name: np.repeat(getattr(block.cameras, one.name), 2, axis=0) for one in fields(block.cameras)}
     spare = replace(block.cameras, **(cameras | {"ids": np.array(["RC8", "RC9"])}))

@@ -7,22 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.model import (
-    AirBases,
-    Block,
-    Cameras,
-    Control,
-    ControlKind,
-    CoordinateSystem,
-    EllipsoidSpec,
-    EqualElevations,
-    Options,
-    Photos,
-    PlateMeasurements,
-    Points,
-    Refraction,
-    Water,
-)
+from musatpy import model
 from musatpy.units import ARC_SECOND, DEGREE
 from reference.dense_bundle import Network, Start, State
 from reference.earth import Earth, earth_of
@@ -38,7 +23,7 @@ _SIGHT = 105.0  # mm: points farther from the axis are not on the plate
 class Plan:
     """What to simulate. Lengths in metres, angles in radians, plates in millimetres."""
 
-    system: CoordinateSystem = CoordinateSystem.LOCAL
+    system: model.CoordinateSystem = model.CoordinateSystem.LOCAL
     strips: int = 1
     photos_per_strip: int = 3
     height: float = 3000.0
@@ -48,7 +33,7 @@ class Plan:
     submerged: bool = False
     wet_every: int = 2  # one point in so many is submerged
     sea_control: bool = False  # control may fall on submerged points
-    kinds: tuple[ControlKind, ...] = (ControlKind.FULL,)  # taken in turn along the control points
+    kinds: tuple[model.ControlKind, ...] = (model.ControlKind.FULL,)  # taken in turn along the control points
     fixed_every: int = 0  # every so many control points are held fixed
     control_errors: bool = True
     station_sigma: float = np.nan
@@ -66,7 +51,7 @@ class Plan:
 class Simulated:
     """A simulated block and what is true of it: stations and points in the job's system."""
 
-    block: Block
+    block: model.Block
     truth: Start
 
 
@@ -78,7 +63,7 @@ def simulate(plan: Plan) -> Simulated:
     n, p = len(stations), len(ground)
     exact = _exact_block(plan, p, wet, n)
     earth = earth_of(exact)
-    centre = np.zeros(3) if plan.system == CoordinateSystem.LOCAL else np.array(_CENTRE)
+    centre = np.zeros(3) if plan.system == model.CoordinateSystem.LOCAL else np.array(_CENTRE)
     native = earth.shift(np.broadcast_to(centre, (p, 3)), ground)
     station_native = earth.shift(np.broadcast_to(centre, (n, 3)), stations)
     attitude = np.stack([rng.normal(0, 1.5 * DEGREE, n), rng.normal(0, 1.5 * DEGREE, n), headings], axis=-1)
@@ -96,7 +81,7 @@ def simulate(plan: Plan) -> Simulated:
     if plan.air_base:
         xyz = earth.cartesian(station_native)
         length = np.linalg.norm(xyz[1] - xyz[0]) + plan.noise * rng.normal(0, 0.03)
-        block = replace(block, air_bases=AirBases(photo=[[0, 1]], length=[length], sigma=[0.03]))
+        block = replace(block, air_bases=model.AirBases(photo=[[0, 1]], length=[length], sigma=[0.03]))
     return _with_approximate_stations(block, plan, earth, native, rng)
 
 
@@ -132,17 +117,17 @@ def _terrain(plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarr
     return _turned(grid, plan.heading), wet
 
 
-def _exact_block(plan: Plan, p: int, wet: np.ndarray, n: int) -> Block:
+def _exact_block(plan: Plan, p: int, wet: np.ndarray, n: int) -> model.Block:
     """The frame of the block: cameras, tides, options; positions and measurements come later."""
-    local = plan.system == CoordinateSystem.LOCAL
+    local = plan.system == model.CoordinateSystem.LOCAL
     centre = np.broadcast_to(_CENTRE, (n, 3))
-    if plan.system == CoordinateSystem.GEOCENTRIC:
+    if plan.system == model.CoordinateSystem.GEOCENTRIC:
         centre = np.broadcast_to([911000.0, -5952000.0, 2094000.0], (n, 3))
-    return Block(
+    return model.Block(
         titles=("SIMULATED",),
-        options=Options(
+        options=model.Options(
             system=plan.system,
-            refraction=Refraction.RIGOROUS if plan.submerged else Refraction.NONE,
+            refraction=model.Refraction.RIGOROUS if plan.submerged else model.Refraction.NONE,
             plate_sigma=plan.plate_sigma,
             max_iterations=50,
             max_passes=50,
@@ -150,26 +135,26 @@ def _exact_block(plan: Plan, p: int, wet: np.ndarray, n: int) -> Block:
             translation_limit=1e-7,
             water_limit=1e-6,
         ),
-        ellipsoid=None if local else EllipsoidSpec(name="clrk66"),
-        water=Water(index=1.340) if plan.submerged else None,
-        cameras=Cameras(
+        ellipsoid=None if local else model.EllipsoidSpec(name="clrk66"),
+        water=model.Water(index=1.340) if plan.submerged else None,
+        cameras=model.Cameras(
             ids=["RC8"],
             focal_length=[plan.focal_length],
             principal_point=[[0.012, -0.007]],
             format_size=[[230.0, 230.0]],
         ),
-        photos=Photos(
+        photos=model.Photos(
             ids=[str(837 + i) for i in range(n)],
             camera=np.zeros(n, dtype=int),
             position=np.zeros((n, 3)) if local else centre,
             attitude=np.zeros((n, 3)),
             tide=np.resize(_TIDES, n) if plan.submerged else [],
         ),
-        points=Points(ids=[f"P{i + 1:03d}" for i in range(p)], bathymetric=wet),
+        points=model.Points(ids=[f"P{i + 1:03d}" for i in range(p)], bathymetric=wet),
     )
 
 
-def project_all(block: Block, native: np.ndarray, *, refraction: bool) -> np.ndarray:
+def project_all(block: model.Block, native: np.ndarray, *, refraction: bool) -> np.ndarray:
     """(n, p, 2) plate coordinates, mm, of every point on every photo from the block's own stations."""
     network = Network(block, refraction=refraction)
     n, p = len(block.photos.ids), len(native)
@@ -180,7 +165,7 @@ def project_all(block: Block, native: np.ndarray, *, refraction: bool) -> np.nda
     return network.project(state, photo, point, np.zeros((n * p, 9)), wet).reshape(n, p, 2)
 
 
-def _measure(images: np.ndarray, seen: np.ndarray, plan: Plan, rng: np.random.Generator) -> PlateMeasurements:
+def _measure(images: np.ndarray, seen: np.ndarray, plan: Plan, rng: np.random.Generator) -> model.PlateMeasurements:
     photo, point = np.nonzero(seen)
     m = len(photo)
     sigma = np.full((m, 2), np.nan)
@@ -188,14 +173,14 @@ def _measure(images: np.ndarray, seen: np.ndarray, plan: Plan, rng: np.random.Ge
     error = np.where(np.isnan(sigma), plan.plate_sigma, sigma) * rng.normal(size=(m, 2)) * plan.noise
     triangulated = np.ones(m, dtype=bool)
     triangulated[rng.choice(m, plan.keep_out, replace=False)] = False
-    return PlateMeasurements(
+    return model.PlateMeasurements(
         photo=photo, point=point, xy=images[photo, point] + error, sigma=sigma, triangulated=triangulated
     )
 
 
 def _control(
     plan: Plan, earth: Earth, native: np.ndarray, wet: np.ndarray, alone: np.ndarray, rng: np.random.Generator
-) -> Control:
+) -> model.Control:
     """Some points, the first and last dry ones, and whatever has a single ray; full control at the ends.
 
     The kinds of the plan come in turn in between; a single ray gets full control, without which it is of no use.
@@ -204,30 +189,30 @@ def _control(
     full = np.unique(np.concatenate([dry[[0, 1, -2, -1]], np.flatnonzero(alone)]))
     chosen = np.union1d(full, np.arange(len(native))[::3] if plan.sea_control else dry[::2])
     kinds = np.resize([int(kind) for kind in plan.kinds], len(chosen))
-    kinds[np.isin(chosen, full)] = ControlKind.FULL
+    kinds[np.isin(chosen, full)] = model.ControlKind.FULL
     fixed = np.zeros(len(chosen), dtype=bool)
     if plan.fixed_every:
         fixed[:: plan.fixed_every] = True
     sigma = np.broadcast_to(_CONTROL_SIGMA, (len(chosen), 3)).copy()
     scale = plan.noise * plan.control_errors * ~fixed[:, None]
     position = earth.given(earth.shift(native[chosen], scale * sigma * rng.normal(size=sigma.shape)))
-    if plan.system != CoordinateSystem.GEOCENTRIC:  # there a card gives X, Y and Z together
-        position[kinds == ControlKind.VERTICAL, :2] = np.nan
-        position[kinds == ControlKind.HORIZONTAL, 2] = np.nan
-    sigma[kinds == ControlKind.VERTICAL, :2] = np.nan
-    sigma[kinds == ControlKind.HORIZONTAL, 2] = np.nan
-    sigma[fixed | (kinds == ControlKind.CHECK)] = np.nan
-    return Control(point=chosen, kind=kinds, fixed=fixed, position=position, sigma=sigma)
+    if plan.system != model.CoordinateSystem.GEOCENTRIC:  # there a card gives X, Y and Z together
+        position[kinds == model.ControlKind.VERTICAL, :2] = np.nan
+        position[kinds == model.ControlKind.HORIZONTAL, 2] = np.nan
+    sigma[kinds == model.ControlKind.VERTICAL, :2] = np.nan
+    sigma[kinds == model.ControlKind.HORIZONTAL, 2] = np.nan
+    sigma[fixed | (kinds == model.ControlKind.CHECK)] = np.nan
+    return model.Control(point=chosen, kind=kinds, fixed=fixed, position=position, sigma=sigma)
 
 
-def _shore(native: np.ndarray, wet: np.ndarray) -> EqualElevations:
+def _shore(native: np.ndarray, wet: np.ndarray) -> model.EqualElevations:
     members = np.flatnonzero(~wet)[1::3]
     assert np.ptp(native[members, 2]) < 1e-9
-    return EqualElevations(ids=["SHORE"], sigma=[0.1], group=np.zeros(len(members), dtype=int), point=members)
+    return model.EqualElevations(ids=["SHORE"], sigma=[0.1], group=np.zeros(len(members), dtype=int), point=members)
 
 
 def _with_approximate_stations(
-    block: Block, plan: Plan, earth: Earth, native: np.ndarray, rng: np.random.Generator
+    block: model.Block, plan: Plan, earth: Earth, native: np.ndarray, rng: np.random.Generator
 ) -> Simulated:
     """Replace the true stations by observed or by bad ones; the truth goes into the frame of the given ones."""
     n = len(block.photos.ids)

@@ -1,7 +1,5 @@
 """WATPNT as printed in 1983 (ETL-0306, section 4.2.2): binary interpolation of the refraction angle, ray by ray."""
 
-from __future__ import annotations
-
 import math
 
 

@@ -1,7 +1,5 @@
 """Water surfaces that the tests of waves share, one of every family."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

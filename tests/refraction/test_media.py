@@ -1,7 +1,5 @@
 """Refractive indices of water and air against published values and finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

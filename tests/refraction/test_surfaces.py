@@ -1,7 +1,5 @@
 """Every family of surfaces: its derivatives, its movement, its limits, and what makes it that family."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -9,27 +9,12 @@ import numpy as np
 import pytest
 
 from asa_printer import played
-from musatpy.model import (
-    AirBases,
-    BathymetricPoints,
-    Control,
-    CoordinateSystem,
-    Datum,
-    Editing,
-    EqualElevations,
-    Initial,
-    Iteration,
-    ObservationKind,
-    Program,
-    Refraction,
-    WaterLevel,
-    Weights,
-)
+from musatpy import model
 from musatpy.reports.listing import listing
 from musatpy.reports.pages import PAGE_LINES, PAGE_WIDTH
 from sample_solutions import sample_solution
 
-CASES = [(system, refraction) for system in CoordinateSystem for refraction in Refraction]
+CASES = [(system, refraction) for system in model.CoordinateSystem for refraction in model.Refraction]
 
 
 def pages_of(text):
@@ -67,7 +52,7 @@ def test_pages_fit_the_paper(system, refraction):
     ],
 )
 def test_what_is_worst_comes_first(title, column):
-    rows = [line.split() for line in section(listing(sample_solution(CoordinateSystem.LOCAL)), title)]
+    rows = [line.split() for line in section(listing(sample_solution(model.CoordinateSystem.LOCAL)), title)]
     start = next(i for i, row in enumerate(rows) if row and row[0].startswith("--")) + 1
     rows = rows[start : rows.index([]) if [] in rows[start:] else None]
     if column == -1:
@@ -83,7 +68,7 @@ def test_what_is_worst_comes_first(title, column):
 
 
 def test_the_tilt_on_the_water_card_has_a_line_of_its_own():
-    solution = sample_solution(CoordinateSystem.LOCAL)
+    solution = sample_solution(model.CoordinateSystem.LOCAL)
     water = dataclasses.replace(solution.block.water, sigma=0.004, tilt_north=-1e-3, tilt_sigma=5e-5)
     block = dataclasses.replace(solution.block, water=water)
     text = listing(dataclasses.replace(solution, block=block))
@@ -93,11 +78,19 @@ def test_the_tilt_on_the_water_card_has_a_line_of_its_own():
 
 @pytest.mark.parametrize(
     "option",
-    [*Program, *Initial, *Refraction, *Weights, *WaterLevel, *Datum, *Editing],
+    [
+        *model.Program,
+        *model.Initial,
+        *model.Refraction,
+        *model.Weights,
+        *model.WaterLevel,
+        *model.Datum,
+        *model.Editing,
+    ],
     ids=lambda one: f"{type(one).__name__} {one.name}",
 )
 def test_the_lines_of_all_options_fit_the_paper(option):
-    solution = sample_solution(CoordinateSystem.GEOGRAPHIC)
+    solution = sample_solution(model.CoordinateSystem.GEOGRAPHIC)
     names = {
         field.name
         for field in dataclasses.fields(solution.block.options)
@@ -109,7 +102,7 @@ def test_the_lines_of_all_options_fit_the_paper(option):
     assert max(map(len, text.replace("\f", "").splitlines())) <= PAGE_WIDTH
 
 
-@pytest.mark.parametrize("system", CoordinateSystem)
+@pytest.mark.parametrize("system", model.CoordinateSystem)
 def test_nothing_overflows_in_a_plausible_job(system):
     lines = [line for page in pages_of(listing(sample_solution(system))) for line in page[1:]]
     assert not [
@@ -180,14 +173,14 @@ def test_every_report_is_there_in_order():
 
 
 def test_a_job_without_extras_has_no_empty_tables():
-    solution = sample_solution(CoordinateSystem.LOCAL, Refraction.NONE)
+    solution = sample_solution(model.CoordinateSystem.LOCAL, model.Refraction.NONE)
     block = solution.block
     none = np.zeros((0, 3))
     block = dataclasses.replace(
         block,
-        control=Control(point=[], kind=[], fixed=[], position=none, sigma=none),
-        equal_elevations=EqualElevations(ids=[], sigma=[], group=[], point=[]),
-        air_bases=AirBases(photo=np.zeros((0, 2)), length=[], sigma=[]),
+        control=model.Control(point=[], kind=[], fixed=[], position=none, sigma=none),
+        equal_elevations=model.EqualElevations(ids=[], sigma=[], group=[], point=[]),
+        air_bases=model.AirBases(photo=np.zeros((0, 2)), length=[], sigma=[]),
         photos=dataclasses.replace(block.photos, tide=np.full(10, np.nan), tide_sigma=np.full(10, np.nan)),
         points=dataclasses.replace(block.points, bathymetric=np.zeros(98, dtype=bool)),
     )
@@ -198,9 +191,9 @@ def test_a_job_without_extras_has_no_empty_tables():
         observed=None,
         levels=[],
         level_sigmas=[],
-        measured={**solution.measured, ObservationKind.AIR_BASE: np.zeros(0)},
+        measured={**solution.measured, model.ObservationKind.AIR_BASE: np.zeros(0)},
         water=None,
-        bathymetric=BathymetricPoints(
+        bathymetric=model.BathymetricPoints(
             point=[], apparent=none, predicted=none, **dict.fromkeys(DEPTHS, np.zeros(0))
         ),
     )
@@ -259,7 +252,7 @@ def test_statistics_of_rounding_errors_do_not_depend_on_the_machine(noise):
 
 def test_a_field_that_is_too_narrow_prints_asterisks():
     solution = sample_solution()
-    runaway = Iteration(
+    runaway = model.Iteration(
         outer_pass=1,
         number=1,
         rotation=math.pi,
@@ -306,10 +299,10 @@ def test_residuals_are_printed_in_micrometres_with_their_flags():
     assert words[10:12] == ["B", "N"]
 
 
-@pytest.mark.parametrize("refraction", [Refraction.NONE, Refraction.RIGOROUS])
+@pytest.mark.parametrize("refraction", [model.Refraction.NONE, model.Refraction.RIGOROUS])
 def test_a_run_without_refraction_prints_no_refracted_points(refraction):
     text = listing(sample_solution(refraction=refraction))
     head = section(text, "Bathymetric Points")[3]
     depths = section(text, "Depths Of Bathymetric Points")[0]
-    assert ("  Refraction" in head.replace("No Refraction", "")) == (refraction is not Refraction.NONE)
-    assert ("Depth, refraction" in depths) == (refraction is not Refraction.NONE)
+    assert ("  Refraction" in head.replace("No Refraction", "")) == (refraction is not model.Refraction.NONE)
+    assert ("Depth, refraction" in depths) == (refraction is not model.Refraction.NONE)

@@ -7,21 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from musatpy import model
 from musatpy.adjustment import adjust
 from musatpy.errors import SystemsError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Geoid, Projected
 from musatpy.geometry.rotations import AngleForm, matrix_of
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, TangentPlane
-from musatpy.model import (
-    ControlKind,
-    CoordinateSystem,
-    EllipsoidSpec,
-    EqualElevations,
-    HeightDifferences,
-    Plates,
-    ReductionOptions,
-)
 from musatpy.systems import Axes, Sigmas, Stated, Statement, entered, stated, stated_solution
 from musatpy.systems.statement import attitudes_in, attitudes_out
 from musatpy.units import DEGREE
@@ -165,7 +157,7 @@ def test_covariances_of_points_and_of_matrices(tmp_path):
 @pytest.mark.parametrize(("name", "ground"), [("geocentric", 20.0), ("UTM", 20.0), ("UTM above a geoid", 32.5)])
 def test_the_ground_of_a_reduction_is_as_high_as_before(name, ground, tmp_path):
     statement = statements(tmp_path)[name].statement
-    block = replace(job(), reduction=ReductionOptions(plates=Plates.RAW, ground_height=20.0))
+    block = replace(job(), reduction=model.ReductionOptions(plates=model.Plates.RAW, ground_height=20.0))
     out = stated(block, statement)
     assert out.block.reduction.ground_height == pytest.approx(ground, abs=1e-6)  # the geoid's file has float32
     back, _ = entered(out, statement)
@@ -259,15 +251,15 @@ class TestPartlyKnown:
 
 class TestRefused:
     def test_another_ellipsoid(self):
-        other = replace(job(), ellipsoid=EllipsoidSpec(name="WGS84"))
+        other = replace(job(), ellipsoid=model.EllipsoidSpec(name="WGS84"))
         with pytest.raises(SystemsError, match="no datum is shifted"):
             stated(other, Statement(system=UTM))
-        numbers = EllipsoidSpec(semi_major_axis=6378206.4, inverse_flattening=294.978698214)
+        numbers = model.EllipsoidSpec(semi_major_axis=6378206.4, inverse_flattening=294.978698214)
         stated(replace(job(), ellipsoid=numbers), Statement(system=UTM))
 
     def test_an_ellipsoid_that_nobody_knows(self):
         with pytest.raises(SystemsError, match="is not an ellipsoid"):
-            stated(replace(job(), ellipsoid=EllipsoidSpec(name="potato")), Statement(system=UTM))
+            stated(replace(job(), ellipsoid=model.EllipsoidSpec(name="potato")), Statement(system=UTM))
         with pytest.raises(SystemsError, match="needs an ellipsoid"):
             stated(replace(job(), ellipsoid=None), Statement(system=UTM))
 
@@ -303,7 +295,7 @@ class TestRefused:
 
     def test_height_differences_above_a_geoid(self, tmp_path):
         system = Projected("EPSG:26717", CLARKE, Geoid(level_geoid(tmp_path)))
-        difference = HeightDifferences(point=[[0, 1]], difference=[3.0], sigma=[0.1])
+        difference = model.HeightDifferences(point=[[0, 1]], difference=[3.0], sigma=[0.1])
         with pytest.raises(SystemsError, match="height differences"):
             stated(replace(job(), height_differences=difference), Statement(system=system))
         stated(replace(job(), height_differences=difference), Statement(system=UTM))
@@ -312,7 +304,7 @@ class TestRefused:
 class TestSaid:
     def test_equal_elevations_above_a_geoid(self, tmp_path):
         system = Projected("EPSG:26717", CLARKE, Geoid(level_geoid(tmp_path)))
-        shore = EqualElevations(ids=["A"], sigma=[0.1], group=[0, 0], point=[0, 1])
+        shore = model.EqualElevations(ids=["A"], sigma=[0.1], group=[0, 0], point=[0, 1])
         out = stated(replace(job(), equal_elevations=shore), Statement(system=system))
         assert ["the geoid is taken as level" in str(warning) for warning in out.warnings] == [True]
 
@@ -347,16 +339,16 @@ def test_headings_beyond_half_a_turn_stay_there():
 
 
 def test_local_jobs_may_have_other_angles():
-    local = network(Plan(photos_per_strip=2, kinds=(ControlKind.VERTICAL,))).block
+    local = network(Plan(photos_per_strip=2, kinds=(model.ControlKind.VERTICAL,))).block
     statement = Statement(system=LocalRectangular(), form=AngleForm.PHI_OMEGA_KAPPA)
     out = stated(local, statement)
-    assert out.block.options.system is CoordinateSystem.LOCAL
+    assert out.block.options.system is model.CoordinateSystem.LOCAL
     np.testing.assert_array_equal(out.block.photos.position, local.photos.position)
     back, warnings = entered(out, statement)
     assert warnings == ()
     np.testing.assert_array_equal(back.control.position, local.control.position)
     np.testing.assert_allclose(back.photos.attitude, local.photos.attitude, rtol=0, atol=1e-14)
-    assert back.options.system is CoordinateSystem.LOCAL
+    assert back.options.system is model.CoordinateSystem.LOCAL
 
 
 def test_ellipsoids_know_their_axes():

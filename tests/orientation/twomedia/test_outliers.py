@@ -70,7 +70,7 @@ def test_wrong_images_and_control_are_named(method):
 
 @pytest.mark.slow
 def test_of_twenty_contaminated_orientations_19_are_recovered():
-    """By all methods together, three each; of a hundred by each (minutes) 95 and more are, too.
+    """By all methods together, two each; of a hundred by each (minutes) 95 and more are, too.
 
     Of those whose errors the other points check at all, as one in the laboratory's pair is not (4 %). COMBINED with
     eight control points: of five, errors in three leave two, and nothing to choose them by.
@@ -79,11 +79,11 @@ def test_of_twenty_contaminated_orientations_19_are_recovered():
     for method in METHODS:
         control = 8 if method == "COMBINED" else control_of(METHODS[method])
         beyond = set(np.flatnonzero(~checked(method, control)).tolist())
-        for seed in range(3):
+        for seed in range(2):
             touched, right = recovered(method, control, seed)
             if not touched & beyond:
                 results.append(right)
-    assert len(results) > 15
+    assert len(results) > 10
     assert np.mean(results) >= 0.95
 
 
