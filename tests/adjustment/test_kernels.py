@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.commands import musat
@@ -340,38 +340,3 @@ def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyP
     np.testing.assert_array_equal(a.matrix.blocks, b.matrix.blocks)
     np.testing.assert_array_equal(a.rhs, b.rhs)
     assert a.objective == b.objective and a.of_points == b.of_points
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("deck", DECKS)
-@settings(max_examples=10, deadline=None)
-@given(
-    seed=st.integers(0, 10_000),
-    shift=st.floats(0.0, 30.0),
-    close=st.floats(0.0, 2e-5),
-)
-@example(seed=1980, shift=21.920483512342546, close=1.5531183965928236e-05)
-def test_both_have_the_same_first_positions(deck: str, seed: int, shift: float, close: float) -> None:
-    """Stations off by metres; the second photo is the first one again, but for a small turn of its rays."""
-    network, state, _ = job(deck)
-    draws = np.random.default_rng(seed)
-    state = replace(state, position=state.position + shift * draws.normal(size=state.position.shape))
-    first, second = (np.flatnonzero(network.photo == photo) for photo in (0, 1))
-    alike = np.intersect1d(network.point[first], network.point[second])[:2]
-    xy, attitude = network.xy.copy(), state.attitude.copy()
-    attitude[1] = attitude[0] + [close, 0.0, 0.0]
-    for point in alike:
-        xy[second[network.point[second] == point][:1]] = xy[first[network.point[first] == point][:1]]
-    network, state = replace(network, xy=xy, gathered={}), replace(state, attitude=attitude)
-    found = []
-    for kind in BOTH:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv(kernels.VARIABLE, kind)
-            parallel = np.zeros(network.points, dtype=bool)
-            first = ground.start_ground(network, state, parallel)
-            found.append((first.ground, parallel))
-    (a, parallel_a), (b, parallel_b) = found
-    np.testing.assert_array_equal(parallel_a, parallel_b)
-    near = np.linalg.norm(np.nan_to_num(a), axis=1) < 1e5
-    near[alike] = False  # where nearly parallel rays meet is noise
-    assert_like(a[near], b[near], 1e-9)

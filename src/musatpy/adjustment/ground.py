@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import compress
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, together
 from musatpy.adjustment.point_normals import point_normals, settle_group, with_known
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, finite_rows
 from musatpy.geometry import intersection
 from musatpy.model import ObservationKind
 
@@ -73,16 +72,16 @@ def start_ground(network: Network, state: State, parallel: BoolArray | None = No
     at the mean height of the control. Sets which pass points (p,) have rays that are as good as `parallel`, where
     that is asked for.
     """
-    ground, near, mean_height = state.ground.copy(), np.zeros(network.points, dtype=bool), _mean_height(network)
-    several = [not group.kept and group.rays.shape[1] > 1 for group in network.groups]
-    left = loops_of(network, compress(network.groups, several)).meet(state, PARALLEL, ground, near)
-    for group in (*left, *compress(network.groups, np.logical_not(several))):
+    ground, heights = state.ground.copy(), network.priors.given[:, 2]
+    mean_height = float(np.nanmean(heights)) if np.isfinite(heights).any() else 0.0
+    for group in network.groups:
         ground[group.point] = nearest_ground(network, state, group, mean_height)
-    if parallel is not None:
-        for group in left:
-            _, direction = sightings.straight_rays(network, state, group.rays)
-            near[group.point] = intersection.widest_angle(direction) < PARALLEL
-        parallel[:] = near
+    for group in network.pass_groups:
+        if parallel is None:
+            break
+        _, direction = sightings.straight_rays(network, state, group.rays)
+        near = np.linalg.norm(direction - direction[:, :1], axis=2).max(axis=1) < PARALLEL  # the others are not
+        parallel[group.point[near]] = intersection.widest_angle(direction[near]) < PARALLEL
     members = np.flatnonzero(network.priors.group >= 0)
     heights = network.frame.height(ground[members])
     number = network.border.count(ObservationKind.EQUAL_ELEVATION)
@@ -105,20 +104,18 @@ def level_start(network: Network, state: State) -> State:
     height = float(np.nanmedian(heights))
     ground = state.ground.copy()
     for group in network.groups:
-        cut = _level(network, *sightings.straight_rays(network, state, group.rays), height)
-        _set_level(network, group.point, cut.mean(axis=1), ground)
+        straight = sightings.straight_rays(network, state, group.rays)
+        origin, direction = (vectors.reshape(-1, 3) for vectors in straight)
+        cut = _cut(network, origin, _bent_down(network, origin, direction), height)
+        ground[group.point] = _put_in(network, group, cut.reshape(*group.rays.shape, 3).mean(axis=1))
     return replace(state, ground=ground)
 
 
-def _level(network: Network, origin: FloatArray, direction: FloatArray, height: float) -> FloatArray:
-    """Return where rays (..., 3), none of them flat, reach a height."""
-    origin, direction, shape = origin.reshape(-1, 3), direction.reshape(-1, 3), origin.shape
-    return _cut(network, origin, _bent_down(network, origin, direction), height).reshape(shape)
-
-
-def _set_level(network: Network, point: IntArray, X: FloatArray, ground: FloatArray) -> None:
-    """Set points of `ground` (p, 3) to X (k, 3) with what is known of them."""
-    ground[point] = network.frame.from_level(with_known(network, point, network.frame.level(X)))
+def _put_in(network: Network, group: PointGroup, X: FloatArray) -> FloatArray:
+    """Return the points X (k, 3) of a group with what is known of them."""
+    if not group.known:
+        return X
+    return network.frame.from_level(with_known(network, group.point, network.frame.level(X)))
 
 
 def _bent_down(network: Network, origin: FloatArray, direction: FloatArray) -> FloatArray:
@@ -141,7 +138,7 @@ def nearest_ground(network: Network, state: State, group: PointGroup, mean_heigh
         ground = _cut(network, origin[:, 0], direction[:, 0], height)
     else:
         ground = intersection.nearest_point(origin, direction)
-    return network.frame.from_level(with_known(network, group.point, network.frame.level(ground)))
+    return _put_in(network, group, ground)
 
 
 def _cut(
@@ -163,13 +160,6 @@ def _cut(
     return X
 
 
-def _mean_height(network: Network) -> float:
-    heights = network.priors.given[:, 2]
-    if np.isfinite(heights).any():
-        return float(np.nanmean(heights))
-    return 0.0
-
-
 def intersect_freely(network: Network, state: State, groups: Iterable[PointGroup]) -> State:
     """Return the state with points that took no part intersected from the stations as they are."""
     ground = state.ground.copy()
@@ -182,7 +172,5 @@ def intersect_freely(network: Network, state: State, groups: Iterable[PointGroup
 def all_residuals(network: Network, state: State, chosen: BoolArray) -> FloatArray:
     """Return the residuals (m, 2) mm of all measurements, of some that are not `chosen` (m,) NaN."""
     out = np.full(network.xy.shape, np.nan)
-    loops_of(network, network.groups).set_residuals(state, out)
-    left = np.flatnonzero(chosen & np.isnan(out[:, 0]))
-    out[left] = sightings.residuals(network, state, left)
+    out[chosen] = sightings.residuals(network, state, np.flatnonzero(chosen))
     return out

@@ -17,7 +17,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.reliability import Part
 from musatpy.adjustment.unknowns import State
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
 
 VARIABLE = "MUSAT_KERNELS"
@@ -81,10 +81,6 @@ class Loops:
         """Set the weighted squares (p,) of points where they are, infinite behind a camera."""
         return self.groups
 
-    def set_residuals(self, state: State, residual: FloatArray) -> Groups:
-        """Set the residuals (all measurements, 2) mm of the images of points."""
-        return self.groups
-
     def spread(
         self, state: State, cofactors: Cofactors, residual: FloatArray, points: FloatArray, diagonal: Diagonal
     ) -> tuple[Groups, list[Part]]:
@@ -93,10 +89,3 @@ class Loops:
         Adds to the diagonal; `residual` (all measurements, 2) mm.
         """
         return self.groups, []
-
-    def meet(self, state: State, limit: float, ground: FloatArray, parallel: BoolArray) -> Groups:
-        """Set `ground` (p, 3) where straight rays of points come nearest, NaN where that is nowhere.
-
-        And which points (p,) have all their rays within an angle of the limit, rad.
-        """
-        return self.groups

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -24,6 +24,16 @@ def compiled(function: Function) -> Function:
     return cast(Function, kernel)
 
 
+def piece(function: Function) -> Function:
+    """Return the same for a piece that becomes part of others.
+
+    Pieces make no arrays, so that none that they take needs to be counted: that is an atomic addition each time,
+    which takes longer than a ray.
+    """
+    njit = cast(Any, numba.njit)  # whose types leave out `_nrt`, the counting
+    return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True, _nrt=False)(function))
+
+
 def is_kept(kernel: Callable[..., object]) -> bool:
     """Return whether a function that was compiled in a run before is as its source is now."""
     return bool(cast(Any, kernel)._cache._cache_file._load_index())
@@ -33,30 +43,3 @@ def is_kept(kernel: Callable[..., object]) -> bool:
 def _stamp() -> bytes:
     """Return what is another one when a source of this folder is."""
     return sha256(b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py")))).digest()
-
-
-def inlined(function: Function) -> Function:
-    """Return the same for a piece that becomes part of others: arrays cost much to hand on for a single ray."""
-    return _piece(function, forceinline=True)
-
-
-def called(function: Function) -> Function:
-    """Return the same for a piece that is called once for a point, so that it is compiled once for all."""
-    return _piece(function, forceinline=False)
-
-
-def _piece(function: Function, forceinline: bool) -> Function:
-    """Return a compiled piece, one for all constants that it is called with.
-
-    Pieces make no arrays, so that none that they take needs to be counted: that is an atomic addition each time,
-    which takes longer than a ray.
-    """
-    njit = cast(Any, numba.njit)  # whose types leave out `_nrt`, the counting
-    piece: Any = njit(nogil=True, error_model="numpy", forceinline=forceinline, _nrt=False)(function)
-    template, variable = piece.get_call_template, cast(Any, numba.types.unliteral)
-
-    def of_variables(args: Iterable[Any], kws: Mapping[str, Any]) -> Any:
-        return template(tuple(map(variable, args)), {name: variable(kind) for name, kind in kws.items()})
-
-    piece.get_call_template = of_variables
-    return cast(Function, piece)

@@ -10,16 +10,15 @@ from typing import Self, TypeVar
 import numpy as np
 
 from musatpy.adjustment.collinear import Follow
-from musatpy.adjustment.compiled import elimination, spreading, starting
+from musatpy.adjustment.compiled import points as compiled
 from musatpy.adjustment.compiled.compiler import is_kept
-from musatpy.adjustment.compiled.elimination import Eliminated, Known, Pairs, Sums
-from musatpy.adjustment.compiled.rays import Measured, Stations, Water
+from musatpy.adjustment.compiled.points import Known, Measured, Pairs, Points, Stations, Water
 from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.kernels import Groups, Loops
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
-from musatpy.adjustment.point_normals import RIDGE, Priors, hold, prior_rows, steps_to_best, with_known
+from musatpy.adjustment.point_normals import RIDGE, hold, prior_rows, steps_to_best
 from musatpy.adjustment.reliability import Part
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
@@ -41,7 +40,6 @@ class Sequence:
     start: IntArray  # (k + 1,) first ray of each
     rays: IntArray  # (r,) measurements
     photo: IntArray  # (r,)
-    first_pair: IntArray  # (n + 1,) of each photo in the pattern
     pairs: Pairs
 
     @classmethod
@@ -65,61 +63,35 @@ class Sequence:
         rays = rays[np.repeat(before[order] - start[:-1], size) + np.arange(start[-1])]
         row = np.full(network.points, -1)
         row[point] = np.arange(len(point))
-        pattern, photo = network.pattern, network.photo[rays]
-        first = np.searchsorted(pattern.pairs[:, 0], np.arange(pattern.count + 1))
-        slots = np.empty(int(np.sum(size * (size + 1) // 2)), dtype=np.int32)
-        pairs = Pairs(start=np.empty(len(point) + 1, dtype=np.int64), slot=slots)
-        elimination.find_pairs(start, photo, first, np.ascontiguousarray(pattern.pairs[:, 1]), pairs)
-        return cls(point=point, row=row, start=start, rays=rays, photo=photo, first_pair=first, pairs=pairs)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rows:
-    """Some rows of a sequence, and the blocks of the pattern that their pairs lie in: from `first` to `last`."""
-
-    rows: IntArray
-    first: int
-    last: int
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
-    """What loops see in a state."""
-
-    at: Measured
-    stations: Stations
-    water: Water
-    known: Known
-    priors: Priors  # of the known points
-
-    @property
-    def seen(self) -> tuple[Measured, Stations, Water]:
-        return self.at, self.stations, self.water
-
-    @property
-    def all(self) -> tuple[Measured, Stations, Water, Known, float]:
-        return self.at, self.stations, self.water, self.known, RIDGE
+        photo, first_pair = network.photo[rays], np.concatenate([[0], np.cumsum(size * (size + 1) // 2)])
+        slot = np.empty(first_pair[-1], dtype=np.int32)
+        for m in np.flatnonzero(np.bincount(size)).tolist():
+            some, (i, j) = np.flatnonzero(size == m), np.triu_indices(m)
+            of_some = photo[start[some][:, None] + np.arange(m)]
+            slot[first_pair[some][:, None] + np.arange(len(i))] = network.pattern.find(of_some[:, i], of_some[:, j])
+        pairs = Pairs(start=first_pair, slot=slot)
+        return cls(point=point, row=row, start=start, rays=rays, photo=photo, pairs=pairs)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompiledFollow:
-    """How the points follow a step: what is left of their elimination in a scene."""
+    """How the points follow a step: what is left of their elimination."""
 
     loops: CompiledLoops
-    scene: Scene
-    eliminated: Eliminated
+    points: Points
+    known: Known
 
     def move(self, network: Network, state: State, step: FloatArray, ground: FloatArray) -> None:
         """Set the points of `ground` (p, 3) where they are after a step (u,) of all unknowns from `state`."""
-        stations = _plain(step[: network.pattern.order].reshape(network.photos, -1))
-        at, of_stations, water, known, _ = self.scene.all
-        self.loops.of_parts(
-            lambda part: elimination.follow(
-                part.rows, at, of_stations, water, known, self.eliminated, stations, ground
-            )
-        )
-        point = self.loops.known_points
-        ground[point] = hold(network, point, ground[point])
+        sequence, rows, known_rows = self.loops.sequence, self.loops.rows, self.loops.known_rows
+        stations = step[: network.pattern.order].reshape(network.photos, -1)[sequence.photo]
+        of_images = np.einsum("rcu,ru->rc", self.points.A, stations)
+        of_points = np.add.reduceat(np.einsum("rci,rc->ri", self.points.B, of_images), sequence.start[:-1])
+        change = self.points.shift - np.einsum("kij,kj->ki", self.points.inverse, of_points)
+        change[known_rows] = np.einsum("kji,kj->ki", self.known.axes, change[known_rows])
+        ground[sequence.point[rows]] = state.ground[sequence.point[rows]] + change[rows]
+        known = sequence.point[known_rows]
+        ground[known] = hold(network, known, ground[known])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,7 +99,7 @@ class CompiledLoops(Loops):
     """Loops over the points that have no unknowns but their own and those of their photos; `others` are left."""
 
     others: Groups
-    _last: list[tuple[tuple[object, ...], Scene]] = field(default_factory=list, repr=False)
+    _last: list[tuple[tuple[object, ...], Points, Known]] = field(default_factory=list, repr=False)
 
     @classmethod
     def of(cls, network: Network, groups: Iterable[PointGroup]) -> Self:
@@ -170,66 +142,58 @@ class CompiledLoops(Loops):
         rows = [self.sequence.row[group.point] for group in groups]
         return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
 
-    @property
-    def known_points(self) -> IntArray:
-        """The points (h,) themselves."""
-        return self.sequence.point[self.known_rows]
+    @cached_property
+    def _root(self) -> FloatArray:
+        """The roots (r, 2) of the weights of images."""
+        return np.sqrt(self.network.weight.take(self.sequence.rays, axis=0))
 
-    def parts(self, rows: IntArray) -> list[Rows]:
-        """Return rows in parts of as many rays: how many does not depend on the threads, so that sums do not."""
-        sequence = self.sequence
-        rays = np.cumsum(sequence.start[rows + 1] - sequence.start[rows])
+    def of_parts(self, work: Callable[[IntArray], Result], rows: IntArray) -> list[Result]:
+        """Return the results of `work` at rows in parts of as many rays: so sums do not depend on the threads."""
+        start = self.sequence.start
+        rays = np.cumsum(start[rows + 1] - start[rows])
         total = int(rays[-1]) if len(rays) else 0
         count = min(_MOST, max(1, total // _PART))
         pieces = np.split(rows, np.searchsorted(rays, total * np.arange(1, count) / count))
-        parts = []
-        for piece in filter(len, pieces):
-            photo = sequence.photo[sequence.start[piece[0]] : sequence.start[piece[-1] + 1]]
-            first, last = sequence.first_pair[photo[0]], sequence.first_pair[photo.max() + 1]
-            parts.append(Rows(rows=piece, first=int(first), last=int(last)))  # the first photo is the lowest
-        return parts
+        return list(side_by_side(work, pieces, len(self.sequence.rays)))
 
-    def of_parts(self, work: Callable[[Rows], Result], rows: IntArray | None = None) -> list[Result]:
-        """Return the results of `work` at rows in parts, in their order."""
-        parts = self.parts(self.rows if rows is None else rows)
-        return list(side_by_side(work, parts, len(self.sequence.rays)))
-
-    def scene(self, state: State) -> Scene:
-        """Return what is seen in a state: each step is judged where it leads, and the next one begins there."""
+    def points(self, state: State) -> tuple[Points, Known]:
+        """Return the points in a state: each step is judged where it leads, and the next one begins there."""
         of = (state.position, state.attitude, state.ground, state.tide, state.tilt, state.index, state.levels)
         if not self._last or any(a is not b for a, b in zip(self._last[0][0], of, strict=True)):
-            self._last[:] = [(of, self._scene(state))]
-        return self._last[0][1]
+            self._last[:] = [(of, *self._linearised(state, self.rows))]
+        return self._last[0][1:]
 
-    def _scene(self, state: State) -> Scene:
+    def _linearised(self, state: State, rows: IntArray, by_station: bool = True) -> tuple[Points, Known]:
+        """Return some points, and what is known of all, as they are in a state; what is not asked for is zero."""
         network, sequence, kappa = self.network, self.sequence, state.attitude[:, 2]
+        k, r, q = len(sequence.point), len(sequence.rays), network.pattern.size
         at = Measured(
-            point=sequence.point,
             start=sequence.start,
             photo=sequence.photo,
             xy=network.xy.take(sequence.rays, axis=0),
-            root=np.sqrt(network.weight.take(sequence.rays, axis=0)),
+            root=self._root,
             ground=state.ground.take(sequence.point, axis=0),
         )
         turn = np.stack([np.cos(kappa), np.sin(kappa)], axis=1)
         arrays = (state.position, state.M, network.axes, turn, network.focal_length, network.principal_point)
-        priors = prior_rows(network, state, self.known_points, state.ground[self.known_points])
-        row = np.full(len(sequence.point), -1)
-        row[self.known_rows] = np.arange(len(self.known_rows))
-        weight = np.ascontiguousarray(priors.weight[:, :3])
-        return Scene(
-            at=at,
-            stations=Stations(*map(_plain, arrays)),
-            water=self._water(state),
-            known=Known(
-                row=row,
-                axes=_plain(priors.axes),
-                free=priors.free,
-                weight=weight,
-                pull=weight * priors.deviation[:, :3],
-            ),
-            priors=priors,
+        known_point, row = sequence.point[self.known_rows], np.full(k, -1)
+        row[self.known_rows] = np.arange(len(known_point))
+        priors = prior_rows(network, state, known_point, state.ground[known_point])
+        weight = priors.weight[:, :3]
+        known = Known(
+            row=row,
+            axes=_plain(priors.axes),
+            free=priors.free,
+            diagonal=np.where(priors.free, weight, weight + 1.0),
+            pull=weight * priors.deviation[:, :3],
         )
+        shapes = ((r if by_station else 0, 2, q), (r, 2, 3), (r, 2), (k, 3, 3), (k, 3), (k,), (k,))
+        out, stations, water = Points(*map(np.zeros, shapes)), Stations(*map(_plain, arrays)), self._water(state)
+        self.of_parts(
+            lambda part: compiled.linearise(part, at, stations, water, known, RIDGE, by_station, out), rows
+        )
+        out.squares[self.known_rows] += priors.squares
+        return out, known
 
     def _water(self, state: State) -> Water:
         """Return the level water over the points."""
@@ -239,128 +203,113 @@ class CompiledLoops(Loops):
         row[wet] = np.arange(len(wet))
         ground, tide = state.ground[network.point[wet_rays]], state.tide[network.photo[wet_rays]]
         over = surface(network.frame, network.slope(state.tilt), tide, ground)
-        return Water(
-            row=row,
-            normal=_plain(over.normal),
-            depth=_plain(over.depth),
-            tangent=np.full(len(wet), np.nan),
-            rise=_plain(1.0 / over.secant),
-            refraction=float(state.index),
-            unknowns=(0,) * network.pattern.size,
-        )
+        normal, depth, rise = map(_plain, (over.normal, over.depth, 1.0 / over.secant))
+        return Water(row=row, normal=normal, depth=depth, rise=rise, refraction=float(state.index))
+
+    @property
+    def _unknowns(self) -> tuple[int, ...]:
+        return (0,) * self.network.pattern.size
 
     def get_ready(self, state: State, say: Callable[[], None]) -> None:
-        if is_kept(elimination.eliminate):
-            return
-        say()
-        rows, scene, pairs, q = (
-            np.zeros(0, dtype=np.int64),
-            self.scene(state),
-            self.sequence.pairs,
-            self.network.pattern.size,
-        )
-        X, of_rows, blocks, rhs = np.empty((0, 3)), np.empty(0), np.empty((0, q, q)), np.empty((0, q))
-        matrices, xy = np.empty((0, 3, 3)), np.empty((0, 2))
-        of = Eliminated(shift=X, inverse=matrices)
-        starting.meet(rows, scene.at, scene.stations, 0.0, X, np.empty(0, dtype=bool))
-        elimination.residuals(rows, *scene.seen, xy, of_rows)
-        elimination.steps(rows, *scene.all, X, of_rows, of_rows)
-        elimination.eliminate(rows, *scene.all, pairs, Sums(first=0, blocks=blocks, rhs=rhs), of)
-        elimination.follow(rows, *scene.seen, scene.known, of, rhs, X)
-        out = spreading.Spread(
-            axes=matrices, point=matrices, image=xy, covariance=np.empty((0, 2, 3)), diagonal=rhs
-        )
-        spreading.spread(rows, *scene.all, pairs, blocks, out)
+        if not is_kept(compiled.linearise):
+            say()
+            pattern, none = self.network.pattern, replace(self, groups=())
+            none.eliminate(state, NormalEquations(pattern, 0), [])
+            none._errors(state, np.zeros((0, pattern.size, pattern.size)))
 
     def eliminate(self, state: State, normals: NormalEquations, follows: list[Follow]) -> tuple[Groups, float]:
-        scene, sequence, (blocks, rhs) = self.scene(state), self.sequence, normals.sums
-        k = len(sequence.point)
-        out = Eliminated(shift=np.empty((k, 3)), inverse=np.empty((k, 3, 3)))
+        (points, known), sequence, (blocks, rhs) = self.points(state), self.sequence, normals.sums
+        first_pair = np.searchsorted(normals.pattern.pairs[:, 0], np.arange(normals.pattern.count + 1))
 
-        def work(part: Rows) -> tuple[Rows, Sums, float]:
-            own = np.zeros((part.last - part.first, *blocks.shape[1:]))
-            sums = Sums(first=part.first, blocks=own, rhs=np.zeros_like(rhs))
-            return part, sums, elimination.eliminate(part.rows, *scene.all, sequence.pairs, sums, out)
+        def work(rows: IntArray) -> tuple[int, FloatArray, FloatArray]:
+            """Return sums of the pattern from the first photo on, which is the lowest, to the highest one."""
+            photo = sequence.photo[sequence.start[rows[0]] : sequence.start[rows[-1] + 1]] if len(rows) else rows
+            first, last = (int(first_pair[n]) for n in (photo[0], photo.max() + 1)) if len(rows) else (0, 0)
+            own, own_rhs = np.zeros((last - first, *blocks.shape[1:])), np.zeros_like(rhs)
+            compiled.add(
+                rows, sequence.start, sequence.photo, points, sequence.pairs, self._unknowns, first, own, own_rhs
+            )
+            return first, own, own_rhs
 
-        total = 0.0
-        for part, sums, gain in self.of_parts(work):
-            blocks[part.first : part.last] += sums.blocks
-            rhs += sums.rhs
-            total += gain
-        follows.append(CompiledFollow(loops=self, scene=scene, eliminated=out))
-        return self.others, total
+        for first, own, own_rhs in self.of_parts(work, self.rows):
+            blocks[first : first + len(own)] += own
+            rhs += own_rhs
+        follows.append(CompiledFollow(loops=self, points=points, known=known))
+        return self.others, float(np.sum(points.fall))
 
     def settle(self, state: State, ground: FloatArray, squares: FloatArray) -> Groups:
-        point = self.sequence.point
-        shift, objective, falls = np.empty((len(point), 3)), np.empty(len(point)), np.empty(len(point))
+        mine = self.sequence.point[self.rows]
 
         def step(some: IntArray, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             every, rows = ground.copy(), self.rows[some]
-            every[point[rows]] = X
-            scene = self._scene(replace(state, ground=every))
-            self.of_parts(lambda part: elimination.steps(part.rows, *scene.all, shift, objective, falls), rows)
-            objective[self.known_rows] += scene.priors.squares
-            return shift[rows], objective[rows], falls[rows]
+            every[mine[some]] = X
+            points, known = self._linearised(replace(state, ground=every), rows, by_station=False)
+            shift = points.shift
+            shift[self.known_rows] = np.einsum("kji,kj->ki", known.axes, shift[self.known_rows])
+            return shift[rows], points.squares[rows], points.fall[rows]
 
-        mine = point[self.rows]
         ground[mine], squares[mine] = steps_to_best(
             step, ground[mine], lambda some, X: hold(self.network, mine[some], X), each=True
         )
         return self.others
 
-    def meet(self, state: State, limit: float, ground: FloatArray, parallel: BoolArray) -> Groups:
-        sequence, scene = self.sequence, self.scene(state)
-        X, of_rows = np.empty((len(sequence.point), 3)), np.empty(len(sequence.point), dtype=bool)
-        self.of_parts(lambda part: starting.meet(part.rows, scene.at, scene.stations, limit, X, of_rows))
-        point, known, frame = sequence.point[self.rows], self.known_points, self.network.frame
-        ground[point], parallel[point] = X[self.rows], of_rows[self.rows]
-        ground[known] = frame.from_level(with_known(self.network, known, frame.level(ground[known])))
-        return self.others
-
     def set_squares(self, state: State, squares: FloatArray) -> Groups:
-        scene, sequence = self.scene(state), self.sequence
-        off, of_rows = np.empty((len(sequence.rays), 2)), np.empty(len(sequence.point))
-        self.of_parts(lambda part: elimination.residuals(part.rows, *scene.seen, off, of_rows))
-        of_rows[self.known_rows] += scene.priors.squares
-        squares[sequence.point[self.rows]] = of_rows[self.rows]
+        points, _ = self.points(state)
+        squares[self.sequence.point[self.rows]] = points.squares[self.rows]
         return self.others
 
-    def set_residuals(self, state: State, residual: FloatArray) -> Groups:
-        scene, sequence = self.scene(state), self.sequence
-        off, of_rows = np.full((len(sequence.rays), 2), np.nan), np.empty(len(sequence.point))
-        self.of_parts(lambda part: elimination.residuals(part.rows, *scene.seen, off, of_rows))
-        residual[sequence.rays] = off
-        return self.others
+    def _rays_of(self, rows: IntArray) -> BoolArray:
+        """Return which rays (r,) are those of points."""
+        return np.repeat(np.isin(np.arange(len(self.sequence.point)), rows), np.diff(self.sequence.start))
 
     def spread(
         self, state: State, cofactors: Cofactors, residual: FloatArray, points: FloatArray, diagonal: Diagonal
     ) -> tuple[Groups, list[Part]]:
-        network, sequence, scene = self.network, self.sequence, self.scene(state)
+        sequence, network = self.sequence, self.network
         rows = np.setdiff1d(self.rows, self.known_rows, assume_unique=True)
-        taken = np.repeat(np.isin(np.arange(len(sequence.point)), rows), np.diff(sequence.start))
-        images, k = sequence.rays[taken], len(sequence.point)
-        axes = _plain(network.frame.axes(state.ground[sequence.point]))
-        point, image, covariance = np.empty((k, 3, 3)), np.empty((len(taken), 2)), np.empty((len(taken), 2, 3))
-
-        def work(part: Rows) -> FloatArray:
-            of_part = np.zeros_like(diagonal.stations)
-            out = spreading.Spread(axes=axes, point=point, image=image, covariance=covariance, diagonal=of_part)
-            spreading.spread(part.rows, *scene.all, sequence.pairs, cofactors.blocks, out)
-            return of_part
-
-        for of_part in self.of_parts(work, rows):
-            diagonal.stations += of_part
-        points[sequence.point[rows]] = point[rows]
+        of_points, cofactor, covariance = self._errors(state, cofactors.blocks)
+        points[sequence.point[rows]] = of_points[rows]
+        taken = self._rays_of(rows)
+        images, squares = sequence.rays[taken], np.sum(np.square(self.points(state)[0].A[taken]), axis=1)
+        for unknown, of_stations in enumerate(diagonal.stations.T):
+            of_stations += np.bincount(sequence.photo[taken], squares[:, unknown], network.photos)
         part = Part(
             kind=ObservationKind.PLATE,
             row=np.repeat(images, 2),
             component=np.tile(np.arange(2), len(images)),
             residual=residual[images].reshape(-1),
             weight=network.weight[images].reshape(-1),
-            cofactor=image[taken].reshape(-1),
+            cofactor=cofactor[taken].reshape(-1),
             covariance=covariance[taken].reshape(-1, 3),
         )
         return (*(group for group in self.groups if group.known), *self.others), [part]
+
+    def _errors(self, state: State, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return cofactors of points (k, 3, 3), of images (r, 2), and of both (r, 2, 3), along east, north, up.
+
+        Of points of which nothing is known; Q (e, q, q) is of the stations. `propagation.point_covariances`,
+        Q_xx = N_pp^-1 + F Q_ss F', and `reliability.images`: with partials A by the stations, B by the point and
+        F = Y'A, (A - B F) Q_ss (A - B F)' + B N_pp^-1 B' = C - 2 D B' + B Q_xx B', where C = A Q_ss A', D = C Y.
+        """
+        (points, _), sequence, root = self.points(state), self.sequence, self._root[..., None]
+        of_ray = np.repeat(np.arange(len(sequence.point)), np.diff(sequence.start))
+        Y = np.einsum("rci,rij->rcj", points.B, points.inverse.take(of_ray, axis=0))
+        C, D = np.zeros((len(of_ray), 2)), np.zeros((len(of_ray), 2, 3))
+        self.of_parts(
+            lambda rows: compiled.spread(
+                rows, sequence.start, points.A, Y, sequence.pairs, self._unknowns, Q, C, D
+            ),
+            self.rows,
+        )
+        Qxx = points.inverse + np.add.reduceat(np.einsum("rci,rcj->rij", D, Y), sequence.start[:-1])
+        BQ = np.einsum("rci,rij->rcj", points.B, Qxx.take(of_ray, axis=0))
+        axes = self.network.frame.axes(state.ground[sequence.point])
+        image = (C + np.einsum("rci,rci->rc", points.B, BQ - 2.0 * D)) / np.square(self._root)
+        return (
+            axes @ Qxx @ np.swapaxes(axes, 1, 2),
+            image,
+            np.einsum("rci,rji->rcj", (BQ - D) / root, axes.take(of_ray, axis=0)),
+        )
 
 
 def _plain(array: FloatArray) -> FloatArray:
