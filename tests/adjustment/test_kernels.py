@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from cli.commands import musat
 from musatpy import read_deck
-from musatpy.adjustment import adjust, ground, kernels, reliability, sightings, threads
+from musatpy.adjustment import adjust, ground, kernels, propagation, sightings, threads
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kernels import loops_of
@@ -249,7 +249,7 @@ def test_errors_of_both_spread_alike(monkeypatch: pytest.MonkeyPatch, deck: str)
     a, b = found
     assert_like(a.points, b.points)
     assert_like(a.diagonal.stations, b.diagonal.stations)
-    of_a, of_b = reliability.joined(a.parts), reliability.joined(b.parts)
+    of_a, of_b = propagation.joined(a.parts), propagation.joined(b.parts)
     assert_like(of_a.redundancy, of_b.redundancy)
     assert_like(of_a.influence, of_b.influence, 1e-11)  # small differences of large products
     with_numpy = sightings.residuals(network, state, np.arange(len(network.xy)))

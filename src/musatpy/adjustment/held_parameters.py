@@ -20,13 +20,12 @@ from functools import cached_property, partial
 import numpy as np
 
 from musatpy.adjustment.collinear import Follow, eliminate
-from musatpy.adjustment.datum import NOTHING_FREE, Freedom
+from musatpy.adjustment.datum import NOTHING_FREE, Freedom, point_motions
 from musatpy.adjustment.ground import all_residuals
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.point_normals import hold, prior_rows
 from musatpy.adjustment.precision import Precision, left_out
-from musatpy.adjustment.rank import point_motions
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import tide_groups, water_heights

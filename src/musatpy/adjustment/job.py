@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.datum import describe_weakness
 from musatpy.adjustment.iteration import AT_REST, LeastSquares, Outcome, SingularNormalsError, Step, iterate
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import MEASURED, UNKNOWNS, kept_movement, largest_movements
@@ -32,7 +33,6 @@ from musatpy.adjustment.network import (
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.precision import left_out
-from musatpy.adjustment.rank import describe_weakness
 from musatpy.adjustment.unknowns import State, initial_state, with_turned_axes
 from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of

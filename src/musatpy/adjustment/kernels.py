@@ -15,7 +15,7 @@ from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
-from musatpy.adjustment.reliability import Part
+from musatpy.adjustment.propagation import Part
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem

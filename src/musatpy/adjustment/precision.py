@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.adjustment import reliability
+from musatpy.adjustment import propagation
 from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import WATER
@@ -114,13 +114,13 @@ def precision(
     left = squares - (considered.parameters.explained if considered else 0.0)
     unit_sigma = float(np.sqrt(max(left, 0.0) / dof)) if dof > 0 else 1.0
     estimates = Errors(network=network, state=state, cofactors=held, inner=inner)
-    spread = _spread(estimates, block, part, residual)
-    points, depths = spread.points * unit_sigma**2, spread.depths * unit_sigma**2
+    spread, of_depths = _spread(estimates, block, part, residual)
+    points, depths = spread.points * unit_sigma**2, of_depths * unit_sigma**2
     unknowns = estimated = cofactors.times(unit_sigma**2)
     if full is not factor:
         # conditions with simple weights have no redundancy numbers of single observations
-        spread = _spread(replace(estimates, cofactors=full.cofactors()), block, part, residual)
-    observed = reliability.joined(spread.parts)
+        spread = spread_to_observations(replace(estimates, cofactors=full.cofactors()), block, residual)
+    observed = propagation.joined(spread.parts)
     if considered is not None:
         errors = Errors(
             network=considered.network,
@@ -128,10 +128,10 @@ def precision(
             cofactors=considered.cofactors,
             of_parameters=True,
         )
-        other = _spread(errors, block, part, residual)
-        points, depths = points + other.points, depths + other.depths
+        other, of_depths = _spread(errors, block, part, residual)
+        points, depths = points + other.points, depths + of_depths
         unknowns = considered.with_covariances(unknowns)
-        observed = replace(observed, considered=reliability.variances(other.parts))
+        observed = replace(observed, considered=propagation.variances(other.parts))
     unknowns, estimated = (stated(network, state, of) for of in (unknowns, estimated))
     return Precision(
         unit_sigma=unit_sigma,
@@ -213,7 +213,7 @@ class Spread:
     """Cofactors of points (p, 3, 3), NaN where not determined, and those of the observations."""
 
     points: FloatArray
-    parts: list[reliability.Part]
+    parts: list[propagation.Part]
     diagonal: Diagonal
 
 
@@ -221,7 +221,7 @@ def spread_to_observations(errors: Errors, block: Block, residual: FloatArray) -
     """Return how errors spread to the points that take part and to all observations; `residual` (m, 2) mm."""
     network, state, cofactors = errors.network, errors.state, errors.cofactors
     points = np.full((network.points, 3, 3), np.nan)
-    parts, diagonal = list(reliability.direct(network, state, cofactors)), Diagonal(network)
+    parts, diagonal = list(propagation.direct(network, state, cofactors)), Diagonal(network)
     diagonal.add_direct(network, state)
     groups: tuple[PointGroup, ...] = network.groups
     if errors.inner is None and not errors.of_parameters:
@@ -230,30 +230,19 @@ def spread_to_observations(errors: Errors, block: Block, residual: FloatArray) -
     for group in groups:
         for rows, piece in _pieces(errors, group):
             points[group.point[rows]] = point_covariances(network, piece, cofactors, errors.inner)
-            parts += [reliability.images(network, piece, residual), *reliability.priors(piece, block)]
+            parts += [propagation.images(network, piece, residual), *propagation.priors(piece, block)]
             diagonal.add(network, piece)
     return Spread(points=points, parts=parts, diagonal=diagonal)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Spread(Spread):
-    """Those of points that took no part and have a position too, and of depths (p,), NaN where not determined."""
-
-    depths: FloatArray
-
-
-def _spread(errors: Errors, block: Block, part: Participation, residual: FloatArray) -> _Spread:
+def _spread(errors: Errors, block: Block, part: Participation, residual: FloatArray) -> tuple[Spread, FloatArray]:
+    """Return the same with the points that took no part and have a position, and the cofactors (p,) of depths."""
     spread = spread_to_observations(errors, block, residual)
-    points = spread.points
     for group in left_out(errors.network, part):
         for rows, piece in _pieces(errors, group):
-            points[group.point[rows]] = point_covariances(errors.network, piece, errors.cofactors, errors.inner)
-    return _Spread(
-        points=points,
-        parts=spread.parts,
-        diagonal=spread.diagonal,
-        depths=_depths(errors, block, part, points),
-    )
+            covariance = point_covariances(errors.network, piece, errors.cofactors, errors.inner)
+            spread.points[group.point[rows]] = covariance
+    return spread, _depths(errors, block, part, spread.points)
 
 
 def _depths(errors: Errors, block: Block, taken: Participation, points: FloatArray) -> FloatArray:
@@ -272,7 +261,7 @@ def _depths(errors: Errors, block: Block, taken: Participation, points: FloatArr
     return depths
 
 
-def _pieces(errors: Errors, group: PointGroup) -> Iterator[tuple[slice, reliability.Piece]]:
+def _pieces(errors: Errors, group: PointGroup) -> Iterator[tuple[slice, propagation.Piece]]:
     for rows, piece in pieces(errors.network, errors.state, group, errors.cofactors):
         if errors.of_parameters:
             piece = replace(piece, E=replace(piece.E, inverse=np.zeros_like(piece.E.inverse)))

@@ -1,27 +1,215 @@
-"""Error propagation: covariances of stations, levels and ground points, and the count of what went in."""
+"""Error propagation: covariances of points and depths, redundancy numbers and influences of all observations.
+
+With the ground point eliminated, dX = shift - F ds, the adjusted value of an observation with partials a by the
+stations and globals and b by its point moves by (a - b F) ds: its cofactor is (a - b F) Q (a - b F)' + b N^-1 b'.
+Its redundancy number is 1 minus weight times that (Foerstner and Wrobel 2016, section 4.6).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from musatpy.adjustment.collinear import eliminate
-from musatpy.adjustment.kinds import WATER
-from musatpy.adjustment.network import Network, PointGroup
+from musatpy.adjustment.collinear import Elimination, eliminate
+from musatpy.adjustment.kinds import PRIORS, WATER, direct_rows
+from musatpy.adjustment.network import Network, PointGroup, first_rows
 from musatpy.adjustment.normals import Cofactors
-from musatpy.adjustment.reliability import Piece, StationCofactors
 from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.model import ObservationKind
+from musatpy.model import Block, ObservationKind, Observations
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import InnerConstraints
 
-
 _CHUNK = 2**22  # elements of one gathered piece of the inverse: 32 MB
+
+
+class StationCofactors(Protocol):
+    """Whatever knows the cofactors of the stations of points."""
+
+    def with_border(self, photo: IntArray, index: IntArray) -> FloatArray:
+        """Return the cofactors (k, m q + X, m q + X) of photos (k, m) and global unknowns (k, X)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """Some points of a group with what their errors depend on: T = m q + X unknowns of stations and globals."""
+
+    group: PointGroup
+    E: Elimination
+    F: FloatArray  # (k, 3, T) the points by these unknowns, zero where they are kept
+    cofactors: StationCofactors
+    photo: IntArray  # (k, m)
+    axes: FloatArray  # (k, 3, 3) axes of the elimination to east, north, up of the points
+
+    @cached_property
+    def Q(self) -> FloatArray:
+        """(k, T, T) cofactors of what their errors depend on."""
+        return self.cofactors.with_border(self.photo, self.E.extras.index)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Part:
+    """Observations of one kind; `weight` is 1/sigma^2."""
+
+    kind: ObservationKind
+    row: IntArray  # (o,)
+    component: IntArray  # (o,)
+    residual: FloatArray  # (o,)
+    weight: FloatArray  # (o,)
+    cofactor: FloatArray  # (o,) of the adjusted observation
+    covariance: FloatArray  # (o, 3) cofactors of the own position and the adjusted observation
+
+
+def joined(parts: Iterable[Part]) -> Observations:
+    """Return the observations of all parts in the order of kinds, rows and components."""
+    every = list(parts)
+    kind, row, component, weight, order = _ordered(every)
+    weight = weight.take(order)
+    influence = np.concatenate([part.covariance for part in every]).take(order, axis=0)
+    influence *= weight[:, None]
+    return Observations(
+        kind=kind.take(order),
+        row=row.take(order),
+        component=component.take(order),
+        residual=np.concatenate([part.residual for part in every]).take(order),
+        sigma=1.0 / np.sqrt(weight),
+        redundancy=1.0 - weight * np.concatenate([part.cofactor for part in every]).take(order),
+        influence=influence,
+    )
+
+
+def variances(parts: Iterable[Part]) -> FloatArray:
+    """Return the cofactors (o,) of all parts in the same order."""
+    every = list(parts)
+    order = _ordered(every)[-1]
+    return np.concatenate([part.cofactor for part in every])[order]
+
+
+def _ordered(parts: list[Part]) -> tuple[IntArray, IntArray, IntArray, FloatArray, IntArray]:
+    """Return kinds, rows, components and weights of all observations, and the order of those with a weight."""
+    kind = np.concatenate([np.full(len(part.row), part.kind) for part in parts])
+    row = np.concatenate([part.row for part in parts])
+    component = np.concatenate([part.component for part in parts])
+    weight = np.concatenate([part.weight for part in parts])
+    if not len(kind):
+        return kind, row, component, weight, row
+    # one key for all three, smallest values first: runs that are sorted already cost little
+    rows, components = int(row.max()) + 1, int(component.max()) + 1
+    order = np.argsort((kind * rows + row) * components + component, kind="stable")
+    return kind, row, component, weight, order[weight[order] > 0.0]
+
+
+def images(network: Network, piece: Piece, residual: FloatArray) -> Part:
+    """Return the plate coordinates of a piece; `residual` (all measurements, 2) mm."""
+    group = piece.group
+    k, m = group.rays.shape
+    a, b = image_partials(network, piece)
+    rows = np.repeat(group.rays.reshape(k, m, 1), 2, axis=2)
+    component = np.broadcast_to(np.arange(2), rows.shape)
+    return _part(
+        ObservationKind.PLATE,
+        piece,
+        a,
+        b,
+        rows.reshape(k, -1),
+        component.reshape(k, -1),
+        residual[group.rays].reshape(k, -1),
+        network.weight[group.rays].reshape(k, -1),
+    )
+
+
+def image_partials(network: Network, piece: Piece) -> tuple[FloatArray, FloatArray]:
+    """Return the partials of images by stations and globals (k, 2m, T), and by their points (k, 2m, 3).
+
+    The points follow the stations.
+    """
+    E = piece.E
+    k, m = piece.group.rays.shape
+    A, B, q = E.normals.images.by_station, E.normals.B, network.pattern.size
+    a = -(B.reshape(k, 2 * m, 3) @ piece.F).reshape(k, m, 2, -1)
+    stations = a[..., : m * q].reshape(k, m, 2, m, q)
+    ray = np.arange(m)
+    stations[:, ray, :, ray] += np.moveaxis(A, 1, 0)
+    a[..., m * q :] += E.extras.images
+    return a.reshape(k, 2 * m, -1), B.reshape(k, 2 * m, 3)
+
+
+def prior_partials(piece: Piece) -> tuple[FloatArray, FloatArray]:
+    """Return the partials of the four rows of `Priors` likewise: (k, 4, T) and (k, 4, 3)."""
+    known = piece.E.normals.priors
+    free = np.ones((len(piece.group.point), 3)) if known is None else known.free
+    b = np.concatenate([np.eye(3), [[0.0, 0.0, 1.0]]]) * free[:, None, :]
+    a = -b @ piece.F
+    a[:, :, piece.F.shape[2] - piece.E.extras.index.shape[1] :] += piece.E.extras.priors
+    return a, b
+
+
+def priors(piece: Piece, block: Block) -> Iterator[Part]:
+    """Yield the control and the equal elevations of a piece."""
+    known = piece.E.normals.priors
+    if known is None:
+        return
+    k = len(piece.group.point)
+    a, b = prior_partials(piece)
+    components = np.broadcast_to(np.arange(3), (k, 3))
+    for kind in PRIORS:
+        row, part = first_rows(kind.points(block), len(block.points.ids)), kind.part
+        rows = np.repeat(row[piece.group.point][:, None], part.stop - part.start, axis=1)
+        weight = known.weight[:, part] * np.pad(known.free, ((0, 0), (0, 1)), constant_values=True)[:, part]
+        yield _part(
+            kind.observed, piece, a[:, part], b[:, part], rows, components[:, : rows.shape[1]],
+            -known.deviation[:, part], weight,
+        )  # fmt: skip
+
+
+def _part(
+    kind: ObservationKind,
+    piece: Piece,
+    a: FloatArray,
+    b: FloatArray,
+    row: IntArray,
+    component: IntArray,
+    residual: FloatArray,
+    weight: FloatArray,
+) -> Part:
+    """Return observations (k, o) of points with partials a (k, o, T) by stations and b (k, o, 3) by the point."""
+    aQ = a @ piece.Q
+    bN = b @ piece.E.inverse
+    cofactor = np.einsum("kot,kot->ko", aQ, a) + np.einsum("koi,koi->ko", bN, b)
+    position = aQ[:, :, -3:] if piece.group.kept else bN - aQ @ np.swapaxes(piece.F, 1, 2)
+    covariance = position @ np.swapaxes(piece.axes, 1, 2)
+    return Part(
+        kind=kind,
+        row=row.reshape(-1),
+        component=component.reshape(-1),
+        residual=residual.reshape(-1),
+        weight=weight.reshape(-1),
+        cofactor=cofactor.reshape(-1),
+        covariance=covariance.reshape(-1, 3),
+    )
+
+
+def direct(network: Network, state: State, cofactors: Cofactors) -> Iterator[Part]:
+    """Yield the observations that concern no image."""
+    for kind, rows in direct_rows(network, state):
+        aQ = np.einsum("rx,rxy->ry", rows.partials, cofactors.between(rows.index, rows.index))
+        covariance = np.full((len(rows.row), 3), np.nan)
+        if rows.position is not None:
+            covariance = np.einsum("rx,rxi->ri", rows.partials, cofactors.between(rows.index, rows.position))
+        yield Part(
+            kind=kind.observed,
+            row=rows.row,
+            component=rows.component,
+            residual=rows.residual,
+            weight=rows.weight,
+            cofactor=np.einsum("ry,ry->r", aQ, rows.partials),
+            covariance=covariance,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,30 +280,16 @@ def _sees_water(network: Network) -> BoolArray:
 def pieces(
     network: Network, state: State, group: PointGroup, cofactors: StationCofactors
 ) -> Iterator[tuple[slice, Piece]]:
-    """Yield the points of a group in portions."""
-    for rows in portions(network, group):
-        yield rows, _piece(network, state, group.part(rows), cofactors)
-
-
-def portions(network: Network, group: PointGroup) -> Iterator[slice]:
-    """Yield the rows of a group, so many at a time that what is gathered of the inverse stays small."""
-    width = network.pattern.size * group.rays.shape[1] + 4
-    size = max(1, _CHUNK // width**2)
+    """Yield the points of a group, so many at a time that what is gathered of the inverse stays small."""
+    size = max(1, _CHUNK // (network.pattern.size * group.rays.shape[1] + 4) ** 2)
     for start in range(0, len(group.point), size):
-        yield slice(start, start + size)
-
-
-def _piece(network: Network, state: State, group: PointGroup, cofactors: StationCofactors) -> Piece:
-    E = eliminate(network, state, group)
-    E = replace(E, inverse=E.free_inverse)
-    return Piece(
-        group=group,
-        E=E,
-        F=E.F,
-        cofactors=cofactors,
-        photo=network.photo[group.rays],
-        axes=network.frame.axes(state.ground[group.point]) @ np.swapaxes(E.normals.axes, 1, 2),
-    )
+        rows = slice(start, start + size)
+        part = group.part(rows)
+        E = eliminate(network, state, part)
+        E = replace(E, inverse=E.free_inverse)
+        axes = network.frame.axes(state.ground[part.point]) @ np.swapaxes(E.normals.axes, 1, 2)
+        photo = network.photo[part.rays]
+        yield rows, Piece(group=part, E=E, F=E.F, cofactors=cofactors, photo=photo, axes=axes)
 
 
 def point_covariances(

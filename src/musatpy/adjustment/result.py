@@ -10,8 +10,10 @@ import numpy as np
 
 from musatpy.adjustment import kernels
 from musatpy.adjustment.bathymetric import bathymetric_points
+from musatpy.adjustment.datum import describe_weakness, unknown_name
 from musatpy.adjustment.dependence import (
     Reach,
+    adjusted_waves,
     dependence,
     limits_of_water,
     reach_of,
@@ -29,7 +31,6 @@ from musatpy.adjustment.normals import ILL_DETERMINED
 from musatpy.adjustment.point_normals import point_squares
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
 from musatpy.adjustment.propagation import count
-from musatpy.adjustment.rank import describe_weakness, unknown_name
 from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water, water_over
 from musatpy.adjustment.watpt import refraction_displacement, with_departure
@@ -89,7 +90,7 @@ def solution(
     reach = reach_of(network, state, part)
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
-    waves = _waves(refracted, state, known, name, crests)
+    waves = adjusted_waves(refracted, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
     level_sigmas = known.border_sigma[network.border.at(ObservationKind.EQUAL_ELEVATION)]
     found = Solution(
         block=block,
@@ -144,16 +145,6 @@ def _without(state: State, points: Iterable[int]) -> State:
     ground = state.ground.copy()
     ground[list(points)] = np.nan
     return replace(state, ground=ground)
-
-
-def _waves(
-    network: Network, state: State, known: Precision, name: Callable[[int], str], crests: OtherCrests | None
-) -> AdjustedWaves | None:
-    if not network.border.count(ObservationKind.WAVE):
-        return None
-    from musatpy.adjustment.swell import adjusted_waves  # most jobs have no waves
-
-    return adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
 
 
 def _water(

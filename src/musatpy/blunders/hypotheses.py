@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from musatpy.adjustment import reliability
+from musatpy.adjustment import propagation
 from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Factor
@@ -167,7 +167,7 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
     kinds = {kind.observed: kind for kind in MEASURED if len(model.network.measured[kind.observed].row)}
     if not kinds:
         return
-    for part in reliability.direct(model.network, model.minimum, model.cofactors):
+    for part in propagation.direct(model.network, model.minimum, model.cofactors):
         if part.kind in kinds:
             kind = kinds[part.kind]
             drop = dropped(

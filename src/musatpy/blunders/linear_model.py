@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment import reliability
+from musatpy.adjustment import propagation
 from musatpy.adjustment.ground import nearest_ground
 from musatpy.adjustment.iteration import SingularNormalsError
 from musatpy.adjustment.kinds import state_after, station_rows
@@ -21,8 +21,7 @@ from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.point_normals import point_squares, settle_group
-from musatpy.adjustment.propagation import pieces
-from musatpy.adjustment.reliability import Piece
+from musatpy.adjustment.propagation import Piece, pieces
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.scene import IMAGES_CHECKED, OTHERS_CHECKED, Factors, Scene
@@ -171,11 +170,11 @@ def _by_images(network: Network, state: State) -> State:
 def _checks_of(network: Network, piece: Piece, cofactors: Cofactors, step: FloatArray) -> PointChecks:
     E, rays = piece.E, piece.group.rays
     k = len(rays)
-    a, b = reliability.image_partials(network, piece)
+    a, b = propagation.image_partials(network, piece)
     v, weight = E.normals.residual.reshape(k, -1), network.weight[rays].reshape(k, -1)
     known = E.normals.priors
     if known is not None:
-        a_known, b_known = reliability.prior_partials(piece)
+        a_known, b_known = propagation.prior_partials(piece)
         a, b = np.concatenate([a, a_known], axis=1), np.concatenate([b, b_known], axis=1)
         v = np.concatenate([v, -known.deviation], axis=1)
         weight = np.concatenate([weight, known.weight], axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.pattern import Pattern
-from musatpy.adjustment.reliability import Piece
+from musatpy.adjustment.propagation import Piece
 from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import FloatArray
 from musatpy.compilation.triangulation import Triangulation

@@ -19,7 +19,7 @@ from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.point_normals import RIDGE, hold, prior_rows, steps_to_best
-from musatpy.adjustment.reliability import Part
+from musatpy.adjustment.propagation import Part
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
