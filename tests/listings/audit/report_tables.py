@@ -36,5 +36,5 @@ def _shared(name: str) -> Path:
 
 
 def statistics_of(listing):
-    """Return what can be compared of a listing."""
-    return numbers_of(listing)[0]
+    """Return what can be compared of a listing, wherever it stands."""
+    return {key: cell._replace(line=0) for key, cell in numbers_of(listing)[0].items()}

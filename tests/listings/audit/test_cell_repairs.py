@@ -4,7 +4,8 @@ import pytest
 
 from listings.audit.report_tables import table
 from musatpy.listings.audit import listing_of, read_listing
-from musatpy.listings.audit.cells import RepairKind, printed, read_cells
+from musatpy.listings.audit.cells import RepairKind, read_cells
+from musatpy.listings.audit.report import printed
 
 K = RepairKind
 
@@ -100,9 +101,9 @@ def test_a_row_that_cannot_be_read_is_a_problem_with_its_line():
     listing = listing_of("\n".join(lines), "job.lst")
     (problem,) = listing.unreadable
     assert (problem.file, problem.line, problem.expected) == ("job.lst", row + 1, "the 3 cells of 'rms'")
-    assert [sorted(one.statistics) for one in listing.analyses[0].components] == [
-        ["deviation", "maximum", "mean", "sum"]
-    ] * 3
+    assert {what for _, what in listing.analyses[0].cells} == {
+        *("size", "sum", "mean", "deviation", "maximum", "maximum at")
+    }
 
 
 @pytest.mark.parametrize(
@@ -142,8 +143,8 @@ def test_three_rows_make_a_point(axis):
     assert all(f"row of {axis} of a point is missing" in one.message for one in listing.unreadable[:1])
     assert len(listing.unreadable) >= 1 and listing.repairs == ()
     (found,) = listing.submerged
-    names = [point.name for point in read_listing(table(9)).submerged[0]]
-    assert [point.name for point in found] == [name for name in names if name != "1042"]
+    names = read_listing(table(9)).submerged[0].items
+    assert found.items == [name for name in names if name != "1042"]
 
 
 @pytest.mark.parametrize(
@@ -163,7 +164,7 @@ def test_noise_beside_the_number_of_a_point_is_a_repair(old, new, repairs):
     assert old in text
     listing = listing_of(text.replace(old, new), "x")
     assert [(one.kind, one.found, one.read) for one in listing.repairs] == repairs
-    assert [point.name for point in listing.submerged[0]][2] == "1042" and not listing.unreadable
+    assert listing.submerged[0].items[2] == "1042" and not listing.unreadable
 
 
 def test_words_beside_a_coordinate_are_no_ruling():

@@ -89,10 +89,8 @@ def test_broken_ids_of_the_scan_are_repaired_and_noise_above_a_title_does_not_hi
     listing = read_listing(path)
     assert set(SCANNED.values()) <= {(one.kind, one.found, one.read) for one in listing.repairs}
     lines = path.read_text(encoding="utf-8").splitlines()
-    lowest = next(
-        min(one.lines.values()) for one in listing.analyses if one.name == "ground point analysis, refraction"
-    )
-    assert any("The shall be a start" in line for line in lines[lowest - 12 : lowest])
+    title = next(one.line for one in listing.analyses if one.title == "ground point analysis, refraction")
+    assert any("The shall be a start" in line for line in lines[title - 3 : title])
 
 
 def test_the_scan_says_what_the_transcribed_tables_say():
@@ -105,34 +103,21 @@ def test_the_scan_says_what_the_transcribed_tables_say():
     lost = {
         ("ground point analysis, refraction", "Elevation", "sum"): (".66", "-.66"),
         ("ground point analysis, refraction", "Elevation", "mean"): (".02", "-.02"),
-        ("ground point analysis, refraction", "Latitude", "id"): ("12110", "1210"),
+        ("ground point analysis, refraction", "Latitude", "maximum at"): ("12110", "1210"),
     }
     assert {key: (scanned[key], printed[key]) for key in printed if scanned[key] != printed[key]} == lost
 
 
 def numbers(listing):
     """Return every cell of the standard reports by what it is."""
-    found = {}
-    for analysis in listing.analyses:
-        for component in analysis.components:
-            found[analysis.name, component.name, "id"] = component.maximum_id
-            found[analysis.name, component.name, "size"] = str(component.size)
-            for name, cell in component.statistics.items():
-                found[analysis.name, component.name, name] = cell.text
-    for plates in listing.plates:
-        for (group, axis), row in plates.rms.items():
-            found |= {(plates.name, frame, group, axis): cell.text for frame, cell in row.items()}
-        found |= {(plates.name, group): stars[0][0] for group, stars in plates.stars.items()}
-    for submerged in listing.submerged:
-        for point in submerged:
-            found |= {(point.name, *key): cell.text for key, cell in point.xyz.items()}
-    return found
+    reports = (*listing.analyses, *listing.plates, *listing.submerged)
+    return {(report.title, *key): cell.text for report in reports for key, cell in report.cells.items()}
 
 
 # --- the fixtures hold the printed numbers ---
 
 STATISTICS = {"sum_of_differences": "sum", "mean_of_differences": "mean", "rms_of_differences": "rms"}
-STATISTICS |= {"std_dev_from_mean": "deviation", "maximum_difference": "maximum", "id_with_max": "id"}
+STATISTICS |= {"std_dev_from_mean": "deviation", "maximum_difference": "maximum", "id_with_max": "maximum at"}
 COMPONENTS = {"latitude": "Latitude", "longitude": "Longitude", "elev_m": "Elevation"}
 COMPONENTS |= {"x_tilt": "X-Tilt", "y_tilt": "Y-Tilt", "heading": "Heading"}
 
@@ -149,10 +134,10 @@ def test_transcribed_analyses_are_those_of_the_report():
         (analysis,) = (listing := read_listing(table(int(row["table"][-1])))).analyses
         found = numbers(listing)
         component = COMPONENTS[row["component"]]
-        text = found[analysis.name, component, STATISTICS[row["statistic"]]]
+        text = found[analysis.title, component, STATISTICS[row["statistic"]]]
         # `-0 08` of the listing stands as `-0 8` there.
         assert re.sub(r" 0(\d)", r" \1", text) == re.sub(r" 0(\d)", r" \1", row["printed"]), row
-        assert found[analysis.name, component, "size"] == row["size"]
+        assert found[analysis.title, component, "size"] == row["size"]
 
 
 def test_transcribed_plate_residuals_are_those_of_the_report():
@@ -160,19 +145,20 @@ def test_transcribed_plate_residuals_are_those_of_the_report():
     assert len(rows) == 20
     for row in rows:
         (plates,) = read_listing(table(int(row["table"][-1]))).plates
-        for (group, axis), cells in plates.rms.items():
-            assert cells[row["frame"]].value == float(row[f"rms_{group}_{axis}"])
-        for group, stars in plates.stars.items():
-            assert (row["frame"] in [frame for frame, _ in stars]) == (row[f"flag_max_{group}"] == "****")
+        for group in ("trig", "nontrig", "all"):
+            for axis in "xy":
+                assert plates.cells[row["frame"], f"{group}, {axis}"].value == float(row[f"rms_{group}_{axis}"])
+            is_starred = plates.cells[group, "largest at"].text == row["frame"]
+            assert is_starred == (row[f"flag_max_{group}"] == "****")
 
 
 def test_transcribed_bathymetric_points_are_those_of_the_report():
     (submerged,) = read_listing(table(9)).submerged
     names = {"none": "no_refraction", "predicted": "predicted", "refraction": "refraction"}
     rows = rows_of("bathymetric.csv")
-    assert [(point.name, point.mark) for point in submerged] == [(row["point"], row["note"]) for row in rows]
-    for point, row in zip(submerged, rows, strict=True):
-        assert {key: cell.text for key, cell in point.xyz.items()} == {
-            (column, axis): row[f"{axis}_{names[column]}"] for column, axis in point.xyz
-        }
-        assert len(point.xyz) == 9
+    assert submerged.items == [row["point"] for row in rows]
+    for row in rows:
+        assert f"\n{row['point']}{row['note']} " in table(9).read_text()
+        for column, name in names.items():
+            for axis in "XYZ":
+                assert submerged.cells[row["point"], f"{axis}, {column}"].text == row[f"{axis}_{name}"]

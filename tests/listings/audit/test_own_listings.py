@@ -11,8 +11,8 @@ from listings.audit.report_tables import FIXTURES, statistics_of, table
 from musatpy.campaign.baseline_index import load_baseline
 from musatpy.cli.main import main as musat
 from musatpy.listings.audit import audit, listing_of, read_listing
+from musatpy.listings.audit.analyses import consistent, implied, sizes_implied
 from musatpy.listings.audit.cells import RepairKind
-from musatpy.listings.audit.samples import consistent, implied, sizes_implied
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports.listing import listing as listing_text
 from sample_solutions import sample_solution
@@ -50,9 +50,9 @@ def test_depths_of_some_decimetres_are_coordinates():
         r"(?m)^( {15}Z)( +-\S+){3}$", r"\1" + "".join(f"{z:>18}" for z in ("-.4", "-.5", "-.6")), text
     )
     before, after = (listing_of(each, "x") for each in (text, shallow))
-    assert count == sum(map(len, before.submerged)) > 0
+    assert count == sum(len(table.items) for table in before.submerged) > 0
     assert after.unreadable == () and after.repairs == ()
-    depths = [point.xyz["refraction", "Z"].value for table in after.submerged for point in table]
+    depths = [table.cells[point, "Z, refraction"].value for table in after.submerged for point in table.items]
     assert depths == [-0.6] * count
 
 

@@ -10,7 +10,8 @@ from listings.runs import run_of
 from musatpy.campaign.baseline_index import load_baseline
 from musatpy.errors import MusatError
 from musatpy.listings.audit import listing_of, read_listing, side_by_side
-from musatpy.listings.audit.against import Key, Pair, Quantity, side_text
+from musatpy.listings.audit.against import Key, Pair, side_text
+from musatpy.listings.audit.report import Printed
 from musatpy.model import CoordinateSystem
 from musatpy.reports.listing import listing as listing_text
 from musatpy.reports.record import dumps, record
@@ -83,7 +84,7 @@ def test_a_golden_listing_is_like_the_record_of_a_fresh_run(deck, tmp_path):
 
 def test_a_whole_circle_is_no_difference():
     key = Key(report="x", refracted=None, item="1", statistic="Heading")
-    old, new = (Quantity(value=value, unit="arcsec", text="", half=0.0005) for value in (647999.9999, -648000.0))
+    old, new = (Printed(value=value, unit="arcsec", text="", half=0.0005) for value in (647999.9999, -648000.0))
     assert Pair(key=key, old=old, new=new).alike
 
 

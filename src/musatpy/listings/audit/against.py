@@ -6,22 +6,24 @@ The newer run is a listing too, or the record NAME.json that `musat run` left.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import chain, groupby
+from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from musatpy.errors import MusatError
 from musatpy.json_files import read_record
-from musatpy.listings.audit.analyses import STATISTICS, run_name
-from musatpy.listings.audit.cells import text_like
+from musatpy.listings.audit.analyses import MAXIMUM_ID, SIZE, STATISTICS
 from musatpy.listings.audit.listing import Listing, read_listing
-from musatpy.listings.audit.plates import AXES, GROUPS
-from musatpy.listings.audit.submerged import COLUMNS, NAME
+from musatpy.listings.audit.plates import AXES, GROUPS, STAR
+from musatpy.listings.audit.plates import NAME as PLATES
+from musatpy.listings.audit.report import Printed, printed_id, run_name, text_like
+from musatpy.listings.audit.submerged import COLUMNS
+from musatpy.listings.audit.submerged import NAME as SUBMERGED
 from musatpy.units import ARC_SECOND
 
-_PLATES = "plate residuals"
 _FULL_CIRCLE = 360.0 * 3600.0  # arc seconds
 _ANALYSES = ("camera_station_position", "camera_station_attitude", "ground_point", "check_point")
 _POSITIONS = ("no_refraction", "predicted", "refraction")  # of a submerged point, as COLUMNS
@@ -32,7 +34,7 @@ _NEEDS = {
     "plate_statistics": (),
     "bathymetric_points": ("point", *_POSITIONS),
 }
-_HEADINGS = ("item", "statistic", "listing", "new", "difference")
+_COLUMNS = "{:<10}  {:<13}  {:>13}  {:>13}  {:>15}"
 
 
 @dataclass(frozen=True)
@@ -45,32 +47,20 @@ class Key:
     statistic: str
 
 
-class Quantity(NamedTuple):
-    """A number in arc seconds, metres or plate millimetres, or an id."""
-
-    value: float | None  # None for ids
-    unit: str
-    text: str = ""  # as printed; empty where a number comes from a record
-    half: float = 0.0
-
-
-Quantities = Iterator[tuple[Key, Quantity]]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Pair:
     """The same statistic in both."""
 
     key: Key
-    old: Quantity
-    new: Quantity
+    old: Printed
+    new: Printed
 
     @property
     def difference(self) -> float | None:
         """New minus old, of angles the smaller way round; None for ids."""
-        if self.old.value is None or self.new.value is None:
-            return None
         difference = self.new.value - self.old.value
+        if math.isnan(difference):
+            return None
         return difference - (_FULL_CIRCLE * round(difference / _FULL_CIRCLE) if self.old.unit == "arcsec" else 0.0)
 
     @property
@@ -106,7 +96,7 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
     if len(runs) == 1 and all(key.refracted is None for key in first):
         # Reports that do not say their run are of the only one there is.
         (run,) = runs
-        first = {key if key.report == NAME else replace(key, refracted=run): one for key, one in first.items()}
+        first = {key if key.report == SUBMERGED else replace(key, refracted=run): one for key, one in first.items()}
     common = [key for key in first if key in second]
     if not common:
         raise MusatError(f"{path}: has no statistic that is in {old.name} too")
@@ -118,75 +108,49 @@ def side_by_side(old: Listing, path: Path | str) -> SideBySide:
     )
 
 
-def numbers_of(listing: Listing) -> tuple[dict[Key, Quantity], set[Key]]:
+def numbers_of(listing: Listing) -> tuple[dict[Key, Printed], set[Key]]:
     """Return all that can be compared of a listing, and what stands there more than once with different numbers.
 
     The latter, of two runs with refraction, say, is not compared.
     """
-    quantities: dict[Key, Quantity] = {}
+    numbers: dict[Key, Printed] = {}
     several: set[Key] = set()
-    for key, quantity in _numbers(listing):
-        if quantities.setdefault(key, quantity).text != quantity.text:
-            several.add(key)
-    return {key: quantity for key, quantity in quantities.items() if key not in several}, several
+    for report in (*listing.analyses, *listing.plates, *listing.submerged):
+        for place, cell in report.cells.items():
+            key = Key(report.name, report.refracted, *place)
+            if cell.text and numbers.setdefault(key, cell).text != cell.text:
+                several.add(key)
+    return {key: cell for key, cell in numbers.items() if key not in several}, several
 
 
-def _numbers(listing: Listing) -> Quantities:
-    for analysis in listing.analyses:
-        for component in analysis.components:
-            place = f"{analysis.kind} analysis", analysis.refracted, component.name
-            if component.size is not None:
-                yield Key(*place, "size"), Quantity(component.size, "", str(component.size))
-            for statistic, cell in component.statistics.items():
-                yield Key(*place, statistic), Quantity(cell.value, component.unit, cell.text, cell.half)
-            if component.maximum_id:
-                yield Key(*place, "maximum at"), Quantity(None, "", component.maximum_id)
-    for plates in listing.plates:
-        for (group, axis), row in plates.rms.items():
-            for frame, cell in row.items():
-                key = Key(_PLATES, plates.refracted, frame, f"{group}, {axis}")
-                yield key, Quantity(cell.value, "mm", cell.text, cell.half)
-        for group, stars in plates.stars.items():
-            if len(stars) == 1:
-                yield Key(_PLATES, plates.refracted, group, "largest at"), Quantity(None, "", stars[0][0])
-    for point in chain.from_iterable(listing.submerged):
-        for (column, axis), cell in point.xyz.items():
-            yield Key(NAME, None, point.name, f"{axis}, {column}"), Quantity(cell.value, "m", cell.text, cell.half)
-
-
-def _numbers_of_record(record: Mapping[str, Any]) -> Quantities:
+def _numbers_of_record(record: Mapping[str, Any]) -> Iterator[tuple[Key, Printed]]:
     """Yield all that can be compared of the record of a run, in full precision."""
     refracted = record["options"]["refraction"] != "NONE"
     for name in _ANALYSES:
-        yield from _analysis(f"{name.removeprefix('camera_').replace('_', ' ')} analysis", refracted, record, name)
+        report, rows = f"{name.removeprefix('camera_').replace('_', ' ')} analysis", record["analyses"][name]
+        for row in rows if any(row["size"] for row in rows) else ():  # an analysis of nothing is not printed
+            of = report, refracted, row["component"]
+            unit, factor = ("arcsec", 1.0 / ARC_SECOND) if row["unit"] == "rad" else ("m", 1.0)
+            yield Key(*of, SIZE), Printed(row["size"], 0.0, "")
+            values = ((what, row[what]) for what in STATISTICS if row[what] is not None)
+            yield from ((Key(*of, what), Printed(value * factor, 0.0, "", unit=unit)) for what, value in values)
+            if row["maximum_id"]:
+                yield Key(*of, MAXIMUM_ID), printed_id(row["maximum_id"])
     frames, largest = record["plate_statistics"]["frames"], record["plate_statistics"]["largest"]
     for photo, pairs in zip(frames["photo"], frames["rms"], strict=True):
         for group, pair in zip(GROUPS, pairs, strict=True):
             for axis, value in zip(AXES, pair, strict=True):
                 # A listing prints .000 for none.
-                yield Key(_PLATES, refracted, photo, f"{group}, {axis}"), Quantity(value or 0.0, "mm")
-    for group, photo in zip(GROUPS, largest, strict=True):
-        if photo is not None:
-            yield Key(_PLATES, refracted, group, "largest at"), Quantity(None, "", photo)
+                yield Key(PLATES, refracted, photo, f"{group}, {axis}"), Printed(value or 0.0, 0.0, "", unit="mm")
+    stars = zip(GROUPS, largest, strict=True)
+    yield from ((Key(PLATES, refracted, group, STAR), printed_id(photo)) for group, photo in stars if photo)
     points = record["bathymetric_points"]
     columns = list(zip(COLUMNS, _POSITIONS, strict=True))[: 3 if refracted else 2]
     for column, position in columns:
         for point, xyz in zip(points["point"], points[position], strict=True):
             for axis, value in zip("XYZ", xyz or (), strict=False):
                 if value is not None:
-                    yield Key(NAME, None, point, f"{axis}, {column}"), Quantity(value, "m")
-
-
-def _analysis(report: str, refracted: bool, record: Mapping[str, Any], name: str) -> Quantities:
-    rows = record["analyses"][name]
-    for row in rows if any(row["size"] for row in rows) else ():  # an analysis of nothing is not printed
-        unit, factor = ("arcsec", 1.0 / ARC_SECOND) if row["unit"] == "rad" else ("m", 1.0)
-        yield Key(report, refracted, row["component"], "size"), Quantity(row["size"], "")
-        for statistic in STATISTICS:
-            if (value := row[statistic]) is not None:
-                yield Key(report, refracted, row["component"], statistic), Quantity(value * factor, unit)
-        if row["maximum_id"]:
-            yield Key(report, refracted, row["component"], "maximum at"), Quantity(None, "", row["maximum_id"])
+                    yield Key(SUBMERGED, None, point, f"{axis}, {column}"), Printed(value, 0.0, "", unit="m")
 
 
 def side_text(beside: SideBySide, listed: int) -> str:
@@ -201,7 +165,8 @@ def side_text(beside: SideBySide, listed: int) -> str:
         ranked = sorted(pairs, key=lambda pair: -abs(pair.difference or 0.0))
         ranked.sort(key=lambda pair: pair.difference is not None or pair.alike)
         lines += ["", f"{report}{run_name(refracted)}", ""]
-        lines += _table([_HEADINGS, *(_row(pair) for pair in pairs if pair in ranked[:listed])])
+        lines.append(_COLUMNS.format("item", "statistic", "listing", "new", "difference"))
+        lines += [_row(pair) for pair in pairs if pair in ranked[:listed]]
         if len(pairs) > listed:
             lines.append(f"... and {len(pairs) - listed} that differ less")
     differ = sum(not pair.alike for pair in beside.pairs)
@@ -212,27 +177,15 @@ def side_text(beside: SideBySide, listed: int) -> str:
     return "\n".join(lines[1:]) + "\n"
 
 
-def _row(pair: Pair) -> tuple[str, ...]:
-    mark = "" if pair.alike else " *"
+def _row(pair: Pair) -> str:
     if pair.difference is None or not pair.old.unit:
         new = pair.new.text or f"{pair.new.value:.0f}"
         size = f"{pair.difference:.0f}" if pair.difference is not None else ""
     else:
-        new = pair.new.text or text_like(pair.new.value or 0.0, pair.old.text)
+        new = pair.new.text or text_like(pair.new.value, pair.old.text)
         size = f"{text_like(pair.difference, pair.old.text.split()[-1])} {pair.old.unit}"
-    return pair.key.item, pair.key.statistic, pair.old.text, new, size + mark
-
-
-def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
-    """Yield rows with texts on the left and numbers on the right of their columns; marks stand behind these."""
-    cells = [(*row[:-1], row[-1].removesuffix(" *")) for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    for row, whole in zip(cells, rows, strict=True):
-        texts = [
-            cell.ljust(width) if n < 2 else cell.rjust(width)
-            for n, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        yield ("  ".join(texts) + ("  *" if whole[-1].endswith(" *") else "")).rstrip()
+    mark = "" if pair.alike else "  *"
+    return (_COLUMNS.format(pair.key.item, pair.key.statistic, pair.old.text, new, size) + mark).rstrip()
 
 
 def side_record(beside: SideBySide) -> dict[str, Any]:
@@ -243,8 +196,8 @@ def side_record(beside: SideBySide) -> dict[str, Any]:
             {
                 **dataclasses.asdict(pair.key),
                 "unit": pair.old.unit,
-                "listing": pair.old.text if pair.old.value is None else pair.old.value,
-                "new": pair.new.text if pair.new.value is None else pair.new.value,
+                "listing": pair.old.text if math.isnan(pair.old.value) else pair.old.value,
+                "new": pair.new.text if math.isnan(pair.new.value) else pair.new.value,
                 "difference": pair.difference,
                 "alike": pair.alike,
             }

@@ -1,18 +1,29 @@
-"""Analyses of stations, ground points and check points: read, and do the statistics of each column agree?"""
+"""Analyses of stations, ground points and check points: read, and do the statistics of each column agree?
+
+Statistics of one sample of N differences d say about one another, roundings included:
+
+    m = S / N,   D^2 = N / (N - 1) (R^2 - m^2),   |m| <= R <= |X|,   N R^2 >= X^2 + (S - X)^2 / (N - 1)
+
+with sum S, mean m, RMS R, standard deviation from the mean D and the signed difference X of the largest magnitude.
+The last one holds because the N - 1 others have the sum S - X (Cauchy and Schwarz). Numbers are intervals (low,
+high): what rounds to the printed one.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 
-from musatpy.listings.audit.cells import Kind, Misprint, Printed, Suspect, printed, range_like, read_cells
-from musatpy.listings.audit.samples import Interval, consistent, implied, sizes_implied
-from musatpy.listings.audit.scan import Line, Notes, StandardReport, rows_of
+from musatpy.listings.audit.cells import Kind, read_cells
+from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, printed_id, range_like
+from musatpy.listings.audit.scan import Excerpt, Line, Notes, rows_of, says
 
-SIZE, MAXIMUM_ID = "size", "maximum_id"
+Interval = tuple[float, float]
+_SLACK = 1e-9  # relative: a number exactly between two prints may have gone either way
+_STEPS = 60  # of the search for the smallest sum of squares, which halves its error in each
+SIZE, MAXIMUM_ID = "size", "maximum at"
 # Statistic -> its label. The row of the id is looked for first: its label contains that of another.
 LABELS = {
     MAXIMUM_ID: "|".join(
@@ -33,77 +44,49 @@ _METRIC = re.compile(r"\b(East|North|Up|Elev|X|Y|Z)\b\.?\s*\(M\)", re.I)
 _FULL = {"Elev": "Elevation"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Component:
-    """One column of an analysis; None where nothing is printed or legible."""
+def read_analysis(excerpt: Excerpt, notes: Notes) -> Report | None:
+    """Return the analysis below a title (ETL-0306, Tables 6-1 to 6-3 and 6-5 to 6-7).
 
-    name: str  # Latitude, Longitude, Elevation, X-Tilt, ..., X, Y, Z, East, North, Up
-    unit: str  # "arcsec" or "m"
-    size: int | None
-    statistics: dict[str, Printed]  # sum, mean, rms, deviation, maximum
-    maximum_id: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Analysis:
-    """An analysis of differences (ETL-0306, Tables 6-1 to 6-3 and 6-5 to 6-7)."""
-
-    kind: str  # station position, station attitude, ground point, check point
-    refracted: bool | None  # None where the title does not say
-    components: tuple[Component, ...]
-    lines: dict[str, int]  # statistic -> line
-
-    @property
-    def name(self) -> str:
-        """How messages call it."""
-        return f"{self.kind} analysis{run_name(self.refracted)}"
-
-
-def run_name(refracted: bool | None) -> str:
-    """Return `, no refraction`, `, refraction` or nothing."""
-    return {None: "", False: ", no refraction", True: ", refraction"}[refracted]
-
-
-def read_analysis(report: StandardReport, notes: Notes) -> Analysis | None:
-    """Return the analysis of a report; None where no row of one is below the title, or no column has a name."""
-    rows = rows_of(report, LABELS, notes)
-    names = _components(report)
-    if not rows or names is None:
+    None where no row of one is there, or neither the title nor the headings tell the names of its columns.
+    """
+    rows = rows_of(excerpt, LABELS, notes)
+    columns = _components(excerpt, notes)
+    if not rows or columns is None:
         if rows:
             wanted = "Latitude, Longitude, Elevation or X, Y, Z or East, North, Up (M)"
-            notes.lost(report.lines[0], f"no row '{wanted}' is legible below")
+            notes.lost(excerpt.lines[0], f"no row '{wanted}' is legible below")
         return None
-    sizes: list[int | None] = [None] * 3
-    if SIZE in rows:
-        sizes = [int(text) for text in notes.cells(*rows[SIZE], ["count"] * 3, LABELS[SIZE])] or sizes
-    columns: list[dict[str, Printed]] = [{}, {}, {}]
-    for statistic in STATISTICS:
-        present = _filled(sizes, 2 if statistic == "deviation" else 1)
-        if statistic in rows and present:
-            kinds: list[Kind] = ["angle" if names[n][1] == "arcsec" else "number" for n in present]
-            line, text = rows[statistic]
-            cells = notes.cells(line, text, kinds, statistic, _places(rows, kinds))
-            for n, cell in zip(present, cells, strict=False):
-                columns[n][statistic] = printed(cell, line.number)
-    ids = _maximum_ids(rows, sizes, columns, notes)
-    return Analysis(
-        kind=report.kind,
-        refracted=report.refracted,
-        components=tuple(
-            Component(name=name, unit=unit, size=size, statistics=column, maximum_id=maximum_id)
-            for (name, unit), size, column, maximum_id in zip(names, sizes, columns, ids, strict=True)
-        ),
-        lines={statistic: line.number for statistic, (line, _) in rows.items()},
+    cells: dict[tuple[str, str], Printed] = {}
+    for statistic in (SIZE, *STATISTICS, MAXIMUM_ID):
+        filled = [column for column in columns if _is_printed(statistic, column[0], cells)]
+        if statistic not in rows or not filled:
+            continue
+        line, text = rows[statistic]
+        by_unit: dict[str, Kind] = {"arcsec": "angle", "m": "number"}
+        own: dict[str, Kind] = {SIZE: "count", MAXIMUM_ID: "id"}
+        kinds = [own.get(statistic, by_unit[unit]) for _, unit in filled]
+        texts = notes.cells(line, text, kinds, statistic, None if statistic in own else _places(rows, kinds))
+        for (name, unit), cell in zip(filled, texts, strict=False):
+            if statistic == SIZE:
+                cells[name, SIZE] = Printed(int(cell), 0.0, cell, line.number)
+            elif statistic == MAXIMUM_ID:
+                cells[name, MAXIMUM_ID] = printed_id(cell, line.number)
+            else:
+                cells[name, statistic] = printed(cell, line.number, unit)
+    order = [name for name, _ in columns]
+    cells = dict(sorted(cells.items(), key=lambda cell: order.index(cell[0][0])))
+    return Report(
+        name=f"{excerpt.kind} analysis", refracted=excerpt.refracted, line=excerpt.lines[0].number, cells=cells
     )
 
 
-def _components(report: StandardReport) -> Sequence[tuple[str, str]] | None:
+def _components(excerpt: Excerpt, notes: Notes) -> Sequence[tuple[str, str]] | None:
     """Return name and unit of each column; None where neither the title nor the headings tell."""
-    if report.kind == "station attitude":
+    if excerpt.kind == "station attitude":
         return _ATTITUDE
-    if report.sexagesimal:
+    if says(excerpt, "Degrees Minutes", notes):
         return _GEOGRAPHIC
-    for line in report.lines:
+    for line in excerpt.lines:
         if {"latitude", "longitude"} <= set(re.findall(r"[a-z]+", line.text.lower())):
             return _GEOGRAPHIC
         headings = [match.capitalize() for match in _METRIC.findall(line.text)]
@@ -112,9 +95,14 @@ def _components(report: StandardReport) -> Sequence[tuple[str, str]] | None:
     return None
 
 
-def _filled(sizes: Sequence[int | None], least: int) -> list[int]:
-    """Return the columns whose sample is large enough for a number to be printed."""
-    return [column for column, size in enumerate(sizes) if size is None or size >= least]
+def _is_printed(statistic: str, name: str, cells: Mapping[tuple[str, str], Printed]) -> bool:
+    """Tell whether a column has a statistic.
+
+    A sample of none has none, one of one no deviation, and a maximum that prints as zero no id.
+    """
+    size, maximum = cells.get((name, SIZE)), cells.get((name, "maximum"))
+    least = {SIZE: 0, "deviation": 2}.get(statistic, 1)
+    return (not size or size.value >= least) and (statistic != MAXIMUM_ID or not maximum or maximum.value != 0.0)
 
 
 def _places(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> list[int | None]:
@@ -127,75 +115,160 @@ def _places(rows: dict[str, tuple[Line, str]], kinds: list[Kind]) -> list[int | 
     return [column.most_common(1)[0][0] if column else None for column in columns]
 
 
-def _maximum_ids(
-    rows: dict[str, tuple[Line, str]],
-    sizes: Sequence[int | None],
-    columns: Sequence[dict[str, Printed]],
-    notes: Notes,
-) -> list[str]:
-    """Return whose the maxima are; where a maximum prints as zero, the listing names no one."""
-    ids = ["", "", ""]
-    maxima = [column.get("maximum") for column in columns]
-    named = [n for n in _filled(sizes, 1) if (maximum := maxima[n]) is None or maximum.value]
-    if MAXIMUM_ID in rows and named:
-        cells = notes.cells(*rows[MAXIMUM_ID], ["id"] * len(named), "with Max. Difference")
-        for n, text in zip(named, cells, strict=False):
-            ids[n] = text
-    return ids
-
-
-def check_analyses(analyses: Sequence[Analysis]) -> Iterator[Misprint]:
+def check_analyses(analyses: Sequence[Report]) -> Iterator[Misprint]:
     """Yield what contradicts in the analyses of a listing."""
     for analysis in analyses:
-        for component in analysis.components:
-            yield from _fields(analysis, component)
-            yield from _column(analysis, component)
+        for name in analysis.items:
+            cells = {what: analysis.cells[name, what] for what in STATISTICS if (name, what) in analysis.cells}
+            yield from _fields(analysis, name, cells)
+            if (name, SIZE) in analysis.cells:
+                yield from _column(analysis, name, analysis.cells[name, SIZE], cells)
         yield from _sizes(analysis)
 
 
-def _fields(analysis: Analysis, component: Component) -> Iterator[Misprint]:
+def _fields(analysis: Report, name: str, cells: Mapping[str, Printed]) -> Iterator[Misprint]:
     """Yield angles with 60 minutes or seconds and more."""
-    for name, cell in component.statistics.items():
+    for what, cell in cells.items():
         parts = cell.text.split()
         if len(parts) == 3 and (int(parts[1]) >= 60 or float(parts[2]) >= 60.0):
-            suspects = (Suspect.of(STATISTICS[name], cell),)
-            message = "no angle in degrees, minutes, seconds"
-            yield Misprint(cell.line, analysis.name, component.name, message, suspects)
+            suspects = (Suspect(STATISTICS[what], cell.line, cell.text),)
+            yield Misprint(cell.line, analysis.title, name, "no angle in degrees, minutes, seconds", suspects)
 
 
-def _column(analysis: Analysis, component: Component) -> Iterator[Misprint]:
+def _column(analysis: Report, name: str, size: Printed, cells: Mapping[str, Printed]) -> Iterator[Misprint]:
     """Yield the contradiction within one column, with every cell that alone could be the cause."""
-    N, cells = component.size, {name: (cell.low, cell.high) for name, cell in component.statistics.items()}
-    if not N or consistent(N, cells):
+    N, bounds = int(size.value), {what: (cell.low, cell.high) for what, cell in cells.items()}
+    if not N or consistent(N, bounds):
         return
     suspects = []
-    for name, cell in component.statistics.items():
-        if consistent(N, {key: value for key, value in cells.items() if key != name}):
-            bounds = implied(N, name, cells)
-            expected = range_like(*bounds, cell.text) if bounds and math.isfinite(bounds[1]) else ""
-            suspects.append(Suspect.of(STATISTICS[name], cell, expected))
-    for other in sizes_implied(cells):
-        if consistent(other, cells) and (other > 1 or "deviation" not in cells):
-            suspects.append(Suspect("sample size", analysis.lines[SIZE], str(N), str(other)))
-    line = suspects[0].line if suspects else analysis.lines[SIZE]
-    yield Misprint(line, analysis.name, component.name, _contradiction(N, cells), tuple(suspects))
+    for what, cell in cells.items():
+        if consistent(N, {key: value for key, value in bounds.items() if key != what}):
+            within = implied(N, what, bounds)
+            expected = range_like(*within, cell.text) if within and math.isfinite(within[1]) else ""
+            suspects.append(Suspect(STATISTICS[what], cell.line, cell.text, expected))
+    for other in sizes_implied(bounds):
+        if consistent(other, bounds) and (other > 1 or "deviation" not in bounds):
+            suspects.append(Suspect("sample size", size.line, size.text, str(other)))
+    line = suspects[0].line if suspects else size.line
+    yield Misprint(line, analysis.title, name, _contradiction(N, bounds), tuple(suspects))
 
 
-def _contradiction(N: int, cells: dict[str, Interval]) -> str:
+def _contradiction(N: int, bounds: Mapping[str, Interval]) -> str:
     """Return what the smallest contradicting group of statistics is."""
     groups = (("sum", "mean"), ("rms", "mean", "deviation"), ("sum", "rms", "deviation"), ("rms", "maximum"))
     contradicting = (
-        group for group in groups if not consistent(N, {name: cells[name] for name in group if name in cells})
+        group for group in groups if not consistent(N, {what: bounds[what] for what in group if what in bounds})
     )
-    *names, last = (STATISTICS[name] for name in next(contradicting, cells))
+    *names, last = (STATISTICS[what] for what in next(contradicting, tuple(bounds)))
     return f"{', '.join(names)} and {last} contradict one another"
 
 
-def _sizes(analysis: Analysis) -> Iterator[Misprint]:
+def _sizes(analysis: Report) -> Iterator[Misprint]:
     """Yield samples of unequal size that must be the same: of all stations, of latitude and longitude."""
-    alike = analysis.components if analysis.kind.startswith("station") else analysis.components[:2]
-    sizes = [component.size for component in alike]
-    if analysis.kind != "check point" and None not in sizes and len(set(sizes)) > 1:
-        message = f"samples of {', '.join(map(str, sizes))} that should be of one size"
-        item = ", ".join(component.name for component in alike)
-        yield Misprint(analysis.lines[SIZE], analysis.name, item, message)
+    if analysis.name.startswith("check point"):
+        return
+    alike = analysis.items[: 3 if analysis.name.startswith("station") else 2]
+    sizes = [analysis.cells[name, SIZE] for name in alike if (name, SIZE) in analysis.cells]
+    if len({size.value for size in sizes}) > 1:
+        message = f"samples of {', '.join(size.text for size in sizes)} that should be of one size"
+        yield Misprint(sizes[0].line, analysis.title, ", ".join(alike), message)
+
+
+def consistent(N: int, cells: Mapping[str, Interval]) -> bool:
+    """Tell whether some sample of N has statistics within all `cells`: sum, mean, rms, deviation, maximum."""
+    m = _mean(N, cells)
+    if m is None or cells.get("deviation", (0.0, 0.0))[1] < 0.0:
+        return False
+    R = _rms(N, m, cells)
+    if R is None:
+        return False
+    if "maximum" not in cells:
+        return True
+    low, high = cells["maximum"]
+    if max(abs(low), abs(high)) * (1.0 + _SLACK) < max(R[0], _smallest(m)):
+        return False
+    return _least_squares(N, m, (low, high)) <= N * R[1] ** 2 * (1.0 + _SLACK) + _SLACK**2
+
+
+def implied(N: int, name: str, cells: Mapping[str, Interval]) -> Interval | None:
+    """Return within what the statistic `name` must lie by the others; None where they do not tell."""
+    others = {key: value for key, value in cells.items() if key != name}
+    m = _mean(N, others)
+    if m is None:
+        return None
+    if name in ("sum", "mean"):
+        times = N if name == "sum" else 1
+        return None if math.isinf(m[1]) else (m[0] * times, m[1] * times)
+    R = _rms(N, m, others)
+    if name == "rms":
+        return R if "deviation" in others else None
+    if name != "deviation" or R is None or math.isinf(R[1]):
+        return None
+    k = N / (N - 1)
+    squares = k * (R[0] ** 2 - _largest(m) ** 2), k * (R[1] ** 2 - _smallest(m) ** 2)
+    return math.sqrt(max(squares[0], 0.0)), math.sqrt(max(squares[1], 0.0))
+
+
+def sizes_implied(cells: Mapping[str, Interval]) -> range:
+    """Return the sizes N that sum and mean allow; none where the mean may be zero, or too many."""
+    if "sum" not in cells or "mean" not in cells or _smallest(cells["mean"]) == 0.0:
+        return range(0)
+    S, m = cells["sum"], cells["mean"]
+    if (S[0] + S[1]) * (m[0] + m[1]) <= 0.0:
+        return range(0)
+    low, high = _smallest(S) / _largest(m), _largest(S) / _smallest(m)
+    return range(max(1, math.ceil(low)), math.floor(high) + 1) if high - low < 3.0 else range(0)
+
+
+def _mean(N: int, cells: Mapping[str, Interval]) -> Interval | None:
+    """Return the mean by sum and mean, everything where both are missing, None where they contradict."""
+    low, high = cells.get("mean", (-math.inf, math.inf))
+    if "sum" in cells:
+        low, high = max(low, cells["sum"][0] / N), min(high, cells["sum"][1] / N)
+    return _not_empty(low, high)
+
+
+def _rms(N: int, m: Interval, cells: Mapping[str, Interval]) -> Interval | None:
+    """Return the RMS by itself, by the deviation, and as no smaller than the mean; None where they contradict."""
+    low, high = cells.get("rms", (0.0, math.inf))
+    low = max(low, 0.0, _smallest(m))
+    if "deviation" in cells and N > 1:
+        D = cells["deviation"]
+        low = max(low, math.sqrt(_smallest(m) ** 2 + (N - 1) / N * max(D[0], 0.0) ** 2))
+        high = min(high, math.sqrt(_largest(m) ** 2 + (N - 1) / N * D[1] ** 2))
+    elif N == 1:
+        high = min(high, _largest(m))
+    return _not_empty(low, high)
+
+
+def _least_squares(N: int, m: Interval, X: Interval) -> float:
+    """Return the smallest sum of squares of N numbers, one of them in X and their mean in m.
+
+    Convex in both: each in turn goes where it is best, which converges in a box.
+    """
+    if N == 1:
+        return _smallest((max(X[0], m[0]), min(X[1], m[1]))) ** 2 if X[0] <= m[1] and m[0] <= X[1] else math.inf
+    x = _nearest(X, 0.0)
+    mean = _nearest(m, x / N)
+    for _ in range(_STEPS):
+        x = _nearest(X, mean)
+        mean = _nearest(m, x / N)
+    return x**2 + (N * mean - x) ** 2 / (N - 1)
+
+
+def _not_empty(low: float, high: float) -> Interval | None:
+    if low > high + _SLACK * max(abs(low), abs(high)):
+        return None
+    return min(low, high), max(low, high)
+
+
+def _nearest(interval: Interval, value: float) -> float:
+    return min(max(value, interval[0]), interval[1])
+
+
+def _smallest(interval: Interval) -> float:
+    return abs(_nearest(interval, 0.0))
+
+
+def _largest(interval: Interval) -> float:
+    return max(abs(interval[0]), abs(interval[1]))

@@ -1,4 +1,4 @@
-"""Cells of print: words -> cells with their repairs, the numbers that cells stand for, and misprints among them.
+"""Words of a row -> cells, with the repairs that these take.
 
 A row is read by what its cells must be (a count, an id, a number, a sexagesimal angle), never by columns. Scanned
 words may be broken (`84 6`) or run together (`00.454`); each departure from the text has a cost. The cheapest
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Literal, NamedTuple
 
 Kind = Literal["count", "id", "number", "angle"]
@@ -154,7 +154,8 @@ def _cells(words: tuple[str, ...], kind: Kind, places: int | None) -> tuple[Read
         barred = joined.repaired(RepairKind.ONE, _BAR.sub("1", joined.texts[0]))
         cells = [_clean(cell, kind) for cell in dict.fromkeys((joined, barred))]
     elif kind == "angle":
-        cells = [*_joined_angles(words), *map(_angle, _divisions(words))]
+        cuts = combinations(range(1, len(words)), 2)
+        cells = [*_joined_angles(words), *(_angle(words[:m], words[m:s], words[s:]) for m, s in cuts)]
     else:
         cells = [_clean(joined, kind)]
         text = cells[0].texts[0]
@@ -199,14 +200,7 @@ def _replacements(kind: Kind) -> Iterator[tuple[str, str, RepairKind]]:
         yield r"(?<=\d)-(?=\d+$)", ".", RepairKind.HYPHEN
 
 
-def _divisions(words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], ...]]:
-    """Yield words divided into degrees, minutes and seconds."""
-    for first in range(1, len(words) - 1):
-        for second in range(first + 1, len(words)):
-            yield words[:first], words[first:second], words[second:]
-
-
-def _angle(fields: tuple[tuple[str, ...], ...]) -> Reading:
+def _angle(*fields: tuple[str, ...]) -> Reading:
     """Return degrees, minutes and seconds as one cell."""
     whole = Reading()
     kinds: tuple[Kind, ...] = ("count", "count", "number")
@@ -232,89 +226,3 @@ def _joined_angles(words: tuple[str, ...]) -> Iterator[Reading]:
         if int(angle[1]) < 60:
             read = " ".join(angle)
             yield Reading((" ".join(words),), changes, len(changes)).repaired(RepairKind.JOINED, read)
-
-
-class Printed(NamedTuple):
-    """A number as printed: its value, half a unit of its last digit, its text."""
-
-    value: float  # arc seconds, or the unit of the table
-    half: float
-    text: str
-    line: int  # 1-based
-
-    @property
-    def low(self) -> float:
-        """Smallest number that rounds to the printed one."""
-        return self.value - self.half
-
-    @property
-    def high(self) -> float:
-        """Largest number that rounds to the printed one."""
-        return self.value + self.half
-
-
-def printed(text: str, line: int) -> Printed:
-    """Return the number of a cell: seconds of `-0 8 46.908`, or the number itself, with half its last digit."""
-    parts = text.split()
-    value, decimals = float(parts[-1]), len(parts[-1].partition(".")[2])
-    if len(parts) == 3:
-        value = abs(int(parts[0])) * 3600.0 + int(parts[1]) * 60.0 + value
-        value = -value if parts[0].startswith("-") else value
-    return Printed(value=value, half=0.5 * 10.0**-decimals, text=text, line=line)
-
-
-def text_like(value: float, like: str) -> str:
-    """Return a number in the form of a cell: degrees, minutes, seconds, or with its decimals."""
-    places = len(like.partition(".")[2])
-    fields = []
-    if len(like.split()) == 3:
-        ticks = round(abs(value) * 10**places)
-        minutes, rest = divmod(ticks, 60 * 10**places)
-        degrees, minutes = divmod(minutes, 60)
-        fields = [f"{'-' if value < 0.0 and ticks else ''}{degrees}", str(minutes)]
-        value = rest / 10**places
-    number = f"{value:.{places}f}"
-    if not number.strip("-.0"):
-        number = number.removeprefix("-")
-    return " ".join([*fields, number.replace("0.", ".", 1) if number.lstrip("-").startswith("0.") else number])
-
-
-def range_like(low: float, high: float, like: str) -> str:
-    """Return a range in the form of a cell: one number where both ends print the same."""
-    first, last = text_like(low, like), text_like(high, like)
-    return first if first == last else f"{first} to {last}"
-
-
-@dataclass(frozen=True)
-class Suspect:
-    """A cell that, were it another number, would leave no contradiction."""
-
-    item: str
-    line: int
-    found: str
-    expected: str = ""  # a number, `A to B`, or empty where the others do not tell
-
-    @classmethod
-    def of(cls, item: str, cell: Printed, expected: str = "") -> Suspect:
-        """Return a printed cell as one."""
-        return cls(item, cell.line, cell.text, expected)
-
-
-@dataclass(frozen=True)
-class Misprint:
-    """One contradiction in a listing, and the cells one of which must be wrong."""
-
-    line: int
-    table: str
-    item: str
-    message: str
-    suspects: tuple[Suspect, ...] = ()
-
-    def lines(self, listing: str) -> list[str]:
-        """Return the finding in print, a line for each suspect below it."""
-        text = [f"{listing}:{self.line}: {self.table}: {self.item}: {self.message}"]
-        for number, suspect in enumerate(self.suspects):
-            expected = f", expected {suspect.expected}" if suspect.expected else ""
-            lead = "    either" if number == 0 and len(self.suspects) > 1 else "    or    " if number else "   "
-            text.append(f"{lead} {suspect.item} {suspect.found}{expected} (line {suspect.line})")
-        return text

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from musatpy.errors import MusatError, Problem
-from musatpy.listings.audit.analyses import LABELS, Analysis, check_analyses, read_analysis
-from musatpy.listings.audit.cells import Misprint, Repair
-from musatpy.listings.audit.plates import RMS_LABELS, PlateTable, check_plates, read_plates
-from musatpy.listings.audit.scan import Line, Notes, found, lines_of, standard_reports
-from musatpy.listings.audit.submerged import SubmergedPoint, check_submerged, read_submerged
+from musatpy.listings.audit.analyses import LABELS, check_analyses, read_analysis
+from musatpy.listings.audit.cells import Repair
+from musatpy.listings.audit.plates import RMS_LABELS, check_plates, read_plates
+from musatpy.listings.audit.report import Misprint, Report
+from musatpy.listings.audit.scan import Line, Notes, excerpts_of, found, lines_of
+from musatpy.listings.audit.submerged import check_submerged, read_submerged
 
 _LABELS = (*LABELS.values(), *RMS_LABELS.values())
 _NEAR = 15  # lines: rows no farther apart are of one report
@@ -29,9 +30,9 @@ class Listing:
     """All that was found in a listing, the repairs that it took, and the rows that cannot be read."""
 
     name: str
-    analyses: tuple[Analysis, ...]
-    plates: tuple[PlateTable, ...]
-    submerged: tuple[tuple[SubmergedPoint, ...], ...]  # of each table
+    analyses: tuple[Report, ...]
+    plates: tuple[Report, ...]
+    submerged: tuple[Report, ...]
     repairs: tuple[Repair, ...]
     unreadable: tuple[Problem, ...]
 
@@ -55,10 +56,10 @@ def listing_of(text: str, name: str) -> Listing:
     """Return what the text of a listing says; raises `MusatError` where it has none of the standard reports."""
     notes = Notes(name, text)
     lines = lines_of(text, notes)
-    reports = list(standard_reports(lines, notes))
-    analyses = [read_analysis(report, notes) for report in reports if report.kind not in ("plates", "submerged")]
-    plates = tuple(read_plates(reports, notes))
-    submerged = tuple(read_submerged(reports, notes))
+    excerpts = list(excerpts_of(lines, notes))
+    analyses = [read_analysis(one, notes) for one in excerpts if one.kind not in ("plates", "submerged")]
+    plates = tuple(read_plates(excerpts, notes))
+    submerged = tuple(read_submerged(excerpts, notes))
     _note_untitled(lines, notes)
     if not (any(analyses) or plates or submerged or notes.unreadable):
         raise MusatError(f"{name}: no analysis, plate residuals or bathymetric points are in it")

@@ -10,12 +10,13 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from itertools import product
 
-from musatpy.listings.audit.analyses import run_name
-from musatpy.listings.audit.cells import Misprint, Printed, RepairKind, Suspect, printed
-from musatpy.listings.audit.samples import Interval
-from musatpy.listings.audit.scan import Line, Notes, StandardReport, canonical, found, rows_of
+from musatpy.listings.audit.analyses import Interval
+from musatpy.listings.audit.cells import RepairKind
+from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, printed_id
+from musatpy.listings.audit.scan import Excerpt, Line, Notes, canonical, found, rows_of
 
 _POINTS = {
     "trig": ("Trig Points", "Trig Pts"),
@@ -24,6 +25,7 @@ _POINTS = {
 }
 GROUPS = tuple(_POINTS)
 AXES = ("x", "y")
+NAME, STAR = "plate residuals", "largest at"
 # Labels of the rows by group and axis.
 RMS_LABELS = {
     (group, axis): "|".join(f"RMS of {name} {axis}" for name in names)
@@ -31,7 +33,7 @@ RMS_LABELS = {
     for axis in AXES
 }
 _STAR_LABELS = {
-    (group, "star"): "|".join(f"Frame With Max RMS {name}" for name in names) for group, names in _POINTS.items()
+    (group, STAR): "|".join(f"Frame With Max RMS {name}" for name in names) for group, names in _POINTS.items()
 }
 _NAMES = {"trig": "RMS of triangulated", "nontrig": "RMS of not triangulated", "all": "RMS of all"}
 _PLACES = 3  # decimals, mm
@@ -41,44 +43,27 @@ _REACH = 4  # columns of print that a star may stand beside its frame: half a co
 _SLACK = 1e-9  # mm^2 relative: a number exactly between two prints may have gone either way
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlateTable:
-    """RMS plate residuals per frame, mm (ETL-0306, Tables 6-4 and 6-8)."""
+def read_plates(excerpts: Sequence[Excerpt], notes: Notes) -> Iterator[Report]:
+    """Yield the tables of RMS by frame, mm (ETL-0306, Tables 6-4 and 6-8).
 
-    refracted: bool | None
-    line: int
-    frames: tuple[str, ...]
-    rms: dict[tuple[str, str], dict[str, Printed]]  # (trig, nontrig or all; x or y) -> frame -> mm
-    stars: dict[str, tuple[tuple[str, int], ...]]  # trig, nontrig, all -> starred frames, with their lines
-
-    @property
-    def name(self) -> str:
-        """How messages call it."""
-        return f"plate residuals{run_name(self.refracted)}"
-
-    def along(self, group: str, frame: str) -> list[Printed | None]:
-        """Return the RMS of a frame in x and y."""
-        return [self.rms.get((group, axis), {}).get(frame) for axis in AXES]
-
-    def joined(self, other: PlateTable) -> PlateTable:
-        """Return this table and the other frames of the same run that follow it."""
-        return PlateTable(
-            refracted=self.refracted,
-            line=self.line,
-            frames=self.frames + other.frames,
-            rms={key: row | other.rms.get(key, {}) for key, row in self.rms.items()},
-            stars={key: stars + other.stars.get(key, ()) for key, stars in self.stars.items()},
-        )
-
-
-def read_plates(reports: Sequence[StandardReport], notes: Notes) -> Iterator[PlateTable]:
-    """Yield the tables; those of the same run between which no other report stands are one, ten frames on each."""
-    last: PlateTable | None = None
-    for report in reports:
-        table = _read(report, notes) if report.kind == "plates" else None
-        if last and table and last.refracted == table.refracted and not set(last.frames) & set(table.frames):
-            last = last.joined(table)
-        elif table or report.kind != "plates":
+    Those of the same run between which no other report stands are one, ten frames on each.
+    """
+    last: Report | None = None
+    for excerpt in excerpts:
+        table = _read(excerpt, notes) if excerpt.kind == "plates" else None
+        if (
+            last
+            and table
+            and last.refracted == table.refracted
+            and not set(frames_of(last)) & set(frames_of(table))
+        ):
+            stars = {
+                key: star._replace(text=", ".join(filter(None, (star.text, last.cells[key].text))))
+                for key, star in table.cells.items()
+                if key[1] == STAR and key in last.cells
+            }
+            last = replace(last, cells=last.cells | table.cells | stars)
+        elif table or excerpt.kind != "plates":
             if last:
                 yield last
             last = table
@@ -86,30 +71,39 @@ def read_plates(reports: Sequence[StandardReport], notes: Notes) -> Iterator[Pla
         yield last
 
 
-def _read(report: StandardReport, notes: Notes) -> PlateTable | None:
-    """Return the table of a report; None where no row of one is below the title, or its frames are not legible."""
-    rows = rows_of(report, RMS_LABELS | _STAR_LABELS, notes)
-    heading = next((line for line in report.lines if _is_heading(line)), None)
+def frames_of(table: Report) -> list[str]:
+    """Return the frames of a table, in their order."""
+    return list(dict.fromkeys(item for item, what in table.cells if what != STAR))
+
+
+def _read(excerpt: Excerpt, notes: Notes) -> Report | None:
+    """Return the table of an excerpt; None where no row of one is there, or its frames are not legible."""
+    rows = rows_of(excerpt, RMS_LABELS | _STAR_LABELS, notes)
+    heading = next((line for line in excerpt.lines if _is_heading(line)), None)
     if not rows or heading is None:
         if rows:
-            notes.lost(report.lines[0], "no row 'Frame' is legible below")
+            notes.lost(excerpt.lines[0], "no row 'Frame' is legible below")
         return None
     rest = notes.after("Frame", heading) or ""
     counts = Counter(len(re.findall(r"\S*\w\S*", rows[key][1])) for key in RMS_LABELS if key in rows)
     number = counts.most_common(1)[0][0] if counts else len(rest.split())
     frames = notes.cells(heading, rest, ["id"] * number, "Frame")
-    if not frames:
-        return None
-    rms, stars = {}, {}
-    for (group, what), (line, text) in rows.items():
-        if what in AXES:
+    if len(set(frames)) < len(frames):
+        notes.lost(heading, "a frame is there twice")
+    cells: dict[tuple[str, str], Printed] = {}
+    for (group, what), (line, text) in rows.items() if frames else ():
+        if what == STAR:
+            starred = _starred(line, text, heading, frames, notes)
+            if starred is not None:
+                cells[group, STAR] = printed_id(", ".join(starred), line.number)
+        else:
             name = f"RMS, {group}, {what}"
-            cells = notes.cells(line, text, ["number"] * len(frames), name, [_PLACES] * len(frames))
-            if cells:
-                rms[group, what] = dict(zip(frames, (printed(cell, line.number) for cell in cells), strict=True))
-        elif (starred := _starred(line, text, heading, frames, notes)) is not None:
-            stars[group] = starred
-    return PlateTable(refracted=report.refracted, line=report.lines[0].number, frames=frames, rms=rms, stars=stars)
+            texts = notes.cells(line, text, ["number"] * len(frames), name, [_PLACES] * len(frames))
+            for frame, cell in zip(frames, texts, strict=False):
+                cells[frame, f"{group}, {what}"] = printed(cell, line.number, "mm")
+    if not cells:
+        return None
+    return Report(name=NAME, refracted=excerpt.refracted, line=excerpt.lines[0].number, cells=cells)
 
 
 def _is_heading(line: Line) -> bool:
@@ -118,9 +112,7 @@ def _is_heading(line: Line) -> bool:
     return bool(match and re.search(r"\w", match["rest"]) and not canonical(match["rest"]).startswith("w1th"))
 
 
-def _starred(
-    line: Line, text: str, heading: Line, frames: tuple[str, ...], notes: Notes
-) -> tuple[tuple[str, int], ...] | None:
+def _starred(line: Line, text: str, heading: Line, frames: tuple[str, ...], notes: Notes) -> list[str] | None:
     """Return the starred frames of a row; None where a word in it is no star."""
     cells = heading.text.split("\t")
     # Tabs part the cells of a table; otherwise they stand for the blanks up to columns of eight.
@@ -133,7 +125,7 @@ def _starred(
                 notes.repair(line, RepairKind.STRAY, word, _STAR)
             distance, frame = min((abs(where - place), frame) for frame, where in places)
             if distance <= (0 if grid else _REACH):
-                stars.append((frame, line.number))
+                stars.append(frame)
             else:
                 notes.lost(line, "a star that stands below no frame")
         elif re.search(r"\w", word) or re.fullmatch(r"\*{1,3}", word):
@@ -141,7 +133,7 @@ def _starred(
             return None
         else:
             notes.repair(line, RepairKind.STRAY, word)
-    return tuple(stars)
+    return stars
 
 
 def _placed(line: Line, grid: bool, start: int = 0) -> Iterator[tuple[int, str]]:
@@ -163,43 +155,40 @@ def _frame_places(heading: Line, frames: tuple[str, ...], grid: bool) -> Iterato
                 text = ""
 
 
-def check_plates(tables: Sequence[PlateTable]) -> Iterator[Misprint]:
+def check_plates(tables: Sequence[Report]) -> Iterator[Misprint]:
     """Yield what contradicts in the plate tables of a listing."""
     for table in tables:
-        for frame, count in Counter(table.frames).items():
-            if count > 1:
-                yield Misprint(table.line, table.name, f"frame {frame}", f"is there {count} times")
-            yield from _negative(table, frame)
+        for frame in frames_of(table):
             yield from _frame(table, frame)
-        for group, stars in table.stars.items():
-            yield from _stars(table, group, stars)
+        for group in GROUPS:
+            if (group, STAR) in table.cells:
+                yield from _stars(table, group, table.cells[group, STAR])
 
 
-def _negative(table: PlateTable, frame: str) -> Iterator[Misprint]:
-    """Yield cells below zero."""
-    for (group, axis), row in table.rms.items():
-        cell = row.get(frame)
+def _frame(table: Report, frame: str) -> Iterator[Misprint]:
+    """Yield RMS below zero, and a contradiction between the RMS of all points of a frame and those of its parts."""
+    cells: dict[str, list[Printed]] = {axis: [] for axis in AXES}
+    for axis, group in product(AXES, GROUPS):
+        cell = table.cells.get((frame, f"{group}, {axis}"))
         if cell and cell.high < 0.0:
-            suspect = Suspect.of(f"{_NAMES[group]}, {axis}", cell)
-            yield Misprint(cell.line, table.name, f"frame {frame}", "an RMS is never negative", (suspect,))
-
-
-def _frame(table: PlateTable, frame: str) -> Iterator[Misprint]:
-    """Yield the contradiction between the RMS of all points of a frame and those of its two parts."""
-    by_axis = zip(AXES, zip(*(table.along(group, frame) for group in GROUPS), strict=True), strict=True)
-    cells = {axis: [cell for cell in trio if cell and cell.high >= 0.0] for axis, trio in by_axis}
+            suspects = [Suspect(f"{_NAMES[group]}, {axis}", cell.line, cell.text)]
+            message = "an RMS is never negative"
+            yield Misprint(cell.line, table.title, f"frame {frame}", message, tuple(suspects))
+        elif cell:
+            cells[axis].append(cell)
     shares = {axis: _share(*trio) for axis, trio in cells.items() if len(trio) == len(GROUPS)}
     known = [share for share in shares.values() if share]
     lows, highs = [0.0, *(low for low, _ in known)], [1.0, *(high for _, high in known)]
     if len(known) == len(shares) and max(lows) <= min(highs):
         return
     doubtful = [axis for axis in shares if not shares[axis]] or list(shares)
-    suspects = []
-    for axis in doubtful:
-        for group, cell in zip(GROUPS, cells[axis], strict=True):
-            suspects.append(Suspect.of(f"{_NAMES[group]}, {axis}", cell))
+    suspects = [
+        Suspect(f"{_NAMES[group]}, {axis}", cell.line, cell.text)
+        for axis in doubtful
+        for group, cell in zip(GROUPS, cells[axis], strict=True)
+    ]
     message = f"the RMS of all points, {' and '.join(doubtful)}, is no mean of the two parts"
-    yield Misprint(suspects[0].line, table.name, f"frame {frame}", message, tuple(suspects))
+    yield Misprint(suspects[0].line, table.title, f"frame {frame}", message, tuple(suspects))
 
 
 def _share(t: Printed, n: Printed, a: Printed) -> Interval | None:
@@ -220,23 +209,24 @@ def _share(t: Printed, n: Printed, a: Printed) -> Interval | None:
     return (low, high) if low <= high else None
 
 
-def _stars(table: PlateTable, group: str, stars: tuple[tuple[str, int], ...]) -> Iterator[Misprint]:
+def _stars(table: Report, group: str, star: Printed) -> Iterator[Misprint]:
     """Yield stars that are missing, too many, or not at the frame with the largest sqrt(x^2 + y^2)."""
     bounds = {}
-    for frame in table.frames:
-        x, y = table.along(group, frame)
-        if x is None or y is None:
+    for frame in frames_of(table):
+        cells = [table.cells.get((frame, f"{group}, {axis}")) for axis in AXES]
+        legible = [cell for cell in cells if cell]
+        if len(legible) < len(AXES):
             return
-        low, high = (math.hypot(max(x.low, 0.0), max(y.low, 0.0)), math.hypot(x.high, y.high))
-        bounds[frame] = (low, high) if x.value or y.value else (0.0, high)
+        low = math.hypot(*(max(cell.low, 0.0) for cell in legible)) if any(cell.value for cell in legible) else 0.0
+        bounds[frame] = low, math.hypot(*(cell.high for cell in legible))
     largest = max(bounds, key=lambda frame: bounds[frame][0])
-    message = ""
+    stars, message = star.text.split(", ") if star.text else [], ""
     if not stars and bounds[largest][0] > 0.0:
         message = f"no frame is starred, though {largest} has an RMS"
     elif len(stars) > 1:
-        message = f"{len(stars)} frames are starred: {', '.join(frame for frame, _ in stars)}"
-    elif stars and bounds[stars[0][0]][1] * (1.0 + _SLACK) < bounds[largest][0]:
-        message = f"frame {stars[0][0]} is starred, the largest RMS is that of {largest}"
+        message = f"{len(stars)} frames are starred: {star.text}"
+    elif stars and bounds[star.text][1] * (1.0 + _SLACK) < bounds[largest][0]:
+        message = f"frame {star.text} is starred, the largest RMS is that of {largest}"
     if message:
         item = f"star of {_NAMES[group].removeprefix('RMS of ')} points"
-        yield Misprint(stars[0][1] if stars else table.line, table.name, item, message)
+        yield Misprint(star.line, table.title, item, message)

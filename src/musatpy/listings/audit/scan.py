@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import NamedTuple, TypeVar
@@ -48,13 +48,12 @@ class Line(NamedTuple):
     canonical: str = ""  # nothing where all letters may be noise
 
 
-@dataclass(frozen=True, kw_only=True)
-class StandardReport:
-    """A standard report: its lines from the title to the next title."""
+@dataclass(frozen=True)
+class Excerpt:
+    """The lines of a standard report, from its title to the next title."""
 
     kind: str
     refracted: bool | None
-    sexagesimal: bool
     lines: tuple[Line, ...]
 
 
@@ -194,37 +193,33 @@ def lines_of(text: str, notes: Notes) -> list[Line]:
     return lines
 
 
-def standard_reports(lines: Sequence[Line], notes: Notes) -> Iterator[StandardReport]:
+def excerpts_of(lines: Sequence[Line], notes: Notes) -> Iterator[Excerpt]:
     """Yield the standard reports in their order; a title without a report below it makes an empty one."""
-    starts = [(at, kind) for at, line in enumerate(lines) if line.canonical for kind in _kinds(line, notes)]
+    starts = [
+        (at, kind)
+        for at, line in enumerate(lines)
+        for kind, title, after in _TITLES
+        if notes.found(title, line, r"\W*", after)
+    ]
     for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
-        title = lines[at : min(at + _NEAR, end)]
-        yield StandardReport(
-            kind=kind,
-            refracted=next((run for run, phrases in _RUNS if _says(title, phrases, notes)), None),
-            sexagesimal=_says(title, ("Degrees Minutes",), notes),
-            lines=tuple(lines[at:end]),
-        )
+        excerpt = Excerpt(kind, None, tuple(lines[at:end]))
+        run = next((run for run, phrases in _RUNS if any(says(excerpt, one, notes) for one in phrases)), None)
+        yield replace(excerpt, refracted=run)
 
 
-def _kinds(line: Line, notes: Notes) -> list[str]:
-    """Return which report a line is the title of, if it is one."""
-    return [kind for kind, title, after in _TITLES if notes.found(title, line, r"\W*", after)]
+def says(excerpt: Excerpt, phrase: str, notes: Notes) -> bool:
+    """Tell whether one of the lines of a title has a phrase."""
+    return any(notes.found(phrase, line, r".*?\b", r"\b") for line in excerpt.lines[:_NEAR])
 
 
-def _says(title: Sequence[Line], phrases: Sequence[str], notes: Notes) -> bool:
-    """Tell whether one of the lines of a title has one of the phrases."""
-    return any(notes.found(phrase, line, r".*?\b", r"\b") for phrase in phrases for line in title)
-
-
-def rows_of(report: StandardReport, labels: Mapping[Name, str], notes: Notes) -> dict[Name, tuple[Line, str]]:
+def rows_of(excerpt: Excerpt, labels: Mapping[Name, str], notes: Notes) -> dict[Name, tuple[Line, str]]:
     """Return the rows of a report by the names of their labels: the line, and what stands right of the label.
 
     They end where a label stands again: below it is a report whose title is not legible. Where there are rows, each
     that is not there, or has no legible label, is noted.
     """
     rows: dict[Name, tuple[Line, str]] = {}
-    for line in report.lines:
+    for line in excerpt.lines:
         rests = ((name, notes.after(label, line)) for name, label in labels.items())
         name, rest = next(((name, rest) for name, rest in rests if rest is not None), (None, ""))
         if name in rows:
@@ -234,5 +229,5 @@ def rows_of(report: StandardReport, labels: Mapping[Name, str], notes: Notes) ->
     notes.used.update(line.number for line, _ in rows.values())
     for name in labels if rows else ():
         if name not in rows:
-            notes.lost(report.lines[0], f"no row '{labels[name].split('|')[0]}' is legible below")
+            notes.lost(excerpt.lines[0], f"no row '{labels[name].split('|')[0]}' is legible below")
     return rows

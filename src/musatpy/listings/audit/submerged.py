@@ -5,18 +5,22 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from itertools import product
 from statistics import median
 from typing import NamedTuple
 
-from musatpy.listings.audit.cells import Misprint, Printed, RepairKind, Suspect, printed, read_cells, text_like
-from musatpy.listings.audit.scan import Line, Notes, StandardReport
+from musatpy.listings.audit.cells import RepairKind, read_cells
+from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, text_like
+from musatpy.listings.audit.scan import Excerpt, Line, Notes
 
+Cells = Iterator[tuple[tuple[str, str], Printed]]
 COLUMNS = ("none", "predicted", "refraction")
 AXES = "XYZ"
 NAME = "bathymetric points"
 _DIGITS = 3  # a row of coordinates has a number of at least as many digits before its point
 _PLACES = 1  # decimals, m
+_MISSING = "the row of {} of a point is missing here"
 # Possessive: what stands left of a word or a letter is tried at its full length only, as no other can match.
 _AXIS = re.compile(r"^\W*+(?:\S*\w\W++)?[XYZ]\s+(?=-?\s?\S*\d)")
 _FIRST = re.compile(rf"(?:-|(?<!\d))\d{{{_DIGITS},}}+\s?[.\u2022\u00b7-]\d")  # of the numbers of a row
@@ -25,15 +29,6 @@ _END = re.compile(r"^\W*+Point (?:not|is)\b", re.I)
 _FACTOR = 20.0  # on the median shift of the other points
 _FLOOR = 20.0  # m: a job of mostly dry or shallow points; refraction shifts a point of 60 m depth by as much
 _FEW = 3  # other points that make a median
-
-
-@dataclass(frozen=True, kw_only=True)
-class SubmergedPoint:
-    """One point of Table 6-9: `*` not triangulated, `**` vertical control."""
-
-    name: str
-    mark: str
-    xyz: dict[tuple[str, str], Printed]  # (none, predicted or refraction; X, Y or Z) -> m
 
 
 class _Row(NamedTuple):
@@ -45,21 +40,22 @@ class _Row(NamedTuple):
     cells: dict[str, Printed]
 
 
-def read_submerged(reports: Sequence[StandardReport], notes: Notes) -> list[tuple[SubmergedPoint, ...]]:
-    """Return the points of each table; pages that follow one another without a point twice are of one."""
-    tables: list[tuple[SubmergedPoint, ...]] = []
-    for report in reports:
-        points = tuple(_points(report, notes)) if report.kind == "submerged" else ()
-        if points and tables and {point.name for point in tables[-1]}.isdisjoint(point.name for point in points):
-            tables[-1] += points
-        elif points:
-            tables.append(points)
+def read_submerged(excerpts: Sequence[Excerpt], notes: Notes) -> list[Report]:
+    """Return the tables of coordinates, m (ETL-0306, Table 6-9); pages without a point twice are of one."""
+    tables: list[Report] = []
+    for excerpt in excerpts:
+        cells = dict(_points(excerpt, notes)) if excerpt.kind == "submerged" else {}
+        table = Report(name=NAME, refracted=None, line=excerpt.lines[0].number, cells=cells)
+        if cells and tables and set(table.items).isdisjoint(tables[-1].items):
+            tables[-1] = replace(tables[-1], cells=tables[-1].cells | cells)
+        elif cells:
+            tables.append(table)
     return tables
 
 
-def _points(report: StandardReport, notes: Notes) -> Iterator[SubmergedPoint]:
-    """Yield the points of which the three rows are there."""
-    rows = list(_rows(report))
+def _points(excerpt: Excerpt, notes: Notes) -> Cells:
+    """Yield the cells of the points of which the three rows are there."""
+    rows = list(_rows(excerpt))
     is_without_refraction = bool(rows) and all(_count(text) == 2 for *_, text in rows)
     columns = COLUMNS[:2] if is_without_refraction else COLUMNS
     labels = (label.replace("*", " ").split() for _, label, _ in rows)
@@ -70,13 +66,13 @@ def _points(report: StandardReport, notes: Notes) -> Iterator[SubmergedPoint]:
     for line, label, text in rows:
         notes.used.add(line.number)
         texts = notes.cells(line, text, ["number"] * len(columns), "coordinates", [_PLACES] * len(columns))
-        cells = {column: printed(cell, line.number) for column, cell in zip(columns, texts, strict=False)}
+        cells = {column: printed(cell, line.number, "m") for column, cell in zip(columns, texts, strict=False)}
         words = label.replace("*", " * ").split()
         axis = words[-1].strip("[]|").upper() if words else ""
         row = _Row(line, axis if axis in ("X", "Y", "Z") else "", words, cells)
         if row.axis and row.axis != AXES[len(group)]:
             if not broken:
-                _note_missing(line, len(group), notes)
+                notes.lost(line, _MISSING.format(AXES[len(group)]))
             group, broken = [], True
             if row.axis != "X":
                 continue
@@ -86,16 +82,12 @@ def _points(report: StandardReport, notes: Notes) -> Iterator[SubmergedPoint]:
             yield from _point(group, width, notes)
             group = []
     if group:
-        _note_missing(group[-1].line, len(group), notes)
+        notes.lost(group[-1].line, _MISSING.format(AXES[len(group)]))
 
 
-def _note_missing(line: Line, number: int, notes: Notes) -> None:
-    notes.lost(line, f"the row of {AXES[number]} of a point is missing here")
-
-
-def _rows(report: StandardReport) -> Iterator[tuple[Line, str, str]]:
+def _rows(excerpt: Excerpt) -> Iterator[tuple[Line, str, str]]:
     """Yield line, label, and the text right of it."""
-    for line in report.lines:
+    for line in excerpt.lines:
         if _END.match(line.text):
             return
         first, axis = _FIRST.search(line.text), _AXIS.match(line.text)
@@ -110,8 +102,8 @@ def _count(text: str) -> int:
     return next((n for n in (3, 2) if read_cells(text, ["number"] * n, [_PLACES] * n) is not None), 0)
 
 
-def _point(group: list[_Row], width: int | None, notes: Notes) -> Iterator[SubmergedPoint]:
-    """Yield the point of three rows, where its number can be read."""
+def _point(group: list[_Row], width: int | None, notes: Notes) -> Cells:
+    """Yield the cells of the point of three rows, where its number can be read."""
     named = group[1]
     words = [word for word in named.words[:-1] if word != "*"]
     name = notes.ids(" ".join(words), 1, width)
@@ -121,9 +113,8 @@ def _point(group: list[_Row], width: int | None, notes: Notes) -> Iterator[Subme
     notes.repairs.extend(name.repairs(named.line.number))
     for axis, row in zip(AXES, group, strict=True):
         _note_repairs(axis, row, [] if row is named else row.words[:-1], notes)
-    rows = zip(AXES, group, strict=True)
-    xyz = {(column, axis): cell for axis, row in rows for column, cell in row.cells.items()}
-    yield SubmergedPoint(name=name.texts[0], mark="*" * named.words.count("*"), xyz=xyz)
+        for column, cell in row.cells.items():
+            yield (name.texts[0], f"{axis}, {column}"), cell
 
 
 def _note_repairs(axis: str, row: _Row, others: Sequence[str], notes: Notes) -> None:
@@ -140,39 +131,33 @@ def _note_repairs(axis: str, row: _Row, others: Sequence[str], notes: Notes) -> 
         notes.repair(row.line, RepairKind.BORDER, left)
 
 
-def check_submerged(tables: Sequence[Sequence[SubmergedPoint]]) -> Iterator[Misprint]:
+def check_submerged(tables: Sequence[Report]) -> Iterator[Misprint]:
     """Yield coordinates that refraction cannot have put where they are.
 
     No column may leave the apparent position by much more than it does at the other points.
     """
-    for points in tables:
-        for column in COLUMNS[1:]:
-            for axis in AXES:
-                yield from _outliers(points, column, axis)
-
-
-def _outliers(points: Sequence[SubmergedPoint], column: str, axis: str) -> Iterator[Misprint]:
-    shifts = [(point, shift) for point in points if (shift := _shift(point, column, axis)) is not None]
-    if len(shifts) <= _FEW:
-        return
-    # Of all but the largest: that of the others of each outlier, which is in the upper half.
-    limit = max(_FLOOR, _FACTOR * median(sorted(abs(shift) for _, shift in shifts)[:-1]))
-    for point, shift in shifts:
-        if abs(shift) <= limit:
+    for table, column, axis in product(tables, COLUMNS[1:], AXES):
+        shifts = {point: _shift(table, point, column, axis) for point in table.items}
+        known = {point: shift for point, shift in shifts.items() if shift is not None}
+        if len(known) <= _FEW:
             continue
-        cell, straight = point.xyz[column, axis], point.xyz["none", axis]
-        others = [size for other, size in shifts if other is not point]
-        near = text_like(straight.value + median(others), cell.text)
-        suspects = [Suspect.of(f"{axis}, {column}", cell, f"about {near}")]
-        columns = (_shift(point, name, axis) for name in COLUMNS[1:])
-        if all(abs(one) > limit for one in columns if one is not None):
-            # As far away in both other columns: the first one may be wrong.
-            suspects.append(Suspect.of(f"{axis}, no refraction", straight))
-        message = f"{axis}, {column}, is {abs(shift):.1f} m from where it seems to be: more than {limit:.0f} m"
-        yield Misprint(cell.line, NAME, f"point {point.name}", message, tuple(suspects))
+        # Of all but the largest: that of the others of each outlier, which is in the upper half.
+        limit = max(_FLOOR, _FACTOR * median(sorted(map(abs, known.values()))[:-1]))
+        for point, shift in known.items():
+            if abs(shift) <= limit:
+                continue
+            cell, straight = table.cells[point, f"{axis}, {column}"], table.cells[point, f"{axis}, none"]
+            near = straight.value + median(size for other, size in known.items() if other != point)
+            suspects = [Suspect(f"{axis}, {column}", cell.line, cell.text, f"about {text_like(near, cell.text)}")]
+            both = (_shift(table, point, name, axis) for name in COLUMNS[1:])
+            if all(abs(one) > limit for one in both if one is not None):
+                # As far away in both other columns: the first one may be wrong.
+                suspects.append(Suspect(f"{axis}, no refraction", straight.line, straight.text))
+            message = f"{axis}, {column}, is {abs(shift):.1f} m from where it seems to be: more than {limit:.0f} m"
+            yield Misprint(cell.line, table.title, f"point {point}", message, tuple(suspects))
 
 
-def _shift(point: SubmergedPoint, column: str, axis: str) -> float | None:
+def _shift(table: Report, point: str, column: str, axis: str) -> float | None:
     """Return how far a column is from the coordinate without refraction, m; None where one is not legible."""
-    cell, straight = point.xyz.get((column, axis)), point.xyz.get(("none", axis))
+    cell, straight = (table.cells.get((point, f"{axis}, {name}")) for name in (column, "none"))
     return cell.value - straight.value if cell and straight else None
