@@ -3,7 +3,7 @@
 import pytest
 
 from listings.audit.report_tables import table
-from musatpy.listings.audit import listing_of, read_listing
+from musatpy.listings.audit import audit, listing_of, read_listing
 from musatpy.listings.audit.cells import RepairKind, read_cells
 from musatpy.listings.audit.report import printed
 
@@ -127,6 +127,20 @@ def test_bytes_that_are_not_utf8_are_windows_1252(tmp_path):
     (path := tmp_path / "x.lst").write_bytes(text.encode("cp1252"))
     (repair,) = read_listing(path).repairs
     assert (repair.kind, repair.read) == (K.BULLET, ".830")
+
+
+def test_stars_without_any_rms_and_a_frame_twice_are_problems():
+    text = table(4).read_text()
+    listing = listing_of(text.replace("\nRMS of", "\nXXX of"), "x")
+    missing = [
+        f"no row 'RMS of {name} {axis}'"
+        for name in ("Trig Points", "Points Not Trig", "All Points")
+        for axis in "xy"
+    ]
+    assert [one.message.removesuffix(" is legible below") for one in listing.unreadable] == missing
+    assert audit(listing) == []
+    (problem,) = listing_of(text.replace(" 839 ", " 838 ", 1), "x").unreadable
+    assert problem.message == "a frame is there twice" and problem.line == 7
 
 
 def test_a_star_below_no_frame_is_a_problem():

@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -93,12 +94,8 @@ def _is_row(line: Line) -> bool:
 
 def audit(listing: Listing) -> list[Misprint]:
     """Return what contradicts in a listing, by line."""
-    misprints = [
-        *check_analyses(listing.analyses),
-        *check_plates(listing.plates),
-        *check_submerged(listing.submerged),
-    ]
-    return sorted(misprints, key=lambda finding: finding.line)
+    checks = check_analyses(listing.analyses), check_plates(listing.plates), check_submerged(listing.submerged)
+    return sorted(chain.from_iterable(checks), key=lambda finding: finding.line)
 
 
 def audit_text(listing: Listing, findings: Sequence[Misprint]) -> str:

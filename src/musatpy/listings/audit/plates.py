@@ -10,12 +10,11 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import product
 
 from musatpy.listings.audit.analyses import Interval
 from musatpy.listings.audit.cells import RepairKind
-from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, printed_id
+from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, pages_joined, printed, printed_id
 from musatpy.listings.audit.scan import Excerpt, Line, Notes, canonical, found, rows_of
 
 _POINTS = {
@@ -43,37 +42,9 @@ _REACH = 4  # columns of print that a star may stand beside its frame: half a co
 _SLACK = 1e-9  # mm^2 relative: a number exactly between two prints may have gone either way
 
 
-def read_plates(excerpts: Sequence[Excerpt], notes: Notes) -> Iterator[Report]:
-    """Yield the tables of RMS by frame, mm (ETL-0306, Tables 6-4 and 6-8).
-
-    Those of the same run between which no other report stands are one, ten frames on each.
-    """
-    last: Report | None = None
-    for excerpt in excerpts:
-        table = _read(excerpt, notes) if excerpt.kind == "plates" else None
-        if (
-            last
-            and table
-            and last.refracted == table.refracted
-            and not set(frames_of(last)) & set(frames_of(table))
-        ):
-            stars = {
-                key: star._replace(text=", ".join(filter(None, (star.text, last.cells[key].text))))
-                for key, star in table.cells.items()
-                if key[1] == STAR and key in last.cells
-            }
-            last = replace(last, cells=last.cells | table.cells | stars)
-        elif table or excerpt.kind != "plates":
-            if last:
-                yield last
-            last = table
-    if last:
-        yield last
-
-
-def frames_of(table: Report) -> list[str]:
-    """Return the frames of a table, in their order."""
-    return list(dict.fromkeys(item for item, what in table.cells if what != STAR))
+def read_plates(excerpts: Sequence[Excerpt], notes: Notes) -> list[Report]:
+    """Return the tables of RMS by frame, mm, ten frames on each page (ETL-0306, Tables 6-4 and 6-8)."""
+    return pages_joined(_read(excerpt, notes) if excerpt.kind == "plates" else None for excerpt in excerpts)
 
 
 def _read(excerpt: Excerpt, notes: Notes) -> Report | None:
@@ -123,7 +94,8 @@ def _starred(line: Line, text: str, heading: Line, frames: tuple[str, ...], note
         if word.strip(_PUNCTUATION) == _STAR:
             if word != _STAR:
                 notes.repair(line, RepairKind.STRAY, word, _STAR)
-            distance, frame = min((abs(where - place), frame) for frame, where in places)
+            near = [(abs(where - place), frame) for frame, where in places]
+            distance, frame = min(near, default=(math.inf, ""))
             if distance <= (0 if grid else _REACH):
                 stars.append(frame)
             else:
@@ -158,11 +130,15 @@ def _frame_places(heading: Line, frames: tuple[str, ...], grid: bool) -> Iterato
 def check_plates(tables: Sequence[Report]) -> Iterator[Misprint]:
     """Yield what contradicts in the plate tables of a listing."""
     for table in tables:
-        for frame in frames_of(table):
+        for frame in _frames(table):
             yield from _frame(table, frame)
         for group in GROUPS:
             if (group, STAR) in table.cells:
                 yield from _stars(table, group, table.cells[group, STAR])
+
+
+def _frames(table: Report) -> list[str]:
+    return [item for item in table.items if item not in GROUPS]
 
 
 def _frame(table: Report, frame: str) -> Iterator[Misprint]:
@@ -212,13 +188,15 @@ def _share(t: Printed, n: Printed, a: Printed) -> Interval | None:
 def _stars(table: Report, group: str, star: Printed) -> Iterator[Misprint]:
     """Yield stars that are missing, too many, or not at the frame with the largest sqrt(x^2 + y^2)."""
     bounds = {}
-    for frame in frames_of(table):
+    for frame in _frames(table):
         cells = [table.cells.get((frame, f"{group}, {axis}")) for axis in AXES]
         legible = [cell for cell in cells if cell]
         if len(legible) < len(AXES):
             return
         low = math.hypot(*(max(cell.low, 0.0) for cell in legible)) if any(cell.value for cell in legible) else 0.0
         bounds[frame] = low, math.hypot(*(cell.high for cell in legible))
+    if not bounds:
+        return
     largest = max(bounds, key=lambda frame: bounds[frame][0])
     stars, message = star.text.split(", ") if star.text else [], ""
     if not stars and bounds[largest][0] > 0.0:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 
@@ -45,6 +46,26 @@ class Report:
     def items(self) -> list[str]:
         """The components, frames or points, in their order."""
         return list(dict.fromkeys(item for item, _ in self.cells))
+
+    @property
+    def numbers(self) -> set[tuple[str, str]]:
+        """The places of cells that are no ids."""
+        return {place for place, cell in self.cells.items() if not math.isnan(cell.value)}
+
+
+def pages_joined(pages: Iterable[Report | None]) -> list[Report]:
+    """Return the tables of pages, None for what is between: pages that follow one another have no number twice."""
+    tables: list[Report] = []
+    last: Report | None = None
+    for page in pages:
+        if page and last and page.title == last.title and page.numbers.isdisjoint(last.numbers):
+            # Where no frame of this page has a star, one of the last page may.
+            own = {key: cell for key, cell in page.cells.items() if cell.text or key not in last.cells}
+            tables[-1] = page = replace(last, cells=last.cells | own)
+        elif page:
+            tables.append(page)
+        last = page
+    return tables
 
 
 def run_name(refracted: bool | None) -> str:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import product
 from statistics import median
 from typing import NamedTuple
 
 from musatpy.listings.audit.cells import RepairKind, read_cells
-from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, printed, text_like
+from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, pages_joined, printed, text_like
 from musatpy.listings.audit.scan import Excerpt, Line, Notes
 
 Cells = Iterator[tuple[tuple[str, str], Printed]]
@@ -41,16 +40,13 @@ class _Row(NamedTuple):
 
 
 def read_submerged(excerpts: Sequence[Excerpt], notes: Notes) -> list[Report]:
-    """Return the tables of coordinates, m (ETL-0306, Table 6-9); pages without a point twice are of one."""
-    tables: list[Report] = []
-    for excerpt in excerpts:
-        cells = dict(_points(excerpt, notes)) if excerpt.kind == "submerged" else {}
-        table = Report(name=NAME, refracted=None, line=excerpt.lines[0].number, cells=cells)
-        if cells and tables and set(table.items).isdisjoint(tables[-1].items):
-            tables[-1] = replace(tables[-1], cells=tables[-1].cells | cells)
-        elif cells:
-            tables.append(table)
-    return tables
+    """Return the tables of coordinates, m (ETL-0306, Table 6-9)."""
+    return pages_joined(_read(excerpt, notes) if excerpt.kind == "submerged" else None for excerpt in excerpts)
+
+
+def _read(excerpt: Excerpt, notes: Notes) -> Report | None:
+    cells = dict(_points(excerpt, notes))
+    return Report(name=NAME, refracted=None, line=excerpt.lines[0].number, cells=cells) if cells else None
 
 
 def _points(excerpt: Excerpt, notes: Notes) -> Cells:
