@@ -11,6 +11,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from musatpy.probability import students_of_pope
+
 FIELDS = ("redundancy", "standardised", "normal_test", "detectable", "effect")  # of images, two for each
 _AXES = ("x", "y")
 _PLATE = "plate"
@@ -59,5 +63,5 @@ def _students(standardised: Sequence[Any], unit_sigma: Any, freedom: Any) -> lis
     sigma0, f = float(unit_sigma or 0.0), int(freedom)
     if sigma0 <= 0.0 or f < 2:
         return [None] * len(standardised)
-    taus = (None if value is None else float(value) / sigma0 for value in standardised)
-    return [None if tau is None or tau**2 >= f else tau * math.sqrt((f - 1) / (f - tau**2)) for tau in taus]
+    taus = np.array([math.nan if value is None else float(value) for value in standardised]) / sigma0
+    return [value if math.isfinite(value) else None for value in students_of_pope(taus, f).tolist()]

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 
 from musatpy.geometry.rotations import attitude_matrix
-from musatpy.refraction.apparent import CLOSE, REASONS, Fault, Stations, apparent_points, true_points
-from musatpy.refraction.depth_factor import departure, model_factor, pair_factor
+from musatpy.refraction.apparent import (
+    CLOSE,
+    REASONS,
+    Fault,
+    Stations,
+    apparent_points,
+    departure,
+    model_factor,
+    pair_factor,
+    true_points,
+)
 
 FOOT = 0.3048
 HEIGHT, BASE, INDEX = 2500.0 * FOOT, 1126.0 * FOOT, 1.35

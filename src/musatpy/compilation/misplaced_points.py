@@ -14,8 +14,8 @@ from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import Geocentric, System
+from musatpy.units import FOOT
 
-_FOOT = 0.3048
 _ZONE = 6.0  # degrees, of UTM
 
 
@@ -45,8 +45,8 @@ def _ways(correction: Correction, points: FloatArray, middle: FloatArray) -> Ite
     """Yield in words how points would be in the model: changed, or in another system."""
     changed = {
         "x and y exchanged": points[:, [1, 0, 2]],
-        "feet": points * _FOOT,
-        "heights in feet": points * [1.0, 1.0, _FOOT],
+        "feet": points * FOOT,
+        "heights in feet": points * [1.0, 1.0, FOOT],
         "depths positive down": points * [1.0, 1.0, -1.0],
     }
     for words, others in changed.items():

@@ -19,8 +19,7 @@ from musatpy.depth.correction import Correction
 from musatpy.errors import DepthError, Problem
 from musatpy.geometry.crs import local_map
 from musatpy.geometry.systems import geographic
-from musatpy.refraction.apparent import REASONS, Fault, Stations
-from musatpy.refraction.depth_factor import Departure, departure, pair_factor
+from musatpy.refraction.apparent import REASONS, Departure, Fault, Stations, departure, pair_factor
 
 _NEARLY_ZERO = 1e-6  # of the height: stands for an apparent depth of zero, where rays have no true point
 

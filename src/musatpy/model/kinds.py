@@ -12,6 +12,7 @@ from musatpy.units import ARC_SECOND, MICROMETRE
 
 if TYPE_CHECKING:
     from musatpy.model.block import Block
+    from musatpy.model.solution import Solution
 
 ENU = ("East", "North", "Up")
 ANGLES = ("X-Tilt", "Y-Tilt", "Heading")
@@ -69,8 +70,15 @@ class ObservationKind(IntEnum):
         photo, point = (getattr(table, name, _NOTHING)[row : row + 1] for name in ("photo", "point"))
         return photos.ids[photo.reshape(-1)].tolist(), points.ids[point.reshape(-1)].tolist()
 
-    def ids_of(self, block: Block, rows: IntArray) -> list[list[str]]:
-        """Return the ids of the photos, then of the points, that rows (r,) of the table name."""
+    def owners(self, solution: Solution, rows: IntArray) -> list[list[str]]:
+        """Return the ids of the photos, then of the points, of observations (r,), or their tide or wave."""
+        block, water, ids = solution.block, solution.water, None
+        if not self.attribute:
+            if water and self is ObservationKind.WATER_LEVEL:
+                ids = water.correction_ids
+            elif water and water.waves and self is ObservationKind.WAVE:
+                ids = water.waves.ids
+            return [[] if ids is None else ids[row].split() for row in rows.tolist()]
         table, photos, points = getattr(block, self.attribute), block.photos, block.points
         if table is photos:
             return [[name] for name in photos.ids[rows].tolist()]

@@ -105,8 +105,9 @@ class Table:
     def check_links(self, sizes: Mapping[str, int]) -> None:
         """Raise `ValueError` where a link points outside its table; `sizes` are the rows of the tables."""
         for name, about in columns(type(self)).items():
-            if about.link:
-                check_links(self, name, sizes[about.link])
+            links = getattr(self, name) if about.link else np.zeros(0)
+            if links.size and not (0 <= links.min() and links.max() < sizes[about.link]):
+                raise ValueError(f"{type(self).__name__}.{name} links outside 0..{sizes[about.link] - 1}")
 
 
 def no_rows(kind: type[Table]) -> dict[str, NDArray[Any]]:
@@ -155,10 +156,3 @@ def freeze(owner: object, name: str, dtype: DTypeLike, *shape: int) -> None:
         array = array.view()
         array.flags.writeable = False
     object.__setattr__(owner, name, array)
-
-
-def check_links(owner: object, name: str, size: int) -> None:
-    """Raise `ValueError` unless every integer link in attribute `name` points at one of `size` rows."""
-    links = getattr(owner, name)
-    if links.size and not (0 <= links.min() and links.max() < size):
-        raise ValueError(f"{type(owner).__name__}.{name} links outside 0..{size - 1}")

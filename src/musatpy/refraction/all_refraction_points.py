@@ -70,11 +70,8 @@ class _Cells(PerRay):
         return _Cells(ray=np.repeat(self.ray, 4), centre=centre.reshape(-1, 2), half=np.repeat(self.half / 2.0, 4))
 
     def then(self, other: _Cells) -> _Cells:
-        return _Cells(
-            ray=np.concatenate([self.ray, other.ray]),
-            centre=np.concatenate([self.centre, other.centre]),
-            half=np.concatenate([self.half, other.half]),
-        )
+        pairs = ((name, getattr(self, name), getattr(other, name)) for name in ("ray", "centre", "half"))
+        return _Cells(**{name: np.concatenate([first, second]) for name, first, second in pairs})
 
 
 def search(surface: Surface, rays: Rays) -> RayPoints:
@@ -248,11 +245,11 @@ def _bounded(surface: Surface, rays: Rays, reach: Reach) -> tuple[FloatArray, Fl
     sine = q[1] / np.hypot(depth[1], q[1])
     radius = reach.radius + q[1]
     for _ in range(_PASSES):
-        water = _Leg.of(depth, np.maximum(q[0] - radius, 0.0), np.minimum(q[1] + radius, reach.radius))
-        air = _Leg.of(height, np.maximum(Q[1] - radius, 0.0), Q[0] + radius)
-        pull = np.maximum(n * water.steepest - air.flattest, air.steepest - n * water.flattest)
+        steep, flattest, bend = _leg(depth, np.maximum(q[0] - radius, 0.0), np.minimum(q[1] + radius, reach.radius))
+        air_steep, air_flattest, air_bend = _leg(height, np.maximum(Q[1] - radius, 0.0), Q[0] + radius)
+        pull = np.maximum(n * steep - air_flattest, air_steep - n * flattest)
         f = pull * surface.limits.slope
-        radius = np.minimum(radius, f / (n * water.convexity + air.convexity))
+        radius = np.minimum(radius, f / (n * bend + air_bend))
         # along the way from there the gradient grows at least as the sine of the water ray does straight outwards
         lean = sine + f / n
         tangent = lean / np.sqrt(np.maximum(1.0 - lean * lean, _SHORTEST))
@@ -261,24 +258,13 @@ def _bounded(surface: Surface, rays: Rays, reach: Reach) -> tuple[FloatArray, Fl
     return centre, (radius + (q[1] - q[0]) / 2.0) * (1.0 + _MARGIN)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Leg:
-    """What a leg of the rays is at its worst: cosines (N,) of its angle from the vertical, greatest and least.
+def _leg(up: FloatArray, nearest: FloatArray, farthest: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what a leg of the rays is at its worst, each (N,).
 
-    convexity (N,) 1/m: the least curvature of its length over a level surface.
+    The cosines of its angle from the vertical, greatest and least, and the least curvature (1/m) of its length over
+    a level surface; from the least and greatest height (2, N) and distance in plan (N,), each m.
     """
-
-    steepest: FloatArray
-    flattest: FloatArray
-    convexity: FloatArray
-
-    @classmethod
-    def of(cls, up: FloatArray, nearest: FloatArray, farthest: FloatArray) -> _Leg:
-        """Return it from the least and greatest height (2, N) and distance in plan (N,), each m."""
-        least, greatest = up.min(axis=0), up.max(axis=0)
-        # up^2 / length^3 falls with the distance; with the height it rises and then falls: least at an end
-        return cls(
-            steepest=greatest / np.hypot(greatest, nearest),
-            flattest=least / np.hypot(least, farthest),
-            convexity=(np.square(up) / np.hypot(up, farthest) ** 3).min(axis=0),
-        )
+    least, greatest = up.min(axis=0), up.max(axis=0)
+    # up^2 / length^3 falls with the distance; with the height it rises and then falls: least at an end
+    curvature = (np.square(up) / np.hypot(up, farthest) ** 3).min(axis=0)
+    return greatest / np.hypot(greatest, nearest), least / np.hypot(least, farthest), curvature

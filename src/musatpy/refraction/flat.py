@@ -10,17 +10,20 @@ water. An adjustment needs that: which rays are wet must not change under its fe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from musatpy.arrays import BoolArray, FloatArray
 
 _CHUNK = 8192  # rays at a time: the dozen arrays of one Newton step stay in the second-level cache
 _MAX_STEPS = 60
 Value = TypeVar("Value", float, FloatArray)
+# cameras, ground points, verticals (r, 3), depths, indices, and which are wet (r,), one ray after the other
+Rays = tuple[NDArray[Any], ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,8 +135,8 @@ def incidence(
     which rays are refracted, those with a positive depth unless given.
     The partial by the ground point includes the depth that changes with it; `up` is held.
     """
-    rays, shape = _rays(camera, ground, up, depth, index, wet)
-    r = len(rays.depth)
+    rays, shape = _rays((camera, ground, up), depth, index, wet)
+    r = len(rays[0])
     out = Incidence(
         v=np.empty((r, 3)),
         by_camera=np.empty((r, 3, 3)),
@@ -141,9 +144,8 @@ def incidence(
         by_level=np.empty((r, 3)),
         by_index=np.empty((r, 3)),
     )
-    for start in range(0, r, _CHUNK):
-        part = slice(start, start + _CHUNK)
-        _set_incidence(rays.part(part), out, part)
+    for part, some in _chunks(rays):
+        _set_incidence(some, out, part)
     return shaped(out, shape)
 
 
@@ -162,82 +164,53 @@ def water_vector(
     wet: ArrayLike | None = None,
 ) -> FloatArray:
     """Return `Incidence.v` (..., 3) alone, of the arguments of `incidence`."""
-    rays, shape = _rays(camera, ground, up, depth, index, wet)
-    v = np.empty((len(rays.depth), 3))
-    for start in range(0, len(v), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        some = rays.part(part)
-        at = _entering(some)
-        v[part] = np.where(some.wet, at.v, at.gap).T
+    rays, shape = _rays((camera, ground, up), depth, index, wet)
+    v = np.empty((len(rays[0]), 3))
+    for part, some in _chunks(rays):
+        gap, _, into, *_ = _entering(some)
+        v[part] = np.where(some[-1], into, gap).T
     return v.reshape(*shape, 3)
 
 
-class Rays(NamedTuple):
-    """Rays one after the other: cameras, ground points, verticals (r, 3), depths, index, which are wet (r,)."""
-
-    camera: FloatArray
-    ground: FloatArray
-    up: FloatArray
-    depth: FloatArray
-    refraction: FloatArray
-    wet: BoolArray
-
-    def part(self, rows: slice) -> Rays:
-        """Return some of the rays, without gaps in memory."""
-        camera, ground, up, depth, refraction = (np.ascontiguousarray(array[rows]) for array in self[:-1])
-        return Rays(camera, ground, up, depth, refraction, np.ascontiguousarray(self.wet[rows]))
-
-
 def _rays(
-    camera: FloatArray,
-    ground: FloatArray,
-    up: FloatArray,
-    depth: ArrayLike,
-    index: ArrayLike,
-    wet: ArrayLike | None,
+    vectors: tuple[FloatArray, ...], depth: ArrayLike, index: ArrayLike, wet: ArrayLike | None
 ) -> tuple[Rays, tuple[int, ...]]:
     """Return the rays one after the other, and the shape that they had."""
     h, n = np.asarray(depth, dtype=float), np.asarray(index, dtype=float)
-    refracted = h > 0.0 if wet is None else np.asarray(wet, dtype=bool)
-    vectors, values = (camera, ground, up), (h, n, refracted)
+    values = h, n, h > 0.0 if wet is None else np.asarray(wet, dtype=bool)
     shape = np.broadcast_shapes(*(np.shape(vector)[:-1] for vector in vectors), *(value.shape for value in values))
-    camera, ground, up = (np.broadcast_to(vector, (*shape, 3)).reshape(-1, 3) for vector in vectors)
-    h, n, refracted = (np.broadcast_to(value, shape).reshape(-1) for value in values)
-    return Rays(camera, ground, up, h, n, refracted), shape
+    rows = [np.broadcast_to(vector, (*shape, 3)).reshape(-1, 3) for vector in vectors]
+    return (*rows, *(np.broadcast_to(value, shape).reshape(-1) for value in values)), shape
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Entering:
-    """Where r rays enter the water: v (3, r), horizontal directions e (3, r), H, h and tan(I) (r,).
+def _chunks(rays: Rays) -> Iterator[tuple[slice, Rays]]:
+    """Yield which rays come next, and these without gaps in memory."""
+    for start in range(0, len(rays[0]), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        yield part, tuple(np.ascontiguousarray(array[part]) for array in rays)
 
-    With the vectors to ground points and the verticals (3, r), each component by itself.
+
+def _entering(rays: Rays) -> tuple[FloatArray, ...]:
+    """Return of r rays what leads to the water, vectors (3, r) each component by itself.
+
+    Those to ground points and up, v, horizontal directions e; H, h and tan(I) (r,).
     """
-
-    gap: FloatArray
-    up: FloatArray
-    v: FloatArray
-    e: FloatArray
-    H: FloatArray
-    h: FloatArray
-    t: FloatArray
-
-
-def _entering(rays: Rays) -> _Entering:
-    gap, up = np.subtract(rays.ground.T, rays.camera.T, order="C"), np.ascontiguousarray(rays.up.T)
+    camera, ground, vertical, depth, n, wet = rays
+    gap, up = np.subtract(ground.T, camera.T, order="C"), np.ascontiguousarray(vertical.T)
     fall = -_sum(up * gap)
     e = gap + up * fall
     D = np.sqrt(_sum(e * e))
     e /= np.where(D > 0.0, D, 1.0)  # 0 at the nadir
-    h = np.where(rays.wet, rays.depth, 0.0)
+    h = np.where(wet, depth, 0.0)
     H = fall - h
-    t = air_tangent(H, h, D, rays.refraction)
-    return _Entering(gap=gap, up=up, v=e * (H * t) - up * H, e=e, H=H, h=h, t=t)
+    t = air_tangent(H, h, D, n)
+    return gap, up, e * (H * t) - up * H, e, H, h, t
 
 
 def _set_incidence(rays: Rays, out: Incidence, part: slice) -> None:
     """Set a part of the rows of `out`."""
-    at = _entering(rays)
-    e, u, H, h, t, n = at.e, at.up, at.H, at.h, at.t, rays.refraction
+    gap, u, v, e, H, h, t = _entering(rays)
+    n, wet = rays[-2:]
     g = water_tangent_ratio(t, n)
     under = t * g
     air2 = 1.0 / (1.0 + t * t)  # cos^2 I
@@ -249,7 +222,7 @@ def _set_incidence(rays: Rays, out: Incidence, part: slice) -> None:
     kappa = of_water / spread
     Q_H, Q_h = t * of_air / spread, -under * kappa
     ratio = H / (H + h * g)  # Q/D
-    out.v[part] = at.v.T
+    out.v[part] = v.T
     out.by_level[part] = (e * (Q_h - Q_H) + u).T
     out.by_index[part] = (e * (under * cosine * H * h / spread)).T
     # K = kappa e e' + ratio (1 - u u' - e e'); at the nadir kappa equals Q/D, and e e' = 0 leaves K as it should be
@@ -262,9 +235,9 @@ def _set_incidence(rays: Rays, out: Incidence, part: slice) -> None:
                 K += ratio
             out.by_camera[part, i, j] = by_H[i] * u[j] - K
             out.by_ground[part, i, j] = K - by_h[i] * u[j]
-    if not rays.wet.all():
-        dry = part.start + np.flatnonzero(~rays.wet)
-        out.v[dry] = at.gap[:, ~rays.wet].T
+    if not wet.all():
+        dry = part.start + np.flatnonzero(~wet)
+        out.v[dry] = gap[:, ~wet].T
         out.by_camera[dry], out.by_ground[dry] = -np.eye(3), np.eye(3)
         out.by_level[dry] = out.by_index[dry] = 0.0
 

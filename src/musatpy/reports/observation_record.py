@@ -14,7 +14,6 @@ from musatpy.reports import result_record
 from musatpy.reports.encoding import Json, names
 from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows
 from musatpy.statistics import Statistics
-from musatpy.statistics.quality import owners
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +57,7 @@ def _kinds(some: _Observed) -> TextArray:
 
 def _owners(some: _Observed) -> list[list[str]]:
     of = some.statistics.observed.row
-    return some.of_kinds(of, lambda kind, rows: owners(some.statistics.solution, kind, rows))
+    return some.of_kinds(of, lambda kind, rows: kind.owners(some.statistics.solution, rows))
 
 
 def _components(some: _Observed) -> list[str]:

@@ -20,7 +20,7 @@ from musatpy.reports.table import Choice, Column, Report, key, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import Ellipses
-from musatpy.statistics.quality import ALPHA, BETA, FAR, TEST_LIMIT, ChiSquare, owners
+from musatpy.statistics.quality import ALPHA, BETA, FAR, TEST_LIMIT, ChiSquare
 from musatpy.units import ARC_SECOND
 
 HIDDEN = "Statistics: Points That Undetected Errors May Move"
@@ -39,7 +39,7 @@ def observation_columns(rows: Rows) -> tuple[Column[Statistics], ...]:
 
     def names(s: Statistics) -> list[str]:
         links = zip(_kinds(s, rows), s.observed.row[rows(s)].reshape(-1, 1), strict=True)
-        ids = (owners(s.solution, kind, row)[0] for kind, row in links)
+        ids = (kind.owners(s.solution, row)[0] for kind, row in links)
         return [" ".join(f"{name:<8}" for name in of) if len(of) > 1 else "".join(of) for of in ids]
 
     def components(s: Statistics) -> list[str]:

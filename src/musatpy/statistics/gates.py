@@ -127,7 +127,10 @@ def index(statistics: Quality) -> Iterator[Reason]:
 def residuals(statistics: Quality) -> Iterator[Reason]:
     """Yield measurements in the solution whose residual is more than `PART_OF_FORMAT` of the plate."""
     block, residual = statistics.block, np.abs(statistics.solution.plates.residual)
-    size = np.nanmin(_formats(statistics), axis=1)[block.photos.camera[block.plates.photo]]
+    # where no format is given, the extent of what was measured
+    extent = np.ptp(block.plates.xy, axis=0) if len(block.plates.xy) else np.full(2, np.inf)
+    formats = np.where(np.isnan(block.cameras.format_size), extent, block.cameras.format_size)
+    size = np.nanmin(formats, axis=1)[block.photos.camera[block.plates.photo]]
     with np.errstate(invalid="ignore"):
         rows = np.flatnonzero(
             statistics.solution.plates.triangulated & (residual.max(axis=1) > PART_OF_FORMAT * size)
@@ -164,30 +167,19 @@ def ground_heights(statistics: Quality) -> FloatArray:
     block, solution = statistics.block, statistics.solution
     height = elevations(block, solution.points.position)[block.plates.point]
     known = solution.plates.triangulated & np.isfinite(height)
-    return _medians(block.plates.photo[known], height[known], len(block.photos.ids))
-
-
-def _medians(group: IntArray, value: FloatArray, groups: int) -> FloatArray:
-    """Return the medians (groups,) of the values (k,) of each group, NaN of empty ones."""
-    value = value[np.lexsort((value, group))]
-    count = np.bincount(group, minlength=groups)
+    photo, height = block.plates.photo[known], height[known]
+    height = height[np.lexsort((height, photo))]
+    count = np.bincount(photo, minlength=len(block.photos.ids))
     first, some = np.cumsum(count) - count, count > 0
     low, high = ((first + middle // 2)[some] for middle in (count - 1, count))
-    medians = np.full(groups, np.nan)
-    medians[some] = 0.5 * (value[low] + value[high])
+    medians = np.full(len(count), np.nan)
+    medians[some] = 0.5 * (height[low] + height[high])
     return medians
 
 
 def _looks_up(attitude: FloatArray) -> BoolArray:
     """Return (n,) whether cameras of these attitudes look above the horizon: their axis is -(third row of M)."""
     return np.cos(attitude[:, 0]) * np.cos(attitude[:, 1]) < 0.0
-
-
-def _formats(statistics: Quality) -> FloatArray:
-    """Return the formats (c, 2) mm of the cameras; where none is given, the extent of what was measured."""
-    block = statistics.block
-    extent = np.ptp(block.plates.xy, axis=0) if len(block.plates.xy) else np.full(2, np.inf)
-    return np.where(np.isnan(block.cameras.format_size), extent, block.cameras.format_size)
 
 
 def flags(statistics: Quality) -> Iterator[Reason]:
@@ -208,8 +200,8 @@ def flags(statistics: Quality) -> Iterator[Reason]:
                 f"({tests.sigmas[rows].max():.1f} sigmas) {side} photos: {_heights(statistics, rows, flag)}"
             )
             yield Reason(Grade.DOUBTFUL, Concern.FLAGS, text, FLAGS)
-    if (len(below) or len(above)) and not datum:
-        yield from _offset(statistics)
+    if (len(below) or len(above)) and not datum and (apart := _apart(statistics)):
+        yield Reason(Grade.DOUBTFUL, Concern.DATUM, f"if the flags are right, {apart}", FLAGS)
 
 
 def straight(statistics: Quality) -> Iterator[Reason]:
@@ -250,14 +242,6 @@ def _datum(statistics: Quality) -> str:
         if len(rows := tests.doubted_of(flagged))
     ]
     return f"{', '.join(counts)}: {_apart(statistics) or 'no one offset between tides and control explains it'}"
-
-
-def _offset(statistics: Quality) -> Iterator[Reason]:
-    """Yield the offset between tides and control that would end what a few points contradict."""
-    apart = _apart(statistics)
-    if apart:
-        text = f"if the flags are right, {apart}"
-        yield Reason(Grade.DOUBTFUL, Concern.DATUM, text, FLAGS)
 
 
 def _apart(statistics: Quality) -> str:

@@ -427,18 +427,6 @@ def check_test(rows: IntArray, difference: FloatArray, covariance: FloatArray) -
     return CheckTest(row=rows, squares=squares, components=components, probability=probability, total=total)
 
 
-def owners(solution: Solution, kind: ObservationKind, rows: IntArray) -> list[list[str]]:
-    """Return the ids of the photos and points that observations (r,) of a kind belong to, or their tide or wave."""
-    water, ids = solution.water, None
-    if kind.attribute:
-        return kind.ids_of(solution.block, rows)
-    if water and kind is ObservationKind.WATER_LEVEL:
-        ids = water.correction_ids
-    elif water and water.waves and kind is ObservationKind.WAVE:
-        ids = water.waves.ids
-    return [[] if ids is None else ids[row].split() for row in rows.tolist()]
-
-
 def _tests(sigma: FloatArray) -> int:
     """Return how many tests there are: the most that find errors within the range of their parameters.
 

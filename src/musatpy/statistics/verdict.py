@@ -28,7 +28,7 @@ from musatpy.model.photos import other_focal_length
 from musatpy.probability import probability_beyond, quantile, test_limit
 from musatpy.statistics.differences import elevations, metric_differences, rectangular
 from musatpy.statistics.gates import flag_notes, flags, flying_height, gates, ground_heights, straight
-from musatpy.statistics.quality import CommonErrors, Quality, owners
+from musatpy.statistics.quality import CommonErrors, Quality
 from musatpy.units import DEGREE, MICROMETRE, length_unit
 
 GROSS = 5.0  # times the limit of sigma0: no chance puts a single observation so far off
@@ -234,7 +234,11 @@ def units(statistics: Quality) -> Iterator[Reason]:
         text = f"{far}, as with {whose} in feet and {others} in metres"
         yield Reason(Grade.DOUBTFUL, Concern.UNIT, text, _STATION_ANALYSIS)
         return
-    ratio = _ratio_of_heights(statistics)
+    ground = ground_heights(statistics)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratios = (elevations(block, adjusted) - ground) / (elevations(block, block.photos.position) - ground)
+    ratios = ratios[np.isfinite(ratios)]
+    ratio = float(np.median(ratios)) if len(ratios) else float("nan")
     focal = float(np.median(statistics.block.cameras.focal_length))
     other = other_focal_length(focal, ratio, _SAME_SCALE)
     if other:
@@ -294,18 +298,6 @@ def in_feet(given: FloatArray, adjusted: FloatArray) -> tuple[str, float]:
     return next((one for one, factor in times.items() if length_unit(factor, _SAME_SCALE) == "feet"), ""), scale
 
 
-def _ratio_of_heights(statistics: Quality) -> float:
-    """Return the median ratio of adjusted and given heights of the stations above the ground that they show."""
-    block = statistics.block
-    ground = ground_heights(statistics)
-    given = elevations(block, block.photos.position) - ground
-    adjusted = elevations(block, statistics.solution.stations.position) - ground
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = adjusted / given
-    ratio = ratio[np.isfinite(ratio)]
-    return float(np.median(ratio)) if len(ratio) else float("nan")
-
-
 def notes(statistics: Quality) -> Iterator[str]:
     """Yield what is worth knowing and casts no doubt."""
     test = statistics.sigma0
@@ -331,7 +323,7 @@ def _observation(statistics: Quality, row: int, test: float) -> str:
     """Return an observation in words: `plate 21 102 x, test 12.3, in error by about -85.000 um`."""
     observed = statistics.observed
     kind = ObservationKind(int(observed.kind[row]))
-    owner = " ".join(owners(statistics.solution, kind, observed.row[row : row + 1])[0])
+    owner = " ".join(kind.owners(statistics.solution, observed.row[row : row + 1])[0])
     error = float(statistics.estimated_error[row]) / kind.factor
     component = kind.components[int(observed.component[row])]
     return f"{kind.label} {owner} {component}, test {abs(test):.1f}, in error by about {_number(error)} {kind.unit}"
