@@ -101,8 +101,7 @@ def compile_deck(
     values = compilation.record_of(result, verdict, against, profiles, scans, bottoms, warnings)
     files = {listing: text.encode(), record: dumps(values).encode()}
     if csv:
-        folder = listing.with_name(f"{deck.stem}_tables")
-        files |= {folder / name: table.encode() for name, table in csv_files(sections).items()}
+        files |= csv_files(sections, listing)
     files |= {listing.with_suffix(f".{name}"): data for name, data in _extracts(result, profiles, bottoms)}
     if plots:
         files |= {listing.with_suffix(f".{name}"): data for name, data in _pictures(result, bottoms, values)}

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.arrays import FloatArray, TextArray, falling
 from musatpy.errors import MusatError
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.rotations import wrapped
@@ -20,6 +20,7 @@ from musatpy.model.solution import WAVE_VALUES
 
 Record = Mapping[str, Any]
 
+_ROUNDING = 9  # decimals of differences, by which rounding errors do not order them
 # What is compared of a record: its fields, and those of their tables.
 NEEDS = {
     "options": ("system",),
@@ -27,7 +28,7 @@ NEEDS = {
     "solution": ("converged", "degrees_of_freedom", "sigma0", "sum_of_squares"),
     "iterations": ("pass",),
     "stations": ("photo", "position", "position_sigma", "attitude", "attitude_sigma"),
-    "points": ("point", "bathymetric", "position", "sigma", "reason"),
+    "points": ("point", "position", "sigma", "reason"),
     "bathymetric_points": ("point", "depth", "depth_sigma"),
     "control": ("kind", "difference"),
     "plate_statistics": ("total_rms",),
@@ -50,7 +51,6 @@ class Differences:
     ids: TextArray  # (r,)
     difference: FloatArray  # (r, k) m, and rad for angles
     sigma: FloatArray  # (r, k)
-    submerged: BoolArray  # (r,)
 
     @property
     def ratio(self) -> FloatArray:
@@ -108,8 +108,8 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     return Comparison(
         labels=labels,
         facts=_facts(first, second),
-        stations=_stations(first, photos[0], photos[1]),
-        points=_points(first, points[0], points[1]),
+        stations=_placed(first, photos[0], photos[1], "position_sigma", attitude=True),
+        points=_placed(first, points[0], points[1], "sigma", attitude=False),
         waves=_waves(waves[0], waves[1], one_origin),
         depths=_depths(first, second),
         only_one=(
@@ -161,18 +161,16 @@ def metric_differences(record: Record, first: FloatArray, second: FloatArray) ->
     return ellipsoid.metric_differences(first, second, system == "GEOG")
 
 
-def _stations(record: Record, first: _Named, second: _Named) -> Differences:
+def _placed(record: Record, first: _Named, second: _Named, sigma: str, attitude: bool) -> Differences:
+    """Return the differences of positions, and of attitudes, where both have them; `sigma` is that of positions."""
     ids = second.common(first)
-    metres = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
-    turn = wrapped(second.array(ids, "attitude", 3) - first.array(ids, "attitude", 3))
-    sigma = np.hstack([second.array(ids, f"{name}_sigma", 3) for name in ("position", "attitude")])
-    return _sorted(ids, np.hstack([metres, turn]), sigma, np.zeros(len(ids), dtype=bool))
-
-
-def _points(record: Record, first: _Named, second: _Named) -> Differences:
-    ids = second.common(first)
-    metres = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
-    return _sorted(ids, metres, second.array(ids, "sigma", 3), second.array(ids, "bathymetric").astype(bool))
+    difference = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
+    sigmas = second.array(ids, sigma, 3)
+    if attitude:
+        turn = wrapped(second.array(ids, "attitude", 3) - first.array(ids, "attitude", 3))
+        difference = np.hstack([difference, turn])
+        sigmas = np.hstack([sigmas, second.array(ids, "attitude_sigma", 3)])
+    return _sorted(ids, difference, sigmas)
 
 
 def _waves_of(record: Record) -> Record:
@@ -203,33 +201,25 @@ def _waves(first: _Named, second: _Named, one_origin: bool) -> Differences:
         difference[:, column] -= period * np.rint(difference[:, column] / period)
     if not one_origin:
         difference[:, crest] = np.nan
-    return _sorted(ids, difference, second.array(ids, "sigma", len(WAVE_VALUES)), np.zeros(len(ids), dtype=bool))
+    return _sorted(ids, difference, second.array(ids, "sigma", len(WAVE_VALUES)))
 
 
-def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray, submerged: BoolArray) -> Differences:
-    rows = Differences(ids=np.array(ids, dtype=str), difference=difference, sigma=sigma, submerged=submerged)
-    order = _worst_first(rows.largest)
-    return Differences(
-        ids=rows.ids[order], difference=difference[order], sigma=sigma[order], submerged=submerged[order]
-    )
+def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray) -> Differences:
+    rows = Differences(ids=np.array(ids, dtype=str), difference=difference, sigma=sigma)
+    order = falling(rows.largest, _ROUNDING)
+    return Differences(ids=rows.ids[order], difference=difference[order], sigma=sigma[order])
 
 
 def _depths(first: Record, second: Record) -> Depths:
     tables = [_Named("point", record["bathymetric_points"]) for record in (first, second)]
     ids = tables[1].common(tables[0])
     depth = np.stack([table.array(ids, "depth") for table in tables], axis=1)
-    order = _worst_first(np.abs(depth[:, 1] - depth[:, 0]))
+    order = falling(np.nan_to_num(np.abs(depth[:, 1] - depth[:, 0]), nan=-1.0), _ROUNDING)
     return Depths(
         ids=np.array(ids, dtype=str)[order],
         depth=depth[order],
         sigma=tables[1].array(ids, "depth_sigma")[order],
     )
-
-
-def _worst_first(difference: FloatArray) -> IntArray:
-    """Return the rows by falling difference, unknown ones last; rounding errors do not order them."""
-    known = np.nan_to_num(difference, nan=-1.0)
-    return np.lexsort((np.arange(len(known)), -np.round(known, 9)))
 
 
 def _only_one(what: str, tables: Sequence[_Named], labels: tuple[str, str]) -> list[str]:
@@ -262,7 +252,7 @@ def _printed(value: float | None, form: str) -> str:
 
 def _facts_of(record: Record) -> dict[str, str]:
     solution, plates = record["solution"], record["plate_statistics"]
-    facts: dict[str, str] = {
+    facts = {
         "converged": "yes" if solution["converged"] else "no",
         "iterations": str(len(record["iterations"])),
         "degrees of freedom": str(solution["degrees_of_freedom"]),

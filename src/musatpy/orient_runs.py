@@ -79,9 +79,7 @@ def orient_deck(
     if punch:
         files[paths[2]] = deck_bytes(punched(answer), family)
     if csv:
-        folder = paths[0].with_name(f"{deck.stem}_tables")
-        tables = csv_files(sections)
-        files |= {folder / name: text.encode() for name, text in tables.items()}
+        files |= csv_files(sections, paths[0])
     if study:
         files |= _studied(answer, paths[0])
     write_files(files)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -19,6 +18,7 @@ from musatpy.model import Block, CauseSearch, Grade, RecordContent, Solution, Ve
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
 from musatpy.point_flags import PointFlags, flags_set
+from musatpy.reports.csv_files import csv_files
 from musatpy.reports.listing import printed, sections_of
 from musatpy.reports.record import record_of, texts_of
 from musatpy.statistics import Statistics
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from musatpy.formats.families import FormatFamily
     from musatpy.jobs.punch import Punch
     from musatpy.json_files import Needs
-    from musatpy.reports.pages import Section
 
 
 class ExitStatus(IntEnum):
@@ -63,10 +62,10 @@ class RunResult:
     deck: Path
     status: ExitStatus
     problems: tuple[Problem, ...]  # every reason of an unusable deck; else the warnings of its check
-    solution: Solution | None  # None: unusable
-    verdict: Verdict | None  # likewise
-    listing: Path | None  # where the listing is
-    record: Path | None  # where the JSON record is, if there was to be one
+    solution: Solution | None = None  # None: unusable
+    verdict: Verdict | None = None  # likewise
+    listing: Path | None = None  # where the listing is
+    record: Path | None = None  # where the JSON record is, if there was to be one
     edited: Path | None = None  # where the edited deck is, if one was to be punched
     punched: tuple[Path, ...] = ()  # where the deck to go on with is, or the files of another family
 
@@ -110,12 +109,12 @@ def run_deck(
     begin(progress, "reading")
     checked = _checked(deck, family, settings, flags)
     if (block := checked.block) is None:
-        return _unusable(deck, checked.problems)
+        return RunResult(deck=deck, status=ExitStatus.UNUSABLE, problems=checked.problems)
     if on_read is not None:
         on_read(block)
     solution, problems = _adjusted(checked, block, progress, causes)
     if solution is None:
-        return _unusable(deck, problems)
+        return RunResult(deck=deck, status=ExitStatus.UNUSABLE, problems=problems)
     listing, place = output_paths(deck, out_dir)
     edited, notes = _edited_deck(solution, listing.with_suffix(".edited.crd"), family) if punch_edits else ({}, ())
     punched, more = _punched(solution, punch, listing.with_suffix(".pun"), family, punch_family)
@@ -125,7 +124,7 @@ def run_deck(
             statistics = Statistics(solution)
             sections = sections_of(statistics, brief=brief, on_report=partial(begin, progress))
             pages = map(str.encode, printed(statistics, sections, carriage_control=carriage_control, date=date))
-            tables = _tables(sections, listing.with_name(f"{deck.stem}_tables")) if csv else {}
+            tables = csv_files(sections, listing) if csv else {}
             del sections  # they are gone when they are printed
         begin(progress, "record")
         recorded = {place: map(str.encode, texts_of(statistics, record))} if record != RecordContent.NONE else {}
@@ -133,7 +132,7 @@ def run_deck(
         with numerics("the record of the solution"):  # made while it is written
             write_files(files, outdated=() if recorded else (place,))
     except ProblemsError as error:
-        return _unusable(deck, (*error.problems, *problems))
+        return RunResult(deck=deck, status=ExitStatus.UNUSABLE, problems=(*error.problems, *problems))
     return RunResult(
         deck=deck,
         status=ExitStatus.of(statistics.verdict.grade, strict=strict),
@@ -166,13 +165,6 @@ def _checked(
 
 def _warnings(deck: Path, *notes: str) -> Iterator[Problem]:
     return (Problem(file=str(deck), message=note, severity="warning") for note in notes)
-
-
-def _tables(sections: Iterable[Section], folder: Path) -> dict[Path, bytes]:
-    """Return the tables of a listing as files of a folder."""
-    from musatpy.reports.csv_files import csv_files
-
-    return {folder / name: text.encode() for name, text in csv_files(sections).items()}
 
 
 def _adjusted(
@@ -259,20 +251,6 @@ def inquiry_text(path: Path, name: str) -> str:
     return "\n".join(inquiry.inquiry_text(record, about) for about in inquire(record, name))
 
 
-def comparison_text(found: Comparison, listed: int) -> str:
-    """Return a comparison as text, `listed` rows of each table."""
-    from musatpy.reports import comparison
-
-    return comparison.comparison_text(found, listed)
-
-
-def comparison_json(found: Comparison) -> str:
-    """Return a whole comparison as JSON text."""
-    from musatpy.reports import comparison
-
-    return json.dumps(comparison.comparison_record(found), indent=1) + "\n"
-
-
 def output_paths(
     deck: Path,
     out_dir: Path | str | None = None,
@@ -282,7 +260,7 @@ def output_paths(
     punch_family: FormatFamily | None = None,
 ) -> tuple[Path, ...]:
     """Return where the listing and the record of a deck go, and the decks or files that are punched."""
-    folder = _folder(deck, out_dir)
+    folder = deck.parent if out_dir is None else Path(out_dir)
     paths = [folder / f"{deck.stem}.{ending}" for ending in ("lst", "json")]
     if punch_edits:
         paths.append(folder / f"{deck.stem}.edited.crd")
@@ -290,11 +268,6 @@ def output_paths(
         place = folder / f"{deck.stem}.pun"
         paths += [place] if punch_family is None else punch_family.targets(place, deck.stem).values()
     return tuple(paths)
-
-
-def _folder(deck: Path, out_dir: Path | str | None) -> Path:
-    """Return where all that a run leaves goes."""
-    return deck.parent if out_dir is None else Path(out_dir)
 
 
 def check_outputs(
@@ -319,15 +292,3 @@ def check_outputs(
             if place in written:
                 raise MusatError(f"the results of {written[place]} and {deck} would both go to {path}")
             written[place] = deck
-
-
-def _unusable(deck: Path, problems: tuple[Problem, ...]) -> RunResult:
-    return RunResult(
-        deck=deck,
-        status=ExitStatus.UNUSABLE,
-        problems=problems,
-        solution=None,
-        verdict=None,
-        listing=None,
-        record=None,
-    )

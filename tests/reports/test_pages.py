@@ -283,7 +283,7 @@ def test_ids_stand_first_and_heads_are_different(run):
 @pytest.mark.parametrize("refraction", [Refraction.NONE, Refraction.RIGOROUS])
 def test_every_system_has_its_tables(system, refraction):
     statistics = Statistics(sample_solution(system, refraction))
-    files = csv_files(sections_of(statistics))
+    files = {path.name: data.decode() for path, data in csv_files(sections_of(statistics), Path("job.lst")).items()}
     rows = list(csv.reader(files["input_control.csv"].splitlines()))
     x = rows[0].index("Latitude (rad)" if system is CoordinateSystem.GEOGRAPHIC else "X (m)")
     recorded = [position[0] for position in record_of(statistics, {"control"})["control"]["given_position"]]
@@ -294,7 +294,8 @@ def test_every_system_has_its_tables(system, refraction):
 def test_ids_that_a_spreadsheet_would_compute_stay_texts(name):
     """None of its four signs stands first, and who strips blanks reads the same id."""
     rows = [["Point", "X (m)"], [name, -1.25], ["-5", 3.0], ["P-1", np.inf]]
-    (text,) = csv_files([Section(title="Points", values=lambda: rows)]).values()
+    (data,) = csv_files([Section(title="Points", values=lambda: rows)], Path("job.lst")).values()
+    text = data.decode()
     _, first, second, third = csv.reader(text.splitlines())
     assert first[0][0] == " " and first[0].strip() == name.strip() and first[1] == "-1.25"
     assert second == ["-5", "3.0"] and third == ["P-1", ""]  # a number is one in any sheet

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
@@ -23,12 +24,14 @@ def command(ctx: click.Context, first: Path, second: Path, as_json: bool, listed
     metres and in sigmas of B, those that differ most first. Exit status: 0, or 1 where a difference is beyond the
     limit, or a file cannot be used.
     """
-    from musatpy.runs import compared, comparison_json, comparison_text
+    from musatpy.reports.comparison import comparison_record, comparison_text
+    from musatpy.runs import compared
 
     labels = first.stem, second.stem
     if labels[0] == labels[1]:
         labels = name_of(first), name_of(second)
     comparison = compared(first, second, labels)
-    tell(comparison_json(comparison) if as_json else comparison_text(comparison, listed), nl=False)
+    whole = json.dumps(comparison_record(comparison), indent=1) + "\n" if as_json else ""
+    tell(whole or comparison_text(comparison, listed), nl=False)
     if limit is not None and comparison.largest > limit:
         ctx.exit(1)

@@ -7,6 +7,7 @@ import io
 import math
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from musatpy.reports.pages import Cells, Section
@@ -15,11 +16,11 @@ _FORMULA = re.compile(r"\s*[=+\-@]")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
-def csv_files(sections: Iterable[Section]) -> dict[str, str]:
-    """Return the names and texts of the files: every table by its title, `Air Bases` in `air_bases.csv`."""
-    return {
-        f"{_name(section.title)}.csv": _text(section.values()) for section in sections if section.values is not None
-    }
+def csv_files(sections: Iterable[Section], listing: Path) -> dict[Path, bytes]:
+    """Return the files in a folder beside a `listing`: tables by their titles, `Air Bases` in `air_bases.csv`."""
+    folder = listing.with_name(f"{listing.stem}_tables")
+    tables = ((section.title, section.values) for section in sections if section.values is not None)
+    return {folder / f"{_name(title)}.csv": _text(values()).encode() for title, values in tables}
 
 
 def _name(title: str) -> str:
