@@ -6,7 +6,7 @@ the second solution is the one to be held to, and its sigmas are the measure (do
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,11 +99,11 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     systems = [record["options"]["system"] for record in (first, second)]
     if systems[0] != systems[1]:
         raise MusatError(f"nothing to compare: {labels[0]} is a {systems[0]} job, {labels[1]} a {systems[1]} job")
-    photos = [_Named("photo", record["stations"]) for record in (first, second)]
-    points = [_Named("point", record["points"]) for record in (first, second)]
+    photos = [NamedRows("photo", record["stations"]) for record in (first, second)]
+    points = [NamedRows("point", record["points"]) for record in (first, second)]
     if not photos[0].rows.keys() & photos[1].rows.keys():
         raise MusatError(f"nothing to compare: {labels[0]} and {labels[1]} have no photo in common")
-    waves = [_Named("wave", _waves_of(record)) for record in (first, second)]
+    waves = [NamedRows("wave", _waves_of(record)) for record in (first, second)]
     one_origin = first.get("wave_origin") == second.get("wave_origin")
     return Comparison(
         labels=labels,
@@ -120,21 +120,27 @@ def compare(first: Record, second: Record, labels: tuple[str, str] = ("A", "B"))
     )
 
 
-class _Named:
+class NamedRows:
     """A table of a record whose rows have names."""
 
-    def __init__(self, key: str, table: Mapping[str, Any]) -> None:
+    def __init__(self, key: str, table: Record) -> None:
         self.table = table
         self.rows = {name: row for row, name in enumerate(table[key])}
 
-    def common(self, other: _Named) -> list[str]:
+    def common(self, other: NamedRows) -> list[str]:
         """Return the names that another table has too, in the order of this one."""
         return [name for name in self.rows if name in other.rows]
 
-    def array(self, ids: Sequence[str], field: str, *shape: int) -> FloatArray:
+    def array(self, ids: Iterable[str], field: str, *shape: int) -> FloatArray:
         """Return the values of named rows (n, *shape), NaN for null."""
-        values = np.array(self.table[field], dtype=float).reshape(-1, *shape)
-        return values[[self.rows[name] for name in ids]]
+        column = self.table[field]
+        return numbers([column[self.rows[name]] for name in ids], *shape)
+
+    def row(self, name: str) -> dict[str, Any] | None:
+        """Return a row, None where there is none of the name."""
+        return (
+            {field: column[self.rows[name]] for field, column in self.table.items()} if name in self.rows else None
+        )
 
     def why_not(self, name: str) -> str | None:
         """Return why a row has no position; None where it has one."""
@@ -144,6 +150,12 @@ class _Named:
         if "position" not in self.table or self.table["position"][row][0] is not None:
             return None
         return f"is not determined: {self.table['reason'][row] or 'no position'}"
+
+
+def numbers(values: Iterable[Any], *shape: int) -> FloatArray:
+    """Return values of a record (n, *shape) as numbers, NaN for null."""
+    nothing = np.full(shape, np.nan)
+    return np.array([nothing if value is None else value for value in values], dtype=float).reshape(-1, *shape)
 
 
 def metric_differences(record: Record, first: FloatArray, second: FloatArray) -> FloatArray:
@@ -161,7 +173,7 @@ def metric_differences(record: Record, first: FloatArray, second: FloatArray) ->
     return ellipsoid.metric_differences(first, second, system == "GEOG")
 
 
-def _placed(record: Record, first: _Named, second: _Named, sigma: str, attitude: bool) -> Differences:
+def _placed(record: Record, first: NamedRows, second: NamedRows, sigma: str, attitude: bool) -> Differences:
     """Return the differences of positions, and of attitudes, where both have them; `sigma` is that of positions."""
     ids = second.common(first)
     difference = metric_differences(record, *(of.array(ids, "position", 3) for of in (first, second)))
@@ -188,7 +200,7 @@ def _waves_of(record: Record) -> Record:
     }
 
 
-def _waves(first: _Named, second: _Named, one_origin: bool) -> Differences:
+def _waves(first: NamedRows, second: NamedRows, one_origin: bool) -> Differences:
     """Return the differences of waves: azimuths within half a turn, crests within half a length of the second.
 
     A crest a length away is one of the same wave. Where crests count from two origins, they are not compared.
@@ -211,7 +223,7 @@ def _sorted(ids: list[str], difference: FloatArray, sigma: FloatArray) -> Differ
 
 
 def _depths(first: Record, second: Record) -> Depths:
-    tables = [_Named("point", record["bathymetric_points"]) for record in (first, second)]
+    tables = [NamedRows("point", record["bathymetric_points"]) for record in (first, second)]
     ids = tables[1].common(tables[0])
     depth = np.stack([table.array(ids, "depth") for table in tables], axis=1)
     order = falling(np.nan_to_num(np.abs(depth[:, 1] - depth[:, 0]), nan=-1.0), _ROUNDING)
@@ -222,7 +234,7 @@ def _depths(first: Record, second: Record) -> Depths:
     )
 
 
-def _only_one(what: str, tables: Sequence[_Named], labels: tuple[str, str]) -> list[str]:
+def _only_one(what: str, tables: Sequence[NamedRows], labels: tuple[str, str]) -> list[str]:
     """Return the rows that one of the solutions lacks, or could not determine, with the reason where it has one."""
     lacking = []
     for name in sorted(tables[0].rows.keys() | tables[1].rows.keys()):

@@ -15,14 +15,11 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, falling
-from musatpy.comparison import metric_differences
+from musatpy.comparison import NamedRows, Record, metric_differences, numbers
 from musatpy.errors import MusatError, nearest
 from musatpy.model import ObservationKind
 
 _DECIMALS = 2  # of test values, as they are printed
-
-Record = Mapping[str, Any]
-Table = Mapping[str, Any]
 
 NEEDS: Mapping[str, Sequence[str]] = {
     "titles": (),
@@ -122,76 +119,74 @@ def inquire(record: Record, name: str) -> tuple[About, ...]:
     Raises `MusatError` with the nearest name where there is neither.
     """
     run = _Run(record)
-    found = tuple(run.about(name, photo) for photo in (False, True) if name in run.numbers[photo])
+    found = tuple(run.about(name, photo) for photo in (False, True) if name in run.named[photo].rows)
     if not found:
-        likely = nearest(name, (*run.numbers[False], *run.numbers[True]))
+        likely = nearest(name, (*run.named[False].rows, *run.named[True].rows))
         raise MusatError(f"no point and no photo '{name}'" + (f"; did you mean {likely}?" if likely else ""))
     return found
 
 
 class _Run:
-    """The tables of a record with the numbers of their rows by names."""
+    """The tables of a record: its points and photos by names, the rows of observations of its images."""
 
     def __init__(self, record: Record) -> None:
         self.record = record
-        self.tables: dict[bool, Table] = {False: record["points"], True: record["stations"]}
-        names = {False: self.tables[False]["point"], True: self.tables[True]["photo"]}
-        self.numbers = {key: {str(name): row for row, name in enumerate(ids)} for key, ids in names.items()}
+        self.named = {False: NamedRows("point", record["points"]), True: NamedRows("photo", record["stations"])}
         self.plates = record["plates"]
         self.photo, self.point = (np.array(self.plates[key], dtype=np.str_) for key in ("photo", "point"))
         self.observed = _by_image(record["observations"])
 
     def about(self, name: str, is_photo: bool) -> About:
         """Return what is known of one of them."""
-        record, row = self.record, self.numbers[is_photo][name]
+        record, tests = self.record, self.record["tests"] or {}
+        row = self.named[is_photo].row(name)
         images = self._images(np.flatnonzero((self.photo if is_photo else self.point) == name))
-        of_point = not is_photo
-        station = _row(self.tables[True], row) if is_photo else None
+
+        def of_point(table: Record | None) -> dict[str, Any] | None:
+            return None if is_photo or table is None else NamedRows("point", table).row(name)
+
         return About(
             name=name,
             is_photo=is_photo,
-            row=_row(self.tables[is_photo], row),
+            row=row or {},
             images=images,
             others=self._others(name, is_photo),
-            neighbours=self._photos(name, images) if is_photo else self._points(name, images),
-            control=_named(record["control"], name) if of_point else None,
-            water=_named(record["bathymetric_points"], name) if of_point else None,
-            check=_named((record["tests"] or {}).get("check_points"), name) if of_point else None,
-            hidden=_named((record["tests"] or {}).get("hidden_errors"), name) if of_point else None,
+            neighbours=self._neighbours(name, is_photo, images),
+            control=of_point(record["control"]),
+            water=of_point(record["bathymetric_points"]),
+            check=of_point(tests.get("check_points")),
+            hidden=of_point(tests.get("hidden_errors")),
             causes=tuple(one for one in record["causes"] if name in one["photos" if is_photo else "points"]),
-            alone=self._alone(images) if is_photo else (),
-            moved=self._moved(station) if station else float("nan"),
+            alone=tuple(images.point[images.triangulated & ~self._stay(images.point)].tolist()) if is_photo else (),
+            moved=self._moved(name) if is_photo else float("nan"),
         )
 
     def _images(self, rows: IntArray) -> Images:
-        plates, points = self.plates, self.tables[False]
-        point = [self.numbers[False][name] for name in self.point[rows].tolist()]
-        water, photo = (
-            self.record["adjusted_water"],
-            [self.numbers[True][name] for name in self.photo[rows].tolist()],
-        )
-        tides = _numbers((water or {}).get("tide") or [None] * len(self.numbers[True]))
-        observations = [self.observed.get(key, {}) for key in zip(self.photo[rows], self.point[rows], strict=True)]
+        photo, point = self.photo[rows], self.point[rows]
+        observations = [self.observed.get(key, {}) for key in zip(photo, point, strict=True)]
+
+        def measured(field: str, *shape: int) -> FloatArray:
+            return numbers([self.plates[field][row] for row in rows.tolist()], *shape)
 
         def both(field: str, *shape: int) -> FloatArray:
             column = self.record["observations"][field]
-            nothing = np.full(shape, np.nan)
-            parts = [_numbers(column[of[axis]]) if axis in of else nothing for of in observations for axis in _AXES]
-            return np.array(parts).reshape(len(rows), 2, *shape)
+            values = [column[of[axis]] if axis in of else None for of in observations for axis in _AXES]
+            return numbers(values, *shape).reshape(len(rows), 2, *shape)
 
+        tides = numbers((self.record["adjusted_water"] or {}).get("tide") or [None] * len(self.named[True].rows))
         effect, detectable, error = both("effect", 3), both("detectable"), both("estimated_error")
         change = _without(effect, detectable, error).sum(axis=1)
-        taken = np.array(plates["triangulated"], dtype=bool)[rows]
+        taken = measured("triangulated").astype(bool)
         change[~taken | ~self._stay(point)] = np.nan
         return Images(
-            photo=self.photo[rows],
-            point=self.point[rows],
-            submerged=np.array([points["bathymetric"][row] for row in point], dtype=bool),
+            photo=photo,
+            point=point,
+            submerged=self.named[False].array(point, "bathymetric").astype(bool),
             triangulated=taken,
-            residual=_numbers([plates["residual"][row] for row in rows.tolist()], 2),
-            sigma=_numbers([plates["sigma"][row] for row in rows.tolist()], 2),
-            refraction=np.linalg.norm(_numbers([plates["refraction"][row] for row in rows.tolist()], 2), axis=1),
-            tide=tides[photo] if len(rows) else np.zeros(0),
+            residual=measured("residual", 2),
+            sigma=measured("sigma", 2),
+            refraction=np.linalg.norm(measured("refraction", 2), axis=1),
+            tide=tides[[self.named[True].rows[name] for name in photo]] if len(rows) else np.zeros(0),
             redundancy=both("redundancy"),
             test=both("normal_test"),
             detectable=detectable,
@@ -199,14 +194,13 @@ class _Run:
             change=change,
         )
 
-    def _stay(self, points: Sequence[int]) -> BoolArray:
-        """Return (k,) True for points with these numbers that keep a position without one of their rays."""
-        control, ids = self.record["control"], self.tables[False]["point"]
+    def _stay(self, points: Iterable[str]) -> BoolArray:
+        """Return (k,) True for points that keep a position without one of their rays."""
+        control = self.record["control"]
         held = {name for name, used in zip(control["point"], control["used"], strict=True) if any(used)}
         held.update(chain.from_iterable(self.record["equal_elevations"]["points"]))
-        needed = [_ENOUGH_HELD if ids[row] in held else _ENOUGH for row in points]
-        rays = [self.tables[False]["rays"][row] for row in points]
-        return np.array(rays, dtype=int) > np.array(needed, dtype=int)
+        needed = [_ENOUGH_HELD if name in held else _ENOUGH for name in points]
+        return np.asarray(self.named[False].array(points, "rays") > np.array(needed))
 
     def _others(self, name: str, is_photo: bool) -> Others:
         table = self.record["observations"]
@@ -217,7 +211,7 @@ class _Run:
         ]
 
         def values(field: str, *shape: int) -> FloatArray:
-            return _numbers([table[field][row] for row in rows], *shape)
+            return numbers([table[field][row] for row in rows], *shape)
 
         change = _without(values("effect", 3), values("detectable"), values("estimated_error"))
         change[[table["of"][row][-1] != name for row in rows]] = np.nan  # the influence is on the second end
@@ -233,40 +227,29 @@ class _Run:
             change=change,
         )
 
-    def _points(self, name: str, images: Images) -> Neighbours:
-        """Return the points that are on the photos of a point."""
-        on = np.isin(self.photo, images.photo) & (self.point != name)
-        return self._neighbours(name, False, self.point[on])
-
-    def _photos(self, name: str, images: Images) -> Neighbours:
-        """Return the photos that have points of a photo."""
-        same = np.isin(self.point, images.point) & (self.photo != name)
-        return self._neighbours(name, True, self.photo[same])
-
-    def _neighbours(self, name: str, is_photo: bool, named: TextArray) -> Neighbours:
-        table = self.tables[is_photo]
-        ids, common = np.unique(named, return_counts=True)
-        numbers = self.numbers[is_photo]
-        rows = [numbers[one] for one in ids.tolist()]
-        place = _numbers([table["position"][row] for row in [numbers[name], *rows]], 3)
-        here = place[:1].repeat(len(rows), axis=0)
-        distance = np.linalg.norm(metric_differences(self.record, here, place[1:]), axis=1)
+    def _neighbours(self, name: str, is_photo: bool, images: Images) -> Neighbours:
+        """Return the photos that have points of a photo, or the points that are on the photos of a point."""
+        here, there = (self.photo, self.point) if is_photo else (self.point, self.photo)
+        shared = np.isin(there, images.point if is_photo else images.photo) & (here != name)
+        ids, common = np.unique(here[shared], return_counts=True)
+        table = self.named[is_photo]
+        place = table.array([name, *ids], "position", 3)
+        distance = np.linalg.norm(
+            metric_differences(self.record, np.repeat(place[:1], len(ids), axis=0), place[1:]), axis=1
+        )
         order = np.lexsort((np.arange(len(ids)), np.round(distance, 6)))
-        sigma = _numbers([table["position_sigma" if is_photo else "sigma"][row] for row in rows], 3)[:, 2]
-        depths = {} if is_photo else self._depths()
+        sigma = table.array(ids, "position_sigma" if is_photo else "sigma", 3)[:, 2]
+        wet = self.record["bathymetric_points"]
+        depths = {} if is_photo else dict(zip(wet["point"], wet["depth"], strict=True))
         tests = self._tests(is_photo, set(ids.tolist()))
         return Neighbours(
             ids=ids[order],
             distance=distance[order],
             common=common[order],
-            depth=_numbers([depths.get(one) for one in ids.tolist()])[order],
+            depth=numbers(map(depths.get, ids))[order],
             sigma=sigma[order],
-            test=_numbers([tests.get(one) for one in ids.tolist()])[order],
+            test=numbers(map(tests.get, ids))[order],
         )
-
-    def _depths(self) -> dict[str, float | None]:
-        table = self.record["bathymetric_points"]
-        return dict(zip(table["point"], table["depth"], strict=True))
 
     def _tests(self, is_photo: bool, names: set[str]) -> dict[str, float]:
         """Return the largest |test value| of an image of each of these points or photos, where it has one."""
@@ -279,18 +262,12 @@ class _Run:
                 tests |= {one: max(tests.get(one, 0.0), *sizes)} if sizes else {}
         return tests
 
-    def _alone(self, images: Images) -> tuple[str, ...]:
-        """Return the points of a photo that have a position, and would have none without the photo."""
-        stay = self._stay([self.numbers[False][name] for name in images.point.tolist()])
-        lost = images.triangulated & ~stay
-        return tuple(images.point[lost].tolist())
-
-    def _moved(self, station: Mapping[str, Any]) -> float:
-        given, place = (_numbers([station[field]], 3) for field in ("given_position", "position"))
+    def _moved(self, photo: str) -> float:
+        given, place = (self.named[True].array([photo], field, 3) for field in ("given_position", "position"))
         return float(np.linalg.norm(metric_differences(self.record, given, place)))
 
 
-def _by_image(observations: Table) -> dict[tuple[str, str], dict[str, int]]:
+def _by_image(observations: Record) -> dict[tuple[str, str], dict[str, int]]:
     """Return the rows of the coordinates of each image, by photo and point."""
     rows: dict[tuple[str, str], dict[str, int]] = {}
     columns = (observations[field] for field in ("kind", "of", "component"))
@@ -313,23 +290,3 @@ def _is_of_photos(kind: str) -> bool:
 def _largest(values: FloatArray) -> FloatArray:
     """Return the largest of each row (k, 2); NaN where one is."""
     return np.where(np.isnan(values).any(axis=1), np.nan, values.max(axis=1, initial=0.0))
-
-
-def _numbers(values: Any, *shape: int) -> FloatArray:
-    """Return values (n, *shape) as numbers, NaN for null."""
-    if shape:
-        nothing = np.full(shape, np.nan).tolist()
-        values = [nothing if value is None else value for value in values]
-        return np.array(values, dtype=float).reshape(-1, *shape)
-    return np.array(values, dtype=float)
-
-
-def _row(table: Table, row: int) -> dict[str, Any]:
-    return {field: column[row] for field, column in table.items()}
-
-
-def _named(table: Table | None, name: str) -> dict[str, Any] | None:
-    """Return the row of a point, None where there is none."""
-    names: Iterable[str] = [] if table is None else table["point"]
-    number = next((row for row, point in enumerate(names) if point == name), None)
-    return None if table is None or number is None else _row(table, number)
