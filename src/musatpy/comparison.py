@@ -138,9 +138,8 @@ class NamedRows:
 
     def row(self, name: str) -> dict[str, Any] | None:
         """Return a row, None where there is none of the name."""
-        return (
-            {field: column[self.rows[name]] for field, column in self.table.items()} if name in self.rows else None
-        )
+        number = self.rows.get(name)
+        return None if number is None else {field: column[number] for field, column in self.table.items()}
 
     def why_not(self, name: str) -> str | None:
         """Return why a row has no position; None where it has one."""

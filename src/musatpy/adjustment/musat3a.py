@@ -1,4 +1,11 @@
-"""MUSAT-IIIA: the simultaneous adjustment of all points by collinearity, with the refraction in its equations."""
+"""MUSAT-IIIA: the simultaneous adjustment of all points by collinearity, with the refraction in its equations.
+
+It has two starts: points on level ground and, where that does not do, where their straight rays meet. Level ground
+is never so wrong as what poor stations intersect, and all rays are wet: where a poor start has put the points says
+nothing. But rays that look along the ground, or a job whose vertical is not that of the ground, reach a level
+height far from their points; good stations intersect these well. What poor ones intersect behind a camera, or out
+of all proportion, starts as far from its cameras as the control is.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +16,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment import result
+from musatpy.adjustment import result, sightings
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
-from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.ground import level_start
+from musatpy.adjustment.iteration import Outcome, not_raised
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import largest_movements
 from musatpy.adjustment.kinds.water import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.adjustment.starts import Attempt, best_of_starts
+from musatpy.adjustment.propagation import redundancy
+from musatpy.adjustment.robust import chi_square_limit
+from musatpy.adjustment.simultaneous import Simultaneous, sum_of_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import (
     WaterLine,
@@ -27,15 +36,30 @@ from musatpy.adjustment.waterline import (
     every_ray_wet,
     starting_line,
 )
-from musatpy.adjustment.wavy_water import Sea
+from musatpy.adjustment.wavy_water import HEIGHT, Sea
 from musatpy.arrays import FloatArray
-from musatpy.model import INDEX_RANGE, Block, Datum, ObservationKind, Refraction, Solution, Weights
+from musatpy.errors import AdjustmentError
+from musatpy.model import (
+    INDEX_RANGE,
+    Block,
+    Datum,
+    Iteration,
+    ObservationKind,
+    PlateSigma,
+    Refraction,
+    Solution,
+    Weights,
+)
 from musatpy.model.progress import Progress, begin
 
 if TYPE_CHECKING:  # most jobs have no unknown waves
     from musatpy.adjustment.wave_search import OtherCrests, WaveTrials
 
 
+Adjusted = tuple[Network, Outcome, "OtherCrests | None"]
+_LEVEL, _STRAIGHT = "level ground", "the points where straight rays meet"
+_FAR = 4.0  # times as far as the known points: oblique photographs show some thrice as far as others
+_UNUSUAL = 3.090232306167813  # normal quantile of .999: beyond it sigma0 is doubtful
 _FIT = 25.0  # weighted squares of an image of most points: five sigmas, where poor stations have hundreds
 _AT_REST = (1e-5, 0.1)  # rad, m: what the digits of the cards leave to be done in a restart
 _MOVES = 4  # to the inner constraints: a motion that is not quite free takes a second one
@@ -55,6 +79,16 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class _Attempt:
+    """An adjustment from one start, with its sum of squares: infinite where it has not converged."""
+
+    adjusted: Adjusted | AdjustmentError
+    squares: float
+    end: str  # in words
+    iterations: tuple[Iteration, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Run:
     """A run of MUSAT-IIIA."""
 
@@ -64,8 +98,7 @@ class _Run:
         """Return the solution from a first state."""
         job = self.job
         restart = self.restarted(state)
-        chosen = Attempt.of(self.adjusted(*restart)) if restart else best_of_starts(job, self.adjusted, state)
-        network, outcome = chosen.network, chosen.outcome
+        (network, outcome, crests), start = (self.adjusted(*restart), "") if restart else self.best_of_starts(state)
         free = self.freedom(network, outcome.state)
         if free.count and not outcome.failure:
             outcome = self.at_rest(network, outcome, free, state.ground)
@@ -85,9 +118,9 @@ class _Run:
             passes=(),
             problem=lambda network, state: self.problem(network, free),
             free=free,
-            crests=chosen.crests,
+            crests=crests,
         )
-        return replace(solution, start=chosen.start)
+        return replace(solution, start=start)
 
     def restarted(self, state: State) -> tuple[State, WaterLine] | None:
         """Return the state of a restart, points at their best, and where rays are; None where that is no minimum.
@@ -113,10 +146,45 @@ class _Run:
         _, rotation, _, translation = largest_movements(factor.solve(equations.rhs), network)
         return (state, line) if rotation < _AT_REST[0] and translation < _AT_REST[1] else None
 
+    def best_of_starts(self, state: State) -> tuple[Adjusted, str]:
+        """Return what comes of level ground or, where that does not do, the lower one of two, and in words which.
+
+        `state` has the points where straight rays meet. The record of iterations is that of the start. Raises
+        `AdjustmentError` where no start has normal equations that can be solved.
+        """
+        job, options = self.job, self.job.block.options
+        level = self.attempt(level_start(job.network, state))
+        # of a guessed plate sigma the limit of sigma0 is that of the card
+        unit = 1.0 if options.plate_sigma_is is PlateSigma.KNOWN else options.sigma0_limit**2
+        if not isinstance(level.adjusted, AdjustmentError) and level.squares <= unit * chi_square_limit(
+            redundancy(level.adjusted[0]), _UNUSUAL
+        ):
+            return level.adjusted, ""
+        straight = self.attempt(straight_start(job.network, state))
+        if not isinstance(straight.adjusted, AdjustmentError) and not not_raised(level.squares, straight.squares):
+            return straight.adjusted, f"{_STRAIGHT}; from {_LEVEL} {level.end}"
+        if isinstance(level.adjusted, AdjustmentError):
+            raise level.adjusted
+        job.iterations[:] = level.iterations
+        return level.adjusted, f"{_LEVEL}; from {_STRAIGHT} {straight.end}"
+
+    def attempt(self, start: State) -> _Attempt:
+        """Return the attempt from a start, all rays of submerged points wet."""
+        job = self.job
+        job.iterations.clear()
+        try:
+            network, outcome, crests = self.adjusted(start, every_ray_wet(job.network, job.bathymetric))
+        except AdjustmentError as error:
+            return _Attempt(adjusted=error, squares=np.inf, end="the normal equations are singular")
+        squares = np.inf if outcome.failure else sum_of_squares(network, outcome.state)
+        end = "it does not converge" if outcome.failure else f"the sum of squares is {squares:.2f}"
+        iterations = tuple(job.iterations)
+        return _Attempt(adjusted=(network, outcome, crests), squares=squares, end=end, iterations=iterations)
+
     def problem(self, network: Network, free: Freedom) -> Simultaneous:
         return Simultaneous(network=network, options=self.job.block.options, held=free.held)
 
-    def adjusted(self, state: State, line: WaterLine) -> tuple[Network, Outcome, OtherCrests | None]:
+    def adjusted(self, state: State, line: WaterLine) -> Adjusted:
         """Return network and outcome, and what the search for other crests says where there are unknown waves."""
         network, line, outcome = self.at_rest_in_water(
             state, line, bool(self.job.network.border.count(ObservationKind.WAVE))
@@ -201,3 +269,25 @@ class _Run:
         if self.job.block.options.datum is not Datum.FREE:
             return NOTHING_FREE
         return freedom(network, state, self.problem(network, NOTHING_FREE).linearise(state).matrix)
+
+
+def straight_start(network: Network, state: State) -> State:
+    """Return the state with points where their straight rays meet, as `state` has them, those apart that do not.
+
+    They start at the distance of the known points, along their rays, on the average. Unknown waves start half as
+    high as given: a block that is held to steeper ones than there are bends to them, and stays in that.
+    """
+    ground, known = state.ground.copy(), np.asarray(network.priors.known.all(axis=1))
+    middle = np.nanmedian(state.ground[known] if known.any() else state.ground, axis=0)
+    for group in network.groups:
+        origin, direction = sightings.straight_rays(network, state, group.rays)
+        away = ground[group.point, None] - origin
+        usual = np.linalg.norm(middle - origin, axis=-1)
+        share = np.einsum("kmi,kmi->km", away, direction) / usual
+        meets = np.all((share > 1.0 / _FAR) & (share < _FAR), axis=1) | known[group.point]
+        usually = np.mean(origin + usual[..., None] * direction, axis=1)
+        ground[group.point] = np.where(meets[:, None], ground[group.point], usually)
+    waves, sea = state.waves.copy(), network.sea
+    if len(waves) and sea is not None:
+        waves[sea.sea.unknown[:, HEIGHT], HEIGHT] *= 0.5
+    return replace(state, ground=ground, waves=waves)
