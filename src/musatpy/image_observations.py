@@ -8,7 +8,7 @@ the plates.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,11 @@ def are_apart(record: Any) -> bool:
     return isinstance(plates, Mapping) and FIELDS[0] in plates and isinstance(record.get("observations"), Mapping)
 
 
-def with_images(record: Mapping[str, Any], number: Callable[[float], Any] = float) -> dict[str, Any]:
+def with_images(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return a record whose table of observations has those of images too, and its table of plates no more of them.
 
-    Its tables are columns of numbers, or of texts of numbers; `number` makes what is computed from a number. Raises
-    `LookupError`, `TypeError` or `ValueError` for a record that is not as its schema says.
+    Its tables are columns. Raises `LookupError`, `TypeError` or `ValueError` for a record that is not as its schema
+    says.
     """
     plates, others, solution = record["plates"], record["observations"], record["solution"]
     columns = {name: list(plates[name]) for name in ("photo", "point", "residual", "sigma", *FIELDS)}
@@ -44,9 +44,9 @@ def with_images(record: Mapping[str, Any], number: Callable[[float], Any] = floa
         **{name: [columns[name][row][axis] for row, axis in images] for name in ("residual", "sigma", *FIELDS)},
     }
     students = _students(found["standardised"], solution["unit_sigma"], solution["degrees_of_freedom"])
-    found["test"] = [None if value is None else number(value) for value in students]
+    found["test"] = students
     found["estimated_error"] = [
-        None if test is None or residual is None else number(-float(residual) / float(redundancy))
+        None if test is None or residual is None else -float(residual) / float(redundancy)
         for test, residual, redundancy in zip(
             found["standardised"], found["residual"], found["redundancy"], strict=True
         )

@@ -52,7 +52,7 @@ def command(
     """
     from musatpy.files import write_files
     from musatpy.listings import compare_bytes
-    from musatpy.listings.machine import json_parts, junit_of_problems, junit_text
+    from musatpy.listings.machine import json_text, junit_of_problems, junit_text
 
     try:
         data, loaded = _read(first, second, rules)
@@ -67,8 +67,7 @@ def command(
     if junit:
         write_files({junit: junit_text(comparison).encode()})
     if as_json:
-        for part in json_parts(comparison):
-            tell_escaped(part)
+        tell_escaped(json_text(comparison))
     elif quiet:
         _tell_shortly(comparison)
     else:

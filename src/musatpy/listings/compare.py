@@ -7,21 +7,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from musatpy.listings.align import align
-from musatpy.listings.findings import Difference, Tally
-from musatpy.listings.judge import Field, Judge, RuleSet, read_angles, still_open
-from musatpy.listings.lines import paper_of
+from musatpy.listings.findings import Difference, Place, Tally
+from musatpy.listings.judge import Field, Judge, RuleSet, Spot, read_angles, still_open
+from musatpy.listings.lines import Line, paper_of
 from musatpy.listings.rules import Rules
-from musatpy.listings.sections import (
-    Column,
-    Row,
-    Section,
-    name_of,
-    numbered,
-    place_of,
-    sections_of,
-    spot_of,
-    squeezed,
-)
+from musatpy.listings.sections import PHOTO, POINT, Column, Row, Section, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, Token
 from musatpy.listings.weighing import Comparison, RowPair, Where
 
@@ -265,3 +255,44 @@ def _overflows_in_both(section: Section, a: Row, b: Row) -> int:
         return 0
     fields = [Counter(_OVERFLOW.findall(row.line.text)) for row in (a, b)]
     return (fields[0] & fields[1]).total()
+
+
+def place_of(lines: Sequence[Line]) -> Place:
+    """Return where the first of some lines stands."""
+    return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
+
+
+def name_of(row: Row) -> str:
+    """Return what a row is called: its ids, or how it begins."""
+    return " ".join([name for name in row.ids if name]) or squeezed(row.line.text)[:40]
+
+
+def spot_of(section: Section, row: Row | None = None, other: Row | None = None) -> Spot:
+    """Return a row, or two that belong together, as rules see it; without a row it is the section itself."""
+    if row is None:
+        lines = section.titles or [line for line, _ in section.lines[:1]]
+        return Spot(pages=tuple(line.page for line in lines[:1]))
+    texts = (row.line.text,) if other is None else (row.line.text, other.line.text)
+    return Spot(
+        pages=(row.line.page,),
+        texts=texts,
+        ids=_with_parts(row.ids),
+        photos=lambda column: _about(section, row, column, PHOTO),
+        points=lambda column: _about(section, row, column, POINT),
+        by_row=section.by_row,
+    )
+
+
+def _about(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
+    """Return the photos, or the points, that a field of a row is about."""
+    if section.grouped:
+        return _with_parts([row.ids[place] for place in section.named_ids[pattern] if place < len(row.ids)])
+    if not pattern.match(section.label_heading):  # which says what the headings of columns, or the labels, name
+        return ()
+    across = column >= 0 and section.columns[column].name
+    return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]
+
+
+def _with_parts(ids: Sequence[str]) -> tuple[str, ...]:
+    """Return ids, and the parts of those of several words."""
+    return (*ids, *(part for name in ids if " " in name for part in name.split()))

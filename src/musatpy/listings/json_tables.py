@@ -1,4 +1,4 @@
-"""A JSON file as tables: rows with names, fields with paths, numbers as they are written."""
+"""A JSON file as tables: rows with names, fields with paths."""
 
 from __future__ import annotations
 
@@ -22,21 +22,16 @@ _PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 Row = Mapping[str, Any]
 
 
-class Number(str):
-    """A number as it is written in a JSON file."""
-
-    __slots__ = ()
-
-
 def read_json(text: str, name: str) -> Any:
-    """Return the content of a JSON text, its numbers as `Number`; raises `CannotCompareError`."""
+    """Return the content of a JSON text; raises `CannotCompareError`."""
     try:
-        return json.loads(text, parse_float=Number, parse_int=Number, parse_constant=Number)
-    except json.JSONDecodeError as error:
-        problem = Problem(file=name, line=error.lineno, message=f"is not JSON: {error.msg}")
-        raise CannotCompareError([problem]) from error
+        return json.loads(text)
     except RecursionError as error:
         raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
+    except ValueError as error:  # a number of more digits than Python reads has no line
+        line = getattr(error, "lineno", 0)
+        message = f"is not JSON: {getattr(error, 'msg', error)}"
+        raise CannotCompareError([Problem(file=name, line=line, message=message)]) from error
 
 
 class NamedRows(NamedTuple):
@@ -129,14 +124,14 @@ def texts_of(value: Any) -> list[str]:
     return [str(entry) for entry in value] if isinstance(value, list) else [str(value)]
 
 
-def leaves(value: Any, path: str = "") -> dict[str, Any]:
+def leaves(row: Row) -> dict[str, Any]:
     """Return every field of a row by its path: `position[1]`, `a.b`; an empty list or object is one itself."""
     fields: dict[str, Any] = {}
-    waiting = [(path, value)]  # the next one last; however deep a record is nested
+    waiting = list(reversed(row.items()))  # the next one last; however deep a record is nested
     while waiting:
         path, value = waiting.pop()
         if isinstance(value, dict) and value:
-            inside = [(f"{path}.{key}" if path else key, entry) for key, entry in value.items()]
+            inside = [(f"{path}.{key}", entry) for key, entry in value.items()]
         elif isinstance(value, list) and value:
             inside = [(f"{path}[{n}]", entry) for n, entry in enumerate(value)]
         else:
@@ -164,6 +159,4 @@ def at(value: Any, path: str) -> Any:
 
 def number_of(value: Any) -> float | None:
     """Return the number in a field, None where it has none."""
-    if isinstance(value, Number):
-        return float(value)
     return value if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from decimal import Decimal
 from xml.etree import ElementTree
 
@@ -14,23 +14,11 @@ from musatpy.listings.findings import Difference, Finding
 from musatpy.listings.render import number_text
 
 SCHEMA_VERSION = "1.0"
-_PIECE = 10_000  # differences in one piece of JSON
-_KEYS = (
-    "kind", "section", "row", "column", "a", "b", "difference", "unit", "last_digits", "sigmas", "rule", "page_a",
-    "line_a", "page_b", "line_b",
-)  # fmt: skip
-_TEMPLATE = "  {\n" + ",\n".join(f'   "{key}": %s' for key in _KEYS) + "\n  }"
-_quoted = json.encoder.encode_basestring_ascii
 _LISTED = 50  # differences in the text of a failed test; all of them are in the JSON
 
 
 def json_text(difference: Difference) -> str:
-    """Return the whole comparison as JSON; numbers of the files are texts, as they are written there."""
-    return "".join(json_parts(difference))
-
-
-def json_parts(difference: Difference) -> Iterator[str]:
-    """Yield what `json_text` returns, in pieces: a million differences need not be in memory as text at once."""
+    """Return the whole comparison as JSON; numbers of listings are texts, as they are written there."""
     head = {
         "schema_version": SCHEMA_VERSION,
         "a": difference.a,
@@ -43,45 +31,40 @@ def json_parts(difference: Difference) -> Iterator[str]:
                 "rows": section.rows,
                 "different": section.different,
                 "passed": section.passed,
-                "largest": [dict(zip(_KEYS, _values(finding), strict=True)) for finding in section.largest],
+                "largest": [_entry(finding) for finding in section.largest],
             }
             for section in difference.sections
         ],
-    }
-    tail = {
         "rules": [
             {"name": rule.name, "matched": rule.matched, "applied": rule.applied, "passed": rule.passed}
             for rule in difference.rules
         ],
         "not_compared": list(difference.not_compared),
     }
-    findings = difference.findings
-    yield json.dumps(head, indent=1).removesuffix("\n}") + ',\n "findings": ['
-    for start in range(0, len(findings), _PIECE):
-        yield (",\n" if start else "\n") + ",\n".join(map(_finding_text, findings[start : start + _PIECE]))
-    yield ("\n ],\n" if findings else "],\n") + json.dumps(tail, indent=1).removeprefix("{\n") + "\n"
+    # one difference a line: there may be a million, and an indented one takes eight times as long
+    findings = ",\n  ".join(json.dumps(_entry(finding)) for finding in difference.findings)
+    return json.dumps(head, indent=1).removesuffix("\n}") + f',\n "findings": [\n  {findings}\n ]\n}}\n'
 
 
-def _finding_text(finding: Finding) -> str:
-    """Return a difference as `json.dumps` lays it out with an indent of one, which takes eight times as long."""
-    return _TEMPLATE % tuple(
-        [
-            _quoted(value) if type(value) is str else "null" if value is None else repr(value)
-            for value in _values(finding)
-        ]
-    )
-
-
-def _values(finding: Finding) -> tuple[str | float | None, ...]:
-    """Return the values of a difference, in the order of `_KEYS`."""
-    (
-        kind, section, row, column, a, b, difference, unit, last_digits, sigmas, rule, place_a, place_b,
-    ) = finding  # fmt: skip
-    return (
-        kind, section, row, column, a, b, None if difference is None else str(difference), unit or None,
-        _finite(last_digits), _finite(sigmas), rule, place_a[0] or None, place_a[1] or None, place_b[0] or None,
-        place_b[1] or None,
-    )  # fmt: skip
+def _entry(finding: Finding) -> dict[str, str | float | None]:
+    """Return what JSON says of a difference."""
+    return {
+        "kind": finding.kind,
+        "section": finding.section,
+        "row": finding.row,
+        "column": finding.column,
+        "a": finding.a,
+        "b": finding.b,
+        "difference": None if finding.difference is None else str(finding.difference),
+        "unit": finding.unit or None,
+        "last_digits": _finite(finding.last_digits),
+        "sigmas": _finite(finding.sigmas),
+        "rule": finding.rule,
+        "page_a": finding.place_a.page or None,
+        "line_a": finding.place_a.line or None,
+        "page_b": finding.place_b.page or None,
+        "line_b": finding.place_b.line or None,
+    }
 
 
 def _finite(value: Decimal | float | None) -> float | None:

@@ -19,7 +19,7 @@ from musatpy.errors import Problem
 from musatpy.image_observations import are_apart, with_images
 from musatpy.listings.compare import compare_sections, overflows
 from musatpy.listings.findings import Difference
-from musatpy.listings.json_tables import Number, at, read_json
+from musatpy.listings.json_tables import at, read_json
 from musatpy.listings.judge import Judge
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
 from musatpy.listings.recorded import entries_of, id_text, mapped_of, rows_of, unit_named, value_of
@@ -85,7 +85,7 @@ def stated_sections() -> tuple[Mapped, ...]:
 def _with_images(content: Record) -> Record:
     """Return a record with all observations in one table; one that is not as its schema says stays as it is."""
     try:
-        return with_images(content, lambda value: Number(f"{value:.12g}")) if are_apart(content) else content
+        return with_images(content) if are_apart(content) else content
     except (LookupError, TypeError, ValueError, ZeroDivisionError):
         return content
 

@@ -16,7 +16,6 @@ from musatpy.listings.findings import Difference, Tally
 from musatpy.listings.json_tables import (
     TOP,
     NamedRows,
-    Number,
     Row,
     at,
     leaves,
@@ -32,7 +31,7 @@ from musatpy.listings.tokens import Token
 from musatpy.listings.weighing import Comparison, RowPair, Where
 
 _PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
-# Others (NaN, an exponent beyond all reason) are words.
+# Others (NaN, infinity) are words.
 _NUMBER = re.compile(r"-?\d+(?:\.(\d+))?(?:[eE]([+-]?\d{1,4}))?", re.ASCII)
 _INDICES = re.compile(r"\[(\d+)\]")
 _GEOGRAPHIC = " (GEOG) or "  # `rad, rad, m (GEOG) or m`
@@ -136,7 +135,12 @@ class _Tables(Comparison):
         unused = still_open(both.among)
         if a == b and not unused:
             return
-        fields = leaves(a), leaves(b)
+        if not unused and not any(isinstance(use.rule.column, int) for use in both.among):
+            differing = [key for key in dict.fromkeys([*a, *b]) if a.get(key, _ABSENT) != b.get(key, _ABSENT)]
+            parts = [{key: row[key] for key in differing if key in row} for row in (a, b)]
+            fields = leaves(parts[0]), leaves(parts[1])
+        else:  # rules wait for a field, or count them
+            fields = leaves(a), leaves(b)
         for number, path in enumerate(fields[0] | fields[1], start=1):
             field = Field(-1, number, path)
             values = tuple(side.get(path, _ABSENT) for side in fields)
@@ -184,7 +188,7 @@ def _spot(table: NamedRows, n: int) -> Spot:
 
 def _token(value: Any) -> Token | None:
     """Return the token of what stands in a field; None where the row has no such field."""
-    if isinstance(value, Number):
+    if isinstance(value, int | float) and not isinstance(value, bool):
         text = str(value)
         if (number := _NUMBER.fullmatch(text)) is None:
             return Token("word", text)

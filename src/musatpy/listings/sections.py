@@ -10,8 +10,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-from musatpy.listings.findings import Place
-from musatpy.listings.judge import Spot
 from musatpy.listings.lines import Line, Paper
 from musatpy.listings.rules import Layout
 from musatpy.listings.tokens import Placed, angle_of, begins_with_number, tokens_of, with_angles
@@ -431,44 +429,3 @@ def _is_title(text: str) -> bool:
         return False
     letters = sum(character.isalpha() for character in text)
     return letters > 2 * sum(character.isdigit() for character in text)
-
-
-def place_of(lines: Sequence[Line]) -> Place:
-    """Return where the first of some lines stands."""
-    return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
-
-
-def name_of(row: Row) -> str:
-    """Return what a row is called: its ids, or how it begins."""
-    return " ".join([name for name in row.ids if name]) or squeezed(row.line.text)[:40]
-
-
-def spot_of(section: Section, row: Row | None = None, other: Row | None = None) -> Spot:
-    """Return a row, or two that belong together, as rules see it; without a row it is the section itself."""
-    if row is None:
-        lines = section.titles or [line for line, _ in section.lines[:1]]
-        return Spot(pages=tuple(line.page for line in lines[:1]))
-    texts = (row.line.text,) if other is None else (row.line.text, other.line.text)
-    return Spot(
-        pages=(row.line.page,),
-        texts=texts,
-        ids=_with_parts(row.ids),
-        photos=lambda column: _about(section, row, column, PHOTO),
-        points=lambda column: _about(section, row, column, POINT),
-        by_row=section.by_row,
-    )
-
-
-def _about(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
-    """Return the photos, or the points, that a field of a row is about."""
-    if section.grouped:
-        return _with_parts([row.ids[place] for place in section.named_ids[pattern] if place < len(row.ids)])
-    if not pattern.match(section.label_heading):  # which says what the headings of columns, or the labels, name
-        return ()
-    across = column >= 0 and section.columns[column].name
-    return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]
-
-
-def _with_parts(ids: Sequence[str]) -> tuple[str, ...]:
-    """Return ids, and the parts of those of several words."""
-    return (*ids, *(part for name in ids if " " in name for part in name.split()))
