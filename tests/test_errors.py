@@ -38,6 +38,7 @@ def test_a_file_without_line_ends_is_not_shown_whole():
     assert len(Problem(message="far out", columns=(300, 310), text=text).render().splitlines()) == 3
 
 
+@pytest.mark.slow
 def test_what_is_quoted_is_cut_and_so_is_a_message_without_end():
     long, names = "x" * 90, ", ".join(map(str, range(1_000_000)))
     assert Problem(found=long, expected="F10.3").headline() == f"'{'x' * 80}...' is not F10.3"

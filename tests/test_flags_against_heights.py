@@ -296,6 +296,7 @@ def test_a_search_that_names_the_flag_is_not_contradicted(editing: model.Editing
         assert [cause.points for cause in flags] == [("212",)] and solution.causes[0] is flags[0]
 
 
+@pytest.mark.slow
 def test_control_held_below_the_water_is_doubted_without_its_flag() -> None:
     block = st_thomas()
     row = int(np.flatnonzero(block.control.kind == model.ControlKind.VERTICAL)[0])

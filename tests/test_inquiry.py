@@ -245,6 +245,7 @@ def test_a_screen_says_what_was_asked_for():
     assert "  8.888 m from the given station" in photo and "  water at .310 m, 8 wet rays" in photo
 
 
+@pytest.mark.slow
 def test_points_without_a_position_and_images_kept_out_are_shown():
     block = run_of(ST_THOMAS).block
     row = int(np.flatnonzero(block.points.ids == "203")[0])
@@ -264,6 +265,7 @@ def test_points_without_a_position_and_images_kept_out_are_shown():
     assert "Submerged point, without a position: " in inquiry_text(said, inquire(said, "203")[0])
 
 
+@pytest.mark.slow
 def test_causes_that_name_a_point_are_said():
     said = record_of_run(FIXTURES / "verdict/edit_point_206_420m.crd")
     named = [point for cause in said["causes"] for point in cause["points"]]

@@ -230,6 +230,7 @@ def test_a_distance_scales_a_block_without_stations() -> None:
     assert scale == pytest.approx(1.0, abs=2e-4)  # the distance and the points at its ends
 
 
+@pytest.mark.slow
 def test_an_air_base_scales_a_block_without_stations() -> None:
     truth = flown(control=2)
     length = float(np.linalg.norm(truth.C[1] - truth.C[0]))
@@ -240,6 +241,7 @@ def test_an_air_base_scales_a_block_without_stations() -> None:
     assert scale == pytest.approx(1.0, abs=1e-3)  # the base and the noise of its stations
 
 
+@pytest.mark.slow
 def test_control_too_weak_to_place_a_block_places_what_it_can() -> None:
     """One full control point holds the three shifts; scale and turns are free."""
     truth = flown()
@@ -266,6 +268,7 @@ def test_heights_alone_do_not_place_a_block() -> None:
     np.testing.assert_allclose(solution.points.position[used, 2], truth.X[used, 2], atol=0.5)  # sigmas of 0.1 m
 
 
+@pytest.mark.slow
 def test_submerged_points_put_an_unplaced_block_to_the_tide() -> None:
     plan = Plan(photos_per_strip=5, strips=2, submerged=True, wet_every=3, seed=9)
     simulated = simulate(plan)
@@ -303,6 +306,7 @@ def test_the_control_option_still_says_why_photos_are_not_placed() -> None:
         adjust(altered(block, options={"datum": model.Datum.CONTROL}))
 
 
+@pytest.mark.slow
 def test_a_deck_of_plates_alone_passes_its_checks(tmp_path: Path) -> None:
     block = unplaced(flown(control=2).block)
     deck = tmp_path / "plates.crd"

@@ -23,6 +23,7 @@ from musatpy.orientation.twomedia.single import SINGLE_RAY
 from orientation.twomedia.geometries import (
     ANGLES,
     KINDS,
+    METHODS,
     Kind,
     geometry,
     level_of,
@@ -32,7 +33,6 @@ from orientation.twomedia.geometries import (
     stations_of,
     truth_of,
 )
-from orientation.twomedia.methods import METHODS
 from orientation.twomedia.referee import block_of, level_of_origin
 from reference.compare import covariance_difference
 from reference.finite_difference_bundle import Problem, jacobian

@@ -144,6 +144,7 @@ def test_a_parameter_is_held_or_is_left_out() -> None:
     assert adjust(altered(block, options={"max_iterations": 1})).held is None
 
 
+@pytest.mark.slow
 def test_the_focal_length_of_a_job_without_observed_stations_has_no_test_and_page_1_names_it() -> None:
     solution = adjust(altered(BLOCKS["st_thomas"](), cameras={"focal_length": lambda focal: 1.02 * focal}))
     statistics = Statistics(solution)
@@ -221,6 +222,7 @@ def test_of_a_guessed_plate_sigma_the_tests_are_relative() -> None:
     assert not np.allclose(guessed.test[both], known.test[both], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_errors_of_considered_water_are_in_the_variance_of_the_pulls() -> None:
     # an error of the index moves the pull of every other parameter: its sigma gives that its variance
     block, sigma, size = altered(observed(photos=3), options=TIGHT), 0.002, 0.0005

@@ -202,6 +202,7 @@ def test_stated_partials_are_those_by_differences() -> None:
     assert not partials[:3, 3:].any()
 
 
+@pytest.mark.slow
 def test_sigmas_are_those_without_turned_axes(monkeypatch: pytest.MonkeyPatch) -> None:
     """At 86 degrees both ways work: stations, sigmas and tests of observed positions and attitudes are the same."""
     block = looking(4.0 * DEGREE)

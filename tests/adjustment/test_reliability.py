@@ -138,7 +138,7 @@ def test_an_error_moves_residual_and_position_as_said(kind: ObservationKind) -> 
     block = sea_block()
     before = simultaneous(block)
     observed = before.observed
-    for i in np.flatnonzero(observed.kind == kind)[::9]:
+    for i in np.flatnonzero(observed.kind == kind)[::18]:
         row, component, sigma = int(observed.row[i]), int(observed.component[i]), float(observed.sigma[i])
         after = simultaneous(changed(block, kind, row, component, 0.1 * sigma))
         moved = after.observed.residual[i] - observed.residual[i]

@@ -39,6 +39,7 @@ def test_an_oblique_pair_converges_from_its_straight_rays() -> None:
     assert sum(iteration.number == 1 for iteration in solution.iterations) == 1  # those of one start
 
 
+@pytest.mark.slow
 def test_the_lower_of_two_starts_is_taken_and_the_other_told() -> None:
     made = make_oblique(Oblique(tilt=45.0 * DEGREE, seed=3))
     assert not adjust(made.block).start  # the first one does

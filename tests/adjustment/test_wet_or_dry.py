@@ -170,6 +170,7 @@ def _cofactors(problem: Simultaneous, state: State) -> Cofactors:
     return factor.cofactors()
 
 
+@pytest.mark.slow
 def test_local_normals_add_up_to_the_normals_of_the_block(
     minimum: tuple[Network, Network, State, float, Simultaneous],
 ) -> None:

@@ -26,8 +26,17 @@ from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of
 from musatpy.orientation.twomedia.strip import orient_strip
 from musatpy.refraction.flat import air_tangent
-from orientation.twomedia.geometries import HOUSE, KINDS, Scene, geometry, points_of, scene, sights_of, truth_of
-from orientation.twomedia.methods import METHODS
+from orientation.twomedia.geometries import (
+    HOUSE,
+    KINDS,
+    METHODS,
+    Scene,
+    geometry,
+    points_of,
+    scene,
+    sights_of,
+    truth_of,
+)
 from orientation.twomedia.strip_scenes import corners, strip_scene, strip_sights
 
 POINTS = {"SINGLE-RAY": 20, "SINGLE-FERMAT": 20}  # 100 in the others

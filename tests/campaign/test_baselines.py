@@ -11,11 +11,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from campaign.batches import ROOT, ST_THOMAS, decks_in, expected, musat
+from campaign.batches import ROOT, ST_THOMAS, Here, decks_in, expected, musat
 from cli import commands
 from musatpy import __version__
 from musatpy.campaign.baseline_index import INDEX, BaselineError, load_baseline
 from musatpy.campaign.baselines import accept, check, save
+from musatpy.campaign.batch import run_batch
 from musatpy.campaign.locks import LockedError, folder_locks
 
 cli = partial(commands.musat, "baseline")
@@ -34,10 +35,15 @@ def tree(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def one_process():
-    """Decks of some tenths of a second are not worth the start of a second process."""
+def in_this_process():
+    """Decks of some tenths of a second are not worth the start of another process."""
+
+    def run(plan, *, processes=None, **more):
+        carried = all(job.run is None for job in plan.jobs)  # the run of a compilation does not travel
+        return run_batch(plan, processes=1, executor=Here() if carried else None, **more)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("musatpy.campaign.batch.cores", lambda: 1)
+        patch.setattr("musatpy.campaign.baselines.run_batch", run)
         yield
 
 
@@ -201,6 +207,7 @@ def test_the_rules_for_records_hold_between_machines(tmp_path):
         assert ran.returncode == 0, ran.stdout
 
 
+@pytest.mark.slow
 def test_a_baseline_without_decks_is_not_the_same(top):
     for side in ("west", "east"):
         (top / "decks" / side / "small0.crd").unlink()

@@ -221,20 +221,6 @@ def test_a_folder_that_cannot_be_written_to_says_what_to_do(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_interrupted_batch_says_what_was_not_run(tmp_path):
-    decks_in(tmp_path, small=2, large=2)
-    batch = start("batch", ".", "-j", "1", cwd=tmp_path)
-    wait_for(lambda: ledger_of(tmp_path))
-    batch.send_signal(signal.SIGINT)
-    _, errors = batch.communicate(timeout=30)
-    assert batch.returncode == 1
-    assert "interrupted; what is finished is kept, and the same command goes on from there" in errors
-    counts = summary_of(tmp_path)["counts"]
-    assert counts["not run"] >= 1 and counts["accepted"] + counts["doubtful"] == len(ledger_of(tmp_path))
-    assert (processes_in(tmp_path), leftovers(tmp_path)) == ([], [])
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.0, 0.02, 0.1])
 def test_an_impatient_user_and_a_worker_that_is_stopped(tmp_path, gap):
     """Ctrl-C again while the batch ends is the same wish; a process that does not listen is killed all the same."""

@@ -343,6 +343,7 @@ def test_a_name_that_the_terminal_cannot_show_is_no_reason_to_fail(tmp_path):
         assert b"stra" in done.stdout
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error(bad_deck):
     code = f"{sys.executable} -c 'from musatpy.cli.main import main; main()' check {bad_deck} | head -n 1"
     done = subprocess.run(["/bin/sh", "-c", code], capture_output=True, check=False)

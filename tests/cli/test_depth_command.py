@@ -94,6 +94,7 @@ def test_points_are_corrected(tmp_path: Path) -> None:
     assert (quiet.exit_code, quiet.output) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_progress(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     arguments = ["depth", "correct", LAGOON / "points.csv", "-o", tmp_path / "out.csv", *CAMERAS, *FORMAT]

@@ -93,6 +93,7 @@ def test_merge_makes_the_strip_of_its_parts(decks: tuple[Path, Path], tmp_path: 
     assert result.stdout.splitlines()[-1].startswith(f"{out}: 10 photos, 98 points, 241 plate measurements")
 
 
+@pytest.mark.slow
 def test_decks_that_contradict_one_another_leave_no_deck(decks: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "all.crd"
     before = sorted(os.listdir(tmp_path))
@@ -108,6 +109,7 @@ def test_decks_that_contradict_one_another_leave_no_deck(decks: tuple[Path, Path
     assert read_deck(out).options.refraction == "NONE"
 
 
+@pytest.mark.slow
 def test_merge_with_prefixes_and_new_names(decks: tuple[Path, Path], tmp_path: Path) -> None:
     names = tmp_path / "names.txt"
     names.write_text("east photo 841 E1\n* camera RC8 RC8A\n")
@@ -124,6 +126,7 @@ def test_merge_with_prefixes_and_new_names(decks: tuple[Path, Path], tmp_path: P
     assert "points in several decks, each one point: 3\n    1104  2057  1108\n" in result.stdout
 
 
+@pytest.mark.slow
 def test_merge_lists_control_that_is_near(decks: tuple[Path, Path], tmp_path: Path) -> None:
     names = tmp_path / "names.txt"
     names.write_text("east point 1118 9118\neast photo 841 E841\n")

@@ -115,6 +115,7 @@ def test_pictures_are_written_on_request(tmp_path: Path) -> None:
         assert (tmp_path / model / "water.surface.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_sigmas_by_options(tmp_path: Path) -> None:
     """Points without sigmas: those of the pair are what the file says, of all points alike they are not."""
     plain = tmp_path / "plain.csv"

@@ -364,6 +364,7 @@ def las(job: Path) -> Path:
     return job / "cloud.las"
 
 
+@pytest.mark.slow
 def test_a_las_file_comes_out_with_extra_dimensions(job: Path) -> None:
     source = las(job)
     result = musat(source, job / "dz.csv", "-o", job / "out.las", *FAST)

@@ -26,6 +26,7 @@ def by_cards(folder):
     return path
 
 
+@pytest.mark.slow
 def test_a_run_with_settings_is_that_of_a_deck_that_says_so(deck, tmp_path):
     assert musat("run", deck, *IIIA).exit_code == 0
     same = by_cards(tmp_path)

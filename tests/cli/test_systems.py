@@ -69,6 +69,7 @@ def test_a_station_of_a_file_is_that_of_proj(tmp_path):
     np.testing.assert_allclose(to_ground.T, R3 @ R2 @ R1 @ grid.T, rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_result_is_punched_in_the_system_of_the_answer(tmp_path):
     deck = tmp_path / "job.crd"
     deck.write_bytes(DECK.read_bytes())
@@ -102,6 +103,7 @@ def test_reading_says_in_which_system(tmp_path):
     assert "job.im: warning: read as coordinates and attitudes of +proj=utm +zone=20" in result.stderr
 
 
+@pytest.mark.slow
 def test_an_answer_in_a_grid_is_read_with_its_deck_too(tmp_path):
     """A geographic deck that has only SYS OUT: its files are in that system, both ways."""
     text = geographic_deck(tmp_path)
@@ -231,6 +233,7 @@ def test_points_beyond_the_projection(deck):
     assert "does not reach 99460817.108, 2028706.603" in said
 
 
+@pytest.mark.slow
 def test_points_outside_the_area_are_a_warning(deck):
     result = musat("run", changed(deck, "EPSG:3992", "EPSG:26717"))
     assert result.exit_code == 0
@@ -244,6 +247,7 @@ def test_bad_words_are_found_and_expected(deck):
     assert "job.crd:6 cols 19-22 SYS.angles: 'PKO' is not A4 (one of OPK, POK, ATS, MATR)" in said
 
 
+@pytest.mark.slow
 def test_a_geoid_by_its_name_in_a_folder_of_proj(deck, tmp_path, monkeypatch):
     """The grid is found in PROJ_DATA; heights of the answer are above it, and the listing says so."""
     header = np.array([15.0, -70.0, 1.0, 1.0], ">f8").tobytes() + np.array([11, 11], ">i4").tobytes()
@@ -271,6 +275,7 @@ def record(path: Path) -> dict:
     return read_rows(path.with_suffix(".json"))
 
 
+@pytest.mark.slow
 def test_a_restart_is_in_the_words_of_the_deck_and_converges_at_once(deck):
     assert musat("run", deck, "--punch", "restart").exit_code == 0
     first = record(deck)
@@ -298,6 +303,7 @@ def test_a_result_is_in_the_system_of_the_answer(deck):
     np.testing.assert_allclose(found, [row["position"] for row in answer], rtol=0, atol=5.01e-5)
 
 
+@pytest.mark.slow
 def test_stations_may_be_computed_from_control_in_a_grid(deck):
     """The control stands in the grid; nothing is said of stations, and the answer is the same."""
     assert musat("run", deck).exit_code == 0
@@ -312,6 +318,7 @@ def test_stations_may_be_computed_from_control_in_a_grid(deck):
         np.testing.assert_allclose(row["position"], before["position"], rtol=0, atol=0.004)
 
 
+@pytest.mark.slow
 def test_merged_decks_are_in_the_words_of_the_first(deck, tmp_path):
     native = FIXTURES / "st_thomas" / "st_thomas.crd"
     assert musat("extract", deck, "--photos", "21-22", "-o", tmp_path / "west.crd").exit_code == 0

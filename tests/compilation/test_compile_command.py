@@ -223,6 +223,7 @@ def test_a_profile_is_put_in_order_and_its_spike_is_named(run_record: Path, tmp_
     assert surface["points"] + surface["left_out"] == new - 1
 
 
+@pytest.mark.slow
 def test_a_profile_whose_end_has_no_position_says_why(run_record: Path, tmp_path: Path) -> None:
     row = next(line for line in stage_readings.DECK.read_text().splitlines() if line[4:22] == "2122     N        ")
     deck = changed(tmp_path, (row, f"{row[:24]} 194.000000{row[35:]}"))
@@ -231,6 +232,7 @@ def test_a_profile_whose_end_has_no_position_says_why(run_record: Path, tmp_path
     assert "its end N has no position in the model" in (tmp_path / "changed.lst").read_text()
 
 
+@pytest.mark.slow
 def test_a_model_without_a_bottom_says_so(run_record: Path, tmp_path: Path) -> None:
     lines = stage_readings.DECK.read_text().splitlines()
     kept = [line for line in lines if not (line.startswith("STG 2223") and line[22:24] in ("GB", "PB"))]
@@ -311,6 +313,7 @@ def test_what_is_no_record_is_refused_with_the_cards_of_the_deck(tmp_path: Path)
     assert "is not the record of a run" in result.output and "STG.class" in result.output
 
 
+@pytest.mark.slow
 def test_a_run_over_no_water_is_refused_unless_it_names_its_liquid(run_record: Path, tmp_path: Path) -> None:
     record = json.loads(run_record.read_text())
     record["water"]["index"] = record["adjusted_water"]["index"] = 1.45
@@ -323,6 +326,7 @@ def test_a_run_over_no_water_is_refused_unless_it_names_its_liquid(run_record: P
     assert compiled(odd, stage_readings.DECK, tmp_path).exit_code == 0
 
 
+@pytest.mark.slow
 def test_plates_that_have_moved_are_not_recovered(run_record: Path, tmp_path: Path) -> None:
     """The right stage of one model reads 40 um too much in y."""
     lines = stage_readings.DECK.read_text().splitlines()

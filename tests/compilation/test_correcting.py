@@ -357,6 +357,7 @@ def correction_of(run: Triangulation, system: str) -> Correction:
     return Correction(stereo=set_up(run, "21", "22"), system=of, pointing=0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("system", "unit"), [("degrees", 110_000.0), ("EPSG:26720", 1.0)])
 def test_polynomials_do_what_the_correction_does(run: Triangulation, system: str, unit: float) -> None:
     """Over the ground of both plates and beside it, in water, on land and between the tides (.12 and .31 m)."""

@@ -195,6 +195,7 @@ def test_as_many_rows_are_read_as_posts_move_over(
     np.testing.assert_allclose(parts.bands["height"], whole.bands["height"], rtol=0.0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_posts_of_a_raster_become_points(run_record: Path, tmp_path: Path) -> None:
     bottom(tmp_path / "a.tif")
     assert corrected(run_record, tmp_path / "a.tif", tmp_path / "true.tif").exit_code == 0

@@ -204,6 +204,7 @@ def test_posts_by_collocation_are_nearer_to_the_truth_and_know_how_near() -> Non
     assert 0.8 < np.sqrt(np.mean(tests)) < 1.2 and 0.85 < np.mean(left_out) < 1.15
 
 
+@pytest.mark.slow
 def test_posts_by_collocation_are_empty_where_there_is_no_surface() -> None:
     (grid,) = grids_of(grid_specs(100.0, (-300.0, 0.0), (1000.0, 1000.0), collocated=True), (noisy(1),), 1.0)
     (by_tin,) = grids_of(grid_specs(100.0, (-300.0, 0.0), (1000.0, 1000.0)), (noisy(1),), 1.0)
@@ -343,6 +344,7 @@ def with_datum(spec: SoundingDatum) -> Compilation:
     return replace(compilation(), datum=spec)
 
 
+@pytest.mark.slow
 def test_depths_below_a_datum_in_a_grid_file(st_thomas: Triangulation, tmp_path: Path) -> None:
     """Depths by the surface at each point, contours at its height there less their depth."""
     spec = SoundingDatum(name="MLLW", height=0.02, sigma=0.05, geoid=str(tilted_datum(tmp_path)))

@@ -198,6 +198,7 @@ def timed(deck_folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_listing_has_the_pace_and_the_file_the_posts(run_record: Path, tmp_path: Path) -> None:
     """Of a job on the ellipsoid: posts stand on the line between the ends, at the height of their depths."""
     result = musat("as11", "compile", run_record, timed(tmp_path))

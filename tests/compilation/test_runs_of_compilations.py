@@ -66,6 +66,7 @@ def test_a_run_that_has_not_converged_is_said_on_every_page(
     assert all(page.splitlines()[1] == "*** THE RUN HAS NOT CONVERGED ***" for page in pages(tmp_path / listing))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grade", ["DOUBTFUL", "REJECTED"])
 def test_a_verdict_against_the_run_is_said_on_every_page(runs: Path, tmp_path: Path, grade: str) -> None:
     record = json.loads((runs / "st_thomas.json").read_bytes())

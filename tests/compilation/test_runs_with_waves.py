@@ -8,7 +8,6 @@ import pytest
 
 from cli.commands import musat
 from compilation.scenes import at_depth, grid, pair
-from compilation.test_true_points import PHOTO, compare, kept_out
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
@@ -19,7 +18,6 @@ from musatpy.compilation.correcting import REASONS, Correction
 from musatpy.compilation.correction_fields import smooth
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.parts import in_parts
-from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import NOT_FOLLOWED, Readings, true_points
@@ -31,7 +29,6 @@ from musatpy.model.tables import empty
 from musatpy.refraction import bending
 from musatpy.refraction.surface import Gridded
 from musatpy.refraction.waves import sinusoidal
-from musatpy.reports.record import dumps, record
 from musatpy.simulation import simulate
 from musatpy.simulation.simulation_spec import spec_from_table
 from stage_readings import FIXTURES, models, pointed, read_again
@@ -65,29 +62,6 @@ def in_model(stereo: Stereomodel, ground: FloatArray) -> FloatArray:
 PLACES = grid((100.0, 800.0), 700.0, 6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("deck", "program", "least", "options"),
-    [
-        ("waves/strip.crd", model.Program.IIIA, 4, {}),
-        ("waves/unknown.crd", model.Program.IIIA, 8, dict(PHOTO)),
-        ("waves/unknown.crd", model.Program.IIA, 8, {}),  # considered: their sigmas go into all others
-    ],
-)
-def test_points_that_a_run_with_waves_keeps_out_are_the_same_when_they_are_compiled(
-    deck: str, program: model.Program, least: int, options: dict[str, object], tmp_path: Path
-) -> None:
-    """To 1e-6 m and 1e-6 of the sigmas, from the solution and from its record."""
-    block, points = kept_out(deck, program, False, options)
-    solution = adjust(block)
-    assert solution.converged and len(points) >= least
-    run = of_solution(solution)
-    compare(run, solution, points[:2])
-    path = tmp_path / "run.json"
-    path.write_text(dumps(record(solution)))
-    compare(of_record(path), solution, points)
-
-
 def test_errors_of_a_wave_are_in_the_sigmas() -> None:
     """That of a crest by what compiled points move by when it is moved by a centimetre."""
     run, step = wavy(swell(sigma=_CREST)), 0.01
@@ -113,6 +87,7 @@ def test_errors_of_a_wave_are_in_the_sigmas() -> None:
     assert (found.y_parallax_sigma > exact.y_parallax_sigma).all()
 
 
+@pytest.mark.slow
 def test_images_traced_through_waves_come_back_as_the_truth() -> None:
     """A strip of four exposures, 9 s apart; plates to .001 um, points to .1 mm on the cards."""
     waves = [
@@ -261,6 +236,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_commands_go_through_the_waves_of_the_run(runs: Path, tmp_path: Path) -> None:
     for command in ("compile", "setup", "compare-points"):
         words = ["as11", command, str(runs / "strip.json"), str(runs / "image.crd"), "-o", str(tmp_path)]
@@ -291,6 +267,7 @@ def test_the_formulas_of_1983_are_of_still_water(runs: Path) -> None:
     assert result.exit_code == 1 and "model A: the run has waves, and PRINTED is of still water" in result.output
 
 
+@pytest.mark.slow
 def test_waves_beside_a_deck_are_given_again() -> None:
     """To a compilation from the solution; its record does not know where their crests count from."""
     block = read_deck(FIXTURES / "waves" / "unknown.crd")

@@ -128,6 +128,7 @@ def read_again(count: int = 3) -> Readings:
     )
 
 
+@pytest.mark.slow
 def test_a_right_stage_that_moved_comes_back() -> None:
     run = pair(_H, _BASE)
     stereo, correction = moved_right_stage(set_up(run, "1", "2"), read_again())

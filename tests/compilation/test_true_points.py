@@ -94,6 +94,9 @@ def compare(run: Triangulation, solution: model.Solution, points: list[int]) -> 
         ("st_thomas/st_thomas.crd", model.Program.IIIA, True, PHOTO),
         ("st_thomas/st_thomas.crd", model.Program.IIIA, True, {**PHOTO, "water_index": model.Treatment.ADJUST}),
         ("cayman/cayman_clean.crd", model.Program.IIIA, False, {}),
+        ("waves/strip.crd", model.Program.IIIA, False, {}),
+        ("waves/unknown.crd", model.Program.IIIA, False, dict(PHOTO)),
+        ("waves/unknown.crd", model.Program.IIA, False, {}),  # considered: their sigmas go into all others
     ],
 )
 def test_points_that_the_run_keeps_out_are_the_same_when_they_are_compiled(
@@ -102,7 +105,7 @@ def test_points_that_the_run_keeps_out_are_the_same_when_they_are_compiled(
     """To 1e-6 m and 1e-6 of the sigmas, from the solution and from its record."""
     block, points = kept_out(deck, program, sigmas, dict(options))
     solution = adjust(block)
-    assert solution.converged and len(points) >= 6
+    assert solution.converged and len(points) >= (4 if deck == "waves/strip.crd" else 6)
     compare(of_solution(solution), solution, points[:2])
     path = tmp_path / "run.json"
     path.write_text(dumps(record(solution)))
@@ -266,6 +269,7 @@ def in_state_plane(position: FloatArray) -> FloatArray:
     return np.column_stack([east, north, position[:, 2]])
 
 
+@pytest.mark.slow
 def test_points_are_stated_as_the_answer_of_the_run(in_feet: Path) -> None:
     record = read_rows(in_feet / "st_thomas_as11.json")
     assert not list(violations(with_columns(record, schema()), schema(), schema()))

@@ -191,6 +191,7 @@ def test_places_by_two_coordinates_of_a_geocentric_job_are_refused(run_record: P
     assert [(fault.card, fault.field) for fault in error.value.problems] == [("PRE", "system"), ("GRD", "first_1")]
 
 
+@pytest.mark.slow
 def test_land_below_the_water_is_told(run_record: Path, tmp_path: Path) -> None:
     row = next(line for line in DECK.read_text().splitlines() if line.startswith("STG 2122     S        G"))
     result = compiled(run_record, changed(tmp_path, (row, f"{row[:23]} {row[24:]}")))

@@ -241,6 +241,7 @@ def test_columns_near_ties_and_powers_are_written_as_their_fields_are(edit):
     check_encoding(make_field(edit), np.concatenate([near, -near]))
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(NUMBERS),
     st.sampled_from(["error", "missing", "zero"]),
@@ -250,12 +251,14 @@ def test_numbers_are_written_as_their_fields_are(edit, blank, values):
     check_encoding(make_field(edit, blank=blank), np.array(values))
 
 
+@pytest.mark.slow
 @given(st.sampled_from(("I1", "I3", "I8", "I15", "I16")), st.lists(st.integers(-(10**16), 10**16), min_size=1))
 def test_integers_are_written_as_their_fields_are(edit, values):
     numbers = np.array(values, dtype=float)
     check_encoding(make_field(edit), np.concatenate([numbers, numbers % 1000, -(numbers % 100), [-0.0]]))
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(TEXTS),
     st.sampled_from(["error", "missing"]),

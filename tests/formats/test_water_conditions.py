@@ -121,6 +121,7 @@ def test_listing_and_record_say_index_and_origin(tmp_path: Path) -> None:
     assert WaterConditions(**water["conditions"]) == SEA
 
 
+@pytest.mark.slow
 def test_salt_beyond_the_fit_is_extrapolated_and_says_so(tmp_path: Path) -> None:
     """The sea of half the jobs: a salinity of 39, which the cards of its chlorinity and salinity tell alike."""
     for given in ({"salinity": 39.0}, {"chlorinity": 39.0 / 1.80655}):
@@ -133,6 +134,7 @@ def test_salt_beyond_the_fit_is_extrapolated_and_says_so(tmp_path: Path) -> None
     assert "extrapolated" not in replace(conditions, chlorinity=19.3).of_water
 
 
+@pytest.mark.slow
 def test_another_liquid_is_listed_recorded_and_written_again(tmp_path: Path) -> None:
     block = cayman()
     oil = replace(block, water=Water(index=1.46, liquid="LAB OIL 3"))

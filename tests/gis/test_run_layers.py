@@ -125,6 +125,7 @@ def test_geojson_is_of_wgs84_by_the_transformation_of_the_datum(tmp_path: Path) 
     assert meta["features"] == 22 and pyproj.CRS(meta["crs"]).is_geographic
 
 
+@pytest.mark.slow
 def test_a_stated_job_is_in_the_system_of_its_answer(tmp_path: Path) -> None:
     assert run(UTM, tmp_path).exit_code == 0
     crs, xyz, _ = layer(tmp_path, "points")
@@ -164,12 +165,14 @@ def test_a_system_without_layers_is_a_wrong_command_line(tmp_path: Path) -> None
     assert result.exit_code == 2 and "--crs goes with --gis" in result.output
 
 
+@pytest.mark.slow
 def test_equal_runs_make_equal_files(tmp_path: Path) -> None:
     for folder in (tmp_path / "a", tmp_path / "b"):
         run(ST_THOMAS, folder)
     assert (tmp_path / "a/st_thomas.gpkg").read_bytes() == (tmp_path / "b/st_thomas.gpkg").read_bytes()
 
 
+@pytest.mark.slow
 def test_footprints_across_the_date_line_are_as_wide_as_they_are(tmp_path: Path) -> None:
     spec = Path(__file__).with_name("date_line.toml")
     assert musat("simulate", spec, "-o", tmp_path).exit_code == 0

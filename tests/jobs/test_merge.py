@@ -96,12 +96,6 @@ def test_one_deck_of_three_decides() -> None:
 # --- contradictions ---
 
 
-def test_a_photo_in_two_decks_is_an_error_unless_joined() -> None:
-    block = cayman()
-    parts = [extracted(block, photos_named(block, [one])).block for one in ("837-841", "841-846")]
-    assert complaints(*parts) == ["photo 841 is in several decks: a.crd, b.crd"]
-
-
 def test_control_that_differs_is_an_error_that_names_both() -> None:
     west, east = strips()
     position = np.array(east.control.position)
@@ -295,12 +289,6 @@ def test_two_things_of_one_name_are_an_error() -> None:
         "a.crd: no photo 99 to be renamed 98",
         "a.crd: points 102 and 101 would both be called 102",
     ]
-
-
-def test_a_name_that_is_too_long_for_its_field_cannot_be_written() -> None:
-    block = renamed(st_thomas(), {Kind.PHOTO: {"21": "STRIP9-21"}}, "a.crd")
-    with pytest.raises(DeckError, match="'STRIP9-21' is not A8"):
-        deck_bytes(block)
 
 
 def test_files_of_new_names() -> None:

@@ -192,6 +192,7 @@ def test_partly_observed_stations_keep_their_observations(name: str, sigma: list
     np.testing.assert_allclose(other[there], one[there], atol=1e-3)  # likewise, in sigmas of 0.5 m and 20 seconds
 
 
+@pytest.mark.slow
 def test_a_free_network_stays_where_it_is() -> None:
     block = simulate(Plan(photos_per_strip=4)).block
     control = replace(block.control, kind=np.full(len(block.control.kind), ControlKind.CHECK))
@@ -208,6 +209,7 @@ def test_a_free_network_stays_where_it_is() -> None:
     assert apart(first, second) < 0.05
 
 
+@pytest.mark.slow
 def test_computed_initial_values_become_given_ones() -> None:
     block = with_options(st_thomas(), initial=model.Initial.COMPUTE)
     nothing = np.full((3, 3), np.nan)
@@ -245,6 +247,7 @@ def test_the_points_of_a_restart_are_check_points() -> None:
 # --- results ---
 
 
+@pytest.mark.slow
 def test_a_result_has_the_adjusted_values_and_their_sigmas() -> None:
     solution = cayman_solved()
     block, notes = punched(solution, RESULT)

@@ -251,6 +251,7 @@ def test_any_two_texts_can_be_compared(rules):
             assert there.same == back.same, (a, b)
 
 
+@pytest.mark.slow
 def test_any_damage_to_a_listing_can_be_compared():
     rng = random.Random(2)
     for _ in range(12):

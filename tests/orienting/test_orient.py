@@ -92,6 +92,7 @@ def test_the_run_of_what_is_punched_stays_where_it_is(tmp_path: Path) -> None:
     np.testing.assert_allclose(solution.water.tilt_sigma, values["plane"]["slope_sigma"], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_listing_begins_with_what_it_is_worth(tmp_path: Path) -> None:
     deck = written(tmp_path, deck_block("aerial", "TRIPLET", 0)[0])
     assert orient(deck, "--csv").exit_code == 0

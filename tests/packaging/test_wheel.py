@@ -44,6 +44,7 @@ def test_the_wheel_is_small(wheel):
     assert wheel.stat().st_size < 5_000_000
 
 
+@pytest.mark.slow
 def test_the_metadata_say_what_it_is(wheel):
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
@@ -81,6 +82,7 @@ def test_every_file_is_in_the_wheel(wheel):
     assert not [name for name in names if name.startswith(("tests/", "fixtures/", "docs/"))]
 
 
+@pytest.mark.slow
 def test_cards_are_read_with_the_formats_of_the_wheel(unpacked):
     ran = run(unpacked, READ_SAMPLES)
     assert ran.returncode == 0, ran.stderr
@@ -96,6 +98,7 @@ def test_the_program_starts_from_the_wheel(unpacked):
     assert "check" in ran.stdout and "run" in ran.stdout
 
 
+@pytest.mark.slow
 def test_the_wheel_runs_a_deck(unpacked, tmp_path):
     deck = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
     ran = run(unpacked, "from musatpy.cli.main import main; main()", "run", str(deck), "-o", str(tmp_path))

@@ -49,6 +49,7 @@ def test_models_points_and_bottom(page, compiled):
     assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
 
 
+@pytest.mark.slow
 def test_what_is_odd_makes_it_doubtful(compiled, tmp_path, monkeypatch):
     monkeypatch.setattr("musatpy.page.compilation_page.PICTURES", ())
     record = json.loads(compiled.read_text())

@@ -93,6 +93,7 @@ def test_a_calibrated_comparator_is_the_affine_part():
         comparator.from_matrix(np.ones((2, 2)))
 
 
+@pytest.mark.slow
 def test_a_grid_plate_calibrates_a_comparator():
     """Scales and angles scatter over 250 readings of a grid as their covariance says."""
     rng = np.random.default_rng(7)

@@ -10,7 +10,7 @@ import pytest
 
 from formats.deck_edits import in_system
 from musatpy import adjust, listing, model, read_deck
-from musatpy.errors import AdjustmentError, DeckError, PlatesError
+from musatpy.errors import DeckError, PlatesError
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model.reduction import Reduced
@@ -344,12 +344,6 @@ def refusing(refused: model.Refused, *photos: int) -> model.Block:
     return block
 
 
-def test_a_refused_plate_stops_the_job():
-    with pytest.raises(PlatesError) as caught:
-        adjust(refusing(model.Refused.STOP, 0, 2))
-    assert caught.value.refusals == dict.fromkeys([PHOTOS[0], PHOTOS[2]], "2 marks measured, 3 needed")
-
-
 def test_a_job_goes_on_without_a_refused_plate():
     block, reduced = reduce(refusing(model.Refused.GO_ON, 0))
     assert reduced.refusals == {PHOTOS[0]: "2 marks measured, 3 needed"}
@@ -363,19 +357,6 @@ def test_a_job_goes_on_without_a_refused_plate():
     np.testing.assert_array_equal(block.air_bases.photo, want.air_bases.photo[bases] - 1)
     solution = adjust(refusing(model.Refused.GO_ON, 0))
     assert solution.converged and solution.reduced.refusals == reduced.refusals
-
-
-def test_no_job_goes_on_without_any_plate():
-    with pytest.raises(PlatesError) as caught:
-        adjust(refusing(model.Refused.GO_ON, 0, 1, 2))
-    assert list(caught.value.refusals) == PHOTOS
-
-
-def test_what_cannot_be_adjusted_without_a_plate_says_what_is_left_out():
-    with pytest.raises(AdjustmentError) as caught:
-        adjust(refusing(model.Refused.GO_ON, 0, 1))
-    told = [str(problem) for problem in caught.value.problems]
-    assert f"warning: photo {PHOTOS[0]} was left out: 2 marks measured, 3 needed" in told
 
 
 def test_a_photo_without_points_is_not_refused():

@@ -111,10 +111,6 @@ def test_nothing_overflows_in_a_plausible_job(system):
     assert sum("****" in line for line in lines) == 3  # the stars of the plate residuals
 
 
-def test_the_same_solution_lists_the_same_bytes():
-    assert listing(sample_solution()) == listing(sample_solution())
-
-
 def test_carriage_control_prints_the_same_pages():
     solution = sample_solution()
     plain, controlled = listing(solution), listing(solution, carriage_control=True)

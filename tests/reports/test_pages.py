@@ -186,6 +186,7 @@ def test_columns_of_whole_numbers_are_edited_as_their_values_are(values, width):
     assert edited(f"I{width}", np.array(values * MANY)) == alone * MANY
 
 
+@pytest.mark.slow
 @given(st.lists(st.text(st.characters(exclude_characters="\0"), max_size=12), min_size=1, max_size=30))
 def test_columns_of_texts_are_edited_as_their_values_are(values):
     alone = [edited("A8", [value])[0] for value in values]

@@ -242,6 +242,7 @@ def test_the_deck_is_made_again():
     np.testing.assert_allclose(again.control.position, deck.control.position, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_the_answer_is_that_of_the_first_deck():
     first = adjust(read_deck(FIXTURES / "st_thomas" / "st_thomas.crd"))
     found = with_rows(

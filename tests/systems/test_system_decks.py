@@ -227,6 +227,7 @@ def test_a_geocentric_deck_answers_in_a_grid(tmp_path, base):
     np.testing.assert_allclose(found, coordinates(block, words_of("UTM", tmp_path), level), rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_option_card_need_not_say_the_system(tmp_path, base):
     block, _ = base
     data = deck_bytes(replace(block, given_in=SPECS["UTM"]))

@@ -29,6 +29,7 @@ def test_an_error_in_the_second_run_is_found_at_its_line():
     assert {one.line for one in found} == {alone + STANDARD.read_text().count("\n")}
 
 
+@pytest.mark.slow
 def test_what_two_runs_say_otherwise_is_not_compared(tmp_path):
     (both := tmp_path / "both.lst").write_text(STANDARD.read_text() + "\f" + MODIFIED.read_text())
     found = side_by_side(read_listing(MODIFIED), both)

@@ -10,8 +10,7 @@ from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, Verdict, orient
 from musatpy.orientation.twomedia.propagation import expected_squares
 from musatpy.orientation.twomedia.sights import Plane, Sights, without
-from orientation.twomedia.geometries import geometry, sights_of, truth_of
-from orientation.twomedia.methods import METHODS, control_of
+from orientation.twomedia.geometries import METHODS, control_of, geometry, sights_of, truth_of
 
 
 def noisy(method: str, seed: int = 1) -> Sights:

@@ -19,9 +19,11 @@ from orientation.twomedia.geometries import (
     ANGLES,
     HOUSE,
     KINDS,
+    METHODS,
     A,
     B,
     N,
+    control_of,
     geometry,
     points_of,
     rotation,
@@ -30,7 +32,6 @@ from orientation.twomedia.geometries import (
     sights_of,
     truth_of,
 )
-from orientation.twomedia.methods import METHODS, control_of
 from orientation.twomedia.paper import distance_in_xy, nine_equations, ray_of, refracted, volume
 
 _ZERO = 1e-13  # m3 of the laboratory: rounding of determinants of lengths of 1 m

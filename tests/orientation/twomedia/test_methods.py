@@ -22,6 +22,8 @@ from orientation.twomedia.geometries import (
     ANGLES,
     HOUSE,
     KINDS,
+    METHODS,
+    control_of,
     dry,
     geometry,
     points_of,
@@ -31,7 +33,6 @@ from orientation.twomedia.geometries import (
     stations_of,
     truth_of,
 )
-from orientation.twomedia.methods import METHODS, control_of
 from orientation.twomedia.referee import block_of, level_of_origin
 
 CASES = [

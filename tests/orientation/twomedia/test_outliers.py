@@ -10,8 +10,7 @@ from musatpy.orientation.twomedia.helmert import adjust, linearised, misfits
 from musatpy.orientation.twomedia.oriented import OrientationError, orient
 from musatpy.orientation.twomedia.outliers import CRITICAL, _tested, conditioned, deviations
 from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of, without
-from orientation.twomedia.geometries import geometry, sights_of, truth_of
-from orientation.twomedia.methods import METHODS, control_of
+from orientation.twomedia.geometries import METHODS, control_of, geometry, sights_of, truth_of
 
 _TOUCHED = 8.0  # sigmas by which an error moves the conditions of its point, beyond any doubt
 

@@ -15,6 +15,8 @@ from musatpy.orientation.twomedia.sights import Plane, Sights, problem_of, redun
 from orientation.twomedia.geometries import (
     ANGLES,
     KINDS,
+    METHODS,
+    control_of,
     dry,
     geometry,
     points_of,
@@ -23,7 +25,6 @@ from orientation.twomedia.geometries import (
     stations_of,
     truth_of,
 )
-from orientation.twomedia.methods import METHODS, control_of
 
 _LEAST = {"SINGLE-RAY": 5, "PAIR-INDEPENDENT": 8, "PAIR-SUCCESSIVE": 8}  # points; of the last control without Y
 
@@ -76,7 +77,7 @@ def test_a_limit_of_starts_limits_the_search():
 @pytest.mark.parametrize("method", _LEAST)
 def test_how_often_minimum_sets_have_other_solutions(method):
     """In the laboratory nearly always when 200 starts look for them: a minimum set is none to trust."""
-    counts = [len(roots_of(method, seed).level) - 1 for seed in range(5)]
+    counts = [len(roots_of(method, seed).level) - 1 for seed in range(3)]
     assert np.mean(np.array(counts) > 0) > 0.45
 
 

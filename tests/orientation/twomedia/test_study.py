@@ -18,8 +18,10 @@ from orientation.twomedia.geometries import (
     ANGLES,
     HOUSE,
     KINDS,
+    METHODS,
     A,
     B,
+    control_of,
     dry,
     geometry,
     level_of,
@@ -29,7 +31,6 @@ from orientation.twomedia.geometries import (
     stations_of,
     truth_of,
 )
-from orientation.twomedia.methods import METHODS, control_of
 
 
 def oriented(method: str, name: str = "lab") -> Oriented:
@@ -177,6 +178,7 @@ def test_the_same_seed_is_the_same_study() -> None:
     assert (first != other).any()
 
 
+@pytest.mark.slow
 def test_water_that_is_held_has_no_precision() -> None:
     true = geometry("lab", "SINGLE-RAY")
     at = truth_of(true)
