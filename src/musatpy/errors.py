@@ -210,6 +210,11 @@ def of_each_kind(problems: Iterable[Problem]) -> Iterator[Problem]:
             yield replace(problem, message=message, line=None, columns=None, found=None, expected=None, text=None)
 
 
+def and_warnings(problems: Iterable[Problem], texts: Iterable[str]) -> list[Problem]:
+    """Return problems, and warnings with these texts after them."""
+    return [*problems, *(Problem(message=text, severity="warning") for text in texts)]
+
+
 def printable(text: str) -> str:
     """Return a text with an escape (`\\x1b`) for each character that disturbs a terminal, XML or a comparison.
 

@@ -11,7 +11,7 @@ import numpy as np
 from musatpy import adjustment
 from musatpy.adjustment.job import with_plate_sigmas
 from musatpy.adjustment.wavy_water import Sea, sea_of
-from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
+from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerics
 from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Order, Solution
 from musatpy.model.block import in_order_of_ids
 from musatpy.model.findings import NO_CARD_EXPLAINS, OF_FLAGS
@@ -36,11 +36,10 @@ def adjust(
     """Return the solution of a block by the program of its options, its blunders listed or edited as these say.
 
     A block of raw plates is reduced first: the block of the solution has their refined coordinates. Where the rows
-    are to be in the order of the identifiers (OP2), the block of the solution has them so. `progress` is
-    called after every iteration; with a `sea`, rays are refracted by its waves. `causes` says how far those of a
-    run that is not accepted are looked for. Raises `AdjustmentError` with every
-    reason where the block cannot be adjusted, as it is or edited, `PlatesError` where plates are refused, and
-    `DeckError` where calibrations cannot be used.
+    are to be in the order of the identifiers (OP2), the block of the solution has them so. `progress` is called
+    after every iteration; with a `sea`, rays are refracted by its waves. `causes` says how far those of a run that
+    is not accepted are looked for. Raises `AdjustmentError` with every reason where the block cannot be adjusted,
+    as it is or edited, `PlatesError` where plates are refused, and `DeckError` where calibrations cannot be used.
     """
     if block.options.order is Order.IDS:
         block = in_order_of_ids(block)
@@ -52,8 +51,7 @@ def adjust(
             return replace(adjust(block, progress, sea, causes), reduced=reduced)
         except AdjustmentError as error:
             without = (f"photo {photo} was left out: {why}" for photo, why in reduced.refusals.items())
-            notes = [Problem(message=message, severity="warning") for message in without]
-            raise AdjustmentError([*error.problems, *notes]) from error
+            raise AdjustmentError(and_warnings(error.problems, without)) from error
     if block.options.editing is not Editing.NONE:
         return _edited(block, progress, sea)
     try:
@@ -61,9 +59,7 @@ def adjust(
     except AdjustmentError as error:
         found, stopped = _causes(block, sea, progress, causes, None)
         texts = (*(f"possible cause: {cause}" for cause in found), *stopped)
-        raise AdjustmentError(
-            [*error.problems, *(Problem(message=text, severity="warning") for text in texts)]
-        ) from error
+        raise AdjustmentError(and_warnings(error.problems, texts)) from error
     of_flags: tuple[Cause, ...] = ()
     if len(Statistics(solution).flags.doubted):
         from musatpy.blunders.causes import flag_causes, with_other_flags  # few heights contradict flags
@@ -163,20 +159,15 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         return replace(solution, warnings=(*solution.warnings, message))
     edits = block.options.editing is Editing.EDIT
     refused = unedited(result) if edits else ""
-    deck = as_it_stands(block) if refused else edited(result)
+    deck = replace(block, options=replace(block.options, editing=Editing.NONE)) if refused else edited(result)
     try:
         solution = adjustment.adjust(deck if edits else block, progress, sea)
     except AdjustmentError as error:
-        which = (
-            f"{'without' if edits and not refused else 'with'} its {len(listed)} blunders"
-            if listed
-            else "as it stands"
-        )
+        without = "without" if edits and not refused else "with"
+        which = f"{without} its {len(listed)} blunders" if listed else "as it stands"
         problems = [Problem(message=f"{which} the job cannot be adjusted"), *error.problems]
-        sentences = [_sentence(finding) for finding in listed] + [f"possible cause: {cause}" for cause in ranked]
-        raise AdjustmentError(
-            [*problems, *(Problem(message=message, severity="warning") for message in sentences)]
-        ) from error
+        sentences = (*map(_sentence, listed), *(f"possible cause: {cause}" for cause in ranked))
+        raise AdjustmentError(and_warnings(problems, sentences)) from error
     solution = with_other_flags(solution, progress, sea)
     warnings = solution.warnings
     if not result.last.rest:
@@ -193,11 +184,6 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
         unedited=refused,
         edited=deck,
     )
-
-
-def as_it_stands(block: Block) -> Block:
-    """Return a block with no editing asked for."""
-    return replace(block, options=replace(block.options, editing=Editing.NONE))
 
 
 def _sentence(finding: Finding) -> str:

@@ -37,7 +37,7 @@ from musatpy.adjustment.unknowns import State, initial_state, with_turned_axes
 from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, finite_rows
-from musatpy.errors import AdjustmentError, NumericalError, Problem, numerics
+from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerics
 from musatpy.geometry.geodesy import Frame
 from musatpy.model import (
     Block,
@@ -81,9 +81,8 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
                 solution = estimated(block, lambda weighted: program(weighted, progress, sea))
             return replace(solution, cards=block.photos.position)
     except NumericalError as error:
-        advice = Problem(message="OP2 editing EDIT looks for gross errors and takes them out", severity="warning")
-        suspicions = (Problem(message=text, severity="warning") for text in _suspicions(block, sea))
-        raise NumericalError([*error.problems, *suspicions, advice]) from error
+        advice = "OP2 editing EDIT looks for gross errors and takes them out"
+        raise NumericalError(and_warnings(error.problems, (*_suspicions(block, sea), advice))) from error
 
 
 def _suspicions(block: Block, sea: Sea | None) -> tuple[str, ...]:
