@@ -12,6 +12,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 
 FAMILY_RISK = 0.01  # that any of the tests of a clean run fails
+FITS = 4.0  # normal quantile of the squares with which observations still fit
 _RARE = 1e-6  # probability below which the difference from 1 has too few digits
 
 
@@ -39,6 +40,12 @@ def quantile(probability: float, freedom: float) -> float:
         if abs(step) < 1e-12:
             break
     return 2.0 * x
+
+
+def chi_square_limit(redundancy: int, normal: float = FITS) -> float:
+    """Return the quantile of chi-square (Wilson and Hilferty 1931), as rare as a `normal` one: so far it fits."""
+    part = 2.0 / (9.0 * redundancy)
+    return float(redundancy * (1.0 - part + normal * math.sqrt(part)) ** 3)
 
 
 def _probability_below(x: float, a: float) -> float:

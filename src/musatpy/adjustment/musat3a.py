@@ -26,7 +26,6 @@ from musatpy.adjustment.kinds.water import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.propagation import redundancy
-from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.simultaneous import Simultaneous, sum_of_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import (
@@ -51,6 +50,7 @@ from musatpy.model import (
     Weights,
 )
 from musatpy.model.progress import Progress, begin
+from musatpy.probability import chi_square_limit
 
 if TYPE_CHECKING:  # most jobs have no unknown waves
     from musatpy.adjustment.wave_search import OtherCrests, WaveTrials

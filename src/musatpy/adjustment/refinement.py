@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -11,12 +12,11 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.iteration import SingularNormalsError, iterate
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, participation
-from musatpy.adjustment.robust import STEPS, cauchy, reweighted, robust_scale
 from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
 from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry import collinearity
+from musatpy.geometry import collinearity, similarity
 from musatpy.geometry.intersection import widest_angle
 from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
@@ -24,6 +24,11 @@ from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
 if TYPE_CHECKING:
     from musatpy.adjustment.initial import Place
 
+Weights = TypeVar("Weights")
+
+_STEPS = 24  # of an adjustment, each with weights of its own
+_LEAST = 1e-11  # weight that keeps a point determined; with more, errors of kilometres pull
+_LOST = 1e3  # sigmas, for residuals that make no sense
 _CYCLES = 3  # in which bad points may come back
 _PARALLEL = 1e-3  # rad; rays nearer to parallel give no point worth having here
 _WILD = 0.2  # of the focal length: residuals at the start beyond which a point is left out
@@ -114,7 +119,7 @@ def _adjusted(network: Network, state: State, used: BoolArray) -> State:
     def adjusted(weight: FloatArray, state: State) -> tuple[State, bool]:
         weighted = replace(network, weight=weight)
         problem = Triangulation(network=weighted, options=Options(rotation_limit=_CLOSE, translation_limit=1.0))
-        outcome = iterate(problem, ground_points.settle(weighted, state), STEPS)
+        outcome = iterate(problem, ground_points.settle(weighted, state), _STEPS)
         return outcome.state, not outcome.failure
 
     return reweighted(state, lambda state: _robust_weights(network, state, rays), adjusted)
@@ -126,3 +131,28 @@ def _robust_weights(network: Network, state: State, rays: IntArray) -> FloatArra
     robust = network.weight.copy()
     robust[rays] *= cauchy(size, robust_scale(size))
     return robust
+
+
+def cauchy(size: FloatArray, scale: float) -> FloatArray:
+    """Return Cauchy's weights of residuals `size` in sigmas; NaN counts as lost."""
+    size = np.nan_to_num(size, nan=_LOST, posinf=_LOST, neginf=-_LOST)
+    return np.maximum(similarity.cauchy(size, scale), _LEAST)
+
+
+def robust_scale(size: FloatArray) -> float:
+    """Return the scale of residuals in sigmas by their median, at least 1: what is good stays so."""
+    return similarity.spread(np.abs(size[np.isfinite(size)]), 1.0)
+
+
+def reweighted(
+    state: State, weights_at: Callable[[State], Weights], stepped: Callable[[Weights, State], tuple[State, bool]]
+) -> State:
+    """Return the state after steps of an adjustment, each with new weights, until one says that it is the last.
+
+    Raises `SingularNormalsError`.
+    """
+    for _ in range(_STEPS):
+        state, last = stepped(weights_at(state), state)
+        if last:
+            break
+    return state

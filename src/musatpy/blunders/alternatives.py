@@ -19,12 +19,12 @@ from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.point_normals import point_squares
-from musatpy.adjustment.robust import chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.scene import PENALTY, Scene, sizes
 from musatpy.model import ObservationKind
+from musatpy.probability import chi_square_limit
 
 _MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
 _MOST = 1000  # choices that are tried of one point

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.kinds import PRIORS
-from musatpy.adjustment.robust import FITS, chi_square_limit
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, falling
@@ -34,7 +33,7 @@ from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.progress import begin
-from musatpy.probability import test_limit
+from musatpy.probability import FITS, chi_square_limit, test_limit
 
 STEPS = 8  # hypotheses taken one after the other
 TRIED = 4  # of each step, that are re-adjusted: with STEPS the limit of the search, in re-adjustments

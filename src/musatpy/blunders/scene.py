@@ -23,7 +23,7 @@ from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED, SEARCHED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
-from musatpy.adjustment.robust import cauchy, reweighted, robust_scale
+from musatpy.adjustment.refinement import cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import WaterLine, at_rest_in_water, every_ray_wet
