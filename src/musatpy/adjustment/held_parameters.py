@@ -14,14 +14,15 @@ normals, and the points following. So they are those of every program, refractio
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from musatpy.adjustment.collinear import Follow, eliminate
-from musatpy.adjustment.datum import NOTHING_FREE, Freedom, point_motions
+from musatpy.adjustment.collinear import eliminate
+from musatpy.adjustment.datum import NOTHING_FREE, Freedom, moved_to
 from musatpy.adjustment.ground import all_residuals
+from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.point_normals import hold, prior_rows
@@ -29,7 +30,7 @@ from musatpy.adjustment.precision import Precision, left_out
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import tide_groups, water_heights
-from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, finite_rows
 from musatpy.model import Block, HeldParameters
 
 # Reference errors: a share, mm, 1, m, a share
@@ -41,6 +42,7 @@ _DECIMALS = 1  # of sigmas, as they are printed
 _NOTHING = (-1, np.nan, np.nan)  # has a sigma
 
 Altered = tuple[Network, State]
+Places = tuple[FloatArray, FloatArray, FloatArray]  # of stations, points and depths
 Changed = Callable[[Network, FloatArray, float], FloatArray]  # level coordinates (k, 3), with an error of a size
 
 
@@ -57,13 +59,12 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Begun:
-    """A solution with an error of a parameter, not yet solved: its right side, how points follow, the residuals."""
+    """A solution with an error of a parameter, not yet solved: its equations and residuals (o,)."""
 
     network: Network
     state: State
-    rhs: FloatArray  # (u,) of its normal equations, whose matrix nobody needs
-    follows: list[Follow]
-    residual: FloatArray  # (o,)
+    line: Linearisation
+    residual: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,33 +78,20 @@ class _AtRest:
     known: Precision
     free: Freedom
 
-    @cached_property
-    def unused(self) -> IntArray:
-        """The measurements (k,) that took no part."""
-        return np.flatnonzero(~self.part.used)
+    def observations(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
+        """Return residuals and weights (o,) of the images, of what is known of points, and of all others.
 
-    @cached_property
-    def weight(self) -> FloatArray:
-        """The weights (o,) of all observations, 0 of the images that took no part."""
-        network, state = self.network, self.state
-        of_points = [
-            prior_rows(network, state, group.point, state.ground[group.point]).weight
-            for group in (*network.control_groups, *network.kept_groups)
-        ]
-        direct = [rows.weight for _, rows in direct_rows(network, state)]
-        images = network.weight * self.part.used[:, None]
-        return np.concatenate([part.reshape(-1) for part in (images, *of_points, *direct)])
-
-    def residuals(self, network: Network, state: State) -> FloatArray:
-        """Return the residuals (o,) of the images, of what is known of points, and of all others."""
-        of_points = [
-            -prior_rows(network, state, group.point, state.ground[group.point]).deviation
-            for group in (*network.control_groups, *network.kept_groups)
-        ]
-        direct = [rows.residual for _, rows in direct_rows(network, state)]
-        images = all_residuals(network, state, self.part.used)
-        images[self.unused] = 0.0
-        return np.concatenate([part.reshape(-1) for part in (images, *of_points, *direct)])
+        Images that took no part have none of either.
+        """
+        used, parts = self.part.used[:, None], []
+        images = np.where(used, all_residuals(network, state, self.part.used), 0.0)
+        parts.append((images, network.weight * used))
+        for group in (*network.control_groups, *network.kept_groups):
+            rows = prior_rows(network, state, group.point, state.ground[group.point])
+            parts.append((-rows.deviation, rows.weight))
+        parts += [(rows.residual, rows.weight) for _, rows in direct_rows(network, state)]
+        residual, weight = (np.concatenate([part.reshape(-1) for part in of]) for of in zip(*parts, strict=True))
+        return residual, weight
 
     def begun(self, network: Network, state: State) -> _Begun:
         """Return the solution where its parameters are those of a network and state."""
@@ -113,30 +101,19 @@ class _AtRest:
             ground[held] = hold(network, held, ground[held])
             state = replace(state, ground=ground)
         problem = Simultaneous(network=network, options=self.block.options, held=self.free.held)
-        line, residual = problem.linearise(state), self.residuals(network, state)
-        return _Begun(network=network, state=state, rhs=line.rhs, follows=line.context, residual=residual)
+        residual, _ = self.observations(network, state)
+        return _Begun(network=network, state=state, line=problem.linearise(state), residual=residual)
 
     def after(self, begun: _Begun, step: FloatArray) -> State:
         """Return the state after a step (u,), which all points follow."""
         network, state, ground = begun.network, begun.state, begun.state.ground.copy()
-        for follow in begun.follows:
+        for follow in begun.line.context:
             follow.move(network, state, step, ground)
         for group in left_out(network, self.part):
             eliminate(network, state, group).follow(group).move(network, state, step, ground)
         return replace(state_after(network, state, step), ground=ground)
 
-    def about_their_points(self, state: State, ground: FloatArray) -> State:
-        """Return a state of a free network moved as its inner constraints ask for: its points about `ground`."""
-        if not self.free.count:
-            return state
-        G = point_motions(self.network, self.free.centre, ground) @ self.free.motions
-        known = np.isin(np.arange(len(ground)), self.network.point[self.part.used])
-        gap = (ground - state.ground)[known].reshape(-1)
-        t, *_ = np.linalg.lstsq(G[known].reshape(len(gap), -1), gap, rcond=None)
-        moved = state_after(self.network, state, self.free.directions @ t)
-        return replace(moved, ground=state.ground + G @ t)
-
-    def places(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def places(self, state: State) -> Places:
         """Return stations (n, 3), points (p, 3), and depths (p, 1) m below the mean water at their photos."""
         network, wet = self.network, self.block.points.bathymetric & finite_rows(self.state.ground)
         rays = np.flatnonzero(wet[network.point])
@@ -146,6 +123,34 @@ class _AtRest:
         depth = np.full((len(wet), 1), np.nan)
         depth[wet, 0] = sums[wet] / count[wet] - network.frame.height(state.ground[wet])
         return state.position, state.ground, depth
+
+    @cached_property
+    def _sigmas(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The sigmas of stations (n, 3) and points (p, 3) along east, north, up, and of depths (p, 1)."""
+        stations = np.einsum("nii->ni", self.known.unknowns.of_single_photos())[:, :3]
+        variances = (stations, np.einsum("kii->ki", self.known.points), self.known.depths[:, None])
+        first, second, third = (np.sqrt(np.maximum(variance, 0.0)) for variance in variances)
+        return first, second, third
+
+    def most_moved(
+        self, before: Places, after: Places, size: float, reference: float
+    ) -> list[tuple[int, float, float]]:
+        """Return the station, the point, the depth that an error of `size` moves most in its own sigmas.
+
+        With its movement (m, and sigmas) by an error of one unit; ordered as those of the `reference` error print.
+        Sigmas of what is held are zero: it moves with its card.
+        """
+        found = []
+        axes = (self.network.axes, self.network.frame.axes(before[1]), np.ones((1, 1, 1)))
+        for old, new, along, sigma in zip(before, after, axes, self._sigmas, strict=True):
+            move = (along @ ((new - old) / size)[..., None])[..., 0]
+            relative = np.full(sigma.shape, np.nan)
+            np.divide(np.abs(move), sigma, out=relative, where=sigma > 0.0)
+            most = np.fmax.reduce(relative, axis=1)
+            row = int(np.argmax(np.round(np.nan_to_num(most, nan=-np.inf) * reference, _DECIMALS)))
+            known = np.isfinite(most[row])
+            found.append((row, float(np.linalg.norm(move[row])), float(most[row])) if known else _NOTHING)
+        return found
 
     def of_considered(self, altered: Callable[[Network, State], Altered], moved: State) -> FloatArray:
         """Return the right side (c,) of the considered parameters with what is left of an error."""
@@ -175,20 +180,22 @@ def held_parameters(
     errors = [partial(parameter.altered, size=_STEP * parameter.reference) for parameter in held]
     runs = [rest.begun(network, state), *(rest.begun(*altered(network, state)) for altered in errors)]
     scale = known.full.scale[:, None]
-    steps = known.full.solve_scaled(np.stack([run.rhs for run in runs], axis=1) * scale) * scale
+    steps = known.full.solve_scaled(np.stack([run.line.rhs for run in runs], axis=1) * scale) * scale
     base, *others = runs
     resting = rest.after(base, steps[:, 0])
-    left = rest.residuals(network, resting)
+    left, weight = rest.observations(network, resting)
     none = rest.of_considered(lambda *both: both, resting)
     sizes, numbers = np.array([_STEP * parameter.reference for parameter in held]), np.zeros((len(held), 4))
-    worst = _Worst(rest=rest, state=resting)
+    before, worst = rest.places(resting), []
     for row, (run, altered) in enumerate(zip(others, errors, strict=True)):
         moved = rest.after(run, steps[:, 1 + row])
-        c, r = run.residual - base.residual, rest.residuals(run.network, moved) - left
-        Pr, of_considered = rest.weight * r, rest.of_considered(altered, moved) - none
-        numbers[row] = Pr @ left * sizes[row], Pr @ r, c @ (rest.weight * c), of_considered @ of_considered
-        worst.add(rest.about_their_points(moved, resting.ground), sizes[row], held[row].reference)
-    moves = np.array(worst.found).reshape(-1, 3, 3)
+        c, r = run.residual - base.residual, rest.observations(run.network, moved)[0] - left
+        Pr, of_considered = weight * r, rest.of_considered(altered, moved) - none
+        numbers[row] = Pr @ left * sizes[row], Pr @ r, c @ (weight * c), of_considered @ of_considered
+        if rest.free.count:
+            moved, _ = moved_to(network, moved, rest.free, resting.ground)
+        worst.append(rest.most_moved(before, rest.places(moved), sizes[row], held[row].reference))
+    moves = np.array(worst).reshape(-1, 3, 3)
     pull, redundant, whole, considered = (numbers / np.square(sizes)[:, None]).T
     return HeldParameters(
         names=np.array([parameter.name for parameter in held], dtype=np.str_),
@@ -205,42 +212,6 @@ def held_parameters(
         adjusted=int(network.water.index_unknown) + int((network.water.group >= 0).any()),
         known_with_sigma=int(_index_considered(block, network)) + int(_tides_considered(block, network).any()),
     )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Worst:
-    """What moves most in its own sigmas, of the stations, the points and the depths, error by error of one unit."""
-
-    rest: _AtRest
-    state: State
-    found: list[list[tuple[int, float, float]]] = field(default_factory=list)  # row, m, sigmas of each kind
-
-    @cached_property
-    def _before(self) -> tuple[tuple[FloatArray, FloatArray | None, FloatArray], ...]:
-        """Places, their axes east, north, up, and sigmas along these, of stations, points and depths."""
-        network, known = self.rest.network, self.rest.known
-        axes = (network.axes, network.frame.axes(self.state.ground), None)
-        of_stations = np.einsum("nii->ni", known.unknowns.of_single_photos())[:, :3]
-        variances = (of_stations, np.einsum("kii->ki", known.points), known.depths[:, None])
-        sigmas = [np.sqrt(np.maximum(variance, 0.0)) for variance in variances]
-        return tuple(zip(self.rest.places(self.state), axes, sigmas, strict=True))
-
-    def add(self, state: State, size: float, reference: float) -> None:
-        """Add what an error of so many units does, that leads to a state; it is ordered by the reference error.
-
-        Sigmas of what is held are zero: it moves with its card.
-        """
-        found = []
-        for place, (before, axes, sigma) in zip(self.rest.places(state), self._before, strict=True):
-            move = (place - before) / size
-            move = move if axes is None else (axes @ move[..., None])[..., 0]
-            relative = np.full(sigma.shape, np.nan)
-            np.divide(np.abs(move), sigma, out=relative, where=sigma > 0.0)
-            most = np.fmax.reduce(relative, axis=1)
-            row = int(np.argmax(np.round(np.nan_to_num(most, nan=-np.inf) * reference, _DECIMALS)))  # as they print
-            known = np.isfinite(most[row])
-            found.append((row, float(np.linalg.norm(move[row])), float(most[row])) if known else _NOTHING)
-        self.found.append(found)
 
 
 def _parameters(block: Block, network: Network, part: Participation) -> Iterator[Parameter]:
@@ -284,7 +255,7 @@ def _scale(name: str, altered: Callable[..., Altered]) -> Parameter:
 def _of_camera(block: Block, camera: int) -> Iterator[Parameter]:
     """Yield focal length and principal point of a camera."""
     focal, name = float(block.cameras.focal_length[camera]), block.cameras.ids[camera]
-    on, most = block.photos.camera == camera, MOST_CAMERA * focal
+    on = block.photos.camera == camera
 
     def focal_length(network: Network, state: State, size: float) -> Altered:
         return replace(network, focal_length=network.focal_length + size * on), state
@@ -293,17 +264,12 @@ def _of_camera(block: Block, camera: int) -> Iterator[Parameter]:
         xy = network.principal_point + size * on[:, None] * np.eye(2)[axis]
         return replace(network, principal_point=xy), state
 
-    yield Parameter(
-        name=f"focal length of {name}", unit="mm", reference=FOCAL_LENGTH * focal, limit=most, altered=focal_length
-    )
-    for axis, letter in enumerate("xy"):
-        yield Parameter(
-            name=f"principal point {letter}, {name}",
-            unit="mm",
-            reference=PRINCIPAL_POINT,
-            limit=most,
-            altered=partial(principal_point, axis),
-        )
+    for what, reference, altered in (
+        (f"focal length of {name}", FOCAL_LENGTH * focal, focal_length),
+        (f"principal point x, {name}", PRINCIPAL_POINT, partial(principal_point, 0)),
+        (f"principal point y, {name}", PRINCIPAL_POINT, partial(principal_point, 1)),
+    ):
+        yield Parameter(name=what, unit="mm", reference=reference, limit=MOST_CAMERA * focal, altered=altered)
 
 
 def _index_considered(block: Block, network: Network) -> bool:
