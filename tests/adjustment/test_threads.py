@@ -34,28 +34,6 @@ def test_threads_are_those_of_the_call_before_and_little_work_takes_none() -> No
     assert len(names(MANY) | names(MANY)) <= 3
 
 
-def test_the_thread_that_asks_works_too_and_what_a_piece_raises_there_is_raised_in_its_turn() -> None:
-    """With one other thread, which is kept at the first piece."""
-    begun, release, mine = threading.Event(), threading.Event(), threading.current_thread()
-
-    def work(piece: int) -> threading.Thread:
-        if piece == 0:
-            begun.set()
-            release.wait(5.0)
-        begun.wait(5.0)
-        if piece == 1:
-            release.set()
-            raise ValueError(piece)
-        return threading.current_thread()
-
-    found = iter(side_by_side(work, range(4), MANY))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "cpu_count", lambda: 2)
-        assert next(found) is not mine
-    with pytest.raises(ValueError, match="1"):
-        next(found)
-
-
 def test_a_piece_may_share_its_work_which_its_own_thread_does() -> None:
     def work(piece: int) -> set[str]:
         return {threading.current_thread().name, *side_by_side(inner, range(4), MANY)}

@@ -10,7 +10,7 @@ import pytest
 
 from altered import added, altered
 from blunders.study import strip
-from musatpy.adjustment.point_normals import point_squares
+from musatpy.adjustment.ground import point_squares
 from musatpy.blunders.explanation import Case, first_case, with_hypothesis
 from musatpy.blunders.hypotheses import Hypothesis, hypotheses
 from musatpy.blunders.linear_model import dropped, linear_model, put_in_again

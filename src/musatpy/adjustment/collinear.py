@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
+from musatpy.adjustment.ground import PointNormals, hold, point_normals
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import NormalEquations, Sums, summed
-from musatpy.adjustment.point_normals import PointNormals, hold, point_normals
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import ObservationKind

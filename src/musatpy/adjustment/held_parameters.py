@@ -21,11 +21,10 @@ import numpy as np
 
 from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, moved_to
-from musatpy.adjustment.ground import all_residuals
+from musatpy.adjustment.ground import all_residuals, hold, prior_rows
 from musatpy.adjustment.iteration import Linearisation
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
-from musatpy.adjustment.point_normals import hold, prior_rows
 from musatpy.adjustment.precision import Precision, left_out
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State

@@ -10,15 +10,18 @@ import importlib.util
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from musatpy.adjustment.collinear import Follow
-from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import Cofactors, NormalEquations
-from musatpy.adjustment.propagation import Part
-from musatpy.adjustment.unknowns import State
-from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
+
+if TYPE_CHECKING:  # these have loops over points themselves
+    from musatpy.adjustment.collinear import Follow
+    from musatpy.adjustment.dependence import Diagonal
+    from musatpy.adjustment.network import Network, PointGroup
+    from musatpy.adjustment.normals import Cofactors, NormalEquations
+    from musatpy.adjustment.propagation import Part
+    from musatpy.adjustment.unknowns import State
+    from musatpy.arrays import FloatArray
 
 VARIABLE = "MUSAT_KERNELS"
 NUMPY, NUMBA = "numpy", "numba"
@@ -53,37 +56,36 @@ def is_there() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-Groups = tuple[PointGroup, ...]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loops:
     """Loops over points of a network, which do what they can and return the points that are left: all, by numpy."""
 
     network: Network
-    groups: Groups
+    groups: tuple[PointGroup, ...]
 
     def get_ready(self, state: State, say: Callable[[], None]) -> None:
         """Compile what no run before has compiled, and say so first."""
 
-    def eliminate(self, state: State, normals: NormalEquations, follows: list[Follow]) -> tuple[Groups, float]:
+    def eliminate(
+        self, state: State, normals: NormalEquations, follows: list[Follow]
+    ) -> tuple[tuple[PointGroup, ...], float]:
         """Add points to the normal equations, and to `follows` how they do; return those left, and the gain.
 
         That is r' N_pp^-1 r of all: by how much the sum of squares falls when these go to their best.
         """
         return self.groups, 0.0
 
-    def settle(self, state: State, ground: FloatArray, squares: FloatArray) -> Groups:
+    def settle(self, state: State, ground: FloatArray, squares: FloatArray) -> tuple[PointGroup, ...]:
         """Take points to their best for the stations: set `ground` (p, 3) and their weighted `squares` (p,)."""
         return self.groups
 
-    def set_squares(self, state: State, squares: FloatArray) -> Groups:
+    def set_squares(self, state: State, squares: FloatArray) -> tuple[PointGroup, ...]:
         """Set the weighted squares (p,) of points where they are, infinite behind a camera."""
         return self.groups
 
     def spread(
         self, state: State, cofactors: Cofactors, residual: FloatArray, points: FloatArray, diagonal: Diagonal
-    ) -> tuple[Groups, list[Part]]:
+    ) -> tuple[tuple[PointGroup, ...], list[Part]]:
         """Set the cofactors of `points` (p, 3, 3) along east, north, up, and return those of their images.
 
         Adds to the diagonal; `residual` (all measurements, 2) mm.

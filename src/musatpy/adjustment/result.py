@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment import kernels
-from musatpy.adjustment.bathymetric import bathymetric_points
 from musatpy.adjustment.datum import describe_weakness, unknown_name
 from musatpy.adjustment.dependence import (
     Reach,
@@ -20,7 +19,7 @@ from musatpy.adjustment.dependence import (
     undetermined_points,
     undetermined_water,
 )
-from musatpy.adjustment.ground import all_residuals
+from musatpy.adjustment.ground import all_residuals, point_squares
 from musatpy.adjustment.held_parameters import held_parameters
 from musatpy.adjustment.iteration import LeastSquares
 from musatpy.adjustment.job import Job
@@ -28,12 +27,11 @@ from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.kinds.water import level_corrections
 from musatpy.adjustment.network import Network, Participation, PointGroup
 from musatpy.adjustment.normals import ILL_DETERMINED
-from musatpy.adjustment.point_normals import point_squares
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
 from musatpy.adjustment.propagation import count
 from musatpy.adjustment.unknowns import LEVEL, State, attitude_in
 from musatpy.adjustment.waterline import heights_and_water, water_over
-from musatpy.adjustment.watpt import refraction_displacement, with_departure
+from musatpy.adjustment.watpt import bathymetric_points, refraction_displacement, with_departure
 from musatpy.arrays import FloatArray, IntArray, TextArray, finite_rows
 from musatpy.model import (
     AdjustedStations,

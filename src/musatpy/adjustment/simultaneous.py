@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.collinear import Elimination, Follow, Reduced, add_collinear, eliminate, reduced
+from musatpy.adjustment.ground import point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, not_raised
 from musatpy.adjustment.kernels import Loops, loops_of
 from musatpy.adjustment.kinds import (
@@ -25,7 +26,6 @@ from musatpy.adjustment.kinds import (
 )
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, factorised
-from musatpy.adjustment.point_normals import point_squares, settle_group
 from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State

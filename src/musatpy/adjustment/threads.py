@@ -10,7 +10,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from concurrent.futures import Future, ThreadPoolExecutor
+    from concurrent.futures import ThreadPoolExecutor
 
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
@@ -30,8 +30,7 @@ def side_by_side(work: Callable[[Piece], Result], pieces: Sequence[Piece], rays:
 
     `rays` says how much work there is in all of them; a little is done without threads, and so is what a piece
     itself would share. A few pieces are worked at ahead of the one that is asked for, no more: results may be
-    large. What `work` raises is raised here, when nothing runs any more. The thread that asks works too: it would
-    only wait, and pieces are so small that waking it takes a tenth of their time.
+    large. What `work` raises is raised here, when nothing runs any more.
     """
     alone = len(pieces) <= 1 or not worth_sharing(rays) or getattr(_here, "is_worker", False)
     threads = 1 if alone else min(_MOST, os.cpu_count() or 1)  # the system is asked, which takes 10 us
@@ -40,42 +39,16 @@ def side_by_side(work: Callable[[Piece], Result], pieces: Sequence[Piece], rays:
         return
     from concurrent.futures import wait  # small jobs do without
 
-    pool, left = _pool(threads - 1), iter(pieces)
-    waiting = [(piece, pool.submit(work, piece)) for piece in islice(left, threads + 2)]
+    pool, left = _pool(threads), iter(pieces)
+    waiting = [pool.submit(work, piece) for piece in islice(left, threads + 2)]
     try:
         while waiting:
-            _help(work, waiting)
-            yield waiting.pop(0)[1].result()
-            waiting += [(piece, pool.submit(work, piece)) for piece in islice(left, 1)]
+            yield waiting.pop(0).result()
+            waiting += [pool.submit(work, piece) for piece in islice(left, 1)]
     finally:
-        futures = [future for _, future in waiting]
-        for future in futures:
+        for future in waiting:
             future.cancel()
-        wait(futures)
-
-
-def _help(work: Callable[[Piece], Result], waiting: list[tuple[Piece, Future[Result]]]) -> None:
-    """Work at pieces that no other thread has begun with, the last ones first, until the first one is done."""
-    for number, (piece, future) in reversed(list(enumerate(waiting))):
-        if waiting[0][1].done():
-            break
-        if future.cancel():
-            waiting[number] = piece, _done(work, piece)
-
-
-def _done(work: Callable[[Piece], Result], piece: Piece) -> Future[Result]:
-    """Return what comes of a piece here and now: what it raises is raised in its turn."""
-    from concurrent.futures import Future
-
-    future: Future[Result] = Future()
-    _set_out()
-    try:
-        future.set_result(work(piece))
-    except Exception as error:
-        future.set_exception(error)
-    finally:
-        _here.is_worker = False
-    return future
+        wait(waiting)
 
 
 @cache

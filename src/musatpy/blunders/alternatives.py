@@ -16,9 +16,9 @@ from math import comb
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.ground import point_squares
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, parts_of
-from musatpy.adjustment.point_normals import point_squares
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy import einsum
 
-from musatpy.adjustment.point_normals import RIDGE
+from musatpy.adjustment.ground import RIDGE
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.bent_rays import Image, Matrix, Numbers, Value, Vector, bent, matrix, pictured
 from musatpy.geometry.geodesy import Frame, GeocentricFrame

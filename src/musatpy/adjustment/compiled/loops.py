@@ -11,14 +11,13 @@ import numpy as np
 
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.compiled import points as compiled
-from musatpy.adjustment.compiled.compiler import is_kept
 from musatpy.adjustment.compiled.points import Known, Measured, Pairs, Points, Stations, Water
 from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.kernels import Groups, Loops
+from musatpy.adjustment.ground import RIDGE, hold, prior_rows, steps_to_best
+from musatpy.adjustment.kernels import Loops
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
-from musatpy.adjustment.point_normals import RIDGE, hold, prior_rows, steps_to_best
 from musatpy.adjustment.propagation import Part
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
@@ -26,6 +25,7 @@ from musatpy.adjustment.water_surface import surface
 from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
 from musatpy.model import ObservationKind
 
+Groups = tuple[PointGroup, ...]
 Result = TypeVar("Result")
 _MOST = 4  # parts of the work: each has sums of its own
 _PART = 10_000  # rays: less is not worth a thread
@@ -211,7 +211,7 @@ class CompiledLoops(Loops):
         return (0,) * self.network.pattern.size
 
     def get_ready(self, state: State, say: Callable[[], None]) -> None:
-        if not is_kept(compiled.linearise):
+        if not compiled.is_kept(compiled.linearise):
             say()
             pattern, none = self.network.pattern, replace(self, groups=())
             none.eliminate(state, NormalEquations(pattern, 0), [])

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.ground import prior_rows
 from musatpy.adjustment.network import BACK, ORDER, Network, PointGroup
-from musatpy.adjustment.point_normals import prior_rows
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
