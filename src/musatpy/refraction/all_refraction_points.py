@@ -81,14 +81,19 @@ def search(surface: Surface, rays: Rays) -> RayPoints:
     search.
     """
     within = _searchable(surface, rays)
-    smallest = surface.limits.length * _SMALLEST
-    points = _divided(surface, rays, within, smallest)
-    for _ in range(_REFINEMENTS):
-        smallest /= _FINER
-        again = np.flatnonzero(~points.complete)
-        if not len(again):
+    smallest, open_ = surface.limits.length * _SMALLEST, np.arange(len(rays.index))
+    complete, parts = np.zeros(len(open_), dtype=bool), []
+    for left in range(_REFINEMENTS, -1, -1):
+        found = _divided(surface, rays.some(open_), within.some(open_), smallest)
+        complete[open_] = found.complete
+        kept = (found.complete | (left == 0))[found.ray]
+        parts.append((open_[found.ray[kept]], found.xy[kept], found.path[kept], found.minimum[kept]))
+        open_, smallest = open_[~found.complete], smallest / _FINER
+        if not len(open_):
             break
-        points = _replaced(points, again, _divided(surface, rays.some(again), within.some(again), smallest))
+    ray, xy, length, minimum = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(ray, kind="stable")
+    points = RayPoints(ray=ray[order], xy=xy[order], path=length[order], minimum=minimum[order], complete=complete)
     if (np.bincount(points.ray, minlength=len(rays.index)) == 0).any():
         raise ValueError("no refraction point was found for a ray: it grazes the waves, or they bend too sharply")
     return points
@@ -189,23 +194,6 @@ def _sorted(surface: Surface, rays: Rays, ray: IntArray, xy: FloatArray) -> RayP
         path=at.length[order],
         minimum=((det > 0.0) & (trace > 0.0))[order],
         complete=np.bincount(ray, np.sign(det), minlength=len(rays.index)) == 1.0,
-    )
-
-
-def _replaced(points: RayPoints, rays: IntArray, other: RayPoints) -> RayPoints:
-    """Return the points, for some rays (rows) that of another search."""
-    kept = ~np.isin(points.ray, rays)
-    ray = np.concatenate([points.ray[kept], rays[other.ray]])
-    order = np.argsort(ray, kind="stable")
-    complete = points.complete.copy()
-    complete[rays] = other.complete
-
-    return RayPoints(
-        ray=ray[order],
-        xy=np.concatenate([points.xy[kept], other.xy])[order],
-        path=np.concatenate([points.path[kept], other.path])[order],
-        minimum=np.concatenate([points.minimum[kept], other.minimum])[order],
-        complete=complete,
     )
 
 
