@@ -127,7 +127,7 @@ def texts_of(value: Any) -> list[str]:
 def leaves(row: Row) -> dict[str, Any]:
     """Return every field of a row by its path: `position[1]`, `a.b`; an empty list or object is one itself."""
     fields: dict[str, Any] = {}
-    waiting = list(reversed(row.items()))  # the next one last; however deep a record is nested
+    waiting = list(row.items())[::-1]  # the next one last; however deep a record is nested
     while waiting:
         path, value = waiting.pop()
         if isinstance(value, dict) and value:
