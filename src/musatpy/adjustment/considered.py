@@ -21,8 +21,8 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State
-from musatpy.adjustment.water_surface import considered_levels
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.adjustment.water_surface import WaterKnowledge
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import Block, ConsideredWater, ObservationKind
 
 if TYPE_CHECKING:
@@ -111,14 +111,14 @@ class Extended:
 def extended(block: Block, network: Network, state: State) -> Extended:
     """Return a network with the considered parameters of its block in the border."""
     water, border = block.water, network.border
-    levels = considered_levels(block, network.water)
+    group, levels, sigma = _levels(block, network.water)
     tilt = 0.0 if network.water.tilt_unknown or water is None else water.tilt_sigma or 0.0
     index = 0.0 if network.water.index_unknown or water is None else water.sigma or 0.0
     knowledge = replace(
         network.water,
-        group=levels.group,
-        ids=np.concatenate([network.water.ids, levels.names]),
-        level_weight=np.concatenate([network.water.level_weight, np.zeros(len(levels.names))]),
+        group=group,
+        ids=np.concatenate([network.water.ids, levels]),
+        level_weight=np.concatenate([network.water.level_weight, np.zeros(len(levels))]),
         tilt_weight=0.0 if tilt else network.water.tilt_weight,
         tilt_unknown=network.water.tilt_unknown or tilt > 0.0,
         index_weight=0.0 if index else network.water.index_weight,
@@ -145,8 +145,32 @@ def extended(block: Block, network: Network, state: State) -> Extended:
         known=np.array(known + [False] * 3 * len(wide.kept), dtype=bool),
         names=names,
         units=units,
-        sigma=np.concatenate([levels.sigma, [tilt] * 2 if tilt else [], [index] if index else [], waves]),
+        sigma=np.concatenate([sigma, [tilt] * 2 if tilt else [], [index] if index else [], waves]),
     )
+
+
+def _levels(block: Block, water: WaterKnowledge) -> tuple[IntArray, TextArray, FloatArray]:
+    """Return the common errors of tides that have a sigma and of which `water` makes no unknown.
+
+    Which correction or error the tide of each photo has (n,), -1 for none, errors counting last; names (c,) in
+    words and sigmas (c,) m of the errors. Those of a tide group have one, else those of a day, else each its own:
+    of the root mean square of the sigmas on the cards. A tide whose card has no sigma is without error.
+    """
+    photos, first = block.photos, len(water.ids)
+    chosen = np.flatnonzero((water.group < 0) & np.isfinite(photos.tide) & (photos.tide_sigma > 0.0))
+    labels = [
+        f"tide group {group}" if group else f"day {day}" if day else f"photo {photo}"
+        for group, day, photo in zip(
+            photos.tide_group[chosen], photos.tide_day[chosen], photos.ids[chosen], strict=True
+        )
+    ]
+    names, start, number = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(start))  # in the order of the photos
+    group = water.group.copy()
+    group[chosen] = first + rank[number]
+    squares = np.bincount(rank[number], weights=np.square(photos.tide_sigma[chosen]), minlength=len(names))
+    count = np.bincount(rank[number], minlength=len(names))
+    return group, names[np.argsort(start)], np.sqrt(squares / np.maximum(count, 1))
 
 
 def _cofactors(network: Network, S: FloatArray, C: FloatArray, known: BoolArray) -> Cofactors:

@@ -101,40 +101,6 @@ def is_considered(block: Block, water: WaterKnowledge) -> bool:
     return bool(tilt or index)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ConsideredLevels:
-    """Tides that are known with a sigma and not adjusted: c common errors, one of each tide group, day or photo."""
-
-    group: IntArray  # (n,) which correction or error the tide of each photo has, -1 for none; errors count last
-    names: TextArray  # (c,) in words
-    sigma: FloatArray  # (c,) m
-
-
-def considered_levels(block: Block, water: WaterKnowledge) -> ConsideredLevels:
-    """Return the tides of a block that have a sigma and of which `water` makes no unknown.
-
-    Those of a tide group have one error, else those of a day, else each its own: of the root mean square of the
-    sigmas on the cards. A tide whose card has no sigma is without error.
-    """
-    photos, first = block.photos, len(water.ids)
-    chosen = np.flatnonzero((water.group < 0) & np.isfinite(photos.tide) & (photos.tide_sigma > 0.0))
-    labels = [
-        f"tide group {group}" if group else f"day {day}" if day else f"photo {photo}"
-        for group, day, photo in zip(
-            photos.tide_group[chosen], photos.tide_day[chosen], photos.ids[chosen], strict=True
-        )
-    ]
-    names, start, number = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(start))  # in the order of the photos
-    group = water.group.copy()
-    group[chosen] = first + rank[number]
-    squares = np.bincount(rank[number], weights=np.square(photos.tide_sigma[chosen]), minlength=len(names))
-    count = np.bincount(rank[number], minlength=len(names))
-    return ConsideredLevels(
-        group=group, names=names[np.argsort(start)], sigma=np.sqrt(squares / np.maximum(count, 1))
-    )
-
-
 def _common_weights(sigma: FloatArray, group: IntArray, count: int) -> FloatArray:
     """Return the weights (c,) of corrections from the RMS of the sigmas that the tides of their photos have."""
     given = (group >= 0) & np.isfinite(sigma) & (sigma > 0.0)
