@@ -151,16 +151,10 @@ def nearest_ground(network: Network, state: State, group: PointGroup, mean_heigh
     return _put_in(network, group, ground)
 
 
-def _cut(
-    network: Network,
-    origin: FloatArray,
-    direction: FloatArray,
-    height: FloatArray | float,
-    steps: int = _STEPS_TO_LEVEL,
-) -> FloatArray:
+def _cut(network: Network, origin: FloatArray, direction: FloatArray, height: FloatArray | float) -> FloatArray:
     """Return the points of single rays at a height, or one for each; steps along the ray follow the surface."""
     X = origin
-    for _ in range(steps):
+    for _ in range(_STEPS_TO_LEVEL):
         up, above = network.frame.vertical(X)
         above = above - height
         if np.abs(above).max(initial=0.0) < _REACHED:

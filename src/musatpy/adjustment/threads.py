@@ -20,11 +20,6 @@ _FEWEST = 3000  # rays: handing work to threads takes longer than working at les
 _here = threading.local()
 
 
-def worth_sharing(rays: int) -> bool:
-    """Return whether threads repay themselves where there is the work of so many rays."""
-    return rays >= _FEWEST
-
-
 def side_by_side(work: Callable[[Piece], Result], pieces: Sequence[Piece], rays: int) -> Iterable[Result]:
     """Yield the results of `work` in the order of `pieces`, so that sums do not depend on the threads.
 
@@ -32,7 +27,7 @@ def side_by_side(work: Callable[[Piece], Result], pieces: Sequence[Piece], rays:
     itself would share. A few pieces are worked at ahead of the one that is asked for, no more: results may be
     large. What `work` raises is raised here, when nothing runs any more.
     """
-    alone = len(pieces) <= 1 or not worth_sharing(rays) or getattr(_here, "is_worker", False)
+    alone = len(pieces) <= 1 or rays < _FEWEST or getattr(_here, "is_worker", False)
     threads = 1 if alone else min(_MOST, os.cpu_count() or 1)  # the system is asked, which takes 10 us
     if threads == 1:
         yield from map(work, pieces)

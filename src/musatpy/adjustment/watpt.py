@@ -10,7 +10,7 @@ as straight rays show them, as a rule of thumb predicts them, and as adjusted, w
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -197,19 +197,20 @@ def bathymetric_points(
     wet = [part for group in groups for part in (group.part(known[group.point]),) if len(part.point)]
     apparent = _straight_intersections(measured, state, wet)
     level = _water_levels(measured, state, submerged, wet)
-    depth = level - _heights(measured, apparent)
+    depth = level - _where_known(measured.frame.height, apparent)
     # a dry point stays where it is; without a WTR card there is no index to predict by
     factor = np.where(depth > 0.0, state.index if block.water else np.nan, 1.0)
     predicted_depth = depth * factor
+    predicted = _at_heights(measured, apparent, level - predicted_depth)
     return BathymetricPoints(
         point=chosen,
-        apparent=_system(measured, apparent)[chosen],
-        predicted=_system(measured, _at_heights(measured, apparent, level - predicted_depth))[chosen],
+        apparent=_where_known(measured.frame.system, apparent)[chosen],
+        predicted=_where_known(measured.frame.system, predicted)[chosen],
         water_level=level[chosen],
         incidence=_incidence(measured, state, wet)[chosen],
         apparent_depth=depth[chosen],
         predicted_depth=predicted_depth[chosen],
-        depth=(level - _heights(measured, state.ground))[chosen],
+        depth=(level - _where_known(measured.frame.height, state.ground))[chosen],
         depth_sigma=depth_sigma[chosen],
     )
 
@@ -264,11 +265,13 @@ def _water_levels(
     return np.divide(total, number, out=np.full(measured.points, np.nan), where=number > 0)
 
 
-def _heights(network: Network, working: FloatArray) -> FloatArray:
-    height = np.full(len(working), np.nan)
+def _where_known(convert: Callable[[FloatArray], FloatArray], working: FloatArray) -> FloatArray:
+    """Return what becomes of points (p, 3), NaN for those without a position."""
     known = finite_rows(working)
-    height[known] = network.frame.height(working[known])
-    return height
+    of_known = convert(working[known])
+    out = np.full((len(working), *of_known.shape[1:]), np.nan)
+    out[known] = of_known
+    return out
 
 
 def _at_heights(network: Network, working: FloatArray, height: FloatArray) -> FloatArray:
@@ -280,10 +283,3 @@ def _at_heights(network: Network, working: FloatArray, height: FloatArray) -> Fl
     level[:, 2] = height[known]
     moved[known] = network.frame.from_level(level)
     return moved
-
-
-def _system(network: Network, working: FloatArray) -> FloatArray:
-    out = np.full(working.shape, np.nan)
-    known = finite_rows(working)
-    out[known] = network.frame.system(working[known])
-    return out
