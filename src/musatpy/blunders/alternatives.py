@@ -22,8 +22,7 @@ from musatpy.adjustment.network import Network, PointGroup, parts_of
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.blunders.scene import PENALTY, Scene, sizes
-from musatpy.model import ObservationKind
+from musatpy.blunders.scene import PENALTY, Scene
 from musatpy.probability import chi_square_limit
 
 _MEET = 4.0  # times the limit of a point that fits: the stations may be bent by its images
@@ -89,7 +88,9 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> dict[int, float]:
     are dry for certain. Where one wrong image would explain the misfit better, the flag is not blamed.
     """
     network, variance = scene.network, sigma0**2
-    asked, limit = _below_water(scene, state, _misfits(scene, state, PENALTY * variance)), np.zeros(network.points)
+    height, water = heights_and_water(network, state)
+    asked, limit = ~scene.block.points.dry, np.zeros(network.points)
+    asked[network.point[~(height < water)]] = False
     for group in network.groups:
         m = group.rays.shape[1]
         asked[group.point] &= m > 1
@@ -105,29 +106,6 @@ def wrong_flags(scene: Scene, state: State, sigma0: float) -> dict[int, float]:
     for group, (_, squares, _) in zip(groups, _without(network, state, groups, 1), strict=True):
         wrong[group.point] = squares.min(axis=1) > flipped[group.point]
     return {point: float(np.sqrt(gain[point])) for point in np.flatnonzero(wrong).tolist()}
-
-
-def _misfits(scene: Scene, state: State, least: float) -> BoolArray:
-    """Return the points (p,) that may have more than the `least` squares with all their images.
-
-    At their optimum they have no more than where they are. Of those of which something is known all may.
-    """
-    network = scene.network
-    size = sizes(scene, state)[ObservationKind.PLATE]
-    squares = np.einsum("ra,ra->r", size, size)
-    squares = np.bincount(network.point, weights=squares, minlength=network.points)
-    misfits = ~(squares <= least)
-    for group in network.groups:
-        misfits[group.point] |= group.known
-    return misfits
-
-
-def _below_water(scene: Scene, state: State, points: BoolArray) -> BoolArray:
-    """Return which of some `points` (p,) are below the water at all their photos, and not dry for certain."""
-    network, points = scene.network, points & ~scene.block.points.dry
-    height, water = heights_and_water(network, state, points)
-    above = np.bincount(network.point[~(height < water)], minlength=network.points) > 0
-    return points & ~above
 
 
 def _choose(

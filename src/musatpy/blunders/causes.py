@@ -21,11 +21,10 @@ from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import IntArray, finite_rows
 from musatpy.blunders.competition import Rival, rivals
 from musatpy.blunders.explanation import NEARLY, sensible
-from musatpy.blunders.findings import flag_findings
-from musatpy.blunders.hypotheses import Hypothesis, hypotheses
+from musatpy.blunders.findings import findings
+from musatpy.blunders.hypotheses import CARDS, CONTROL, PLATES, STATIONS, Hypothesis, hypotheses, in_words
 from musatpy.blunders.linear_model import linear_model
 from musatpy.blunders.names import FAR, exchanged_photos, flying_height
-from musatpy.blunders.revisions import CARDS, CONTROL, PLATES, STATIONS, in_words
 from musatpy.blunders.scene import Effort, Scene, ones, scene_of, search_block, standing
 from musatpy.blunders.search import Search
 from musatpy.errors import AdjustmentError
@@ -120,7 +119,9 @@ def _named(search: Search) -> Iterator[Cause]:
             advice=f"it is point {block.points.ids[renaming.point]}: {CauseKind.NAME.advice}",
         )
     changed = set(block.points.ids[list(search.flags)].tolist())
-    for finding in flag_findings(search):
+    for finding in findings(search):
+        if finding.kind not in (CauseKind.DRY_FLAG, CauseKind.WET_FLAG):
+            continue
         yield replace(
             _cause(block, CauseKind.FLAG, component=finding.blunder, size=finding.size, test=finding.test),
             points=(finding.point,),

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, falling
 from musatpy.blunders.alternatives import exchanged_images
@@ -17,7 +16,6 @@ from musatpy.blunders.explanation import (
     NEARLY,
     SENSIBLE,
     Case,
-    covers,
     given_up,
     model_of,
     readjusted,
@@ -25,17 +23,20 @@ from musatpy.blunders.explanation import (
     with_hypothesis,
     with_revision,
 )
+from musatpy.blunders.findings import own_tides
 from musatpy.blunders.hypotheses import (
+    CAUSES,
     GivenUp,
     Hypothesis,
     common_errors,
+    giving_up,
     hypotheses,
     of_taken_images,
 )
 from musatpy.blunders.linear_model import LinearModel
 from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, Scene, deviations, sizes, taking_part
 from musatpy.blunders.search import Search
-from musatpy.model import CauseKind, ObservationKind
+from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.progress import begin
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
@@ -64,13 +65,14 @@ def rivals(search: Search, sea: Sea | None, most: int) -> list[list[Rival]]:
         with suppress(*GIVEN_UP):
             rest = model_of(whole)
     left = {one.key: one for one in common_errors(rest)} if rest else {}
+    residual = _residual(whole)
     groups: list[list[Rival]] = []
     for number, member in enumerate(found, 1):
         if sum(len(group) for group in groups) >= most:
             break
         begin(whole.scene.progress, "search for causes: what competes", number, len(found))
         if number > GROUPS and member.kind in _IMAGES:  # whose competitors nobody asks for
-            sized = _sized(of_taken_images(rest, member), whole) if rest else member
+            sized = _sized(of_taken_images(rest, member), residual) if rest else member
             groups.append([Rival(sized, sized.squares, 1)])
         elif (case := _without(whole, member, sea)) is None:
             alike = [other for other in whole.alike if other.kind is member.kind] or [member]
@@ -102,10 +104,8 @@ def members(search: Search, most: int) -> Iterator[Hypothesis]:
     end = np.append(start[1:], len(wrong))
     for rows in [wrong[start[number] : end[number]] for number in largest.tolist()]:
         of_images = CauseKind.IMAGES if len(rows) > 1 else CauseKind.IMAGE
-        photo = tuple(np.unique(network.photo[rows]).tolist())
-        yield _member(of_images, (GivenUp.of_images(rows),), photo, (int(network.point[rows[0]]),))
-    priors, measured = {kind.observed: kind for kind in PRIORS}, {kind.observed: kind for kind in MEASURED}
-    common = {photo for tides in last.tides for photo in tides.photo}
+        yield _member(block, of_images, GivenUp.of_images(rows))
+    own = own_tides(search)
     for tides in last.tides:
         photos = np.array(tides.photo)
         yield replace(tides, given_up=(GivenUp(kind=_K.WATER_LEVEL, row=photos, component=np.zeros_like(photos)),))
@@ -113,33 +113,22 @@ def members(search: Search, most: int) -> Iterator[Hypothesis]:
     for observed, mask in out.items():
         for row in np.flatnonzero(mask.any(axis=1)).tolist() if observed is not _K.PLATE else ():
             part = GivenUp.of_row(observed, row, np.flatnonzero(mask[row]))
-            if observed in priors:
-                yield _member(_kind_of(part), (part,), (), (int(priors[observed].points(block)[row]),))
-            elif observed in measured:
-                yield _member(measured[observed].cause, (part,), *measured[observed].links_of(block, row))
-            elif observed in (_K.STATION_POSITION, _K.STATION_ATTITUDE):
+            if observed in (_K.STATION_POSITION, _K.STATION_ATTITUDE):
                 stations.setdefault(row, []).append(part)
-            elif len(mask) == len(block.photos.ids) and row not in common:
-                yield _member(CauseKind.TIDE, (part,), (row,), ())
-    for station, parts in sorted(stations.items()):
-        alone = CauseKind.POSITION if parts[0].kind is _K.STATION_POSITION else CauseKind.ATTITUDE
-        yield _member(CauseKind.STATION if len(parts) > 1 else alone, tuple(parts), (station,), ())
+            elif observed is _K.CONTROL:
+                plan, height = mask[row, :2].any(), mask[row, 2]
+                alone = CauseKind.HORIZONTAL if plan else CauseKind.VERTICAL
+                yield _member(block, CauseKind.CONTROL if plan and height else alone, part)
+            elif observed is not _K.WATER_LEVEL or own[row]:
+                yield _member(block, CAUSES[observed], part)
+    for _, parts in sorted(stations.items()):
+        yield _member(block, CauseKind.STATION if len(parts) > 1 else CAUSES[parts[0].kind], *parts)
 
 
-def _kind_of(part: GivenUp) -> CauseKind:
-    if part.kind is _K.EQUAL_ELEVATION:
-        return CauseKind.ELEVATION
-    plan, height = (part.component < 2).any(), (part.component == 2).any()
-    return CauseKind.CONTROL if plan and height else CauseKind.HORIZONTAL if plan else CauseKind.VERTICAL
-
-
-def _member(
-    kind: CauseKind, parts: tuple[GivenUp, ...], photo: tuple[int, ...], point: tuple[int, ...]
-) -> Hypothesis:
+def _member(block: Block, kind: CauseKind, *parts: GivenUp) -> Hypothesis:
     count = sum(len(part.row) for part in parts)
     nothing = np.full(count, np.nan)
-    member = Hypothesis(kind=kind, photo=photo, point=point, given_up=parts, parameters=count)
-    return replace(member, squares=np.nan, error=nothing, sigma=nothing)
+    return giving_up(block, kind, *parts, squares=np.nan, parameters=count, error=nothing, sigma=nothing)
 
 
 def _without(whole: Case, member: Hypothesis, sea: Sea | None) -> Case | None:
@@ -160,7 +149,7 @@ def _explained(member: Hypothesis, size: Factors) -> float:
     """
     if np.isfinite(member.squares) or not member.given_up:
         return np.inf if np.isnan(member.squares) else member.squares
-    return float(sum(np.square(size[part.kind][part.row, part.component]).sum() for part in member.given_up))
+    return float(np.square(member.values_in(size)).sum())
 
 
 def _ranked(
@@ -185,18 +174,18 @@ def _ranked(
         if option.key != first.key
         and sensible(option)
         and option.squares >= _NEARLY * first.squares
-        and not (covers(option, first) and option.gain(variance) < first.gain(variance))
+        and not (option.gain(variance) < first.gain(variance) and _covers(case, option, first))
     ]
     others = [others[row] for row in falling([option.gain(variance) for option in others]).tolist()]
     worst = final + first.squares
-    tried = [(_sized(first, case), final)]
+    tried = [(_sized(first, _residual(case)), final)]
     if first.kind in _IMAGES and few:
         pairs = exchanged_images(case.scene.network, case.state, first.point[0])
         tried += [(_exchange(first, photos), final) for photos in pairs]
     for option in others[:few]:
         trial = with_hypothesis(case, option, sea)
         if worst - trial.squares >= NEARLY * (worst - final):
-            tried.append((_sized(trial.taken[-1], trial), trial.squares))
+            tried.append((_sized(trial.taken[-1], _residual(trial)), trial.squares))
     costs = [squares / variance + PENALTY * option.parameters for option, squares in tried]
     equal = PENALTY + _SAME * (worst - final) / variance
     better = np.array([sum(other < cost - equal for other in costs) for cost in costs])
@@ -204,6 +193,13 @@ def _ranked(
     cheap = list(CauseKind)
     order = sorted(range(len(tried)), key=lambda k: (ranks[k], cheap.index(tried[k][0].kind)))
     return [Rival(tried[k][0], worst - tried[k][1], int(ranks[k])) for k in order]
+
+
+def _covers(case: Case, hypothesis: Hypothesis, other: Hypothesis) -> bool:
+    """Return whether a hypothesis gives up all that another one does, which is in, and more."""
+    if not other.given_up or len(hypothesis.error) <= len(other.error):
+        return False
+    return bool(other.values_in(given_up(case.out, hypothesis)).all())
 
 
 def _same_photos(scene: Scene, images: Hypothesis) -> BoolArray:
@@ -215,16 +211,18 @@ def _same_photos(scene: Scene, images: Hypothesis) -> BoolArray:
     return near
 
 
-def _sized(hypothesis: Hypothesis, case: Case) -> Hypothesis:
-    """Return a hypothesis with the errors that a case, adjusted without its observations, says."""
+def _sized(hypothesis: Hypothesis, residual: Factors) -> Hypothesis:
+    """Return a hypothesis with the errors that the adjustment without its observations says, of these residuals."""
     if not hypothesis.given_up:
         return hypothesis
-    residual = deviations(case.scene.network, case.scene.block, case.state)
-    error = -np.concatenate([residual[part.kind][part.row, part.component] for part in hypothesis.given_up])
-    return replace(hypothesis, error=np.where(np.isfinite(hypothesis.error), error, np.nan))
+    error = np.where(np.isfinite(hypothesis.error), -hypothesis.values_in(residual), np.nan)
+    return replace(hypothesis, error=error)
 
 
-def _exchange(image: Hypothesis, photos: tuple[int, int]) -> Hypothesis:
-    nothing = np.zeros(0)
-    exchanged = replace(image, kind=CauseKind.EXCHANGED_IMAGES, photo=photos)
-    return replace(exchanged, given_up=(), parameters=1, error=nothing, sigma=nothing)
+def _residual(case: Case) -> Factors:
+    return deviations(case.scene.network, case.scene.block, case.state)
+
+
+def _exchange(image: Hypothesis, photo: tuple[int, int]) -> Hypothesis:
+    kind = CauseKind.EXCHANGED_IMAGES
+    return Hypothesis(kind=kind, photo=photo, point=image.point, squares=image.squares)

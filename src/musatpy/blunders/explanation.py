@@ -11,19 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.iteration import iterate
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, falling
-from musatpy.blunders.hypotheses import Hypothesis, common_errors, hypotheses
+from musatpy.blunders.hypotheses import Hypothesis, common_errors, hypotheses, moved_state, revised
 from musatpy.blunders.linear_model import LinearModel, linear_model
-from musatpy.blunders.revisions import moved_state, revised
 from musatpy.blunders.scene import (
     GIVEN_UP,
     PENALTY,
     Factors,
     Scene,
-    adjusted,
     at_their_best,
     rebuilt,
     sizes,
@@ -45,8 +44,6 @@ SENSIBLE = {  # sizes of errors that are common to many observations, and can be
     CauseKind.TIDES: 30.0,  # m
 }
 _DOUBT = 2.0  # times what the linear model has misjudged of the best: by so much more it may of the others
-_GROSS = 30.0  # squares of each image that the next hypothesis leaves: too much to adjust
-_ALIKE = 0.99  # of the squares that the best explains of gross errors
 NEARLY = 0.5  # of the squares that the best explains in the linear model: less is not tried
 _ITERATIONS = 6  # of a re-adjustment
 _REFINEMENTS = 2  # of the size of what is revised
@@ -54,7 +51,6 @@ _FEW = 6  # wrong images that hypotheses taken one by one can still explain
 _AGREEING = 2  # images that agree with what is known of their point, so that another one is the wrong one
 _SHARE = 0.3  # of the images of a photo: more that are wrong are no single ones
 _DRY = 0.02  # of the rays of submerged points: as many of these stand dry where an image of theirs is wrong
-_SINGLE, _RARE = 1, 0.05  # images of a photo, and share of them, that are wrong each by itself
 _CHEAP = list(CauseKind)
 
 
@@ -132,23 +128,6 @@ def _doubtful_points(last: Snooped) -> BoolArray:
     return known & ~((lost == 1) & (good >= _AGREEING) & ~denied)
 
 
-def single_images(last: Snooped) -> bool:
-    """Return whether all that is out are images that nothing simpler explains together.
-
-    Each of another point, of which nothing is known, and few on each photo: a card, a label or a tide would take
-    out control, all images of a point, or many of a photo.
-    """
-    out, network = last.out, last.scene.network
-    if any(mask.any() for kind, mask in out.items() if kind is not ObservationKind.PLATE):
-        return False
-    wrong = last.rows_out(ObservationKind.PLATE)
-    points, photos = network.point[wrong], network.photo[wrong]
-    known = network.priors.known.any(axis=1) | (network.priors.group >= 0)
-    images = np.bincount(network.photo[taking_part(network)], minlength=network.photos)
-    many = np.bincount(photos, minlength=network.photos) > np.maximum(_SINGLE, _RARE * images)
-    return not (known[points].any() or many.any() or len(np.unique(points)) < len(points))
-
-
 def submerged_points_dry(last: Snooped) -> bool:
     """Return whether so many rays of points flagged as submerged stand dry that the tides may be wrong."""
     scene = last.scene
@@ -164,10 +143,14 @@ def first_case(block: Block, scene: Scene, state: State) -> Case:
     return Case(block=block, scene=scene, state=state, out=nothing)
 
 
-def readjusted(case: Case) -> Case:
-    """Return the case after a re-adjustment, of infinite squares where that fails."""
+def readjusted(case: Case, factors: Factors | None = None) -> Case:
+    """Return the case after a re-adjustment, of infinite squares where that fails.
+
+    `factors` on the weights may be those of a state before.
+    """
+    problem = case.scene.problem(case.factors() if factors is None else factors)
     try:
-        state = adjusted(case.scene, case.factors(), case.state, _ITERATIONS).state
+        state = iterate(problem, problem.with_squares(case.state), _ITERATIONS).state
     except GIVEN_UP:
         return replace(case, squares=np.inf)
     return replace(case, state=state, squares=squares_in(case.scene, case.out, state))
@@ -214,30 +197,13 @@ def shortlist(case: Case, model: LinearModel, variance: float) -> list[Hypothesi
         for option in hypotheses(model)
         if option.squares > variance * chi_square_limit(option.parameters, normal)
         and sensible(option)
-        and (_still_in(case.out, option) if option.given_up else option.key not in known)
+        and ((option.values_in(case.out) == 0.0).any() if option.given_up else option.key not in known)
     ]
     if not options:
         return []
     options = [options[row] for row in falling([option.gain(variance) for option in options]).tolist()]
     best = max(option.squares for option in options)
-    if model.squares - best > _GROSS * len(case.out[ObservationKind.PLATE]) * variance:
-        # no adjustment tells anything yet, and no difference that is small beside what the model leaves out
-        alike = [option for option in options if option.squares >= _ALIKE * best]
-        return [min(alike, key=lambda option: (option.parameters, _CHEAP.index(option.kind)))]
     return [option for option in options if option.squares >= NEARLY * best][:TRIED]
-
-
-def covers(hypothesis: Hypothesis, other: Hypothesis) -> bool:
-    """Return whether a hypothesis gives up all that another one does, and more."""
-    rows = [
-        {
-            (part.kind, row, axis)
-            for part in each.given_up
-            for row, axis in zip(part.row, part.component, strict=True)
-        }
-        for each in (hypothesis, other)
-    ]
-    return bool(rows[1]) and rows[1] < rows[0]
 
 
 def _trials(
@@ -248,7 +214,8 @@ def _trials(
     The others cost more by about as much as their linear model says, which errs by what all of them leave in: by
     as much as it has misjudged those before.
     """
-    size, factors = sizes(case.scene, case.state), case.factors()
+    size = sizes(case.scene, case.state)
+    factors = factors_of(case.out, size)
     given_up_before = (
         float(np.nansum((factors[kind] * np.square(size[kind]))[mask > 0.0])) for kind, mask in case.out.items()
     )
@@ -266,11 +233,6 @@ def sensible(hypothesis: Hypothesis) -> bool:
     return bool(abs(hypothesis.error[0]) < SENSIBLE.get(hypothesis.kind, np.inf))
 
 
-def _still_in(out: Factors, hypothesis: Hypothesis) -> bool:
-    """Return whether a hypothesis gives up anything that is not out yet."""
-    return any((out[part.kind][part.row, part.component] == 0.0).any() for part in hypothesis.given_up)
-
-
 def cheapest(cases: list[Case], variance: float) -> Case:
     """Return the case of least cost; of those that cost alike, that whose last cause is the cheapest to check."""
     least = min(case.cost(variance) for case in cases)
@@ -283,9 +245,10 @@ def with_hypothesis(case: Case, hypothesis: Hypothesis, sea: Sea | None) -> Case
     if not hypothesis.given_up:
         return _revised(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
     case = _taking(case, hypothesis)
+    factors = case.factors()
     # of points of which something is given up: the stations follow little
-    state = at_their_best(case.scene, case.factors(), case.state, hypothesis.point)
-    return readjusted(replace(case, state=state))
+    state = at_their_best(case.scene, factors, case.state, hypothesis.point)
+    return readjusted(replace(case, state=state), factors)
 
 
 def _taking(case: Case, hypothesis: Hypothesis) -> Case:

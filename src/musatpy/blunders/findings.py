@@ -12,6 +12,7 @@ from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray, falling
 from musatpy.blunders.alternatives import misfit
+from musatpy.blunders.hypotheses import CAUSES
 from musatpy.blunders.scene import LIMIT, sees_water, sizes
 from musatpy.blunders.search import Search
 from musatpy.model import (
@@ -37,19 +38,12 @@ _SEVERAL = 3  # of a kind, at least: one of four control points is one wrong car
 ENOUGH = 6  # images on land that a photo must keep for its submerged ones to be kept out
 _K = ObservationKind
 _NOUNS = {_K.PLATE: "images", _K.CONTROL: "control points"}
-_SIMPLE = {
-    _K.STATION_POSITION: CauseKind.POSITION,
-    _K.STATION_ATTITUDE: CauseKind.ATTITUDE,
-    _K.EQUAL_ELEVATION: CauseKind.ELEVATION,
-    **{kind.observed: kind.cause for kind in MEASURED},
-}
 _ORDER = (
     CauseKind.NAME,
     CauseKind.IMAGE,
     CauseKind.HORIZONTAL,
     CauseKind.VERTICAL,
-    *_SIMPLE.values(),
-    CauseKind.TIDE,
+    *CAUSES.values(),
     CauseKind.DRY_FLAG,
     CauseKind.WET_FLAG,
 )
@@ -61,18 +55,9 @@ def findings(search: Search) -> tuple[Finding, ...]:
         *_renamed(search),
         *_images(search),
         *_rows(search),
-        *_tides(search),
+        *_common_tides(search),
         *_flags(search),
     ]
-    return _in_order(listed)
-
-
-def flag_findings(search: Search) -> tuple[Finding, ...]:
-    """Return those of `findings` that are wrong flags."""
-    return _in_order(list(_flags(search)))
-
-
-def _in_order(listed: list[Finding]) -> tuple[Finding, ...]:
     ranked = [listed[row] for row in falling([finding.test for finding in listed], _DECIMALS).tolist()]
     return tuple(sorted(ranked, key=lambda finding: _ORDER.index(finding.kind)))
 
@@ -138,56 +123,47 @@ def _tested(search: Search, kind: ObservationKind, row: int, components: slice) 
 
 
 def _rows(search: Search) -> Iterator[Finding]:
-    """Yield wrong control, stations, equal elevations, and what was measured between points and stations."""
-    horizontal, vertical = control_out(search)
+    """Yield wrong control, stations, equal elevations, tides, and what was measured between points and stations."""
+    block, tides = search.block, own_tides(search)
+    (horizontal, vertical), kept_out = control_out(search), wrong_tides(search)
     kinds = [
         (CauseKind.HORIZONTAL, _K.CONTROL, horizontal, slice(0, 2)),
         (CauseKind.VERTICAL, _K.CONTROL, vertical, slice(2, 3)),
-        *((kind, observed, search.last.rows_out(observed), slice(None)) for observed, kind in _SIMPLE.items()),
+        *((kind, observed, search.last.rows_out(observed), slice(None)) for observed, kind in CAUSES.items()),
     ]
     for kind, observed, out, components in kinds:
-        for row in np.flatnonzero(out).tolist():
+        for row in np.flatnonzero(tides if kind is CauseKind.TIDE else out).tolist():
             test, size = _tested(search, observed, row, components)
-            photos, points = observed.links(search.block, row)
+            action, note = kind.action, ""
+            if kind is CauseKind.TIDE:
+                photos, points = [str(block.photos.ids[row])], list[str]()
+                action = action if kept_out[row] else Action.NONE
+                note = "all its submerged images" if kept_out[row] else "too few images on land to do without"
+            else:
+                photos, points = observed.links(block, row)
+                if observed is _K.CONTROL and np.isnan(test):
+                    note = "its images do not fix it without"
+            size = tuple(value / kind.scale for value in size)
             yield Finding(
                 kind=kind,
                 photo="-".join(photos),
                 point="-".join(points),
                 test=test,
-                size=tuple(value / kind.scale for value in size),
-                action=kind.action,
-                note="its images do not fix it without" if observed is _K.CONTROL and np.isnan(test) else "",
+                size=size,
+                action=action,
+                note=note,
             )
 
 
-def _tides(search: Search) -> Iterator[Finding]:
-    """Yield wrong tides: common ones first."""
-    block, last = search.block, search.last
-    common = np.zeros(len(block.photos.ids), dtype=bool)
-    for tide in last.tides:
-        common[list(tide.photo)] = True
-    for tide in (*last.tides, *(one for one in search.case.taken if one.kind is CauseKind.TIDES)):
+def _common_tides(search: Search) -> Iterator[Finding]:
+    for tide in (*search.last.tides, *(one for one in search.case.taken if one.kind is CauseKind.TIDES)):
         yield Finding(
             kind=CauseKind.TIDE,
             photo=tide.name or "all",
-            test=abs(float(tide.error[0])) / (float(tide.sigma[0]) * last.judgement.sigma0),
+            test=abs(float(tide.error[0])) / (float(tide.sigma[0]) * search.last.judgement.sigma0),
             size=(float(tide.error[0]),),
             action=Action.NONE,
             note=f"common to the tides of {len(tide.photo)} photos; no image can be blamed",
-        )
-    mask = last.rows_out(_K.WATER_LEVEL)
-    if len(mask) != len(common):
-        return
-    kept_out = wrong_tides(search)
-    for row in np.flatnonzero(mask & ~common).tolist():
-        test, size = _tested(search, _K.WATER_LEVEL, row, slice(None))
-        yield Finding(
-            kind=CauseKind.TIDE,
-            photo=str(block.photos.ids[row]),
-            test=test,
-            size=size,
-            action=CauseKind.TIDE.action if kept_out[row] else Action.NONE,
-            note="all its submerged images" if kept_out[row] else "too few images on land to do without",
         )
 
 
@@ -280,11 +256,11 @@ def unedited(search: Search) -> str:
     named = ", ".join(kind for kind in CauseKind if kind in commons)
     if commons - {CauseKind.TIDES} or _explains_most(search):
         return f"one cause explains what does not fit: {named}"
-    block, units = search.last.scene.block, search.last.judgement.units
+    units = search.last.judgement.units
     for kind, rows in units.of_kinds.items():
         wrong = search.last.rows_out(kind)
         if kind is _K.WATER_LEVEL:  # what common errors explain is not edited anyway
-            wrong = wrong & wrong_tides(search) if len(wrong) == len(block.photos.ids) else np.zeros_like(wrong)
+            wrong = wrong_tides(search)
         count, total = np.count_nonzero(wrong), np.count_nonzero(np.diff(units.row[rows], prepend=-1))
         if count >= _SEVERAL and count > _FIFTH * total:
             return (
@@ -302,17 +278,22 @@ def _explains_most(search: Search) -> bool:
     return common > sum(float(np.square(size[kind][out[kind] > 0.0]).sum()) for kind in out)
 
 
-def wrong_tides(search: Search) -> BoolArray:
-    """Return the photos (n,) whose own tides are wrong, and whose submerged images can be done without."""
-    block, tides = search.case.block, np.zeros(len(search.case.block.photos.ids), dtype=bool)
-    mask, images = search.last.rows_out(_K.WATER_LEVEL), search.last.rows_out(_K.PLATE)
-    if len(mask) != len(tides) or not mask.any():
-        return tides
-    tides[mask] = True
+def own_tides(search: Search) -> BoolArray:
+    """Return the photos (n,) whose tides are out, each by itself: not as part of a common error."""
+    tides, mask = np.zeros(len(search.block.photos.ids), dtype=bool), search.last.rows_out(_K.WATER_LEVEL)
+    if len(mask) == len(tides):
+        tides[mask] = True
     for common in search.last.tides:
         tides[list(common.photo)] = False
-    dry = ~block.points.bathymetric[block.plates.point] & ~images & block.plates.triangulated
-    return tides & (np.bincount(block.plates.photo[dry], minlength=len(tides)) >= ENOUGH)
+    return tides
+
+
+def wrong_tides(search: Search) -> BoolArray:
+    """Return the photos (n,) whose own tides are wrong, and whose submerged images can be done without."""
+    block, tides = search.case.block, own_tides(search)
+    dry = ~block.points.bathymetric[block.plates.point] & block.plates.triangulated
+    kept = block.plates.photo[dry & ~search.last.rows_out(_K.PLATE)]
+    return np.asarray(tides & (np.bincount(kept, minlength=len(tides)) >= ENOUGH))
 
 
 def control_out(search: Search) -> tuple[BoolArray, BoolArray]:

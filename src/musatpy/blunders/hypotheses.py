@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,13 +21,27 @@ from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.water_surface import tide_groups
 from musatpy.arrays import BoolArray, FloatArray, IntArray, falling
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks, dropped, put_in_again
-from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY
-from musatpy.model import Block, CauseKind, ObservationKind
+from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY, Factors
+from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
+from musatpy.model.findings import CONTROL_CARD, STATION_CARD
+from musatpy.units import length_unit
 
 _LISTED = 8  # of one kind of hypothesis, those that explain most
 _COMMON_CHECKED = 1e-6  # of c'Pc; less says nothing of a common error
 
 _K = ObservationKind
+CONTROL, STATIONS, PLATES_TO_FOCAL_LENGTH, HEIGHTS = range(4)  # whose unit of length is wrong; heights of control
+Y_REVERSED, X_REVERSED, EXCHANGED, CONTROL_EXCHANGED, HEIGHTS_NEGATED = range(5)  # axes of plates, of control
+PLATES, CARDS = 0, 1  # that bear exchanged labels: plate cards, or station cards
+_EXCHANGED = "each stands where the card of the other one says: exchange the photo ids on the {} cards"
+_SAME_UNIT = 0.05  # by which a factor may be off that of a unit
+CAUSES = {  # what may be wrong with what was observed of a kind, images and control apart
+    _K.STATION_POSITION: CauseKind.POSITION,
+    _K.STATION_ATTITUDE: CauseKind.ATTITUDE,
+    _K.EQUAL_ELEVATION: CauseKind.ELEVATION,
+    **{kind.observed: kind.cause for kind in MEASURED},
+    _K.WATER_LEVEL: CauseKind.TIDE,
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,9 +84,29 @@ class Hypothesis:
         """Return what tells hypotheses apart."""
         return (self.kind, self.photo, self.point, self.member)
 
+    def values_in(self, tables: Factors) -> FloatArray:
+        """Return what tables (rows, components) of the kinds say of the observations that are given up (s,)."""
+        return np.concatenate([tables[part.kind][part.row, part.component] for part in self.given_up])
+
     def gain(self, variance: float) -> float:
         """Return the squares explained, less the price of the parameters."""
         return self.squares / variance - PENALTY * self.parameters
+
+
+def giving_up(block: Block, kind: CauseKind, *parts: GivenUp, **explained: Any) -> Hypothesis:
+    """Return the hypothesis that gives observations up, with the photos and the points that they concern."""
+    links: dict[str, list[int]] = {"photo": [], "point": []}
+    for part in parts:
+        table = getattr(block, part.kind.attribute) if part.kind.attribute else block.photos
+        if table is block.photos:
+            links["photo"] += part.row.tolist()
+            continue
+        for name, numbers in links.items():
+            numbers += getattr(table, name)[part.row].reshape(-1).tolist() if hasattr(table, name) else []
+    if parts[0].kind is _K.PLATE:
+        links["photo"].sort()
+    photo, point = (tuple(dict.fromkeys(numbers)) for numbers in links.values())
+    return Hypothesis(kind=kind, photo=photo, point=point, given_up=parts, **explained)
 
 
 def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypothesis]:
@@ -84,7 +119,7 @@ def hypotheses(model: LinearModel, near: BoolArray | None = None) -> list[Hypoth
         points = tuple(checks.part(near[checks.point]) for checks in points)
     cards = {kind.observed: first_rows(kind.points(block), model.network.points) for kind in PRIORS}
     options = [*common_errors(model), *_direct(model), *_stations(model)]
-    options += [option for checks in points for option in _of_points(model.network, checks, cards)]
+    options += [option for checks in points for option in _of_points(block, checks, cards)]
     return [options[row] for row in falling([option.squares for option in options]).tolist()]
 
 
@@ -96,60 +131,45 @@ def of_taken_images(model: LinearModel, images: Hypothesis) -> Hypothesis:
     rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
     weight = model.scene.weight[_K.PLATE][checks.rays[:, order]].reshape(1, -1)
     v, Q = put_in_again(checks.residual[:, rows], weight, checks.cofactor[:, rows[:, None], rows])
-    drop = dropped(v, weight, Q, IMAGES_CHECKED)
-    return _hypothesis(images.kind, drop, 0, photo=images.photo, point=images.point, given_up=images.given_up)
+    return replace(images, **_explained(dropped(v, weight, Q, IMAGES_CHECKED), 0))
 
 
-def _of_points(
-    network: Network, checks: PointChecks, cards: dict[ObservationKind, IntArray]
-) -> Iterator[Hypothesis]:
+def _of_points(block: Block, checks: PointChecks, cards: dict[ObservationKind, IntArray]) -> Iterator[Hypothesis]:
     """Yield single images, all images, and what is known of points: the rows (p,) of their `cards`."""
     m = checks.rays.shape[1]
     has_priors = bool((checks.weight[:, 2 * m :] > 0.0).any())
-    for image in range(m):
-        yield from _of_images(network, checks, CauseKind.IMAGE, np.array([image]))
-    if m > 1:
-        yield from _of_images(network, checks, CauseKind.IMAGES, np.arange(m))
+    choices = [(CauseKind.IMAGE, np.array([image])) for image in range(m)]
+    for kind, images in [*choices, (CauseKind.IMAGES, np.arange(m))] if m > 1 else choices:
+        drop = checks.drop((2 * images[:, None] + np.arange(2)).reshape(-1))
+        for k in _most(drop):
+            part = GivenUp.of_images(checks.rays[k, images])
+            yield giving_up(block, kind, part, **_explained(drop, k))
     for kind, components in (
         (CauseKind.HORIZONTAL, np.arange(2)),
         (CauseKind.VERTICAL, np.array([2])),
         (CauseKind.CONTROL, np.arange(3)),
         (CauseKind.ELEVATION, np.array([3])),
     ):
-        if has_priors and (checks.weight[:, 2 * m + components] > 0.0).any():
-            yield from _of_priors(checks, kind, components, cards)
-
-
-def _of_images(network: Network, checks: PointChecks, kind: CauseKind, images: IntArray) -> Iterator[Hypothesis]:
-    """Yield some of the images (r,) of points."""
-    rays, drop = checks.rays[:, images], checks.drop((2 * images[:, None] + np.arange(2)).reshape(-1))
-    for k in _most(drop):
-        photo, given_up = tuple(np.unique(network.photo[rays[k]]).tolist()), GivenUp.of_images(rays[k])
-        yield _hypothesis(kind, drop, k, photo=photo, point=(int(checks.point[k]),), given_up=(given_up,))
-
-
-def _of_priors(
-    checks: PointChecks, kind: CauseKind, components: IntArray, cards: dict[ObservationKind, IntArray]
-) -> Iterator[Hypothesis]:
-    """Yield what is known of points, some `components` of it."""
-    rows = 2 * checks.rays.shape[1] + components
-    drop, known = checks.drop(rows), checks.weight[:, rows] > 0.0
-    # with one of its parts known only, it is that part
-    both = kind is not CauseKind.CONTROL or known[:, :2].any(axis=1) & known[:, 2]
-    observed = _K.EQUAL_ELEVATION if kind is CauseKind.ELEVATION else _K.CONTROL
-    for k in _most(drop, both):
-        point, given = int(checks.point[k]), components[known[k]]
-        part = GivenUp.of_row(observed, int(cards[observed][point]), given * (observed is _K.CONTROL))
-        yield _hypothesis(kind, drop, k, point=(point,), given_up=(part,))
+        if not (has_priors and (known := checks.weight[:, 2 * m + components] > 0.0).any()):
+            continue
+        drop = checks.drop(2 * m + components)
+        # with one of its parts known only, it is that part
+        both = kind is not CauseKind.CONTROL or known[:, :2].any(axis=1) & known[:, 2]
+        observed = _K.EQUAL_ELEVATION if kind is CauseKind.ELEVATION else _K.CONTROL
+        for k in _most(drop, both):
+            given = components[known[k]] * (observed is _K.CONTROL)
+            part = GivenUp.of_row(observed, int(cards[observed][checks.point[k]]), given)
+            yield giving_up(block, kind, part, **_explained(drop, k))
 
 
 def _stations(model: LinearModel) -> Iterator[Hypothesis]:
     """Yield observed positions, attitudes, both, and tides."""
     known = model.station_weight > 0.0
+    position, attitude = (_K.STATION_POSITION, np.arange(3)), (_K.STATION_ATTITUDE, np.arange(3, 6))
     parts = {
-        CauseKind.POSITION: ((_K.STATION_POSITION, np.arange(3)),),
-        CauseKind.ATTITUDE: ((_K.STATION_ATTITUDE, np.arange(3, 6)),),
-        CauseKind.STATION: ((_K.STATION_POSITION, np.arange(3)), (_K.STATION_ATTITUDE, np.arange(3, 6))),
+        CauseKind.POSITION: (position,),
+        CauseKind.ATTITUDE: (attitude,),
+        CauseKind.STATION: (position, attitude),
         CauseKind.TIDE: ((_K.WATER_LEVEL, np.array([LEVEL])),),
     }
     for kind, of_kind in parts.items():
@@ -158,8 +178,8 @@ def _stations(model: LinearModel) -> Iterator[Hypothesis]:
             continue
         drop = model.station_drop(columns)
         for k in _most(drop, np.all([known[:, column].any(axis=1) for _, column in of_kind], axis=0)):
-            given_up = tuple(GivenUp.of_row(part, k, column - column[0]) for part, column in of_kind)
-            yield _hypothesis(kind, drop, k, photo=(k,), given_up=given_up)
+            given_up = (GivenUp.of_row(part, k, column - column[0]) for part, column in of_kind)
+            yield giving_up(model.scene.block, kind, *given_up, **_explained(drop, k))
 
 
 def _direct(model: LinearModel) -> Iterator[Hypothesis]:
@@ -169,15 +189,11 @@ def _direct(model: LinearModel) -> Iterator[Hypothesis]:
         return
     for part in propagation.direct(model.network, model.minimum, model.cofactors):
         if part.kind in kinds:
-            kind = kinds[part.kind]
-            drop = dropped(
-                part.residual[:, None], part.weight[:, None], part.cofactor[:, None, None], _COMMON_CHECKED
-            )
+            v, weight, Q = part.residual[:, None], part.weight[:, None], part.cofactor[:, None, None]
+            drop = dropped(v, weight, Q, _COMMON_CHECKED)
             for k in _most(drop):
-                row = int(part.row[k])
-                photo, point = kind.links_of(model.scene.block, row)
-                given_up = GivenUp.of_row(part.kind, row, np.array([0]))
-                yield _hypothesis(kind.cause, drop, k, photo=photo, point=point, given_up=(given_up,))
+                given_up = GivenUp.of_row(part.kind, int(part.row[k]), np.array([0]))
+                yield giving_up(model.scene.block, kinds[part.kind].cause, given_up, **_explained(drop, k))
 
 
 def _most(drop: Drop, among: BoolArray | bool = True) -> list[int]:
@@ -186,24 +202,10 @@ def _most(drop: Drop, among: BoolArray | bool = True) -> list[int]:
     return enough[falling(drop.squares[enough])[:_LISTED]].tolist()
 
 
-def _hypothesis(
-    kind: CauseKind,
-    drop: Drop,
-    k: int,
-    photo: tuple[int, ...] = (),
-    point: tuple[int, ...] = (),
-    given_up: tuple[GivenUp, ...] = (),
-) -> Hypothesis:
-    return Hypothesis(
-        kind=kind,
-        photo=photo,
-        point=point,
-        given_up=given_up,
-        squares=float(drop.squares[k]),
-        parameters=int(drop.parameters[k]),
-        error=drop.error[k],
-        sigma=drop.sigma[k],
-    )
+def _explained(drop: Drop, k: int) -> dict[str, Any]:
+    """Return what giving up one of several groups explains, as fields of a hypothesis."""
+    squares, parameters = float(drop.squares[k]), int(drop.parameters[k])
+    return {"squares": squares, "parameters": parameters, "error": drop.error[k], "sigma": drop.sigma[k]}
 
 
 def common_errors(model: LinearModel) -> list[Hypothesis]:
@@ -214,23 +216,18 @@ def common_errors(model: LinearModel) -> list[Hypothesis]:
     follow.
     """
     network, state, block = model.network, model.state, model.scene.block
-    index = _index_counts(network)
-    cameras = range(_cameras(block))
-    columns = [
-        Hypothesis(kind=kind, member=member)
-        for camera in cameras
-        for kind, member in (
-            (CauseKind.FOCAL_LENGTH, camera),
-            (CauseKind.PRINCIPAL_POINT, 2 * camera),
-            (CauseKind.PRINCIPAL_POINT, 2 * camera + 1),
-        )
-    ]
+    cameras, unknown = int(block.photos.camera.max()) + 1, network.water.unknown or network.border.count(_K.WAVE)
+    index = bool(unknown and not network.border.count(_K.WATER_INDEX))  # it counts, and is no unknown itself
+    columns = []
+    for camera in range(cameras):
+        columns.append(Hypothesis(kind=CauseKind.FOCAL_LENGTH, member=camera))
+        columns += [Hypothesis(kind=CauseKind.PRINCIPAL_POINT, member=2 * camera + axis) for axis in range(2)]
     columns += [Hypothesis(kind=CauseKind.INDEX)] if index else []
     weight, pull = np.zeros((2, len(columns)))
     coupling = np.zeros((len(columns), len(model.step)))
     for checks in model.points:
         rows = slice(0, 2 * checks.rays.shape[1])
-        c = _errors_of_images(network, state, block, checks.rays)
+        c = _errors_of_images(network, state, 3 * block.photos.camera, checks.rays, len(columns), index)
         weighted = np.swapaxes(checks.weight[:, rows, None] * c, 1, 2)
         by_point = weighted @ checks.ground[:, rows]
         weight += np.einsum("kco,koc->c", weighted, c)
@@ -278,29 +275,161 @@ def _unknowns_more(
             )
 
 
-def _index_counts(network: Network) -> bool:
-    """Return whether the index of the water, which is no unknown itself, is worth a hypothesis."""
-    unknown = network.water.unknown or network.border.count(_K.WAVE) > 0
-    return bool(unknown and not network.border.count(_K.WATER_INDEX))
+def _errors_of_images(
+    network: Network, state: State, camera: IntArray, rays: IntArray, columns: int, index: bool
+) -> FloatArray:
+    """Return what errors of one unit add to images (k, m): (k, 2m, columns), in the order of `common_errors`.
 
-
-def _cameras(block: Block) -> int:
-    """Return how many cameras photos have, the last of them included."""
-    return int(block.photos.camera.max()) + 1
-
-
-def _errors_of_images(network: Network, state: State, block: Block, rays: IntArray) -> FloatArray:
-    """Return what errors of one unit add to images (k, m): (k, 2m, C), in the order of `common_errors`."""
-    cameras = _cameras(block)
-    photo, index = network.photo[rays], _index_counts(network)
-    camera = 3 * block.photos.camera[photo]
+    `camera` (n,) is the first column of that of each photo; the `index` of the water has the last one.
+    """
+    photo = network.photo[rays]
     image = network.xy[rays] + residuals(network, state, rays.reshape(-1)).reshape(*rays.shape, 2)
     ray = (image - network.principal_point[photo]) / network.focal_length[photo][..., None]
-    out = np.zeros((*rays.shape, 2, 3 * cameras + index))
-    np.put_along_axis(out, camera[..., None, None], -ray[..., None], axis=-1)
+    out = np.zeros((*rays.shape, 2, columns))
+    np.put_along_axis(out, camera[photo][..., None, None], -ray[..., None], axis=-1)
     for axis in range(2):
-        np.put_along_axis(out[:, :, axis], camera[..., None] + 1 + axis, -1.0, axis=-1)
+        np.put_along_axis(out[:, :, axis], camera[photo][..., None] + 1 + axis, -1.0, axis=-1)
     if index:
         wet = network.refracted[rays]
         out[wet, :, -1] = -index_partials(network, state, rays[wet])
     return out.reshape(len(rays), 2 * rays.shape[1], -1)
+
+
+def revised(block: Block, revision: Hypothesis) -> Block:
+    """Return the block with something revised."""
+    photo = np.array(revision.photo, dtype=int)
+    cameras, photos, value = block.cameras, block.photos, revision.value
+    match revision.kind:
+        case CauseKind.FOCAL_LENGTH:
+            f = cameras.focal_length.copy()
+            f[revision.member] -= value
+            return replace(block, cameras=replace(cameras, focal_length=f))
+        case CauseKind.PRINCIPAL_POINT:
+            principal = cameras.principal_point.copy()
+            principal[divmod(revision.member, 2)] -= value
+            return replace(block, cameras=replace(cameras, principal_point=principal))
+        case CauseKind.INDEX:
+            assert block.water is not None  # no index is tested without
+            return replace(block, water=replace(block.water, index=block.water.index - value, conditions=None))
+        case CauseKind.TIDES:
+            tide = photos.tide.copy()
+            tide[photo] -= value
+            return replace(block, photos=replace(photos, tide=tide))
+        case CauseKind.LABELS:
+            if revision.member == PLATES:
+                return replace(block, plates=replace(block.plates, photo=_exchanged(block.plates.photo, photo)))
+            position = photos.position.copy()
+            position[photo] = position[photo[::-1]]
+            return replace(block, photos=replace(photos, position=position))
+        case CauseKind.EXCHANGED_CONTROL:
+            point = _exchanged(block.control.point, np.array(revision.point, dtype=int))
+            return replace(block, control=replace(block.control, point=point))
+        case CauseKind.AXES:
+            return _with_other_axes(block, revision.member)
+        case CauseKind.UNIT:
+            return _rescaled(block, revision)
+    raise ValueError(f"no revision of {revision.kind}")
+
+
+def _exchanged(link: IntArray, pair: IntArray) -> IntArray:
+    first, second = pair.tolist()
+    return np.where(link == first, second, np.where(link == second, first, link))
+
+
+def _with_other_axes(block: Block, member: int) -> Block:
+    """Return the block with its plate axes, or those of its control, reversed or exchanged."""
+    if member in (CONTROL_EXCHANGED, HEIGHTS_NEGATED):
+        position = block.control.position
+        position = position[:, [1, 0, 2]] if member == CONTROL_EXCHANGED else position * np.array([1.0, 1.0, -1.0])
+        return replace(block, control=replace(block.control, position=position))
+    xy = block.plates.xy
+    xy = xy[:, ::-1] if member == EXCHANGED else xy * np.where(member == X_REVERSED, [-1.0, 1.0], [1.0, -1.0])
+    return replace(block, plates=replace(block.plates, xy=xy))
+
+
+def _rescaled(block: Block, revision: Hypothesis) -> Block:
+    if revision.member == PLATES_TO_FOCAL_LENGTH:
+        return replace(block, plates=replace(block.plates, xy=block.plates.xy / revision.value))
+    of_all = block.options.system is CoordinateSystem.LOCAL and revision.member != HEIGHTS
+    axes = slice(0, 3) if of_all else slice(2, 3)
+    table = block.photos if revision.member == STATIONS else block.control
+    position = table.position.copy()
+    position[:, axes] /= revision.value
+    if revision.member != STATIONS:
+        return replace(block, control=replace(block.control, position=position))
+    return replace(block, photos=replace(block.photos, position=position))
+
+
+def moved_state(state: State, revision: Hypothesis) -> State:
+    """Return a state that goes with what is revised."""
+    photo, value = list(revision.photo), revision.value
+    match revision.kind:
+        case CauseKind.INDEX:
+            return replace(state, index=state.index - value)
+        case CauseKind.TIDES:
+            tide = state.tide.copy()
+            tide[photo] -= value
+            return replace(state, tide=tide)
+        case CauseKind.LABELS if revision.member == PLATES:
+            position, attitude = state.position.copy(), state.attitude.copy()
+            position[photo], attitude[photo] = position[photo[::-1]], attitude[photo[::-1]]
+            return replace(state, position=position, attitude=attitude)
+    return state
+
+
+class Words(NamedTuple):
+    """What a member of a kind is in words."""
+
+    cards: str  # to read again, as `model.CauseKind` has them
+    component: str
+    advice: str  # of a unit of length, with what it does not agree
+
+
+MEMBERS = {
+    (CauseKind.UNIT, CONTROL): Words(CONTROL_CARD, "control", "stations and tides want"),
+    (CauseKind.UNIT, STATIONS): Words(STATION_CARD, "stations", "control and tides want"),
+    (CauseKind.UNIT, PLATES_TO_FOCAL_LENGTH): Words("PLT CAM", "plate coordinates", "the focal length wants"),
+    (CauseKind.UNIT, HEIGHTS): Words(CONTROL_CARD, "heights of the control", "its plan wants"),
+    (CauseKind.AXES, Y_REVERSED): Words(
+        "PLT", "y of the plates", "y runs down: reverse its sign, or read how the axes were defined"
+    ),
+    (CauseKind.AXES, X_REVERSED): Words(
+        "PLT", "x of the plates", "x runs backwards: reverse its sign, or read how the axes were defined"
+    ),
+    (CauseKind.AXES, EXCHANGED): Words(
+        "PLT", "x and y of the plates", "exchanged: read the description of the comparator again"
+    ),
+    (CauseKind.AXES, CONTROL_EXCHANGED): Words(
+        CONTROL_CARD, "plan of the control", "east and north are exchanged: read the list of control again"
+    ),
+    (CauseKind.AXES, HEIGHTS_NEGATED): Words(
+        CONTROL_CARD, "heights of the control", "they have the other sign: depths for heights?"
+    ),
+    (CauseKind.LABELS, PLATES): Words("PLT", "plate cards", _EXCHANGED.format("plate")),
+    (CauseKind.LABELS, CARDS): Words(STATION_CARD, "station cards", _EXCHANGED.format("station")),
+}
+
+
+def in_words(revision: Hypothesis) -> Words:
+    """Return what a revision is in words; its `value` is that of the unit of length."""
+    kind = revision.kind
+    words = MEMBERS.get((kind, revision.member), Words(kind.cards, kind.component, kind.advice))
+    if kind is CauseKind.PRINCIPAL_POINT:
+        return words._replace(component="xy"[revision.member % 2])
+    if kind is CauseKind.UNIT:
+        return words._replace(advice=_other_unit(words, revision.member, revision.value))
+    return words
+
+
+def _other_unit(words: Words, member: int, factor: float) -> str:
+    """Return what to do about lengths that are `factor` times what the others want."""
+    whose, (others, _, wants) = words.component, words.advice.rpartition(" ")
+    of_plates = member == PLATES_TO_FOCAL_LENGTH
+    right, scale = ("millimetres", 1e3) if of_plates else ("metres", 1.0)
+    unit, inverse = (length_unit(of_metres, _SAME_UNIT) for of_metres in (scale * factor, 1.0 / factor))
+    if not of_plates and "feet" in (unit, inverse):
+        units = ("feet", "metres") if unit == "feet" else ("metres", "feet")
+        return f"{whose} in {units[0]}, all else in {units[1]}: read the unit again"
+    if unit:
+        return f"{whose} in {unit}, {others} in {right}: read the unit again"
+    return f"{whose} {factor:.5g} times what {others} {wants}: read both units again"

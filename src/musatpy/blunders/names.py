@@ -18,8 +18,7 @@ from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates, images
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
-from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.revisions import CARDS, PLATES
+from musatpy.blunders.hypotheses import CARDS, PLATES, Hypothesis
 from musatpy.blunders.scene import Scene, taking_part
 from musatpy.blunders.snooping import Snooped
 from musatpy.geometry import collinearity

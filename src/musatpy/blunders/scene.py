@@ -26,7 +26,7 @@ from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.refinement import cauchy, reweighted, robust_scale
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.adjustment.unknowns import State, attitude_in
-from musatpy.adjustment.waterline import WaterLine, at_rest_in_water, every_ray_wet
+from musatpy.adjustment.waterline import WaterLine, at_rest_in_water, every_ray_wet, starting_line
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import (
@@ -249,17 +249,11 @@ def ones(scene: Scene) -> Factors:
     return {kind: np.ones_like(weight) for kind, weight in scene.weight.items()}
 
 
-def adjusted(scene: Scene, factors: Factors, state: State, steps: int) -> Outcome:
-    """Return the outcome of at most so many iterations. Raises `SingularNormalsError`."""
-    problem = scene.problem(factors)
-    return iterate(problem, problem.with_squares(state), steps)
-
-
 def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State, Factor | None]:
     """Return scene and state at the minimum, the rays on the sides of the water on which their points rest.
 
-    And the factor of the normal equations there, None where the iteration has not converged. Raises
-    `SingularNormalsError`.
+    And the factor of the normal equations there, None where the iteration has not converged. Points stand elsewhere
+    with other observations: where they turned back before does not count. Raises `SingularNormalsError`.
     """
     steps = min(scene.block.options.max_iterations, _ITERATIONS)
     measured, bathymetric = weighted(scene.network, scene.block, factors), scene.block.points.bathymetric
@@ -268,19 +262,10 @@ def settled(scene: Scene, factors: Factors, state: State) -> tuple[Scene, State,
         problem = Limited(network=network, options=scene.block.options, held=scene.held, effort=scene.effort)
         return iterate(problem, problem.with_squares(state), steps)
 
-    _, line, outcome = at_rest_in_water(measured, scene.line, state, bathymetric, adjusted_once, range(_TURNS))
+    line = starting_line(scene.line.wet, scene.network.points)
+    _, line, outcome = at_rest_in_water(measured, line, state, bathymetric, adjusted_once, range(_TURNS))
     network = scene.network.with_plates(scene.network.xy, line.wet)
     return replace(scene, network=network, line=line), outcome.state, outcome.factor
-
-
-def free_to_cross(scene: Scene, rays: BoolArray) -> Scene:
-    """Return the scene with the points of some rays (m,) as if they had crossed no tide yet.
-
-    With other observations points stand elsewhere: where they turned back before does not count.
-    """
-    line, anew = scene.line, np.zeros(scene.network.points, dtype=bool)
-    anew[scene.network.point[rays]] = True
-    return replace(scene, line=replace(line, way=np.where(anew, 0, line.way), rests=line.rests & ~anew))
 
 
 def at_their_best(scene: Scene, factors: Factors, state: State, point: IntArray | tuple[int, ...]) -> State:

@@ -9,7 +9,7 @@ is searched again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,13 +20,11 @@ from musatpy.blunders.alternatives import misfit, wrong_flags
 from musatpy.blunders.explanation import (
     Case,
     explained,
-    single_images,
     squares_in,
     starts,
     submerged_points_dry,
     with_revision,
 )
-from musatpy.blunders.hypotheses import Hypothesis
 from musatpy.blunders.names import Lookalike, exchanges, lookalikes
 from musatpy.blunders.scene import (
     GIVEN_UP,
@@ -76,7 +74,7 @@ def search(
     begin(progress, "search for blunders: robust weights")
     start, given = best_start(block, progress, sea, effort)
     best = _begun(start, sea)
-    if best.case.taken or (best.last.judgement.out.any() and not single_images(best.last)):
+    if best.case.taken or best.last.judgement.out.any():
         best = _with_exchanges(block, _cheaper(best, sea), sea)
     if given is not None and best.last.judgement.out.any():
         best = _or_as_given(best, given, sea, effort)
@@ -148,7 +146,14 @@ def _or_as_given(best: _Explained, given: Case, sea: Sea | None, effort: Effort)
 def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation of least cost: what robust weights began with, or one hypothesis after the other."""
     best, variance = start, start.last.judgement.sigma0**2
-    for case, only_common in _first_cases(start):
+    cases = [(replace(start.case, out=out), only_common) for out, only_common in starts(start.last)]
+    scene = start.case.scene
+    wet = every_ray_wet(scene.network, scene.block.points.bathymetric)
+    dried = not np.array_equal(wet.wet, scene.line.wet)
+    if dried and (start.last.tides or submerged_points_dry(start.last)):  # by wrong tides
+        network = scene.network.with_plates(scene.network.xy, wet.wet)
+        cases.append((replace(cases[0][0], scene=replace(scene, line=wet, network=network)), True))
+    for case, only_common in cases:
         chosen = any(mask.any() for mask in case.out.values())  # which is out for good
         try:
             case = explained(case, variance, sea, only_common)
@@ -163,22 +168,6 @@ def _cheaper(start: _Explained, sea: Sea | None) -> _Explained:
     return best
 
 
-def _first_cases(start: _Explained) -> Iterator[tuple[Case, bool]]:
-    """Yield where the search for a simpler explanation starts, and whether only common errors serve.
-
-    Wrong tides may have dried points that are submerged: once more with all rays wet.
-    """
-    last, case = start.last, start.case
-    begun = starts(last)
-    for out, only_common in begun:
-        yield replace(case, out=out), only_common
-    wet = every_ray_wet(last.scene.network, last.scene.block.points.bathymetric)
-    dried = not np.array_equal(wet.wet, last.scene.line.wet)
-    if dried and (last.tides or submerged_points_dry(last)):
-        network = last.scene.network.with_plates(last.scene.network.xy, wet.wet)
-        yield replace(case, out=begun[0][0], scene=replace(last.scene, line=wet, network=network)), True
-
-
 def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explained:
     """Return the explanation with labels that have been exchanged, where that costs less."""
     variance = start.last.judgement.sigma0**2
@@ -186,9 +175,8 @@ def _with_exchanges(block: Block, start: _Explained, sea: Sea | None) -> _Explai
     exchanged = list(exchanges(block, start.last))
     for number, hypothesis in enumerate(exchanged, 1):
         begin(start.last.scene.progress, "search for blunders: exchange of labels", number, len(exchanged))
-        case = start.case
-        out = _in_again(case.out, hypothesis, case.scene.block)
-        case = with_revision(replace(case, out=out, taken=(*case.taken, hypothesis)), hypothesis, sea)
+        case = replace(start.case, out={kind: np.zeros_like(mask) for kind, mask in start.case.out.items()})
+        case = with_revision(replace(case, taken=(*case.taken, hypothesis)), hypothesis, sea)
         try:
             other = _at_rest(case, case.out) if np.isfinite(case.squares) else None
         except GIVEN_UP:
@@ -214,16 +202,6 @@ def _at_rest(case: Case, first: Factors | None, returning: bool = True) -> _Expl
     squares = squares_in(last.scene, last.out, last.state)
     case = replace(case, scene=last.scene, state=last.state, out=last.out, taken=revisions, squares=squares)
     return _Explained(case=case, last=last)
-
-
-def _in_again(out: Factors, hypothesis: Hypothesis, block: Block) -> Factors:
-    """Return what is out without the observations of the photos and of the control of a hypothesis."""
-    masks, photos = {kind: mask.copy() for kind, mask in out.items()}, list(hypothesis.photo)
-    for kind in (ObservationKind.STATION_POSITION, ObservationKind.STATION_ATTITUDE):
-        masks[kind][photos] = 0.0
-    masks[_PLATE][np.isin(block.plates.photo, photos)] = 0.0
-    masks[ObservationKind.CONTROL][np.isin(block.control.point, hypothesis.point)] = 0.0
-    return masks
 
 
 def _renamings(last: Snooped, alike: list[Lookalike]) -> list[Lookalike]:

@@ -28,7 +28,6 @@ from musatpy.blunders.scene import (
     Factors,
     Scene,
     deviations,
-    free_to_cross,
     plate_scale,
     settled,
     sizes,
@@ -158,7 +157,6 @@ def snooped(
     returns = np.full(len(units.first), 0 if returning else _RETURNS)
     out, state = _first_out(scene, state, units, first, returning)
     moved = returning  # and images are to be chosen once more
-    scene = free_to_cross(scene, np.ones(len(scene.network.point), dtype=bool))
     tides: tuple[Hypothesis, ...] = ()
     rest = proven = False
     for number in range(_ROUNDS):
@@ -191,7 +189,6 @@ def snooped(
             back, tides, proven = _tides_of(units, np.concatenate([tide.photo for tide in tides])), (), True
         returns[back] += 1
         out, state = (out & ~back) | leaving, after
-        scene = free_to_cross(scene, _images(scene, units, back | leaving))
     gone = _masks(scene, units, judgement.out)
     return Snooped(scene=scene, state=state, judgement=judgement, out=gone, tides=tides, rest=rest)
 
@@ -220,10 +217,10 @@ def _images_anew(
 
     And the state with these points where the others see them. What else is `out` (units,) has no say.
     """
-    images, unit = _images(scene, units, anew), np.zeros(len(units.first), dtype=bool)
+    unit, masks = np.zeros(len(units.first), dtype=bool), _masks(scene, units, out)
+    images = np.asarray(_masks(scene, units, anew)[_K.PLATE].any(axis=1))
     if not images.any():
         return unit, state
-    masks = _masks(scene, units, out)
     factors = factors_of(masks, sizes(scene, state)) | {_K.PLATE: np.ones_like(masks[_K.PLATE])}
     wrong, state = wrong_images(weighted(scene.network, scene.block, factors), state, images, sigma0)
     rows = units.of_kinds[_K.PLATE]
@@ -283,13 +280,6 @@ def _masks(scene: Scene, units: Units, out: BoolArray) -> Factors:
     for kind, rows in units.of_kinds.items():
         masks[kind].reshape(-1)[units.element[rows]] = taken[rows]
     return masks
-
-
-def _images(scene: Scene, units: Units, chosen: BoolArray) -> BoolArray:
-    """Return which images (m,) are those of units that are `chosen` (units,)."""
-    images, rows = np.zeros(len(scene.network.point), dtype=bool), units.of_kinds[_K.PLATE]
-    images[units.row[rows]] = chosen[units.unit[rows]]
-    return images
 
 
 def judged(

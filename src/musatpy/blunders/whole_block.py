@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -23,10 +23,9 @@ from musatpy.adjustment.unknowns import given_minus
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, finite_rows
-from musatpy.blunders import revisions
+from musatpy.blunders import hypotheses
 from musatpy.blunders.explanation import Case, first_case
-from musatpy.blunders.hypotheses import Hypothesis
-from musatpy.blunders.revisions import revised
+from musatpy.blunders.hypotheses import Hypothesis, revised
 from musatpy.blunders.scene import (
     GIVEN_UP,
     STEP,
@@ -47,11 +46,12 @@ from musatpy.orientation.strips import models_of, sights_of
 from musatpy.units import DEGREE, FOOT, YARD
 
 MIRRORED = (  # one class, the cheapest to check first
-    revisions.Y_REVERSED,
-    revisions.X_REVERSED,
-    revisions.EXCHANGED,
-    revisions.CONTROL_EXCHANGED,
+    hypotheses.Y_REVERSED,
+    hypotheses.X_REVERSED,
+    hypotheses.EXCHANGED,
+    hypotheses.CONTROL_EXCHANGED,
 )
+REVERSED, WATER, OFF_CARDS = "reversed", "water", "cards"  # what speaks against a block
 _FACTORS = tuple(factor for unit in (FOOT, 1e-3, 0.1, 0.01, YARD) for factor in (1.0 / unit, unit))
 _PART = 10  # photos of the part that is tried, and
 _POINTS = 100  # of its points, besides the control
@@ -82,7 +82,7 @@ def best_start(
     given: Case | None = None
     try:
         given = _start(block, (), progress, sea, effort)
-        if _fits(given) and not doubts(given).any:
+        if _fits(given) and not doubts(given):
             return given, None
     except (AdjustmentError, *GIVEN_UP) as error:
         failure = error
@@ -117,7 +117,7 @@ def _explaining(block: Block, sea: Sea | None, effort: Effort) -> tuple[Hypothes
     """
     start = _computed(block, None, sea, effort)
     against = doubts(start) if start and _fits(start) else None
-    if against and not against.any:
+    if against is not None and not against:
         return ()
     explaining: list[Hypothesis] = []
     with suppress(AdjustmentError, *GIVEN_UP):  # what has been found by then stands
@@ -129,8 +129,8 @@ def _explaining(block: Block, sea: Sea | None, effort: Effort) -> tuple[Hypothes
                 if trial is None or not _fits(trial):
                     break  # nor does any other of its class: images cannot tell them apart
                 doubt = doubts(trial)
-                found += [] if doubt.reversed or doubt.water else [(one, doubt)]
-            agree = [one for one, doubt in found if not doubt.cards]
+                found += [(one, doubt)] if doubt <= {OFF_CARDS} else []
+            agree = [one for one, doubt in found if not doubt]
             if 0 < len(agree) < len(found):
                 agree = [replace(one, name="the station cards agree with this one") for one in agree]
             explaining += agree or [one for one, _ in found if members]
@@ -185,22 +185,12 @@ def _fits(start: Case) -> bool:
     return _misfit(start) <= _FITS and not some and not much
 
 
-@dataclass(frozen=True, kw_only=True)
-class Doubts:
-    """What speaks against a block as a whole, where its stations have been found."""
+def doubts(start: Case) -> set[str]:
+    """Return what speaks against the state of a block as a whole; cards count that have sigmas, or start it.
 
-    reversed: bool  # cameras below their ground, or looking up
-    water: bool  # submerged points above the water, or those on land below it
-    cards: bool  # stations or attitudes far from where their cards put them
-
-    @property
-    def any(self) -> bool:
-        """Return whether anything does."""
-        return self.reversed or self.water or self.cards
-
-
-def doubts(start: Case) -> Doubts:
-    """Return what speaks against the state of a block: cards count that have sigmas, or start it."""
+    REVERSED: cameras are below their ground, or look up. WATER: submerged points are above the water, or those on
+    land below it. OFF_CARDS: stations or attitudes are far from where their cards put them.
+    """
     block, network, state, photos = start.block, start.scene.network, start.state, start.block.photos
     height, water = heights_and_water(network, state)
     submerged = block.points.bathymetric[network.point]
@@ -216,11 +206,12 @@ def doubts(start: Case) -> Doubts:
         counts &= np.isfinite(np.concatenate([photos.position_sigma, photos.attitude_sigma], axis=1)).any(axis=1)
     off = given_minus(photos, network.frame, state.position, state.M, counts)[counts]
     far = np.linalg.norm(off[:, :3], axis=1) > _FAR * float(np.median(np.abs(above)))
-    return Doubts(
-        reversed=_most(looks_up | (above < 0.0)),
-        water=flagged and (_most(wrong_side[submerged]) or _most(wrong_side[~submerged])),
-        cards=_most(far | (np.abs(off[:, 3:]) > _TURNED).any(axis=1)),
-    )
+    against = {
+        REVERSED: _most(looks_up | (above < 0.0)),
+        WATER: flagged and (_most(wrong_side[submerged]) or _most(wrong_side[~submerged])),
+        OFF_CARDS: _most(far | (np.abs(off[:, 3:]) > _TURNED).any(axis=1)),
+    }
+    return {doubt for doubt, speaks in against.items() if speaks}
 
 
 def _most(wrong: BoolArray) -> bool:
@@ -256,7 +247,7 @@ def _thinned(block: Block) -> Block:
     return replace(block, plates=replace(block.plates, triangulated=triangulated))
 
 
-def likely(block: Block, found: Doubts | None, effort: Effort) -> Iterator[Hypothesis]:
+def likely(block: Block, found: set[str] | None, effort: Effort) -> Iterator[Hypothesis]:
     """Yield the revisions of a block that suit plates, control, cards and tides, the likeliest first.
 
     Each is tried by models of its plates, placed on its control. Of what fits alike, the best of each length comes
@@ -306,25 +297,25 @@ def _on_wrong_side(block: Block) -> int:
     return int(np.count_nonzero(above[known] == block.points.bathymetric[control.point[known]]))
 
 
-def _revisions(block: Block, found: Doubts | None, *, cards: bool) -> Iterator[Hypothesis]:
+def _revisions(block: Block, found: set[str] | None, *, cards: bool) -> Iterator[Hypothesis]:
     """Yield what may be wrong with a block as a whole, the cheaper to check first.
 
     Points on the wrong side of the water alone speak against heights, and against a scale that no cards hold.
     """
     of_all = Hypothesis(kind=CauseKind.AXES, squares=np.nan, error=np.zeros(1), sigma=np.zeros(1))
-    system, misplaced = block.options.system, found is None or found.reversed or found.cards
+    system, misplaced = block.options.system, found is None or bool(found & {REVERSED, OFF_CARDS})
     if misplaced:
         yield replace(of_all, member=MIRRORED[0])
     if system is CoordinateSystem.GEOCENTRIC:
-        whose = [revisions.PLATES_TO_FOCAL_LENGTH] if misplaced else []
+        whose = [hypotheses.PLATES_TO_FOCAL_LENGTH] if misplaced else []
     else:
-        yield replace(of_all, member=revisions.HEIGHTS_NEGATED)
+        yield replace(of_all, member=hypotheses.HEIGHTS_NEGATED)
         local = system is CoordinateSystem.LOCAL
         scales = misplaced if cards else local  # a geographic one is that of its heights
-        whose = [revisions.PLATES_TO_FOCAL_LENGTH] if misplaced else []
-        whose += [revisions.CONTROL] if scales or (misplaced and not local) else []
-        whose += [revisions.HEIGHTS] if found is None and local else []
-        whose += [revisions.STATIONS] if cards and misplaced else []
+        whose = [hypotheses.PLATES_TO_FOCAL_LENGTH] if misplaced else []
+        whose += [hypotheses.CONTROL] if scales or (misplaced and not local) else []
+        whose += [hypotheses.HEIGHTS] if found is None and local else []
+        whose += [hypotheses.STATIONS] if cards and misplaced else []
     for member in whose:
         for value in _FACTORS:
             error = np.array([1.0 - 1.0 / value])

@@ -50,7 +50,7 @@ class CauseKind(StrEnum):
     EXCHANGED_CONTROL = (
         "exchanged control cards", "", Action.NONE, CONTROL_CARD, "", None, "",
         "each point lies where the other card says: exchange the names on the two control cards")
-    UNIT = "unit of length", "", Action.NONE, "", "", "", "", ""  # whose, and of what length, says `revisions`
+    UNIT = "unit of length", "", Action.NONE, "", "", "", "", ""  # whose, and of what length, says `blunders`
     TIDE = (
         "tide card", "tide", Action.KEPT_OUT, "TID", "", "m", "",
         "read the tide card again: sign, datum, time of the exposure")
@@ -89,7 +89,7 @@ class CauseKind(StrEnum):
     START = (
         "start values of a station", "", Action.NONE, f"{STATION_CARD} ATT", "", "m", "",
         "read the card again: the given values, from which the run starts, are far from what the images say")
-    LABELS = "exchanged photo labels", "", Action.NONE, "", "", None, "", ""  # of which cards, says `revisions`
+    LABELS = "exchanged photo labels", "", Action.NONE, "", "", None, "", ""  # of which cards, says `blunders`
     FLAG = (
         "flag of a submerged point", "", Action.NONE, "PLT", "", "m", "",
         "look whether the point is submerged, and at the flag B of its plate cards")
@@ -101,7 +101,7 @@ class CauseKind(StrEnum):
     EXCHANGED_IMAGES = (
         "exchanged images of a point", "", Action.NONE, "PLT", "", None, "",
         "each fits the other photo: exchange the photo ids on the two plate cards")
-    AXES = "axes", "", Action.NONE, "", "", None, "", ""  # which, says `revisions`
+    AXES = "axes", "", Action.NONE, "", "", None, "", ""  # which, says `blunders`
     IMAGE = (
         "image", "plate measurement", Action.KEPT_OUT, "PLT", "", "um", "x y",
         "read the plate card again, then measure the image again: name, digits, sign")

@@ -106,11 +106,6 @@ class MeasuredKind(Kind):
         parts = [f"{what}s {' and '.join(ids)}" for what, ids in (("photo", photos), ("point", points)) if ids]
         return f"the {self.cause} of {' and '.join(parts)} is off by {size:.2f} m"
 
-    def links_of(self, block: Block, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return the photos and the points of a row of the table."""
-        photo, point = self._links(block)
-        return tuple(photo[row].tolist()), tuple(point[row].tolist())
-
     def _table(self, block: Block) -> Any:
         return getattr(block, self.observed.attribute)
 
