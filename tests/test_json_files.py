@@ -12,7 +12,7 @@ import pytest
 
 from cli.commands import musat
 from json_schema import load_schema, violations
-from musatpy import adjust, json_files, read_deck
+from musatpy import adjust, inquiry, json_files, read_deck
 from musatpy.comparison import NEEDS, OPTIONAL
 from musatpy.errors import RecordError
 from musatpy.image_observations import FIELDS, are_apart, with_images
@@ -158,7 +158,7 @@ def test_what_is_not_as_the_schema_says(
     for key in path:
         inner = inner[key]
     inner[last] = value
-    (found,) = problems(tmp_path, spoilt)
+    (found,) = problems(tmp_path, spoilt, {**NEEDS, **inquiry.NEEDS})
     assert found.startswith(message)
 
 
