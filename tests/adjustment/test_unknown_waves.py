@@ -298,10 +298,10 @@ def test_a_dense_adjustment_by_a_library_finds_the_same() -> None:
 
 @pytest.mark.slow
 def test_sigmas_are_honest() -> None:
-    """RMS of 24 normal deviates is 1 within 0.56 in all but one of 10000 cases; heights are many more."""
-    found = summary(run(Strip(rows=4, columns=6, control=8), Guess().times(0.4), seed) for seed in range(6))
+    """RMS of 40 normal deviates is 1 within 0.45 in all but one of 10000 cases; heights are many more."""
+    found = summary(run(Strip(rows=4, columns=6, control=8), Guess().times(0.4), seed) for seed in range(10))
     assert found.failed == 0
-    assert np.sqrt(np.mean(np.square(found.parameter_honesty))) == pytest.approx(1.0, abs=0.56)
+    assert np.sqrt(np.mean(np.square(found.parameter_honesty))) == pytest.approx(1.0, abs=0.45)
     assert found.height_honesty == pytest.approx(1.0, abs=0.3)  # of neighbours, the errors are correlated
     assert found.removed[1] > 0.7 and found.level[1] > 3.0 * found.known[1]
 

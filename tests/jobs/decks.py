@@ -5,9 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from musatpy import model
+from musatpy.errors import DeckError
 from musatpy.formats.musat import check_deck, deck_bytes, read_deck
+from musatpy.jobs.agreement import Part
+from musatpy.jobs.merge import Merged, MergeOptions, merged
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 
@@ -63,3 +67,14 @@ def with_options(block: model.Block, **changes: object) -> model.Block:
 
 def photos(block: model.Block, *ids: str) -> np.ndarray:
     return np.isin(block.photos.ids, ids)
+
+
+def merge(*blocks: model.Block, **options: object) -> Merged:
+    parts = [Part(name=f"{letter}.crd", block=block) for letter, block in zip("abc", blocks, strict=False)]
+    return merged(parts, MergeOptions(**options))
+
+
+def complaints(*blocks: model.Block, **options: object) -> list[str]:
+    with pytest.raises(DeckError) as error:
+        merge(*blocks, **options)
+    return [problem.message for problem in error.value.problems]

@@ -5,28 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jobs.decks import cards, cayman, photos, reread, rich, st_thomas, with_options
+from jobs.decks import cards, cayman, complaints, merge, photos, reread, rich, st_thomas, with_options
 from musatpy import model
 from musatpy.errors import DeckError
 from musatpy.formats.musat import deck_bytes
-from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_named
-from musatpy.jobs.merge import Merged, MergeOptions, merged
+from musatpy.jobs.merge import MergeOptions
 from musatpy.jobs.naming import Kind, assigned, deck_number, new_names, prefixed, renamed
 from musatpy.jobs.plan_positions import near_control
 
 JOIN = MergeOptions(join_photos=True)
-
-
-def merge(*blocks: model.Block, **options: object) -> Merged:
-    parts = [Part(name=f"{letter}.crd", block=block) for letter, block in zip("abc", blocks, strict=False)]
-    return merged(parts, MergeOptions(**options))  # type: ignore[arg-type]
-
-
-def complaints(*blocks: model.Block, **options: object) -> list[str]:
-    with pytest.raises(DeckError) as error:
-        merge(*blocks, **options)
-    return [problem.message for problem in error.value.problems]
 
 
 def strips() -> tuple[model.Block, model.Block]:

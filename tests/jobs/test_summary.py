@@ -14,13 +14,13 @@ from scipy.sparse.csgraph import connected_components
 from formats.deck_edits import GOOD, deck
 from formats.deck_edits import replace as with_text
 from formats.random_blocks import random_block
-from jobs.decks import cards, cayman, photos, reread, rich, st_thomas
+from jobs.decks import cards, cayman, complaints, merge, photos, reread, rich, st_thomas
 from musatpy import adjust, model
 from musatpy.errors import DeckError
 from musatpy.formats.musat import check_deck
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import extracted, photos_showing
-from musatpy.jobs.merge import Merged, MergeOptions, merged
+from musatpy.jobs.merge import merged
 from musatpy.jobs.naming import Kind, prefixed, renamed
 from musatpy.jobs.plan_positions import Area
 from musatpy.jobs.punch import Content, Punch, punched
@@ -222,17 +222,6 @@ def raw() -> model.Block:
     linked = ("distortion", "fiducials", "lenses", "mark_distances", "reseau", "photos")
     tables = {name: replace(table := getattr(block, name), camera=table.camera + 1) for name in linked}
     return replace(block, cameras=replace(block.cameras, **spare), **tables)
-
-
-def merge(*blocks: model.Block, **options: object) -> Merged:
-    parts = [Part(name=f"{letter}.crd", block=block) for letter, block in zip("abc", blocks, strict=False)]
-    return merged(parts, MergeOptions(**options))  # type: ignore[arg-type]
-
-
-def complaints(*blocks: model.Block, **options: object) -> list[str]:
-    with pytest.raises(DeckError) as error:
-        merge(*blocks, **options)
-    return [problem.message for problem in error.value.problems]
 
 
 def test_repeated_readings_are_one_ray():

@@ -68,7 +68,7 @@ def test_wrong_images_and_control_are_named(method):
 
 
 @pytest.mark.slow
-def test_of_twenty_contaminated_orientations_19_are_recovered():
+def test_contaminated_orientations_are_recovered():
     """By all methods together, two each; of a hundred by each (minutes) 95 and more are, too.
 
     Of those whose errors the other points check at all, as one in the laboratory's pair is not (4 %). COMBINED with
