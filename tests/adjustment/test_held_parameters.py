@@ -196,7 +196,7 @@ def test_redundant_squares_are_those_of_altered_decks_without_other_errors() -> 
 @pytest.mark.slow
 def test_tests_of_clean_draws_are_normal_and_find_the_smallest_error_in_four_of_five() -> None:
     tests, beyond, found = [], 0, []
-    for seed in range(15):
+    for seed in range(30):
         block = observed(seed=seed, photos=3, sigma=0.1)
         errors = Statistics(adjust(block)).common_errors
         tests.append(errors.test[errors.tested])
@@ -206,9 +206,9 @@ def test_tests_of_clean_draws_are_normal_and_find_the_smallest_error_in_four_of_
         again = Statistics(adjust(wrong(block, str(errors.held.names[row]), errors.smallest[row]))).common_errors
         found.append(abs(again.test[row]) > errors.limit)
     values = np.concatenate(tests)
-    assert 0.79 < np.sqrt(np.mean(np.square(values))) < 1.21  # tests of one draw go together
-    assert beyond <= 1  # a hundredth of them: more has a chance of 1e-2
-    assert 0.49 < np.mean(found) < 1.0  # two sigmas about 0.80
+    assert 0.85 < np.sqrt(np.mean(np.square(values))) < 1.15  # tests of one draw go together
+    assert beyond <= 2  # a hundredth of them: more has a chance of 3e-3
+    assert 0.58 < np.mean(found) < 0.99  # three sigmas about 0.80
 
 
 def test_of_a_guessed_plate_sigma_the_tests_are_relative() -> None:
