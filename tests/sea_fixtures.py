@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.geometry.intersection import nearest_point
+from musatpy.geometry.collinearity import nearest_point
 from musatpy.sea.stereo.surface_points import intersection_covariance
 from studies.stereo import Setup, Simulation, simulate
 

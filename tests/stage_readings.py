@@ -11,9 +11,8 @@ import numpy as np
 from musatpy import read_deck
 from musatpy.arrays import FloatArray
 from musatpy.formats.compilation_deck import compilation_bytes
-from musatpy.geometry.collinearity import image
+from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import Block
 from musatpy.model.compilation import (
     Compilation,

@@ -12,7 +12,7 @@ from musatpy import adjust, model, read_deck, verdict
 from musatpy.reports.listing import listing
 from musatpy.reports.record import record
 from musatpy.statistics import Statistics
-from musatpy.statistics.flags import LEAST_LIMIT
+from musatpy.statistics.gates import LEAST_LIMIT
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 OF_FLAGS = (model.Concern.FLAGS, model.Concern.DATUM)

@@ -14,8 +14,7 @@ from musatpy.model.findings import named
 from musatpy.model.water import index_range
 from musatpy.probability import test_limit as limit_of
 from musatpy.statistics import Statistics
-from musatpy.statistics.differences import metric_differences
-from musatpy.statistics.gates import flying_height, ground_heights
+from musatpy.statistics.gates import flying_height, ground_heights, metric_differences
 from musatpy.statistics.quality import HiddenErrors
 from sample_solutions import sample_solution
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray, falling
 from musatpy.errors import MusatError
+from musatpy.geometry.collinearity import wrapped
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import wrapped
 from musatpy.model.solution import WAVE_VALUES
 
 Record = Mapping[str, Any]

@@ -10,7 +10,7 @@ from altered import altered, put, with_options
 from musatpy import listing
 from musatpy.adjustment import adjust
 from musatpy.adjustment.network import job_frame
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import Block, ControlKind, PointStatus, Program, Refraction, Solution, Treatment
 from musatpy.refraction.apparent import Stations, apparent_points
 from musatpy.refraction.flat import air_tangent

@@ -14,8 +14,8 @@ from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds.water import moved_levels, turned_slopes
 from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.errors import AdjustmentError
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, middle_of
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.similarity import Similarity, fit
 from musatpy.orientation.twomedia.oriented import Oriented, orient
 from musatpy.orientation.twomedia.sights import Plane

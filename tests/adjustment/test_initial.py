@@ -9,8 +9,8 @@ from altered import altered
 from musatpy.adjustment import adjust
 from musatpy.adjustment.initial import initial_photos
 from musatpy.errors import AdjustmentError
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
 from musatpy.model import Block, ControlKind, CoordinateSystem, Initial, Solution
 from musatpy.pipeline import adjust as searched
 from musatpy.simulation import Simulation, simulate, spec_from_table

@@ -20,7 +20,7 @@ from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.unknowns import State, stated_partials, with_turned_axes
 from musatpy.arrays import order_of
 from musatpy.formats.musat import read_deck
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import AirBases, Block, Grade, ObservationKind, Program, Solution
 from musatpy.units import DEGREE
 from reference.rays import rotation

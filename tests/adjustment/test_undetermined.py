@@ -17,8 +17,8 @@ from musatpy import listing, model, read_deck, verdict
 from musatpy.adjustment import adjust
 from musatpy.adjustment.iteration import Linearisation, iterate
 from musatpy.formats import musat
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.pipeline import doubtful
 from musatpy.runs import run_deck
 from musatpy.simulation import simulate, spec_from_table

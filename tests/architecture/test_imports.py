@@ -157,7 +157,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 # (room, other room) -> the only modules of the other that it may import.
 ONLY = {
     ("simulation", "formats"): {"musatpy.formats.refractive_index"},  # the refractive index of what a WTC card says
-    ("formats", "statistics"): {"musatpy.statistics.flags"},  # when a height contradicts a flag
+    ("formats", "statistics"): {"musatpy.statistics.gates"},  # when a height contradicts a flag
 }
 # The public names, each imported when it is first asked for; the package itself may be imported by anyone for its
 # version, because importing it loads nothing (a test below).

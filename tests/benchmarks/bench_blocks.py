@@ -145,7 +145,7 @@ def _ours(block: Any, name: str) -> dict[str, Any]:
     total, cpu = time.perf_counter() - start, time.process_time() - cpu
     result.solution = whole
     assert solution.converged, solution.reason
-    from musatpy.geometry.rotations import attitude_matrix
+    from musatpy.geometry.collinearity import attitude_matrix
 
     squares = _squares(
         block, solution.stations.position, attitude_matrix(solution.stations.attitude), solution.points.position
@@ -163,7 +163,7 @@ def _ours(block: Any, name: str) -> dict[str, Any]:
 def _pycolmap(block: Any, tuned: bool) -> dict[str, Any]:
     import pycolmap
 
-    from musatpy.geometry.rotations import attitude_matrix
+    from musatpy.geometry.collinearity import attitude_matrix
     from musatpy.model import Program
 
     # the first positions of the points are those of the program: intersections are no part of the comparison

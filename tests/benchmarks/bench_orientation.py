@@ -19,7 +19,7 @@ import pytest
 from scipy.optimize import least_squares
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.oriented import orient
 from musatpy.orientation.twomedia.rays import Orientation

@@ -9,8 +9,7 @@ import pytest
 
 from altered import added, altered
 from benchmarks.blocks import FOCAL_LENGTH, INDEX, Truth, simulated
-from musatpy.geometry.collinearity import image
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.model import (
     Action,
     Block,

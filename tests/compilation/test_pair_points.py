@@ -24,7 +24,7 @@ from musatpy.compilation.parallax_tests import parallax_tests
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import Readings, TruePoints, network_of, true_points
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.probability import student_as_normal
 from musatpy.refraction.flat import air_tangent

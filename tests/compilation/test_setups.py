@@ -20,7 +20,7 @@ from musatpy.compilation.triangulation import Triangulation
 from musatpy.compilation.true_points import Readings
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import read_compilation
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, turn
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn
 from musatpy.reports.compilation_setup import schema
 from record_rows import read_rows, with_columns
 from stage_readings import DECK

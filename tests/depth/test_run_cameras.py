@@ -20,9 +20,9 @@ from musatpy.depth.correction import Correction
 from musatpy.depth.point_positions import Ground, Tilt
 from musatpy.depth.run_cameras import read_run
 from musatpy.errors import DepthError
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, GeocentricFrame
 from musatpy.geometry.projected import Projected
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geocentric
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports.record import dumps, record

@@ -13,8 +13,8 @@ from musatpy.formats.families import agencies
 from musatpy.formats.records.frames import JobFrame, matrix_of, values_of_matrix
 from musatpy.formats.records.layout import ATTITUDES
 from musatpy.formats.records.reader import read_records
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import CoordinateSystem
 from musatpy.units import GON
 

@@ -11,7 +11,7 @@ from formats.agency_blocks import random_job, with_marks
 from formats.deck_edits import deck, drop, in_system
 from musatpy.errors import DeckError
 from musatpy.formats import families, musat, parts
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, GON
 

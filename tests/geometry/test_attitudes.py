@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from musatpy.geometry.rotations import (
+from musatpy.geometry.collinearity import (
     AngleForm,
     angle_rates,
     angles_by_turn,

@@ -5,9 +5,9 @@ import pyproj
 import pytest
 
 from musatpy.errors import SystemsError
+from musatpy.geometry.collinearity import attitude_matrix, cross, wrapped
 from musatpy.geometry.crs import LongitudeLatitude, local_map, own_ellipsoid, system_of
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame
-from musatpy.geometry.rotations import attitude_matrix, cross, wrapped
 from musatpy.geometry.similarity import Similarity, fit, fit_robust
 from musatpy.geometry.systems import Geocentric, moved
 from musatpy.units import DEGREE

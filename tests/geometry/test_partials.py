@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from musatpy.geometry import collinearity
-from musatpy.geometry.intersection import coplanarity, scale_restraint
-from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
+from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials, coplanarity, scale_restraint
 from musatpy.refraction import bending, fermat, flat
 from musatpy.refraction.waves import Trains
 from refraction.seas import CHOP, SEAS, Tilted

@@ -12,7 +12,7 @@ from formats.random_blocks import random_block
 from jobs.decks import cards, cayman, photos, reread, rich, st_thomas
 from musatpy.errors import DeckError, MusatError
 from musatpy.formats.musat import deck_bytes
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.jobs.extract import extracted, photos_above, photos_named, photos_showing
 from musatpy.jobs.plan_positions import Area, area_of, frame_of, ground_level, images_on_ground, plan
 from musatpy.model import Block, CoordinateSystem

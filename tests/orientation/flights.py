@@ -6,7 +6,7 @@ import numpy as np
 
 from musatpy import model
 from musatpy.geometry import collinearity
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.tables import empty
 
 FOCAL_LENGTH = 152.0  # mm

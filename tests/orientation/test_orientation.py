@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from musatpy.geometry import collinearity, similarity
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.similarity import Similarity
 from musatpy.orientation.absolute import Targets, absolute_orientation
 from musatpy.orientation.mosaic import mosaics

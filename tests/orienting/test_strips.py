@@ -13,7 +13,7 @@ from json_schema import violations
 from musatpy import model
 from musatpy.arrays import FloatArray
 from musatpy.formats.musat import deck_bytes
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.tables import taken
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.reports import orientation, orientation_strip

@@ -5,8 +5,7 @@ import pyproj
 import pytest
 from scipy import stats
 
-from musatpy.geometry.collinearity import image
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.plots.correlations import correlated, joined
 from musatpy.plots.enlarged import confidence_ellipses, largest_of_cells, magnification, round_length, turned
 from musatpy.plots.footprints import footprints, frames

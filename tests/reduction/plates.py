@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.reduction.comparator import Comparator
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.fiducials import Marks

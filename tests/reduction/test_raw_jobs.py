@@ -12,7 +12,7 @@ from formats.deck_edits import in_system
 from musatpy import adjust, listing, model, read_deck
 from musatpy.errors import DeckError, PlatesError
 from musatpy.formats.musat import deck_bytes
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.reduction import Reduced
 from musatpy.model.tables import empty
 from musatpy.reduction.readings_job import reduce

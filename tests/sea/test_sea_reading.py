@@ -15,7 +15,7 @@ from depth.test_run_cameras import run_on_the_ellipsoid
 from musatpy import read_deck
 from musatpy.depth.cameras import read_cameras
 from musatpy.errors import CollocationError, DepthError, SeaError
-from musatpy.geometry.intersection import nearest_point
+from musatpy.geometry.collinearity import nearest_point
 from musatpy.geometry.systems import LocalRectangular, geographic
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.refraction import fermat

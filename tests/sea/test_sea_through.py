@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from musatpy.geometry.intersection import nearest_point
+from musatpy.geometry.collinearity import nearest_point
 from musatpy.refraction import fermat
 from musatpy.refraction.apparent import Stations, true_points
 from musatpy.refraction.surface import Plane, Surface

@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 
 from musatpy.errors import SpecError
 from musatpy.formats.musat import deck_bytes, read_deck
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import ControlKind
 from musatpy.simulation import load_spec, simulate, spec_from_table, truth_json
 from musatpy.units import ARC_SECOND, DEGREE, dms_from_radians

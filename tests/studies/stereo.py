@@ -12,7 +12,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.draws import Draws
-from musatpy.geometry.rotations import cross
+from musatpy.geometry.collinearity import cross
 from musatpy.refraction import fermat
 from musatpy.refraction.surface import Plane, Surface
 from musatpy.refraction.waves import Harmonic, sinusoidal

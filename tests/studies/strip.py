@@ -11,7 +11,7 @@ import numpy as np
 from musatpy import model
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import collinearity
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model.tables import empty
 from musatpy.refraction import fermat
 from musatpy.refraction.waves import Harmonic, sinusoidal

@@ -8,9 +8,9 @@ import numpy as np
 import pyproj
 from scipy.spatial.transform import Rotation
 
+from musatpy.geometry.collinearity import AngleForm, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Geoid, Projected
-from musatpy.geometry.rotations import AngleForm, attitude_matrix
 from musatpy.geometry.systems import Geocentric, Geographic, TangentPlane
 from musatpy.model import Block
 from musatpy.simulation import simulate

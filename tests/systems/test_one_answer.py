@@ -13,7 +13,7 @@ from musatpy import read_deck
 from musatpy.adjustment import adjust
 from musatpy.errors import SystemsError
 from musatpy.formats.musat import deck_bytes
-from musatpy.geometry.rotations import AngleForm, attitude_matrix
+from musatpy.geometry.collinearity import AngleForm, attitude_matrix
 from musatpy.geometry.systems import Geocentric
 from musatpy.model import Solution
 from musatpy.reports.record import dumps, record

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from musatpy import model
 from musatpy.adjustment import adjust
 from musatpy.errors import SystemsError
+from musatpy.geometry.collinearity import AngleForm, matrix_of
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.geometry.projected import Geoid, Projected
-from musatpy.geometry.rotations import AngleForm, matrix_of
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, TangentPlane
 from musatpy.systems import Axes, Sigmas, Stated, Statement, entered, stated, stated_solution
 from musatpy.systems.statement import attitudes_in, attitudes_out

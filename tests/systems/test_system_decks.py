@@ -11,7 +11,7 @@ from cli.commands import musat
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.musat import card_family, deck_bytes, read_deck
 from musatpy.fortran import parse_edit
-from musatpy.geometry.rotations import AngleForm
+from musatpy.geometry.collinearity import AngleForm
 from musatpy.geometry.systems import Geocentric, Geographic
 from musatpy.model import Block, SystemSpec
 from musatpy.systems import Statement, stated

@@ -22,7 +22,7 @@ from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import PARAMETERS, Cofactors, Factor, NormalMatrix, weak_directions
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
-from musatpy.geometry.rotations import attitude_from_matrix, skew, wrapped
+from musatpy.geometry.collinearity import attitude_from_matrix, skew, wrapped
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, Datum
 

@@ -17,7 +17,7 @@ from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, together
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
-from musatpy.geometry import collinearity, intersection
+from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind
 
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
@@ -91,7 +91,7 @@ def start_ground(network: Network, state: State, parallel: BoolArray | None = No
             break
         _, direction = sightings.straight_rays(network, state, group.rays)
         near = np.linalg.norm(direction - direction[:, :1], axis=2).max(axis=1) < PARALLEL  # the others are not
-        parallel[group.point[near]] = intersection.widest_angle(direction[near]) < PARALLEL
+        parallel[group.point[near]] = collinearity.widest_angle(direction[near]) < PARALLEL
     members = np.flatnonzero(network.priors.group >= 0)
     heights = network.frame.height(ground[members])
     number = network.border.count(ObservationKind.EQUAL_ELEVATION)
@@ -147,7 +147,7 @@ def nearest_ground(network: Network, state: State, group: PointGroup, mean_heigh
         height = np.where(network.priors.known[group.point, 2], given[:, 2], mean_height)
         ground = _cut(network, origin[:, 0], direction[:, 0], height)
     else:
-        ground = intersection.nearest_point(origin, direction)
+        ground = collinearity.nearest_point(origin, direction)
     return _put_in(network, group, ground)
 
 

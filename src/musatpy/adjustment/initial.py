@@ -17,9 +17,9 @@ from musatpy.adjustment.refinement import refined_stations
 from musatpy.adjustment.unknowns import given_minus
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, finite_rows
 from musatpy.errors import AdjustmentError, Problem
-from musatpy.geometry import collinearity, intersection
+from musatpy.geometry import collinearity
+from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Frame
-from musatpy.geometry.rotations import attitude_from_matrix
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, CoordinateSystem, Datum, Initial, Photos, Program
 from musatpy.orientation.absolute import Targets, absolute_orientation, levelling
@@ -413,7 +413,7 @@ def _ground(block: Block, sights: Sights, place: Place) -> FloatArray:
         point, start, count = np.unique(sights.point[rows], return_index=True, return_counts=True)
         for m in np.unique(count[count > 1]).tolist():
             rays = start[count == m][:, None] + np.arange(m)
-            ground[point[count == m]] = intersection.nearest_point(P[rays], u[rays])
+            ground[point[count == m]] = collinearity.nearest_point(P[rays], u[rays])
     control = full_control(block, place)
     return np.where(np.isfinite(control), control, ground)
 

@@ -17,8 +17,7 @@ from musatpy.adjustment.triangulation import Triangulation
 from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, similarity
-from musatpy.geometry.intersection import widest_angle
-from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, widest_angle
 from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from musatpy.adjustment.initial import MOST_MISSED, THROUGH_WATER, UNHELD, Place
 from musatpy.adjustment.network import first_rows
 from musatpy.adjustment.water_surface import WaterKnowledge, water_knowledge
 from musatpy.arrays import IntArray, finite_rows
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import Block, PlaneTreatment, Refraction
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, orient
 from musatpy.orientation.twomedia.rays import PHOTO

@@ -22,7 +22,7 @@ from musatpy.adjustment.propagation import redundancy
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray
-from musatpy.geometry.intersection import coplanarity, scale_restraint
+from musatpy.geometry.collinearity import coplanarity, scale_restraint
 from musatpy.model import Options, Weights
 
 Scale = tuple[FloatArray, ...] | None

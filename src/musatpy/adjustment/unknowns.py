@@ -16,8 +16,7 @@ import numpy as np
 from musatpy.adjustment.network import BACK, ORDER, Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.geodesy import Frame
-from musatpy.geometry.rotations import (
+from musatpy.geometry.collinearity import (
     AngleForm,
     angle_rates,
     attitude_from_matrix,
@@ -25,6 +24,7 @@ from musatpy.geometry.rotations import (
     attitude_matrix_partials,
     wrapped,
 )
+from musatpy.geometry.geodesy import Frame
 from musatpy.model import ObservationKind, Photos
 from musatpy.units import DEGREE
 

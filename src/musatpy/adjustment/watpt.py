@@ -25,8 +25,8 @@ from musatpy.adjustment.sightings import straight_rays
 from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface, water_heights
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
-from musatpy.geometry import collinearity, intersection
-from musatpy.geometry.intersection import nearest_point, widest_angle
+from musatpy.geometry import collinearity
+from musatpy.geometry.collinearity import nearest_point, widest_angle
 from musatpy.model import BathymetricPoints, Block, Departure, Solution
 from musatpy.refraction import flat
 
@@ -70,7 +70,7 @@ def underwater_intersection(network: Network, state: State, group: PointGroup, w
     frame = network.frame
     camera, direction = sightings.straight_rays(network, state, group.rays)
     tide, slope = state.tide[network.photo[group.rays]], network.slope(state.tilt)
-    P = intersection.first_pair(camera, direction)  # (3.6): P'
+    P = collinearity.first_pair(camera, direction)  # (3.6): P'
     for _ in range(_ROUNDS):
         axes = frame.axes(P)  # transpose of M-bar, (3.7)
         over = surface(frame, slope, tide, np.repeat(P[:, None], tide.shape[1], axis=1))  # (3.12), at each photo

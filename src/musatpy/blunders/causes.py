@@ -32,8 +32,7 @@ from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial, Ot
 from musatpy.model.findings import mnemonics
 from musatpy.model.progress import Progress
 from musatpy.statistics import Statistics
-from musatpy.statistics.differences import elevations
-from musatpy.statistics.flags import NO_BETTER
+from musatpy.statistics.gates import NO_BETTER, elevations
 from musatpy.statistics.verdict import CHECK_POINT_RISK, in_feet
 from musatpy.units import DEGREE, FOOT
 

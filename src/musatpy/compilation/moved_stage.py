@@ -15,7 +15,7 @@ from musatpy.arrays import FloatArray
 from musatpy.compilation.stereomodels import Stereomodel
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.errors import CompilationError, Problem
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, turn
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn
 
 NAMES = ("by", "bz", "omega", "phi", "kappa")
 _STEP = 1e-5  # rad, and of the flying height: some micrometres in the image

@@ -10,8 +10,8 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation.triangulation import Triangulation
 from musatpy.errors import CompilationError, Problem
-from musatpy.geometry import collinearity, intersection
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry import collinearity
+from musatpy.geometry.collinearity import attitude_matrix
 
 _LEAST_BASE = 0.01  # of the flying height, across the vertical
 
@@ -108,7 +108,7 @@ class Stereomodel:
 
         Where the rays meet best in the images, the apparent points of a compilation, `loop.Loop.mark` says.
         """
-        return intersection.first_pair(np.broadcast_to(self.stations, (len(xy), 2, 3)), self.rays(xy))
+        return collinearity.first_pair(np.broadcast_to(self.stations, (len(xy), 2, 3)), self.rays(xy))
 
 
 def set_up(run: Triangulation, left: str, right: str) -> Stereomodel:

@@ -26,9 +26,7 @@ from musatpy.compilation.pair_errors import PairErrors
 from musatpy.compilation.pair_points import put_clear_points
 from musatpy.compilation.parts import in_parts
 from musatpy.compilation.triangulation import Triangulation
-from musatpy.geometry.collinearity import in_front
-from musatpy.geometry.intersection import widest_angle
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, in_front, widest_angle
 from musatpy.model import Block, PlateMeasurements, Points
 
 _TURNS = 8  # times that rays may change between wet and dry

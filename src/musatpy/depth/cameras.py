@@ -18,7 +18,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.depth.point_positions import LOCAL, Tilt
 from musatpy.errors import DepthError, Problem
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.systems import System
 from musatpy.pointfiles.csv_tables import number, separator_faults
 from musatpy.refraction.apparent import Stations

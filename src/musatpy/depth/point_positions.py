@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.rotations import cross
+from musatpy.geometry.collinearity import cross
 from musatpy.geometry.systems import LocalRectangular, System, geographic
 from musatpy.refraction.apparent import Verticals
 

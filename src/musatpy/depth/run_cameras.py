@@ -17,9 +17,9 @@ from musatpy.arrays import FloatArray
 from musatpy.depth.cameras import Cameras
 from musatpy.depth.point_positions import Tilt
 from musatpy.errors import DepthError, Problem, RecordError, SystemsError
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.crs import LongitudeLatitude
 from musatpy.geometry.geodesy import middle_of
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.geometry.systems import Geographic, System, geographic
 from musatpy.json_files import Needs
 from musatpy.model import CoordinateSystem, EllipsoidSpec, Initial, SystemSpec

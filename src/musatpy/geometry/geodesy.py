@@ -14,7 +14,7 @@ import pyproj
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.rotations import local_vertical
+from musatpy.geometry.collinearity import local_vertical
 
 Value = TypeVar("Value", float, FloatArray)
 _SAME_AXIS = 1e-6  # m: GRS 80 and WGS 84 differ by 1e-4 m in their semi-minor axes, and are two ellipsoids

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.rotations import skew, turn
+from musatpy.geometry.collinearity import skew, turn
 
 _SAMPLES = 300  # of three points: one in 1e9 finds no clean one among 40 % of gross errors
 _STEPS = 10

@@ -11,8 +11,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import DeckError, MusatError, Problem
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import Block, CoordinateSystem
 from musatpy.units import DEGREE
 

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, wrapped
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, wrapped
 from musatpy.jobs.plan_positions import frame_of
 from musatpy.model import (
     AirBases,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.rotations import skew, turn
+from musatpy.geometry.collinearity import skew, turn
 from musatpy.geometry.similarity import Similarity, cauchy, spread
 
 _MOST_PAIRS = 2000  # of horizontal points that are tried

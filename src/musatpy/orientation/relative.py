@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from musatpy.geometry.rotations import cross, orthogonal, turn
+from musatpy.geometry.collinearity import cross, orthogonal, turn
 from musatpy.geometry.similarity import TO_SIGMA, cauchy, cauchy_cost
 
 _SAMPLES = 60  # of two points, for the plane similarity of a pair

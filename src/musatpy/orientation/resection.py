@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.rotations import cross, orthogonal, skew, turn
+from musatpy.geometry.collinearity import cross, orthogonal, skew, turn
 from musatpy.geometry.similarity import TO_SIGMA, cauchy
 
 _SAMPLES = 150  # of three points

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import Block, Grade
 from musatpy.model.findings import Concern, Reason
 from musatpy.model.findings import Verdict as RunVerdict

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry import similarity
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, wrapped
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, wrapped
 from musatpy.model import Solution
 from musatpy.model.findings import Concern, Grade, Reason
 from musatpy.orientation.twomedia.axes import paper_partials, paper_vector

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.plots.enlarged import turned
 from musatpy.plots.plane import Plane
 from musatpy.plots.tables import Tables, numbers, part, rows_of, texts

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
-from musatpy.geometry.rotations import wrapped
+from musatpy.geometry.collinearity import wrapped
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.enlarged import NORMAL

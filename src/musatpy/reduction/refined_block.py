@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.errors import DeckError, PlatesError, Problem
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import attitude_matrix
 from musatpy.model import (
     Atmosphere,
     Block,

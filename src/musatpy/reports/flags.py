@@ -10,8 +10,8 @@ from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
-from musatpy.statistics.flags import squares_choose
 from musatpy.statistics.gates import FLAGS as TITLE
+from musatpy.statistics.gates import squares_choose
 
 
 def _rows(statistics: Statistics) -> IntArray:

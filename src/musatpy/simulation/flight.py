@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.draws import Draws
-from musatpy.geometry.rotations import wrapped
+from musatpy.geometry.collinearity import wrapped
 from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.true_water import TrueWater, true_water
 from musatpy.simulation.true_waves import GivenWaves, state_waves

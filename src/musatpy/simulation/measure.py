@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
 from musatpy.errors import Problem, SpecError
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.simulation.flight import TrueFlight
 from musatpy.simulation.mistakes import drawn_sizes, gross_control

@@ -17,7 +17,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import MusatError
-from musatpy.geometry.rotations import local_vertical
+from musatpy.geometry.collinearity import local_vertical
 
 # Places (k, 3) of level water in the axes of the job -> heights (k,) m of waves over it, their gradients (k, 3).
 Rise = Callable[[FloatArray], tuple[FloatArray, FloatArray]]

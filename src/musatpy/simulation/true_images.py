@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem, SpecError
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.simulation.flight import FlightPlan, TrueFlight
 from musatpy.simulation.raytrace import trace
 from musatpy.simulation.simulation_spec import CameraKeys, SimulationSpec

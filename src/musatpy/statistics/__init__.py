@@ -5,9 +5,7 @@ from musatpy.statistics.differences import (
     Analysis,
     DifferenceStatistics,
     difference_statistics,
-    elevations,
     metric_components,
-    metric_differences,
     position_components,
-    rectangular,
 )
+from musatpy.statistics.gates import elevations, metric_differences, rectangular

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, largest
-from musatpy.geometry.rotations import wrapped
+from musatpy.geometry.collinearity import wrapped
 from musatpy.model import (
     Block,
     ControlKind,
@@ -27,14 +27,8 @@ from musatpy.model import (
 )
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.model.water import WAVE_SIGMAS
-from musatpy.statistics.differences import (
-    Analysis,
-    analysis_of,
-    elevations,
-    metric_components,
-    position_components,
-    rectangular,
-)
+from musatpy.statistics.differences import Analysis, analysis_of, metric_components, position_components
+from musatpy.statistics.gates import elevations, rectangular
 from musatpy.statistics.quality import Quality, sigmas_of
 from musatpy.statistics.verdict import verdict_of
 from musatpy.units import AngleUnit

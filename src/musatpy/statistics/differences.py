@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from musatpy.arrays import FloatArray, TextArray, largest
-from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem
 
 
@@ -93,44 +92,3 @@ def metric_components(block: Block) -> dict[str, str]:
     if block.options.system is CoordinateSystem.LOCAL:
         return {"X": "m", "Y": "m", "Z": "m"}
     return {"East": "m", "North": "m", "Up": "m"}
-
-
-def rectangular(block: Block, positions: FloatArray) -> FloatArray:
-    """Return X, Y, Z (n, 3) m of positions (n, 3) in the job's system; rows with a NaN come back all NaN."""
-    if block.options.system is not CoordinateSystem.GEOGRAPHIC:
-        return positions
-    known = ~np.isnan(positions).any(axis=1)
-    xyz = np.full(positions.shape, np.nan)
-    if known.any():
-        xyz[known] = _ellipsoid(block).geocentric(positions[known])
-    return xyz
-
-
-def elevations(block: Block, positions: FloatArray) -> FloatArray:
-    """Return the heights (n,) m of positions (n, 3) in the job's system; NaN where a position has a NaN."""
-    if block.options.system is not CoordinateSystem.GEOCENTRIC:
-        return positions[:, 2]
-    known = ~np.isnan(positions).any(axis=1)
-    heights = np.full(len(positions), np.nan)
-    if known.any():
-        heights[known] = _ellipsoid(block).geographic(positions[known])[:, 2]
-    return heights
-
-
-def metric_differences(block: Block, given: FloatArray, adjusted: FloatArray) -> FloatArray:
-    """Return adjusted minus given (n, 3), metres along the east, north, up of the given points.
-
-    Both are positions (n, 3) in the job's system. A component that is not given (NaN) is NaN in the result, and
-    takes no part in that of the others; in local jobs the axes are those of the frame.
-    """
-    if block.options.system is CoordinateSystem.LOCAL:
-        return adjusted - given
-    geographic = block.options.system is CoordinateSystem.GEOGRAPHIC
-    return _ellipsoid(block).metric_differences(given, adjusted, geographic)
-
-
-def _ellipsoid(block: Block) -> Ellipsoid:
-    spec = block.ellipsoid
-    if spec is None:
-        raise ValueError("a geographic or geocentric block without an ellipsoid")
-    return Ellipsoid.of(spec)

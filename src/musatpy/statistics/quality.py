@@ -34,8 +34,7 @@ from musatpy.probability import (
     students_of_pope,
     test_limit,
 )
-from musatpy.statistics.differences import metric_differences
-from musatpy.statistics.flags import FlagTests, flag_tests
+from musatpy.statistics.gates import FlagTests, flag_tests, metric_differences
 
 SIGMA0_LEVEL = 0.95  # of the two-sided tests of sigma0 and of variance components
 ALPHA, BETA = 0.001, 0.80  # significance and power behind the smallest detectable errors

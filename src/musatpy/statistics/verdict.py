@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.arrays import FloatArray, falling, largest
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import (
     Concern,
     Editing,
@@ -26,8 +26,17 @@ from musatpy.model import (
 from musatpy.model.findings import a_few, named
 from musatpy.model.photos import other_focal_length
 from musatpy.probability import probability_beyond, quantile, test_limit
-from musatpy.statistics.differences import elevations, metric_differences, rectangular
-from musatpy.statistics.gates import flag_notes, flags, flying_height, gates, ground_heights, straight
+from musatpy.statistics.gates import (
+    elevations,
+    flag_notes,
+    flags,
+    flying_height,
+    gates,
+    ground_heights,
+    metric_differences,
+    rectangular,
+    straight,
+)
 from musatpy.statistics.quality import CommonErrors, Quality
 from musatpy.units import DEGREE, MICROMETRE, length_unit
 

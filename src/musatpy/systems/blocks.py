@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.errors import Problem
-from musatpy.geometry.rotations import orthogonal
+from musatpy.geometry.collinearity import orthogonal
 from musatpy.geometry.systems import Geocentric, System
 from musatpy.model import Block, CoordinateSystem, ReductionOptions, WaveOrigin
 from musatpy.systems.sigmas import Findings, Owners, propagated

@@ -13,8 +13,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import Problem, SystemsError
+from musatpy.geometry.collinearity import AngleForm, angle_rates, angles_by_turn, in_axes, matrix_of, wrapped
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import AngleForm, angle_rates, angles_by_turn, in_axes, matrix_of, wrapped
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import TypeVar
 
 from musatpy.errors import Problem, SystemsError
-from musatpy.geometry.rotations import AngleForm
+from musatpy.geometry.collinearity import AngleForm
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System, TangentPlane
 from musatpy.model import Block, EllipsoidSpec, SystemSpec
 from musatpy.systems.statement import Axes, Sigmas, Statement, ellipsoid_by

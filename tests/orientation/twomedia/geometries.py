@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.orientation.twomedia.combined import COMBINED
 from musatpy.orientation.twomedia.pair import PAIR_INDEPENDENT, PAIR_SUCCESSIVE
 from musatpy.orientation.twomedia.rays import Orientation

@@ -8,8 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from adjustment.case_decks import load_case
-from musatpy.geometry.intersection import scale_restraint
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, scale_restraint
 from musatpy.orientation.twomedia.axes import from_paper, paper_partials, paper_vector
 from musatpy.orientation.twomedia.helmert import Group, Problem, adjust
 from musatpy.orientation.twomedia.oriented import orient

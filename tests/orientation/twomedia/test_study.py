@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from musatpy.draws import Draws
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.orientation.twomedia.helmert import adjust
 from musatpy.orientation.twomedia.inner import directions
 from musatpy.orientation.twomedia.oriented import Oriented, Verdict, orient

@@ -16,7 +16,7 @@ from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray, finite_rows
-from musatpy.geometry.rotations import wrapped
+from musatpy.geometry.collinearity import wrapped
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
 from musatpy.units import DEGREE

@@ -52,7 +52,7 @@ def control(draft: Draft) -> Iterator[Problem]:
     tested = np.isfinite(beyond) & np.isfinite(given) & np.isfinite(sigma)
     if not (beyond[tested] > 0.0).any():
         return
-    from musatpy.statistics.flags import FINEST, flag_limit  # most decks have no such point
+    from musatpy.statistics.gates import FINEST, flag_limit  # most decks have no such point
 
     sigmas = beyond / np.maximum(np.hypot(given, sigma), FINEST)
     for row in np.flatnonzero(tested & (sigmas > flag_limit(int(tested.sum())))).tolist():

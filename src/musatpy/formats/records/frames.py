@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.records.layout import FileSpec
-from musatpy.geometry import rotations
+from musatpy.geometry import collinearity
+from musatpy.geometry.collinearity import AngleForm, attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.geometry.rotations import AngleForm, attitude_from_matrix, attitude_matrix
 from musatpy.model import CoordinateSystem, EllipsoidSpec
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def matrix_of(kind: str, values: Array) -> Array:
     `kind` is one of `records.layout.ATTITUDES`. The order of angles is that of their names.
     """
     if kind in _FORMS:
-        return rotations.matrix_of(values, _FORMS[kind])
+        return collinearity.matrix_of(values, _FORMS[kind])
     M = values.reshape(-1, 3, 3)
     return np.swapaxes(M, -1, -2) if kind == "matrix photo to ground" else M
 
@@ -38,7 +38,7 @@ def matrix_of(kind: str, values: Array) -> Array:
 def values_of_matrix(kind: str, M: Array) -> Array:
     """Return the attitudes (k, 3) rad or (k, 9) of a file: the inverse of `matrix_of`."""
     if kind in _FORMS:
-        return rotations.angles_of(M, _FORMS[kind])
+        return collinearity.angles_of(M, _FORMS[kind])
     return (np.swapaxes(M, -1, -2) if kind == "matrix photo to ground" else M).reshape(-1, 9)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, attitude_matrix_partials
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, attitude_matrix_partials
 from musatpy.orientation.twomedia.rays import PHOTO, Orientation
 
 TURN = np.array([1.0, -1.0, -1.0])  # signs of X, Y, Z; of x, y, c in the photo

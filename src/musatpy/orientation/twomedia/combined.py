@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.similarity import fit_robust
 from musatpy.orientation.relative import model_points
 from musatpy.orientation.twomedia.conditions import intersection, refracted

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.intersection import coplanarity, scale_restraint
+from musatpy.geometry.collinearity import coplanarity, scale_restraint
 from musatpy.orientation.twomedia.rays import COLUMNS, INDEX, SLOPE, STATION, Orientation, Rays
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
+from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials
 from musatpy.orientation.twomedia.rays import PHOTO, WATER, Orientation
 
 _SHALLOW = 0.1  # of the height of the cameras: over shallower water tilt and attitude go together

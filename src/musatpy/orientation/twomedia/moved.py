@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.rotations import AngleForm, angle_rates, attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import AngleForm, angle_rates, attitude_from_matrix, attitude_matrix
 from musatpy.geometry.similarity import Similarity, by_change
 
 

@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import MusatError
-from musatpy.geometry.intersection import nearest_point
+from musatpy.geometry.collinearity import nearest_point
 from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.diagnosis import OF_WATER, Direction, free, inflation, weakest
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem, adjust, misfits, refined

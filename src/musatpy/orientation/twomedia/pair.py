@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.relative import model_points, solutions
 from musatpy.orientation.twomedia.conditions import intersection

@@ -13,9 +13,8 @@ from typing import Self
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.collinearity import attitude_matrix, attitude_matrix_partials, ray, ray_partials
 from musatpy.geometry.collinearity import image as image_at
-from musatpy.geometry.collinearity import ray, ray_partials
-from musatpy.geometry.rotations import attitude_matrix, attitude_matrix_partials
 from musatpy.refraction.flat import incidence, refracted_ray
 
 ATTITUDE, STATION, SLOPE, LEVEL, INDEX, IMAGE = slice(0, 3), slice(3, 6), slice(6, 8), 8, 9, slice(10, 12)

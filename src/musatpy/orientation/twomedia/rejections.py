@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.intersection import nearest_point
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix, nearest_point
 from musatpy.orientation.twomedia.helmert import Adjusted, Problem
 from musatpy.orientation.twomedia.rays import WATER, Rays, image_rays
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.rotations import attitude_from_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.resection import resections
 from musatpy.orientation.twomedia.conditions import fermat, refracted

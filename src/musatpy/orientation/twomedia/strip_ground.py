@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
-from musatpy.geometry.rotations import skew
+from musatpy.geometry.collinearity import skew
 from musatpy.geometry.similarity import Similarity, fit_robust, small
 from musatpy.orientation.twomedia.moved import Moved, moved_places, moved_planes
 from musatpy.orientation.twomedia.oriented import OrientationError

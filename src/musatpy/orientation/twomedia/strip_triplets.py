@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.arrays import IntArray
-from musatpy.geometry.rotations import attitude_matrix
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.similarity import Similarity
 from musatpy.model.options import PlaneTreatment
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, orient, settled

@@ -13,7 +13,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.draws import Draws
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix, wrapped
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, wrapped
 from musatpy.orientation.twomedia.helmert import adjust, precision
 from musatpy.orientation.twomedia.oriented import Oriented
 from musatpy.orientation.twomedia.rays import WATER, Orientation, images_of

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.rotations import attitude_from_matrix, attitude_matrix
+from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.orientation.relative import model_points
 from musatpy.orientation.resection import resections
 from musatpy.orientation.twomedia.conditions import intersection, triple

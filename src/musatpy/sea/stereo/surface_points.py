@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.geometry.intersection import nearest_point
+from musatpy.geometry.collinearity import nearest_point
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.geometry.rotations import cross
+from musatpy.geometry.collinearity import cross
 from musatpy.refraction import bending
 from musatpy.refraction.bending import WaveRay
 from musatpy.refraction.surface import Surface
