@@ -12,9 +12,9 @@ from altered import altered
 from musatpy import model, read_deck, write_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment import ground as ground_points
+from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.datum import freedom
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.errors import AdjustmentError
 from musatpy.geometry import similarity
 from musatpy.model.tables import empty

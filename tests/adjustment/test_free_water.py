@@ -8,11 +8,11 @@ import pytest
 
 import musatpy
 from musatpy import model
+from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.datum import freedom, moved_to
 from musatpy.adjustment.initial import THROUGH_WATER, initial_photos
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds.water import moved_levels, turned_slopes
-from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, middle_of

@@ -18,15 +18,14 @@ from hypothesis import strategies as st
 from cli.commands import musat
 from musatpy import read_deck
 from musatpy.adjustment import adjust, ground, kernels, propagation, sightings, threads
-from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.collinear import Simultaneous
+from musatpy.adjustment.iteration import Linearisation, State
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kernels import loops_of
+from musatpy.adjustment.musat2a import Triangulation
 from musatpy.adjustment.network import Network, job_frame
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.precision import Errors, factor_of, spread_to_observations
-from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.adjustment.triangulation import Triangulation
-from musatpy.adjustment.unknowns import State
 from musatpy.cli import run
 from musatpy.errors import AdjustmentError
 from musatpy.model import Options, Program, Refraction, WaterLevel

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from adjustment.test_musat3a import WATER, sea_block
 from altered import altered, with_options
 from musatpy import adjust, verdict
+from musatpy.adjustment.iteration import State, stated_partials, with_turned_axes
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, UNKNOWNS, direct_rows, direct_squares, state_after
 from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
-from musatpy.adjustment.unknowns import State, stated_partials, with_turned_axes
 from musatpy.arrays import order_of
 from musatpy.formats.musat import read_deck
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix

@@ -20,14 +20,14 @@ from adjustment.test_equivalence import (
 )
 from altered import altered, with_options
 from musatpy import model, read_deck
-from musatpy.adjustment import adjust, triangulation
+from musatpy.adjustment import adjust, musat2a
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.ground import settle
+from musatpy.adjustment.iteration import State
+from musatpy.adjustment.musat2a import Triangulation, fully_weighted
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.adjustment.sightings import image_coordinates
-from musatpy.adjustment.triangulation import Triangulation, fully_weighted
-from musatpy.adjustment.unknowns import State
 from musatpy.units import DEGREE
 from reference import compare, dense_bundle, finite_difference_bundle
 from reference.networks import Plan
@@ -377,7 +377,7 @@ def test_a_sign_that_is_turned_is_seen(
     monkeypatch: pytest.MonkeyPatch, name: str, ray: int, column: int, refraction: model.Refraction
 ) -> None:
     """Of the partials by a coordinate of an origin, or of a direction; values are 0 at adjusted images."""
-    right = getattr(triangulation, name)
+    right = getattr(musat2a, name)
 
     def turned(P: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value, partials = right(P, u)
@@ -386,5 +386,5 @@ def test_a_sign_that_is_turned_is_seen(
         return value, partials
 
     seen = last_of("st_thomas/st_thomas.crd", refraction)
-    monkeypatch.setattr(triangulation, name, turned)
+    monkeypatch.setattr(musat2a, name, turned)
     assert max(differences(*off(seen))) > 1e-4

@@ -11,9 +11,9 @@ from adjustment.oblique_blocks import Oblique, drawn, make_oblique
 from altered import altered, with_options
 from musatpy import listing, read_deck, verdict
 from musatpy.adjustment import adjust, ground
+from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.musat3a import straight_start
-from musatpy.adjustment.simultaneous import Simultaneous
 from musatpy.model import Grade, Program, Solution
 from musatpy.units import ARC_SECOND, DEGREE
 from reference import compare

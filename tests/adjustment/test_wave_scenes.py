@@ -15,11 +15,11 @@ import musatpy
 from altered import altered
 from drivers import wave_scenes_study as study
 from musatpy.adjustment import wave_search
+from musatpy.adjustment.collinear import safe_curvature, wave_curvature
 from musatpy.adjustment.iteration import Outcome
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.normals import factorised
 from musatpy.adjustment.sightings import images
-from musatpy.adjustment.simultaneous import safe_curvature, wave_curvature
 from musatpy.adjustment.wave_search import CrestSearch, Level, WaveTrials
 from musatpy.adjustment.wavy_water import Sea, WorkingSea
 from musatpy.model import ObservationKind, Solution

@@ -20,12 +20,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.blocks import make_block
 from musatpy.adjustment import ground, kernels, threads
+from musatpy.adjustment.collinear import Simultaneous
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.job import prepared
+from musatpy.adjustment.musat2a import Triangulation
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.adjustment.triangulation import Triangulation
-from musatpy.adjustment.unknowns import State
 from musatpy.model import Options, Program
 
 PHOTOS, SUBMERGED, REPEATS = 300, 0.1, 5

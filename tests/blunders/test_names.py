@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blocks import simulated
-from musatpy.adjustment.unknowns import State
+from musatpy.adjustment.iteration import State
 from musatpy.blunders import names
 from musatpy.blunders.scene import Effort, Scene, staged
 

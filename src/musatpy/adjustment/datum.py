@@ -16,11 +16,11 @@ from scipy.linalg import qr
 
 from musatpy.adjustment.collinear import Elimination, eliminate
 from musatpy.adjustment.ground import point_normals
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import PARAMETERS, Cofactors, Factor, NormalMatrix, weak_directions
-from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.geometry.collinearity import attitude_from_matrix, skew, wrapped
 from musatpy.geometry.similarity import Similarity

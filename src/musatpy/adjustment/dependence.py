@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.collinear import eliminate
+from musatpy.adjustment.iteration import LEVEL, State
 from musatpy.adjustment.kinds import direct_rows
 from musatpy.adjustment.kinds.water import Wave
 from musatpy.adjustment.network import Network, Participation, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.propagation import Piece
-from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.adjustment.wavy_water import AZIMUTH, CREST, LENGTH, WorkingSea, names_of_waves
 from musatpy.arrays import BoolArray, FloatArray, IntArray, falling, finite_rows
 from musatpy.model import AdjustedWaves, Block, Dependence, ObservationKind

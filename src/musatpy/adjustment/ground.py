@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment import sightings
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, together
-from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind

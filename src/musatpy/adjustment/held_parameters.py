@@ -19,15 +19,13 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from musatpy.adjustment.collinear import eliminate
+from musatpy.adjustment.collinear import Simultaneous, eliminate
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, moved_to
 from musatpy.adjustment.ground import all_residuals, hold, prior_rows
-from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.iteration import Linearisation, State
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.precision import Precision, left_out
-from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import tide_groups, water_heights
 from musatpy.arrays import BoolArray, FloatArray, finite_rows
 from musatpy.model import Block, HeldParameters

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from musatpy.adjustment.iteration import given_minus
 from musatpy.adjustment.job import level_coordinates
 from musatpy.adjustment.network import job_frame
 from musatpy.adjustment.refinement import refined_stations
-from musatpy.adjustment.unknowns import given_minus
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, finite_rows
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry import collinearity

@@ -14,7 +14,17 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.datum import describe_weakness
-from musatpy.adjustment.iteration import AT_REST, LeastSquares, Outcome, SingularNormalsError, Step, iterate
+from musatpy.adjustment.iteration import (
+    AT_REST,
+    LeastSquares,
+    Outcome,
+    SingularNormalsError,
+    State,
+    Step,
+    initial_state,
+    iterate,
+    with_turned_axes,
+)
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import MEASURED, UNKNOWNS, kept_movement, largest_movements
 from musatpy.adjustment.kinds.kind import in_digits
@@ -33,7 +43,6 @@ from musatpy.adjustment.network import (
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.precision import left_out
-from musatpy.adjustment.unknowns import State, initial_state, with_turned_axes
 from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, finite_rows

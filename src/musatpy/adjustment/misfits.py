@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.adjustment import sightings
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds import SEARCHED
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.unknowns import State
 from musatpy.arrays import FloatArray, finite_rows
 from musatpy.geometry import collinearity
 from musatpy.model import Block

@@ -17,17 +17,15 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import result, sightings
+from musatpy.adjustment.collinear import Simultaneous, sum_of_squares
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, freedom, moved_to
 from musatpy.adjustment.ground import level_start
-from musatpy.adjustment.iteration import Outcome, not_raised
+from musatpy.adjustment.iteration import Outcome, State, not_raised
 from musatpy.adjustment.job import Job, prepared
-from musatpy.adjustment.kinds import largest_movements
+from musatpy.adjustment.kinds import largest_movements, redundancy
 from musatpy.adjustment.kinds.water import WaterIndex
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import factorised
-from musatpy.adjustment.propagation import redundancy
-from musatpy.adjustment.simultaneous import Simultaneous, sum_of_squares
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.waterline import (
     WaterLine,
     at_rest_in_water,

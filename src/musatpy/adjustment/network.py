@@ -153,7 +153,7 @@ class Network:
     kept_groups: tuple[PointGroup, ...]  # the points of `border.kept`, which are not eliminated (IIIA)
     measured: Mapping[ObservationKind, Measured]
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
-    turned: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (n,) or (0,): see `unknowns`
+    turned: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (n,) or (0,): see `iteration`
     # what was gathered of the points once, by its class, for all networks of the same points and rays
     gathered: dict[type, Any] = field(default_factory=dict, repr=False)
 

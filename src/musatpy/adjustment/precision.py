@@ -14,12 +14,12 @@ import numpy as np
 
 from musatpy.adjustment import propagation
 from musatpy.adjustment.dependence import Diagonal
+from musatpy.adjustment.iteration import LEVEL, State, stated
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
-from musatpy.adjustment.unknowns import LEVEL, State, stated
 from musatpy.adjustment.water_surface import is_considered
 from musatpy.arrays import FloatArray, finite_rows
 from musatpy.errors import AdjustmentError, Problem
@@ -101,7 +101,7 @@ def precision(
     held, inner, cofactors = _held(network, state, factor, free)
     full = factor
     if block.options.program is Program.IIA and block.options.weights is not Weights.FULL:
-        from musatpy.adjustment.simultaneous import Simultaneous  # only here, and it would load with every run
+        from musatpy.adjustment.collinear import Simultaneous  # only here, and it would load with every run
 
         # full weights, by which observations check each other
         full = factor_of(Simultaneous(network=network, options=block.options).linearise(state).matrix)

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.iteration import SingularNormalsError, iterate
+from musatpy.adjustment.iteration import SingularNormalsError, State, initial_state, iterate
 from musatpy.adjustment.job import build_network
+from musatpy.adjustment.musat2a import Triangulation
 from musatpy.adjustment.network import Network, participation
 from musatpy.adjustment.sightings import image_coordinates, residuals, straight_rays
-from musatpy.adjustment.triangulation import Triangulation
-from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity, similarity
 from musatpy.geometry.collinearity import attitude_from_matrix, widest_angle

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import Surface, by_tilt, surface
 from musatpy.adjustment.wavy_water import SeaIncidence
 from musatpy.arrays import FloatArray, IntArray

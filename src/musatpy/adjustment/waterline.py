@@ -19,10 +19,9 @@ import numpy as np
 
 from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.ground import hold, point_normals, settle_group
-from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.iteration import Outcome, State
 from musatpy.adjustment.network import Network, PointGroup, group_points, together
 from musatpy.adjustment.normals import Cofactors, Factor
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import water_heights
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 

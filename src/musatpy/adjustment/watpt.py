@@ -18,11 +18,10 @@ import numpy as np
 from musatpy.adjustment import sightings
 from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.ground import PARALLEL, settle_group
-from musatpy.adjustment.iteration import Linearisation
+from musatpy.adjustment.iteration import Linearisation, State
 from musatpy.adjustment.network import Network, PointGroup, together
 from musatpy.adjustment.normals import PARAMETERS, Factor
 from musatpy.adjustment.sightings import straight_rays
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface, water_heights
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.geometry import collinearity

@@ -16,13 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.iteration import Outcome
+from musatpy.adjustment.collinear import Curved, Simultaneous, sum_of_squares
+from musatpy.adjustment.iteration import Outcome, State
 from musatpy.adjustment.job import Job
+from musatpy.adjustment.kinds import redundancy
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalMatrix, factorised
-from musatpy.adjustment.propagation import redundancy
-from musatpy.adjustment.simultaneous import Curved, Simultaneous, sum_of_squares
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import AZIMUTH, CREST, HEIGHT, LENGTH, WorkingSea, wave_names
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.errors import AdjustmentError

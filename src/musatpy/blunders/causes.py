@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from musatpy import adjustment
+from musatpy.adjustment.iteration import State, given_minus
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.unknowns import State, given_minus
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import IntArray, finite_rows
 from musatpy.blunders.competition import Rival, rivals

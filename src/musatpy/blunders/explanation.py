@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from musatpy.adjustment.iteration import iterate
+from musatpy.adjustment.iteration import State, iterate
 from musatpy.adjustment.kinds import PRIORS
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, falling
 from musatpy.blunders.hypotheses import Hypothesis, common_errors, hypotheses, moved_state, revised

@@ -15,13 +15,12 @@ import numpy as np
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment import propagation
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
-from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.adjustment.iteration import SingularNormalsError, State
 from musatpy.adjustment.kinds import state_after, station_rows
 from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import Piece, pieces
-from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.scene import IMAGES_CHECKED, OTHERS_CHECKED, Factors, Scene
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates, images
-from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
 from musatpy.blunders.hypotheses import CARDS, PLATES, Hypothesis
 from musatpy.blunders.scene import Scene, taking_part

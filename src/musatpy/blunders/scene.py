@@ -15,17 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment import ground as ground_points
-from musatpy.adjustment.collinear import Follow
+from musatpy.adjustment.collinear import Follow, Simultaneous
 from musatpy.adjustment.datum import NOTHING_FREE, freedom
 from musatpy.adjustment.ground import all_residuals
-from musatpy.adjustment.iteration import Outcome, SingularNormalsError, iterate
+from musatpy.adjustment.iteration import Outcome, SingularNormalsError, State, attitude_in, iterate
 from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED, SEARCHED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.refinement import cauchy, reweighted, robust_scale
-from musatpy.adjustment.simultaneous import Simultaneous
-from musatpy.adjustment.unknowns import State, attitude_in
 from musatpy.adjustment.waterline import WaterLine, at_rest_in_water, every_ray_wet, starting_line
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray, IntArray

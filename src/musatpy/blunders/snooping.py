@@ -13,11 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment.iteration import SingularNormalsError
+from musatpy.adjustment.iteration import SingularNormalsError, State
 from musatpy.adjustment.kinds.water import level_corrections
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, factorised
 from musatpy.adjustment.precision import Errors, spread_to_observations
-from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.alternatives import wrong_images
 from musatpy.blunders.hypotheses import Hypothesis, common_tides

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from musatpy.adjustment.iteration import LEVEL
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.propagation import Piece
-from musatpy.adjustment.unknowns import LEVEL
 from musatpy.arrays import FloatArray
 from musatpy.compilation.triangulation import Triangulation
 

@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy import einsum
 
+from musatpy.adjustment.iteration import LEVEL, State
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
-from musatpy.adjustment.unknowns import LEVEL, State
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.compilation.pair_images import (
     Look,

@@ -13,11 +13,11 @@ import numpy as np
 
 from musatpy.adjustment.considered import extended
 from musatpy.adjustment.ground import PARALLEL, intersect_freely, settle_group
+from musatpy.adjustment.iteration import State, initial_state
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.sightings import residuals, straight_rays
-from musatpy.adjustment.unknowns import State, initial_state
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
 from musatpy.adjustment.watpt import bathymetric_points
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray

@@ -14,13 +14,13 @@ from musatpy.adjustment.compiled import points as compiled
 from musatpy.adjustment.compiled.points import Known, Measured, Pairs, Points, Stations, Water
 from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.ground import RIDGE, hold, prior_rows, steps_to_best
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kernels import Loops
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.propagation import Part
 from musatpy.adjustment.threads import side_by_side
-from musatpy.adjustment.unknowns import State
 from musatpy.adjustment.water_surface import surface
 from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
 from musatpy.model import ObservationKind

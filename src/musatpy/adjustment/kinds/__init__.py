@@ -1,23 +1,24 @@
 """The kinds of observations and of global unknowns, a few to a file; whoever deals with all loops over these.
 
-Every file of this folder with `KINDS` counts, in the order of `model.ObservationKind`.
+They are counted, too. Every file of this folder with `KINDS` counts, in the order of `model.ObservationKind`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.kind import Kind, OfWater, Prior, Rows, Unknown
 from musatpy.adjustment.kinds.measured import MeasuredKind
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
-from musatpy.adjustment.unknowns import State
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.model import ObservationKind
 
 
 def _all() -> list[Kind]:
@@ -99,3 +100,68 @@ def add_direct(network: Network, state: State, normals: NormalEquations) -> None
     """Add all observations that concern no image."""
     for _, rows in direct_rows(network, state):
         normals.add_rows(rows.index, rows.partials, rows.weight, rows.residual)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Counts:
+    """Scalar observations and unknowns by kind."""
+
+    observations: dict[str, int]
+    unknowns: dict[str, int]
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Observations minus unknowns."""
+        return sum(self.observations.values()) - sum(self.unknowns.values())
+
+
+def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts:
+    """Return what entered the solution; conditions of a point count as its 2m - 3 do, by images minus ground."""
+    priors, water = network.priors, network.water
+    control = (*network.control_groups, *network.kept_groups)
+    known = np.concatenate([np.zeros(0, dtype=np.int64), *(g.point for g in control)])  # of others nothing is
+    grouped = known[priors.group[known] >= 0]
+    points = sum(len(g.point) for g in network.groups)
+    wet = any(network.refracted[group.rays].any() for group in network.groups)
+    of_water = sum(
+        network.border.count(kind.observed)
+        for kind in WATER
+        if kind.observed is not ObservationKind.WATER_LEVEL and (wet or kind.weight(network).any())
+    )
+    levels = int(np.count_nonzero(_sees_water(network) | (water.level_weight > 0.0)))
+    observations = {
+        "plate coordinates, pass points": 2 * sum(g.rays.size for g in network.pass_groups),
+        "plate coordinates, control points": 2 * sum(g.rays.size for g in control),
+        "control coordinates": int(np.count_nonzero(priors.weight[known])),
+        "station positions": int(np.count_nonzero(network.position_weight)),
+        "station attitudes": int(np.count_nonzero(network.attitude_weight)),
+        "equal elevations": len(grouped),
+        "air bases": 0,
+    }
+    unknowns = {
+        "station parameters": 6 * (network.photos - unobserved_photos),
+        "ground coordinates": 3 * points - int(np.count_nonzero(priors.held[known])),
+        "levels": len(np.unique(priors.group[grouped])),
+    }
+    further = {kind.noun: len(measured.row) for kind, measured in network.measured.items()}
+    further["water"] = sum(int(np.count_nonzero(kind.weight(network))) for kind in WATER)
+    further["inner constraints"] = free_motions
+    observations |= {kind: number for kind, number in further.items() if number}
+    if levels + of_water:
+        unknowns["water"] = levels + of_water
+    return Counts(observations=observations, unknowns=unknowns)
+
+
+def redundancy(network: Network) -> int:
+    """Return the degrees of freedom of a network all of whose photos are held, at least 1."""
+    return max(count(network, 0, 0).degrees_of_freedom, 1)
+
+
+def _sees_water(network: Network) -> BoolArray:
+    """Return (c,) whether a refracted ray depends on the correction of a tide."""
+    seen = np.zeros(len(network.water.ids), dtype=bool)
+    for group in network.groups if len(seen) else ():
+        photo = network.photo[group.rays[network.refracted[group.rays]]]
+        corrections = network.water.group[photo]
+        seen[corrections[corrections >= 0]] = True
+    return seen

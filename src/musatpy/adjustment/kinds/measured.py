@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.kind import Kind, Rows
 from musatpy.adjustment.network import Measured, Network, inverse_squares
-from musatpy.adjustment.unknowns import State
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, CauseKind, ObservationKind, Program
 from musatpy.model.tables import taken
