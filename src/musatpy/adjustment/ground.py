@@ -85,11 +85,10 @@ def start_ground(network: Network, state: State, parallel: BoolArray | None = No
     ground, heights = state.ground.copy(), network.priors.given[:, 2]
     mean_height = float(np.nanmean(heights)) if np.isfinite(heights).any() else 0.0
     for group in network.groups:
-        ground[group.point] = nearest_ground(network, state, group, mean_height)
-    for group in network.pass_groups:
-        if parallel is None:
-            break
-        _, direction = sightings.straight_rays(network, state, group.rays)
+        origin, direction = sightings.straight_rays(network, state, group.rays)
+        ground[group.point] = _nearest(network, group, origin, direction, mean_height)
+        if parallel is None or group.known:
+            continue
         near = np.linalg.norm(direction - direction[:, :1], axis=2).max(axis=1) < PARALLEL  # the others are not
         parallel[group.point[near]] = collinearity.widest_angle(direction[near]) < PARALLEL
     members = np.flatnonzero(network.priors.group >= 0)
@@ -141,7 +140,13 @@ def _bent_down(network: Network, origin: FloatArray, direction: FloatArray) -> F
 
 def nearest_ground(network: Network, state: State, group: PointGroup, mean_height: float) -> FloatArray:
     """Return first positions (k, 3) of the points of a group, from their straight rays."""
-    origin, direction = sightings.straight_rays(network, state, group.rays)
+    return _nearest(network, group, *sightings.straight_rays(network, state, group.rays), mean_height)
+
+
+def _nearest(
+    network: Network, group: PointGroup, origin: FloatArray, direction: FloatArray, mean_height: float
+) -> FloatArray:
+    """Return the points (k, 3) nearest to straight rays (k, m, 3), with what is known of them."""
     given = network.priors.given[group.point]
     if group.rays.shape[1] == 1:
         height = np.where(network.priors.known[group.point, 2], given[:, 2], mean_height)

@@ -218,12 +218,14 @@ class _Run:
     def adjusted_once(self, network: Network, state: State, number: int) -> Outcome:
         """Return the outcome with the rays of a network as they are, submerged points that took no part besides."""
         job = self.job
-        state = self.problem(network, NOTHING_FREE).with_squares(state)
+        problem = self.problem(network, NOTHING_FREE)
+        state = problem.with_squares(state)
         free, trials = self.freedom(network, state), self.free_waves(network)
         if trials:
             outcome = trials.freed(state, number)
         else:
-            outcome = job.iterate(self.problem(network, free), network, state, number)
+            problem = self.problem(network, free) if free.count else problem
+            outcome = job.iterate(problem, network, state, number)
         factor = None if free.count else outcome.factor
         return replace(outcome, state=job.with_submerged_left_out(network, outcome.state), factor=factor)
 

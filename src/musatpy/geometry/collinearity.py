@@ -341,9 +341,9 @@ def nearest_point(P: FloatArray, u: FloatArray) -> FloatArray:
 
     Not finite where all rays of a point are parallel.
     """
-    across = np.eye(3) - u[..., :, None] * u[..., None, :]
-    N = across.sum(axis=-3)
-    t = np.einsum("...mij,...mj->...i", across, P)
+    along = np.einsum("...mi,...mi->...m", u, P)
+    N = u.shape[-2] * np.eye(3) - np.swapaxes(u, -1, -2) @ u
+    t = np.sum(P - along[..., None] * u, axis=-2)
     # the determinant over the sum of the principal minors: about the smallest eigenvalue, where that is small
     minors = sum(N[..., i, i] * N[..., j, j] - np.square(N[..., i, j]) for i, j in ((0, 1), (0, 2), (1, 2)))
     singular = np.linalg.det(N) < _SINGULAR * minors

@@ -83,11 +83,14 @@ class CompiledFollow:
 
     def move(self, network: Network, state: State, step: FloatArray, ground: FloatArray) -> None:
         """Set the points of `ground` (p, 3) where they are after a step (u,) of all unknowns from `state`."""
-        sequence, rows, known_rows = self.loops.sequence, self.loops.rows, self.loops.known_rows
-        stations = step[: network.pattern.order].reshape(network.photos, -1)[sequence.photo]
-        of_images = np.einsum("rcu,ru->rc", self.points.A, stations)
-        of_points = np.add.reduceat(np.einsum("rci,rc->ri", self.points.B, of_images), sequence.start[:-1])
-        change = self.points.shift - np.einsum("kij,kj->ki", self.points.inverse, of_points)
+        loops, sequence, rows, known_rows = self.loops, self.loops.sequence, self.loops.rows, self.loops.known_rows
+        stations, change = step[: network.pattern.order].reshape(network.photos, -1), self.points.shift.copy()
+        loops.of_parts(
+            lambda part: compiled.follow(
+                part, sequence.start, sequence.photo, self.points, loops.unknowns, stations, change
+            ),
+            rows,
+        )
         change[known_rows] = np.einsum("kji,kj->ki", self.known.axes, change[known_rows])
         ground[sequence.point[rows]] = state.ground[sequence.point[rows]] + change[rows]
         known = sequence.point[known_rows]
@@ -207,14 +210,16 @@ class CompiledLoops(Loops):
         return Water(row=row, normal=normal, depth=depth, rise=rise, refraction=float(state.index))
 
     @property
-    def _unknowns(self) -> tuple[int, ...]:
+    def unknowns(self) -> tuple[int, ...]:
+        """Zeros, as many as each station has unknowns: loops are compiled for their number."""
         return (0,) * self.network.pattern.size
 
     def get_ready(self, state: State, say: Callable[[], None]) -> None:
         if not compiled.is_kept(compiled.linearise):
             say()
-            pattern, none = self.network.pattern, replace(self, groups=())
-            none.eliminate(state, NormalEquations(pattern, 0), [])
+            pattern, none, follows = self.network.pattern, replace(self, groups=()), list[Follow]()
+            none.eliminate(state, NormalEquations(pattern, 0), follows)
+            follows[0].move(self.network, state, np.zeros(pattern.order), state.ground.copy())
             none._errors(state, np.zeros((0, pattern.size, pattern.size)))
 
     def eliminate(self, state: State, normals: NormalEquations, follows: list[Follow]) -> tuple[Groups, float]:
@@ -227,7 +232,7 @@ class CompiledLoops(Loops):
             first, last = (int(first_pair[n]) for n in (photo[0], photo.max() + 1)) if len(rows) else (0, 0)
             own, own_rhs = np.zeros((last - first, *blocks.shape[1:])), np.zeros_like(rhs)
             compiled.add(
-                rows, sequence.start, sequence.photo, points, sequence.pairs, self._unknowns, first, own, own_rhs
+                rows, sequence.start, sequence.photo, points, sequence.pairs, self.unknowns, first, own, own_rhs
             )
             return first, own, own_rhs
 
@@ -297,7 +302,7 @@ class CompiledLoops(Loops):
         C, D = np.zeros((len(of_ray), 2)), np.zeros((len(of_ray), 2, 3))
         self.of_parts(
             lambda rows: compiled.spread(
-                rows, sequence.start, points.A, Y, sequence.pairs, self._unknowns, Q, C, D
+                rows, sequence.start, points.A, Y, sequence.pairs, self.unknowns, Q, C, D
             ),
             self.rows,
         )

@@ -388,3 +388,22 @@ def spread(
                         D[other, 1, i] += c01 * Y[k, 0, i] + c11 * Y[k, 1, i]
                 if other == k:
                     C[k, 0], C[k, 1] = c00, c11
+
+
+@compiled
+def follow(
+    rows: IntArray, start: IntArray, photo: IntArray, points: Points, unknowns: tuple[int, ...], step: FloatArray,
+    change: FloatArray,
+) -> None:  # fmt: skip
+    """Set the changes (k, 3) of points that follow a step (n, q) of their stations, N_pp^-1 (b - N_ps step)."""
+    A, B, N = points.A, points.B, points.inverse
+    for p in rows:
+        x = y = z = 0.0
+        for r in range(start[p], start[p + 1]):
+            for c in range(2):
+                v = 0.0
+                for a in range(len(unknowns)):
+                    v += A[r, c, a] * step[photo[r], a]
+                x, y, z = x + B[r, c, 0] * v, y + B[r, c, 1] * v, z + B[r, c, 2] * v
+        for i in range(3):
+            change[p, i] = points.shift[p, i] - (N[p, i, 0] * x + N[p, i, 1] * y + N[p, i, 2] * z)
