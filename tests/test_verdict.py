@@ -10,7 +10,7 @@ from scipy import stats
 
 from altered import altered, put, with_options
 from musatpy import adjust, model, pipeline, read_deck, verdict
-from musatpy.model.findings import named
+from musatpy.model.findings import GRADES, named
 from musatpy.model.water import index_range
 from musatpy.probability import test_limit as limit_of
 from musatpy.statistics import Statistics
@@ -53,7 +53,7 @@ def test_a_good_run_is_accepted() -> None:
 
 def test_grades_from_the_best_to_the_worst() -> None:
     assert [
-        grade.rank
+        GRADES.index(grade)
         for grade in (model.Grade.ACCEPTED, model.Grade.DOUBTFUL, model.Grade.REJECTED, model.Grade.FAILED)
     ] == [0, 1, 2, 3]
 

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, TextArray, falling
+from musatpy.arrays import FloatArray, TextArray
 from musatpy.errors import MusatError
 from musatpy.geometry.collinearity import wrapped
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model.solution import WAVE_VALUES
+from musatpy.model.tables import falling
 
 Record = Mapping[str, Any]
 

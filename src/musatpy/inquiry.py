@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, falling
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.comparison import NamedRows, Record, metric_differences, numbers
 from musatpy.errors import MusatError, nearest
 from musatpy.model import ObservationKind
+from musatpy.model.tables import falling
 
 _DECIMALS = 2  # of test values, as they are printed
 

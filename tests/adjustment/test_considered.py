@@ -13,7 +13,7 @@ from altered import altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.formats.musat import read_deck
 from musatpy.model import Block, CoordinateSystem, Datum, Program, Refraction, Solution, Treatment, WaterLevel
-from musatpy.model.photos import Distances, HeightDifferences
+from musatpy.model.block import Distances, HeightDifferences
 from musatpy.model.tables import empty
 from musatpy.model.water import known_waves
 from musatpy.reports.record import record_of

@@ -18,10 +18,10 @@ from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, UNKNOWNS, direct_r
 from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalEquations
-from musatpy.arrays import order_of
 from musatpy.formats.musat import read_deck
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import AirBases, Block, Grade, ObservationKind, Program, Solution
+from musatpy.model.tables import order_of
 from musatpy.units import DEGREE
 from reference.rays import rotation
 

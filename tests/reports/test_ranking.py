@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from musatpy import read_deck
-from musatpy.arrays import falling, largest
 from musatpy.formats.musat import deck_bytes
 from musatpy.model import Cause, CauseKind, ObservationKind, Order, Solution
 from musatpy.model.block import in_order_of_ids, natural_order
+from musatpy.model.tables import falling, largest
 from musatpy.reports import answer
 from musatpy.reports.statistical_tests import OBSERVATIONS
 from musatpy.runs import run_deck

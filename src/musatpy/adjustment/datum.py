@@ -21,10 +21,11 @@ from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.kinds.measured import kept_axes
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import PARAMETERS, Cofactors, Factor, NormalMatrix, weak_directions
-from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_from_matrix, skew, wrapped
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, Datum
+from musatpy.model.tables import finite_rows
 
 DATUM = (
     "shift east",

@@ -20,8 +20,9 @@ from musatpy.adjustment.network import Network, Participation, PointGroup
 from musatpy.adjustment.normals import Cofactors
 from musatpy.adjustment.propagation import Piece
 from musatpy.adjustment.wavy_water import AZIMUTH, CREST, LENGTH, WorkingSea, names_of_waves
-from musatpy.arrays import BoolArray, FloatArray, IntArray, falling, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import AdjustedWaves, Block, Dependence, ObservationKind
+from musatpy.model.tables import falling, finite_rows
 from musatpy.model.water import index_range
 
 if TYPE_CHECKING:  # most jobs have no waves

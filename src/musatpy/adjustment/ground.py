@@ -16,9 +16,10 @@ from musatpy.adjustment import sightings
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, together
-from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind
+from musatpy.model.tables import finite_rows
 
 PARALLEL = 1e-5  # rad; rays nearer to parallel than this give no position, only trouble
 _FLATTEST = 0.1  # cosine from the vertical: flatter rays reach the typical height no farther off than this one

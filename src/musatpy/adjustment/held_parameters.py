@@ -27,8 +27,9 @@ from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.precision import Precision, left_out
 from musatpy.adjustment.water_surface import tide_groups, water_heights
-from musatpy.arrays import BoolArray, FloatArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import Block, HeldParameters
+from musatpy.model.tables import finite_rows
 
 # Reference errors: a share, mm, 1, m, a share
 FOCAL_LENGTH, PRINCIPAL_POINT, INDEX, HEIGHT, SCALE = 1e-3, 0.02, 0.005, 0.1, 1e-4

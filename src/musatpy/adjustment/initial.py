@@ -15,13 +15,14 @@ from musatpy.adjustment.iteration import given_minus
 from musatpy.adjustment.job import level_coordinates
 from musatpy.adjustment.network import job_frame
 from musatpy.adjustment.refinement import refined_stations
-from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Frame
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, CoordinateSystem, Datum, Initial, Photos, Program
+from musatpy.model.tables import finite_rows
 from musatpy.orientation.absolute import Targets, absolute_orientation, levelling
 from musatpy.orientation.mosaic import mosaics
 from musatpy.orientation.resection import Resection, resection

@@ -45,7 +45,7 @@ from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.precision import left_out
 from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
-from musatpy.arrays import BoolArray, FloatArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerics
 from musatpy.geometry.geodesy import Frame
 from musatpy.model import (
@@ -62,6 +62,7 @@ from musatpy.model import (
     WaterPass,
 )
 from musatpy.model.progress import Progress, begin
+from musatpy.model.tables import finite_rows
 from musatpy.units import ARC_SECOND
 
 _ADJUSTMENTS = 20  # at most: plates that check themselves take three to five

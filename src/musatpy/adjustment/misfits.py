@@ -10,9 +10,10 @@ from musatpy.adjustment import sightings
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds import SEARCHED
 from musatpy.adjustment.network import Network
-from musatpy.arrays import FloatArray, finite_rows
+from musatpy.arrays import FloatArray
 from musatpy.geometry import collinearity
 from musatpy.model import Block
+from musatpy.model.tables import finite_rows
 from musatpy.units import DEGREE
 
 _AT_ODDS = 20.0  # sigmas: what fits better has not made the run fail

@@ -11,10 +11,11 @@ import numpy as np
 from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import WorkingSea
-from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
 from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
+from musatpy.model.tables import order_of
 
 ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
 _FEW = 2**12  # rays

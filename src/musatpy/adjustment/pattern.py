@@ -15,7 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.model.tables import order_of
 
 _LEAF = 16  # blocks: a front of this size is cheaper than another cut
 _DIRECTIONS = 4  # of cuts that are tried

@@ -21,7 +21,7 @@ from musatpy.adjustment.network import Network, Participation, PointGroup, group
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
 from musatpy.adjustment.water_surface import is_considered
-from musatpy.arrays import FloatArray, finite_rows
+from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     Block,
@@ -34,6 +34,7 @@ from musatpy.model import (
     WaterPrecision,
     Weights,
 )
+from musatpy.model.tables import finite_rows
 
 if TYPE_CHECKING:
     from musatpy.adjustment.considered import Considered

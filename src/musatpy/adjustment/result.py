@@ -30,7 +30,7 @@ from musatpy.adjustment.normals import ILL_DETERMINED
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
 from musatpy.adjustment.waterline import heights_and_water, water_over
 from musatpy.adjustment.watpt import bathymetric_points, refraction_displacement, with_departure
-from musatpy.arrays import FloatArray, IntArray, TextArray, finite_rows
+from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
@@ -43,6 +43,7 @@ from musatpy.model import (
     Solution,
     WaterPass,
 )
+from musatpy.model.tables import finite_rows
 
 if TYPE_CHECKING:
     from musatpy.adjustment.datum import Freedom

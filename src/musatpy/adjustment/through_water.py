@@ -12,9 +12,10 @@ import numpy as np
 from musatpy.adjustment.initial import MOST_MISSED, THROUGH_WATER, UNHELD, Place, full_control
 from musatpy.adjustment.network import first_rows
 from musatpy.adjustment.water_surface import WaterKnowledge, water_knowledge
-from musatpy.arrays import IntArray, finite_rows
+from musatpy.arrays import IntArray
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import Block, PlaneTreatment, Refraction
+from musatpy.model.tables import finite_rows
 from musatpy.orientation.twomedia.oriented import OrientationError, Oriented, orient
 from musatpy.orientation.twomedia.rays import PHOTO
 from musatpy.orientation.twomedia.sights import Plane, Sights

@@ -23,7 +23,8 @@ from musatpy.adjustment.iteration import Outcome, State
 from musatpy.adjustment.network import Network, PointGroup, group_points, together
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.adjustment.water_surface import water_heights
-from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.model.tables import finite_rows
 
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
 _TURNS = 6  # changes of a point after which it rests: those of several points can go round in a circle

@@ -23,9 +23,10 @@ from musatpy.adjustment.kinds import redundancy
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import NormalMatrix, factorised
 from musatpy.adjustment.wavy_water import AZIMUTH, CREST, HEIGHT, LENGTH, WorkingSea, wave_names
-from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError
 from musatpy.model import ObservationKind
+from musatpy.model.tables import finite_rows
 from musatpy.refraction.waves import Trains
 from musatpy.units import DEGREE
 

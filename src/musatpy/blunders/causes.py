@@ -18,7 +18,7 @@ from musatpy import adjustment
 from musatpy.adjustment.iteration import State, given_minus
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import IntArray, finite_rows
+from musatpy.arrays import IntArray
 from musatpy.blunders.competition import Rival, rivals
 from musatpy.blunders.explanation import NEARLY, sensible
 from musatpy.blunders.findings import findings
@@ -31,6 +31,7 @@ from musatpy.errors import AdjustmentError
 from musatpy.model import Block, Cause, CauseKind, CoordinateSystem, Initial, OtherFlags, Solution
 from musatpy.model.findings import mnemonics
 from musatpy.model.progress import Progress
+from musatpy.model.tables import finite_rows
 from musatpy.statistics import Statistics
 from musatpy.statistics.gates import NO_BETTER, elevations
 from musatpy.statistics.verdict import CHECK_POINT_RISK, in_feet

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import BoolArray, falling
+from musatpy.arrays import BoolArray
 from musatpy.blunders.alternatives import exchanged_images
 from musatpy.blunders.explanation import (
     NEARLY,
@@ -38,6 +38,7 @@ from musatpy.blunders.scene import GIVEN_UP, PENALTY, Factors, Scene, deviations
 from musatpy.blunders.search import Search
 from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.progress import begin
+from musatpy.model.tables import falling
 
 GROUPS = 3  # of what was found, the largest: whose competitors are looked for
 COMPETITORS = 3  # of each, that are re-adjusted

@@ -14,7 +14,7 @@ import numpy as np
 from musatpy.adjustment.iteration import State, iterate
 from musatpy.adjustment.kinds import PRIORS
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import BoolArray, falling
+from musatpy.arrays import BoolArray
 from musatpy.blunders.hypotheses import Hypothesis, common_errors, hypotheses, moved_state, revised
 from musatpy.blunders.linear_model import LinearModel, linear_model
 from musatpy.blunders.scene import (
@@ -31,6 +31,7 @@ from musatpy.blunders.snooping import Snooped, factors_of
 from musatpy.errors import AdjustmentError
 from musatpy.model import Block, CauseKind, ObservationKind
 from musatpy.model.progress import begin
+from musatpy.model.tables import falling
 from musatpy.probability import FITS, chi_square_limit, test_limit
 
 STEPS = 8  # hypotheses taken one after the other

@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.adjustment.kinds import MEASURED
 from musatpy.adjustment.waterline import heights_and_water
-from musatpy.arrays import BoolArray, FloatArray, falling
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.alternatives import misfit
 from musatpy.blunders.hypotheses import CAUSES
 from musatpy.blunders.scene import LIMIT, sees_water, sizes
@@ -28,7 +28,7 @@ from musatpy.model import (
     Solution,
 )
 from musatpy.model.block import in_order
-from musatpy.model.tables import columns
+from musatpy.model.tables import columns, falling
 from musatpy.units import MICROMETRE
 
 _DECIMALS = 1  # of the test values of the list

@@ -19,11 +19,12 @@ from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.sightings import index_partials, residuals
 from musatpy.adjustment.water_surface import tide_groups
-from musatpy.arrays import BoolArray, FloatArray, IntArray, falling
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks, dropped, put_in_again
 from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY, Factors
 from musatpy.model import Block, CauseKind, CoordinateSystem, ObservationKind
 from musatpy.model.findings import CONTROL_CARD, STATION_CARD
+from musatpy.model.tables import falling
 from musatpy.units import length_unit
 
 _LISTED = 8  # of one kind of hypothesis, those that explain most

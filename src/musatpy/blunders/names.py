@@ -17,12 +17,13 @@ import numpy as np
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.sightings import image_coordinates, images
-from musatpy.arrays import BoolArray, FloatArray, IntArray, finite_rows
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.hypotheses import CARDS, PLATES, Hypothesis
 from musatpy.blunders.scene import Scene, taking_part
 from musatpy.blunders.snooping import Snooped
 from musatpy.geometry import collinearity
 from musatpy.model import Block, CauseKind, ObservationKind
+from musatpy.model.tables import finite_rows
 
 _RIM = 10.0  # mm around the images of a photo, where other points may be looked for
 _NEAR = 6.0  # sigmas of an image: from image to predicted image, both with errors

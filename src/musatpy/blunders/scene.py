@@ -153,7 +153,7 @@ def search_block(block: Block, sea: Sea | None) -> Block:
     block = replace(block, options=searching, points=points, photos=photos, waves=known_waves(block.waves))
     for kind in MEASURED:
         if not kind.applies(given):
-            block = kind.without(block, np.ones(kind.observed.size(block), dtype=bool))
+            block = kind.without(block, np.ones(getattr(block, kind.observed.attribute).count, dtype=bool))
     return block
 
 

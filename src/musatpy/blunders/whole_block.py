@@ -21,7 +21,7 @@ from musatpy.adjustment.initial import MODEL, misfit, placed, typical_height
 from musatpy.adjustment.iteration import SingularNormalsError, given_minus
 from musatpy.adjustment.waterline import heights_and_water
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import BoolArray, finite_rows
+from musatpy.arrays import BoolArray
 from musatpy.blunders import hypotheses
 from musatpy.blunders.explanation import Case, first_case
 from musatpy.blunders.hypotheses import Hypothesis, revised
@@ -41,6 +41,7 @@ from musatpy.errors import AdjustmentError
 from musatpy.jobs.extract import extracted
 from musatpy.model import Block, CauseKind, CoordinateSystem, Initial, ObservationKind
 from musatpy.model.progress import Progress, begin
+from musatpy.model.tables import finite_rows
 from musatpy.orientation.strips import models_of, sights_of
 from musatpy.units import DEGREE, FOOT, YARD
 

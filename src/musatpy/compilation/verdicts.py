@@ -12,6 +12,7 @@ from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.correction_layers import Tally
 from musatpy.compilation.triangulation import PUNCHED, Triangulation
 from musatpy.model import Concern, Grade, Reason, Verdict
+from musatpy.model.findings import GRADES
 from musatpy.probability import test_limit
 
 _HALF = 5.0  # sigmas that half of the y-parallaxes of a model are beyond: no errors of run and pointing do that
@@ -136,5 +137,5 @@ def _rejection(concern: Concern, text: str, section: str = "") -> Reason:
 
 
 def _ranked(reasons: list[Reason], run: Triangulation) -> Verdict:
-    ranked = sorted(reasons, key=lambda reason: -reason.grade.rank)
+    ranked = sorted(reasons, key=lambda reason: -GRADES.index(reason.grade))
     return Verdict(reasons=tuple(ranked), notes=(run.caution,) if run.caution == PUNCHED else ())

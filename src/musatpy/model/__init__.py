@@ -1,6 +1,21 @@
 """What the problem is: cameras, photos, points, observations, control, water, block, solution."""
 
-from musatpy.model.block import Block
+from musatpy.model.block import (
+    AirBases,
+    Block,
+    Cameras,
+    Control,
+    ControlKind,
+    Distances,
+    Distortion,
+    EqualElevations,
+    FiducialMeasurements,
+    Fiducials,
+    HeightDifferences,
+    Photos,
+    PlateMeasurements,
+    Points,
+)
 from musatpy.model.findings import Action, Cause, CauseKind, Concern, Finding, Grade, Reason, Verdict
 from musatpy.model.kinds import ObservationKind
 from musatpy.model.options import (
@@ -24,21 +39,6 @@ from musatpy.model.options import (
     Treatment,
     WaterLevel,
     Weights,
-)
-from musatpy.model.photos import (
-    AirBases,
-    Cameras,
-    Control,
-    ControlKind,
-    Distances,
-    Distortion,
-    EqualElevations,
-    FiducialMeasurements,
-    Fiducials,
-    HeightDifferences,
-    Photos,
-    PlateMeasurements,
-    Points,
 )
 from musatpy.model.reduction import (
     Atmosphere,

@@ -212,10 +212,8 @@ class Grade(StrEnum):
     REJECTED = "REJECTED"  # converged, but not to be used
     FAILED = "FAILED"  # not converged
 
-    @property
-    def rank(self) -> int:
-        """0 for the best."""
-        return list(Grade).index(self)
+
+GRADES = tuple(Grade)
 
 
 class Concern(StrEnum):
@@ -271,12 +269,12 @@ class Verdict:
     @property
     def grade(self) -> Grade:
         """The grade of the worst reason, `ACCEPTED` without any."""
-        return max((reason.grade for reason in self.reasons), key=lambda grade: grade.rank, default=Grade.ACCEPTED)
+        return max((reason.grade for reason in self.reasons), key=GRADES.index, default=Grade.ACCEPTED)
 
     @property
     def usable(self) -> bool:
         """True where the answer was accepted, or is doubtful."""
-        return self.grade.rank <= Grade.DOUBTFUL.rank
+        return self.grade in (Grade.ACCEPTED, Grade.DOUBTFUL)
 
     def __str__(self) -> str:
         texts = "; ".join(reason.text for reason in self.reasons)

@@ -57,11 +57,6 @@ class ObservationKind(IntEnum):
         member.components, member.unit, member.factor = components, unit, factor
         return member
 
-    def size(self, block: Block) -> int:
-        """Return how many rows the table of the block has."""
-        table = getattr(block, self.attribute)
-        return len(next(getattr(table, name) for name in ("point", "photo", "ids") if hasattr(table, name)))
-
     def links(self, block: Block, row: int) -> tuple[list[str], list[str]]:
         """Return the ids of the photos and of the points that a row of the table names."""
         table, photos, points = getattr(block, self.attribute), block.photos, block.points

@@ -412,8 +412,9 @@ class Solution:
         freeze(self, "levels", float, groups)
         freeze(self, "level_sigmas", float, groups)
         for kind, values in self.measured.items():
-            if len(values) != kind.size(self.block):
-                raise ValueError(f"{len(values)} adjusted {kind.noun}, not {kind.size(self.block)}")
+            count = getattr(self.block, kind.attribute).count
+            if len(values) != count:
+                raise ValueError(f"{len(values)} adjusted {kind.noun}, not {count}")
 
     def __repr__(self) -> str:
         """Return how the adjustment ended, its main numbers and the block."""

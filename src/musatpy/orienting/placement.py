@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import Block, Grade
-from musatpy.model.findings import Concern, Reason
+from musatpy.model.findings import GRADES, Concern, Reason
 from musatpy.model.findings import Verdict as RunVerdict
 from musatpy.orientation.twomedia.rays import Orientation
 from musatpy.orienting.scene import Scene
@@ -114,7 +114,7 @@ class Placement(ABC):
     def verdict(self) -> RunVerdict:
         """What the answer is worth."""
         reasons = [*self.reasons(), *(doubt(Concern.STATION, text) for text in self.contradictions)]
-        return RunVerdict(reasons=tuple(sorted(reasons, key=lambda reason: -reason.grade.rank)))
+        return RunVerdict(reasons=tuple(sorted(reasons, key=lambda reason: -GRADES.index(reason.grade))))
 
 
 def doubt(concern: Concern, text: str) -> Reason:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.model import Grade
+from musatpy.model.findings import GRADES
 from musatpy.page.accuracy import Depths
 from musatpy.page.analysis_tables import ORDERS, analysis_table, orders_table
 from musatpy.page.cells import count_of, number_text
@@ -79,7 +80,7 @@ def compilation_page(tables: Tables, files: Mapping[str, str]) -> Page:
     chapters.insert(3, pictures)
     job, reasons = part(tables, "job"), list(_reasons(tables, anchors(chapters)))
     titles = [" ".join(title.split()) for title in job.get("titles") or ()]
-    grade = max((Grade(reason.grade) for reason in reasons), key=lambda one: one.rank, default=Grade.ACCEPTED)
+    grade = max((Grade(reason.grade) for reason in reasons), key=GRADES.index, default=Grade.ACCEPTED)
     return Page(
         title=titles[0] if titles else "Compilation",
         lines=[*titles[1:], f"Points compiled in {count_of(len(part(tables, 'models')['model']), 'stereomodel')}."],

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, falling
+from musatpy.arrays import FloatArray
+from musatpy.model.tables import falling
 from musatpy.reports.table import Column, Table
 from musatpy.reports.text import text_of
 from musatpy.sea.stereo.corrected_points import REASONS, Corrected, Fault

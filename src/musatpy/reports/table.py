@@ -10,7 +10,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, falling
+from musatpy.arrays import FloatArray, IntArray
+from musatpy.model.tables import falling
 from musatpy.reports.characters import blank, strings
 from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
 from musatpy.reports.fields import Each, Group, Rows

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, largest
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import wrapped
 from musatpy.model import (
     Block,
@@ -26,6 +26,7 @@ from musatpy.model import (
     WaterLevel,
 )
 from musatpy.model.solution import WAVE_VALUES
+from musatpy.model.tables import largest
 from musatpy.model.water import WAVE_SIGMAS
 from musatpy.statistics.differences import Analysis, analysis_of, metric_components, position_components
 from musatpy.statistics.gates import elevations, rectangular

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from musatpy.arrays import FloatArray, TextArray, largest
+from musatpy.arrays import FloatArray, TextArray
 from musatpy.model import Block, CoordinateSystem
+from musatpy.model.tables import largest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, falling
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import (
     Block,
@@ -29,7 +29,7 @@ from musatpy.model import (
     Treatment,
 )
 from musatpy.model.findings import named
-from musatpy.model.tables import Table, per_row
+from musatpy.model.tables import Table, falling, per_row
 from musatpy.model.water import index_range
 from musatpy.probability import test_limit
 

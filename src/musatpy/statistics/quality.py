@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray, falling
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import (
     Block,
     ControlKind,
@@ -26,7 +26,7 @@ from musatpy.model import (
     Solution,
     Weights,
 )
-from musatpy.model.tables import Table, per_row
+from musatpy.model.tables import Table, falling, per_row
 from musatpy.probability import (
     probability_beyond,
     quantile,

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, falling, largest
+from musatpy.arrays import FloatArray
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import (
     Concern,
@@ -23,8 +23,9 @@ from musatpy.model import (
     Solution,
     Verdict,
 )
-from musatpy.model.findings import a_few, named
-from musatpy.model.photos import other_focal_length
+from musatpy.model.block import other_focal_length
+from musatpy.model.findings import GRADES, a_few, named
+from musatpy.model.tables import falling, largest
 from musatpy.probability import probability_beyond, quantile, test_limit
 from musatpy.statistics.gates import (
     elevations,
@@ -75,7 +76,7 @@ def verdict_of(statistics: Quality) -> Verdict:
         *departure(statistics),
         *undetermined(statistics),
     ]
-    ranked = sorted(reasons, key=lambda reason: -reason.grade.rank)
+    ranked = sorted(reasons, key=lambda reason: -GRADES.index(reason.grade))
     return Verdict(reasons=tuple(ranked), notes=tuple(notes(statistics)))
 
 

@@ -22,8 +22,9 @@ from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.propagation import Part
 from musatpy.adjustment.threads import side_by_side
 from musatpy.adjustment.water_surface import surface
-from musatpy.arrays import BoolArray, FloatArray, IntArray, order_of
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import ObservationKind
+from musatpy.model.tables import order_of
 
 Groups = tuple[PointGroup, ...]
 Result = TypeVar("Result")

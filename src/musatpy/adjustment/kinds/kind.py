@@ -15,10 +15,11 @@ from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import BACK, ORDER, Network, PointGroup
 from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
-from musatpy.arrays import FloatArray, IntArray, finite_rows
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.collinearity import wrapped
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, ObservationKind
+from musatpy.model.tables import finite_rows
 from musatpy.units import DEGREE
 
 _COMPONENTS = ("east", "north", "up")

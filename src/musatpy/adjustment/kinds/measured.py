@@ -90,7 +90,7 @@ class MeasuredKind(Kind):
 
     def weights(self, network: Network, block: Block) -> FloatArray:
         """Return the weights (rows, 1) of the table."""
-        of, out = network.measured[self.observed], np.zeros((self.observed.size(block), 1))
+        of, out = network.measured[self.observed], np.zeros((self._table(block).count, 1))
         out[of.row, 0] = of.weight
         return out
 
@@ -111,7 +111,8 @@ class MeasuredKind(Kind):
 
     def _links(self, block: Block) -> tuple[IntArray, IntArray]:
         """Return the photos (rows, a) and the points (rows, b) of the table."""
-        table, rows = self._table(block), self.observed.size(block)
+        table = self._table(block)
+        rows = table.count
         none = np.zeros((rows, 0), dtype=np.int64)
         photo, point = (getattr(table, name, none) for name in ("photo", "point"))
         return photo.reshape(rows, *photo.shape[1:2] or [1]), point.reshape(rows, *point.shape[1:2] or [1])

@@ -17,7 +17,7 @@ from musatpy.formats.checks.system_use import fits_system
 from musatpy.formats.draft import Draft
 from musatpy.formats.draft_rays import rays_of
 from musatpy.model import ControlKind, CoordinateSystem
-from musatpy.model.photos import other_focal_length
+from musatpy.model.block import other_focal_length
 from musatpy.units import length_unit
 
 _FEWEST = 3  # control points of a photo
