@@ -17,11 +17,11 @@ from drivers.mutated_decks import decks
 from musatpy import read_deck
 from musatpy.adjustment import adjust
 from musatpy.adjustment.collinear import Simultaneous, eliminate, local_normals
-from musatpy.adjustment.iteration import State, iterate
+from musatpy.adjustment.iteration import State, heights_and_water, iterate
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, factorised
-from musatpy.adjustment.waterline import LonePoints, States, best_line, heights_and_water, starting_line
+from musatpy.adjustment.waterline import LonePoints, States, best_line, starting_line
 from musatpy.arrays import FloatArray
 from musatpy.model import Block, CoordinateSystem, Program, Refraction, Solution
 from musatpy.model.solution import Iteration

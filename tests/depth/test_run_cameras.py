@@ -15,13 +15,12 @@ from scipy.spatial.transform import Rotation
 from cli.commands import musat
 from depth import restated
 from depth.lagoon import FOLDER as LAGOON
-from musatpy.adjustment.water_surface import surface
 from musatpy.depth.correction import Correction
 from musatpy.depth.point_positions import Ground, Tilt
 from musatpy.depth.run_cameras import read_run
 from musatpy.errors import DepthError
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.geometry.geodesy import Ellipsoid, GeocentricFrame
+from musatpy.geometry.geodesy import Ellipsoid, GeocentricFrame, surface
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import Geocentric
 from musatpy.model import CoordinateSystem, Refraction

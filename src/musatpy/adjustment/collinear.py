@@ -28,7 +28,7 @@ from musatpy.adjustment.kinds import (
 )
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, Sums, factorised, summed
-from musatpy.adjustment.threads import side_by_side
+from musatpy.adjustment.sparse import side_by_side
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import INDEX_RANGE, ObservationKind, Options

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment.collinear import Simultaneous
-from musatpy.adjustment.iteration import State
+from musatpy.adjustment.iteration import State, WaterKnowledge
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor
-from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import Block, ConsideredWater, ObservationKind
 

@@ -19,8 +19,8 @@ from musatpy.adjustment.ground import point_normals
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds import UNKNOWNS
 from musatpy.adjustment.kinds.measured import kept_axes
-from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.normals import PARAMETERS, Cofactors, Factor, NormalMatrix, weak_directions
+from musatpy.adjustment.network import Network, PointGroup, unknown_name
+from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix, weak_directions
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_from_matrix, skew, wrapped
 from musatpy.geometry.similarity import Similarity
@@ -302,19 +302,6 @@ def _name_direction(direction: FloatArray, name: Callable[[int], str]) -> str:
     size = np.abs(direction)
     largest = [int(i) for i in np.argsort(-size)[:_NAMED] if size[i] > 0.1 * size.max()]
     return f"not determined, alone or against each other: {', '.join(name(i) for i in largest)}"
-
-
-def unknown_name(network: Network, block: Block) -> Callable[[int], str]:
-    """Return what names the unknowns of the normal equations of a block."""
-    q, split, photos = network.pattern.size, network.pattern.order, block.photos.ids.tolist()
-    rest = network.border.names(block.points.ids.tolist())
-
-    def name(unknown: int) -> str:
-        if unknown < split:
-            return f"photo {photos[unknown // q]} {PARAMETERS[unknown % q]}"
-        return rest[unknown - split]
-
-    return name
 
 
 def point_motions(network: Network, centre: FloatArray, ground: FloatArray) -> FloatArray:

@@ -22,12 +22,12 @@ import numpy as np
 from musatpy.adjustment.collinear import Simultaneous, eliminate
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, moved_to
 from musatpy.adjustment.ground import all_residuals, hold, prior_rows
-from musatpy.adjustment.iteration import Linearisation, State
+from musatpy.adjustment.iteration import Linearisation, State, tide_groups
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.network import Network, Participation
 from musatpy.adjustment.precision import Precision, left_out
-from musatpy.adjustment.water_surface import tide_groups, water_heights
 from musatpy.arrays import BoolArray, FloatArray
+from musatpy.geometry.geodesy import water_heights
 from musatpy.model import Block, HeldParameters
 from musatpy.model.tables import finite_rows
 
@@ -190,7 +190,7 @@ def held_parameters(
         c, r = run.residual - base.residual, rest.observations(run.network, moved)[0] - left
         Pr, of_considered = weight * r, rest.of_considered(altered, moved) - none
         numbers[row] = Pr @ left * sizes[row], Pr @ r, c @ (weight * c), of_considered @ of_considered
-        if rest.free.count:
+        if len(rest.free.held):
             moved, _ = moved_to(network, moved, rest.free, resting.ground)
         worst.append(rest.most_moved(before, rest.places(moved), sizes[row], held[row].reference))
     moves = np.array(worst).reshape(-1, 3, 3)

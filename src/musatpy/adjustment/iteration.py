@@ -4,12 +4,12 @@ That is stations, ground points and levels, and the axes along which photos are 
 the east-west line phi is 90 degrees, and omega and kappa turn about one line: no step can turn them about the third
 axis, and the normal equations are singular. Such photos are adjusted along the same axes in another order, north,
 up, east, in which their phi is near zero. What is known of them is stated along east, north, up, by omega, phi,
-kappa, as that of all others.
+kappa, as that of all others. And the water as an adjustment sees it: what is known of it, what it is to find.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -18,7 +18,7 @@ import numpy as np
 
 from musatpy.adjustment.network import BACK, ORDER, Network
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.geometry.collinearity import (
     AngleForm,
     angle_rates,
@@ -27,8 +27,9 @@ from musatpy.geometry.collinearity import (
     attitude_matrix_partials,
     wrapped,
 )
-from musatpy.geometry.geodesy import Frame
-from musatpy.model import ObservationKind, Photos
+from musatpy.geometry.geodesy import Frame, water_heights
+from musatpy.model import Block, ObservationKind, Photos, Program, Treatment, WaterLevel
+from musatpy.model.tables import finite_rows
 from musatpy.units import DEGREE
 
 AT_REST = 0.01  # sigmas: what the last step may still change of any adjusted value
@@ -297,3 +298,130 @@ def stated(network: Network, state: State, covariances: Cofactors) -> Cofactors:
         blocks=T[i] @ covariances.blocks @ np.swapaxes(T[j], 1, 2),
         border=border.reshape(covariances.border.shape),
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WaterKnowledge:
+    """What the deck says of the water, and which of it the adjustment is to find.
+
+    Tides share corrections: one unknown for each of c groups of photos, observed once, as zero. Weights are
+    1/sigma^2, 0 where there is no prior.
+    """
+
+    tide: FloatArray  # (n,) m, NaN where not given
+    group: IntArray  # (n,) correction of the tide of each photo, -1 where it is known
+    ids: TextArray  # (c,) names of the corrections
+    per_photo: bool  # the corrections stand with the station unknowns, c = n, not in the border
+    level_weight: FloatArray  # (c,) 1/m2
+    tilt: FloatArray  # (2,) rad, slopes towards east and north
+    tilt_weight: float
+    tilt_unknown: bool
+    index: float
+    index_weight: float
+    index_unknown: bool
+
+    @property
+    def unknown(self) -> bool:
+        """True where anything of the water is unknown."""
+        return bool(len(self.ids)) or self.tilt_unknown or self.index_unknown
+
+
+def water_knowledge(block: Block) -> WaterKnowledge:
+    """Return what is known of the water of a block; in IIA everything is."""
+    options, photos, water = block.options, block.photos, block.water
+    n = len(photos.ids)
+    simultaneous = options.program is Program.IIIA and water is not None
+    mode = options.water_level if simultaneous else WaterLevel.KNOWN
+    group, ids = _level_groups(block, mode)
+    return WaterKnowledge(
+        tide=photos.tide,
+        group=group,
+        ids=ids,
+        per_photo=mode is WaterLevel.PHOTO and n > 0,
+        level_weight=_common_weights(photos.tide_sigma, group, len(ids)),
+        tilt=np.array([(water.tilt_east or 0.0), (water.tilt_north or 0.0)]) if water else np.zeros(2),
+        tilt_weight=_weight(water.tilt_sigma if water else None),
+        tilt_unknown=simultaneous and options.water_tilt is Treatment.ADJUST,
+        index=water.index if water else 1.0,
+        index_weight=_weight(water.sigma if water else None),
+        index_unknown=simultaneous and options.water_index is Treatment.ADJUST,
+    )
+
+
+def _level_groups(block: Block, mode: WaterLevel) -> tuple[IntArray, TextArray]:
+    """Return which correction each tide has (n,), -1 for none, and the names of the corrections."""
+    photos = block.photos
+    n = len(photos.ids)
+    if mode is WaterLevel.KNOWN:
+        return np.full(n, -1), np.zeros(0, dtype=np.str_)
+    if mode is WaterLevel.PHOTO:
+        return np.where(np.isnan(photos.tide), -1, np.arange(n)), photos.ids
+    if mode is WaterLevel.ONE:
+        return np.where(np.isnan(photos.tide), -1, 0), np.array([""])
+    labels = photos.tide_group if mode is WaterLevel.GROUP else photos.tide_day
+    belongs = ~np.isnan(photos.tide) & (labels != "")
+    ids, number = np.unique(labels[belongs], return_inverse=True)
+    group = np.full(n, -1)
+    group[belongs] = number
+    return group, ids
+
+
+def tide_groups(block: Block, known: BoolArray) -> Iterator[tuple[str, IntArray]]:
+    """Yield the names and the photos of all, of the groups and of the days, where they are more than one."""
+    photos = block.photos
+    everyone = np.flatnonzero(known)
+    if len(everyone) > 1:
+        yield "", everyone
+    for what, label in (("group", photos.tide_group), ("day", photos.tide_day)):
+        for name in np.unique(label[known & (label != "")]).tolist():
+            photo = np.flatnonzero(known & (label == name))
+            if 1 < len(photo) < len(everyone):
+                yield f"{what} {name}", photo
+
+
+def is_considered(block: Block, water: WaterKnowledge) -> bool:
+    """Return whether a tide, the tilt or the index has a sigma and is no unknown in `water`."""
+    tides = (water.group < 0) & np.isfinite(block.photos.tide) & (block.photos.tide_sigma > 0.0)
+    if block.water is None or tides.any():
+        return bool(tides.any())
+    tilt = not water.tilt_unknown and _weight(block.water.tilt_sigma)
+    index = not water.index_unknown and _weight(block.water.sigma)
+    return bool(tilt or index)
+
+
+def _common_weights(sigma: FloatArray, group: IntArray, count: int) -> FloatArray:
+    """Return the weights (c,) of corrections from the RMS of the sigmas that the tides of their photos have."""
+    given = (group >= 0) & np.isfinite(sigma) & (sigma > 0.0)
+    number = np.bincount(group[given], minlength=count)
+    squares = np.bincount(group[given], weights=np.square(sigma[given]), minlength=count)
+    return np.divide(number, squares, out=np.zeros(count), where=number > 0)
+
+
+def _weight(sigma: float | None) -> float:
+    return 0.0 if not sigma else 1.0 / sigma**2
+
+
+def heights_and_water(
+    network: Network, state: State, points: BoolArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return (m,) the height of the point of each measurement, and that of the water over it; NaN where unknown.
+
+    Of `points` (p,) only, NaN for others, where they are given.
+    """
+    height, water = np.full((2, len(network.point)), np.nan)
+    known = finite_rows(state.ground)
+    rays = np.flatnonzero((known if points is None else known & points)[network.point])
+    ground = state.ground.take(network.point.take(rays), axis=0)
+    height[rays] = network.frame.height(ground)
+    water[rays] = water_heights(network.slope(state.tilt), state.tide.take(network.photo.take(rays)), ground)
+    return height, water
+
+
+def water_over(network: Network, state: State) -> FloatArray:
+    """Return (m,) the height of the water over the point of each measurement, its waves too; NaN where unknown."""
+    _, water = heights_and_water(network, state)
+    if network.sea is not None:
+        rays = np.flatnonzero(np.isfinite(water))
+        photo, ground = network.photo[rays], state.ground[network.point[rays]]
+        water[rays] += network.sea.at(state.waves).elevations(photo, ground)
+    return water

@@ -23,12 +23,13 @@ from musatpy.adjustment.iteration import (
     Step,
     initial_state,
     iterate,
+    water_knowledge,
     with_turned_axes,
 )
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import MEASURED, UNKNOWNS, kept_movement, largest_movements
 from musatpy.adjustment.kinds.kind import in_digits
-from musatpy.adjustment.misfits import most_at_odds
+from musatpy.adjustment.misfits import most_at_odds, unrest_of_water
 from musatpy.adjustment.network import (
     Border,
     GroundPriors,
@@ -43,7 +44,6 @@ from musatpy.adjustment.network import (
 from musatpy.adjustment.normals import SINGULAR
 from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.precision import left_out
-from musatpy.adjustment.water_surface import water_knowledge
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerics
@@ -279,20 +279,6 @@ class Job:
         return f"{outcome.failure}: {', '.join(above)}" if above else outcome.failure
 
 
-def unrest_of_water(block: Block, last: WaterPass) -> str:
-    """Return what still moves after the last pass of the water point correction, empty where all is at rest."""
-    points = block.points.ids
-    if last.movement >= block.options.water_limit:
-        return f"point {points[last.point]} still moves {in_digits(last.movement, 4)} m"
-    if last.turning >= 0:
-        return f"rays of point {points[last.turning]} still change between wet and dry"
-    if last.image_change >= AT_REST:
-        point, photo = points[block.plates.point[last.image]], block.photos.ids[block.plates.photo[last.image]]
-        change = in_digits(last.image_change, 2)
-        return f"the corrected image of point {point} on photo {photo} still changes by {change} sigmas"
-    return ""
-
-
 def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Job, State]:
     """Return the job of a block and its first state, points intersected from the given stations.
 
@@ -306,7 +292,7 @@ def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) ->
         block, notes = started(block)
     _require_water(block)
     _require_control(block)
-    sea = sea_of(block, sea)
+    sea = sea_of(block, sea) if sea or len(block.waves.ids) else None  # most jobs have none
     frame = job_frame(block)
     part = participation(block)
     network = with_turned_axes(build_network(block, frame, part, sea))

@@ -1,4 +1,4 @@
-"""What fits least when a run has failed: the observations most at odds with the last state, named for people."""
+"""Why a run has failed, for people: the observations most at odds with the last state, and what is not at rest."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.adjustment import sightings
-from musatpy.adjustment.iteration import State
+from musatpy.adjustment.iteration import AT_REST, State
 from musatpy.adjustment.kinds import SEARCHED
+from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.network import Network
 from musatpy.arrays import FloatArray
 from musatpy.geometry import collinearity
-from musatpy.model import Block
+from musatpy.model import Block, WaterPass
 from musatpy.model.tables import finite_rows
 from musatpy.units import DEGREE
 
@@ -67,3 +68,17 @@ def _worst(off: FloatArray, weight: FloatArray) -> int:
 
 def _sigmas(off: FloatArray, weight: FloatArray, row: int) -> float:
     return float(np.abs(off).reshape(-1)[row] * np.sqrt(weight.reshape(-1)[row]))
+
+
+def unrest_of_water(block: Block, last: WaterPass) -> str:
+    """Return what still moves after the last pass of the water point correction, empty where all is at rest."""
+    points = block.points.ids
+    if last.movement >= block.options.water_limit:
+        return f"point {points[last.point]} still moves {in_digits(last.movement, 4)} m"
+    if last.turning >= 0:
+        return f"rays of point {points[last.turning]} still change between wet and dry"
+    if last.image_change >= AT_REST:
+        point, photo = points[block.plates.point[last.image]], block.photos.ids[block.plates.photo[last.image]]
+        change = in_digits(last.image_change, 2)
+        return f"the corrected image of point {point} on photo {photo} still changes by {change} sigmas"
+    return ""

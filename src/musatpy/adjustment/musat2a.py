@@ -17,13 +17,14 @@ from musatpy.adjustment import result, sightings
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation, Outcome, State
-from musatpy.adjustment.job import Job, prepared, unrest_of_water
+from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kernels import Loops, loops_of
 from musatpy.adjustment.kinds import add_direct, direct_squares, largest_movements, redundancy, state_after
+from musatpy.adjustment.misfits import unrest_of_water
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, Sums, summed, upper
 from musatpy.adjustment.sightings import residuals
-from musatpy.adjustment.threads import side_by_side
+from musatpy.adjustment.sparse import side_by_side
 from musatpy.adjustment.waterline import SHORT, at_rest_in_water, best_line, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.adjustment.wavy_water import Sea

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from musatpy.adjustment.normals import PARAMETERS
 from musatpy.adjustment.pattern import Pattern
-from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry.geodesy import Ellipsoid, Frame, GeocentricFrame, GeographicFrame, LocalFrame, middle_of
 from musatpy.model import Block, CoordinateSystem, ObservationKind, PointStatus
 from musatpy.model.tables import order_of
+
+if TYPE_CHECKING:
+    from musatpy.adjustment.iteration import WaterKnowledge
 
 ORDER, BACK = [1, 2, 0], [2, 0, 1]  # of turned axes: north, up, east; where east, north, up are among them
 _FEW = 2**12  # rays
@@ -356,3 +359,16 @@ def inverse_squares(sigma: FloatArray) -> FloatArray:
     weight: FloatArray = 1.0 / np.square(sigma)
     weight[np.isnan(weight)] = 0.0
     return weight
+
+
+def unknown_name(network: Network, block: Block) -> Callable[[int], str]:
+    """Return what names the unknowns of the normal equations of a block."""
+    q, split, photos = network.pattern.size, network.pattern.order, block.photos.ids.tolist()
+    rest = network.border.names(block.points.ids.tolist())
+
+    def name(unknown: int) -> str:
+        if unknown < split:
+            return f"photo {photos[unknown // q]} {PARAMETERS[unknown % q]}"
+        return rest[unknown - split]
+
+    return name

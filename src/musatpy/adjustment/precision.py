@@ -14,13 +14,12 @@ import numpy as np
 
 from musatpy.adjustment import propagation
 from musatpy.adjustment.dependence import Diagonal
-from musatpy.adjustment.iteration import LEVEL, State, stated
+from musatpy.adjustment.iteration import LEVEL, State, is_considered, stated
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
-from musatpy.adjustment.water_surface import is_considered
 from musatpy.arrays import FloatArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (

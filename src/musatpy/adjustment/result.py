@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from musatpy.adjustment import kernels
-from musatpy.adjustment.datum import describe_weakness, unknown_name
+from musatpy.adjustment.datum import describe_weakness
 from musatpy.adjustment.dependence import (
     Reach,
     adjusted_waves,
@@ -21,14 +21,13 @@ from musatpy.adjustment.dependence import (
 )
 from musatpy.adjustment.ground import all_residuals, point_squares
 from musatpy.adjustment.held_parameters import held_parameters
-from musatpy.adjustment.iteration import LEVEL, LeastSquares, State, attitude_in
+from musatpy.adjustment.iteration import LEVEL, LeastSquares, State, attitude_in, heights_and_water, water_over
 from musatpy.adjustment.job import Job
 from musatpy.adjustment.kinds import MEASURED, count
 from musatpy.adjustment.kinds.water import level_corrections
-from musatpy.adjustment.network import Network, Participation, PointGroup
+from musatpy.adjustment.network import Network, Participation, PointGroup, unknown_name
 from musatpy.adjustment.normals import ILL_DETERMINED
 from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
-from musatpy.adjustment.waterline import heights_and_water, water_over
 from musatpy.adjustment.watpt import bathymetric_points, refraction_displacement, with_departure
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.model import (

@@ -12,10 +12,10 @@ import numpy as np
 
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.water_surface import Surface, by_tilt, surface
 from musatpy.adjustment.wavy_water import SeaIncidence
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
+from musatpy.geometry.geodesy import Surface, by_tilt, surface
 from musatpy.model import ObservationKind
 from musatpy.refraction import flat
 

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.adjustment.initial import MOST_MISSED, THROUGH_WATER, UNHELD, Place, full_control
+from musatpy.adjustment.iteration import WaterKnowledge, water_knowledge
 from musatpy.adjustment.network import first_rows
-from musatpy.adjustment.water_surface import WaterKnowledge, water_knowledge
 from musatpy.arrays import IntArray
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.model import Block, PlaneTreatment, Refraction

@@ -19,11 +19,11 @@ import numpy as np
 
 from musatpy.adjustment.collinear import eliminate, local_normals
 from musatpy.adjustment.ground import hold, point_normals, settle_group
-from musatpy.adjustment.iteration import Outcome, State
+from musatpy.adjustment.iteration import Outcome, State, heights_and_water
 from musatpy.adjustment.network import Network, PointGroup, group_points, together
 from musatpy.adjustment.normals import Cofactors, Factor
-from musatpy.adjustment.water_surface import water_heights
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.geodesy import water_heights
 from musatpy.model.tables import finite_rows
 
 _KINK = 1.0  # of a residual, in height: refraction changes partials by a quarter, and stations follow
@@ -252,32 +252,6 @@ def _reaches(network: Network, state: State, groups: Iterable[tuple[PointGroup, 
         square = np.max(np.square(normals.residual) * network.weight[group.rays], axis=(1, 2))
         out[group.point] = square * variance
     return np.sqrt(out)
-
-
-def heights_and_water(
-    network: Network, state: State, points: BoolArray | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Return (m,) the height of the point of each measurement, and that of the water over it; NaN where unknown.
-
-    Of `points` (p,) only, NaN for others, where they are given.
-    """
-    height, water = np.full((2, len(network.point)), np.nan)
-    known = finite_rows(state.ground)
-    rays = np.flatnonzero((known if points is None else known & points)[network.point])
-    ground = state.ground.take(network.point.take(rays), axis=0)
-    height[rays] = network.frame.height(ground)
-    water[rays] = water_heights(network.slope(state.tilt), state.tide.take(network.photo.take(rays)), ground)
-    return height, water
-
-
-def water_over(network: Network, state: State) -> FloatArray:
-    """Return (m,) the height of the water over the point of each measurement, its waves too; NaN where unknown."""
-    _, water = heights_and_water(network, state)
-    if network.sea is not None:
-        rays = np.flatnonzero(np.isfinite(water))
-        photo, ground = network.photo[rays], state.ground[network.point[rays]]
-        water[rays] += network.sea.at(state.waves).elevations(photo, ground)
-    return water
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -22,10 +22,10 @@ from musatpy.adjustment.iteration import Linearisation, State
 from musatpy.adjustment.network import Network, PointGroup, together
 from musatpy.adjustment.normals import PARAMETERS, Factor
 from musatpy.adjustment.sightings import straight_rays
-from musatpy.adjustment.water_surface import surface, water_heights
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.geometry.collinearity import nearest_point, widest_angle
+from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import BathymetricPoints, Block, Departure, Solution
 from musatpy.model.tables import finite_rows
 from musatpy.refraction import flat

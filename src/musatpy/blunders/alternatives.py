@@ -17,10 +17,9 @@ import numpy as np
 
 from musatpy.adjustment import ground as ground_points
 from musatpy.adjustment.ground import point_squares
-from musatpy.adjustment.iteration import State
+from musatpy.adjustment.iteration import State, heights_and_water
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.network import Network, PointGroup, parts_of
-from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.scene import PENALTY, Scene
 from musatpy.probability import chi_square_limit

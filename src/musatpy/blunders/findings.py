@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from musatpy.adjustment.iteration import heights_and_water
 from musatpy.adjustment.kinds import MEASURED
-from musatpy.adjustment.waterline import heights_and_water
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.blunders.alternatives import misfit
 from musatpy.blunders.hypotheses import CAUSES

@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from musatpy.adjustment import propagation
-from musatpy.adjustment.iteration import LEVEL, State
+from musatpy.adjustment.iteration import LEVEL, State, tide_groups
 from musatpy.adjustment.kinds import MEASURED, PRIORS
 from musatpy.adjustment.network import Network, first_rows
 from musatpy.adjustment.normals import Factor
 from musatpy.adjustment.sightings import index_partials, residuals
-from musatpy.adjustment.water_surface import tide_groups
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.blunders.linear_model import Drop, LinearModel, PointChecks, dropped, put_in_again
 from musatpy.blunders.scene import IMAGES_CHECKED, PENALTY, Factors

@@ -18,8 +18,7 @@ from itertools import islice
 import numpy as np
 
 from musatpy.adjustment.initial import MODEL, misfit, placed, typical_height
-from musatpy.adjustment.iteration import SingularNormalsError, given_minus
-from musatpy.adjustment.waterline import heights_and_water
+from musatpy.adjustment.iteration import SingularNormalsError, given_minus, heights_and_water
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray
 from musatpy.blunders import hypotheses

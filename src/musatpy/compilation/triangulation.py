@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from musatpy.adjustment.considered import extended
-from musatpy.adjustment.iteration import initial_state
+from musatpy.adjustment.iteration import initial_state, is_considered, water_knowledge
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import job_frame, participation
-from musatpy.adjustment.water_surface import is_considered, water_knowledge
 from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, CompilationError, Problem

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.adjustment.water_surface import surface
 from musatpy.arrays import FloatArray
+from musatpy.geometry.geodesy import surface
 
 if TYPE_CHECKING:
     from musatpy.compilation.compiled import Compiled, CompiledModel

@@ -6,6 +6,7 @@ The frame has the Cartesian axes in which stations and points are adjusted.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, TypeVar
 
@@ -277,3 +278,61 @@ class GeographicFrame(GeocentricFrame):
 
     def system(self, working: ArrayLike) -> FloatArray:
         return self.level(working)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surface:
+    """The water surface over ground points: a plane, through the level surface that it is tilted against.
+
+    normal (..., 3), depth (...) m of the ground point below it, along the normal; the two that follow are what
+    `by_tilt` needs: the slope vector (..., 3) across the vertical, and 1/cos of the tilt (...).
+    """
+
+    normal: FloatArray
+    depth: FloatArray
+    gradient: FloatArray
+    secant: FloatArray
+
+
+def water_heights(slope: FloatArray, tide: FloatArray, ground: FloatArray) -> FloatArray:
+    """Return the heights (...) of the water at ground points (..., 3), working, where tides (...) hold.
+
+    `slope` (3,) is the slope vector in working axes; the surface turns about the working origin, which is the
+    middle of the stations.
+    """
+    if not slope.any():
+        return np.broadcast_to(tide, ground.shape[:-1])
+    return tide + ground @ slope
+
+
+def surface(frame: Frame, slope: FloatArray, tide: FloatArray, ground: FloatArray) -> Surface:
+    """Return the water surface over ground points (..., 3) at tides (...)."""
+    up, height = frame.vertical(ground)
+    below = water_heights(slope, tide, ground) - height
+    if not slope.any():
+        level = np.broadcast_to(0.0, up.shape), np.broadcast_to(1.0, below.shape)  # which take no memory
+        return Surface(normal=up, depth=below, gradient=level[0], secant=level[1])
+    gradient = slope - up * (up @ slope)[..., None]
+    secant = np.sqrt(1.0 + np.sum(np.square(gradient), axis=-1))
+    return Surface(
+        normal=(up - gradient) / secant[..., None], depth=below / secant, gradient=gradient, secant=secant
+    )
+
+
+def by_tilt(
+    at: Surface, axis: FloatArray, ground: FloatArray, camera: FloatArray, v: FloatArray, by_camera: FloatArray,
+    by_depth: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Return the partial derivative (..., 3) of v = W - C by the slope of the surface along `axis` (3,).
+
+    The surface turns about the ground point by omega, which is the same as turning camera and water point back,
+    and rises over it.
+    """
+    across = np.asarray(at.gradient @ axis)[..., None]
+    secant = at.secant[..., None]
+    up = secant * at.normal + at.gradient
+    normal_by_slope = -(axis - up * (up @ axis)[..., None]) / secant - at.normal * across / secant**2
+    omega = np.cross(at.normal, normal_by_slope)
+    depth_by_slope = (ground @ axis)[..., None] / secant - at.depth[..., None] * across / secant**2
+    back = np.einsum("...ij,...j->...i", by_camera, np.cross(omega, camera - ground))
+    return np.cross(omega, v) - back + by_depth * depth_by_slope

@@ -20,9 +20,9 @@ from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.propagation import Part
-from musatpy.adjustment.threads import side_by_side
-from musatpy.adjustment.water_surface import surface
+from musatpy.adjustment.sparse import side_by_side
 from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.geometry.geodesy import surface
 from musatpy.model import ObservationKind
 from musatpy.model.tables import order_of
 
@@ -302,9 +302,7 @@ class CompiledLoops(Loops):
         Y = np.einsum("rci,rij->rcj", points.B, points.inverse.take(of_ray, axis=0))
         C, D = np.zeros((len(of_ray), 2)), np.zeros((len(of_ray), 2, 3))
         self.of_parts(
-            lambda rows: compiled.spread(
-                rows, sequence.start, points.A, Y, sequence.pairs, self.unknowns, Q, C, D
-            ),
+            lambda rows: compiled.spread(rows, sequence.start, points.A, Y, sequence.pairs, self.unknowns, Q, C, D),
             self.rows,
         )
         Qxx = points.inverse + np.add.reduceat(np.einsum("rci,rcj->rij", D, Y), sequence.start[:-1])

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from musatpy.adjustment.ground import prior_rows
-from musatpy.adjustment.iteration import State
+from musatpy.adjustment.iteration import State, WaterKnowledge
 from musatpy.adjustment.network import BACK, ORDER, Network, PointGroup
-from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.collinearity import wrapped

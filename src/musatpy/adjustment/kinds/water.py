@@ -13,10 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment.iteration import LEVEL, State
+from musatpy.adjustment.iteration import LEVEL, State, WaterKnowledge
 from musatpy.adjustment.kinds.kind import OfWater, Rows, of_unknowns
 from musatpy.adjustment.network import Network, PointGroup
-from musatpy.adjustment.water_surface import WaterKnowledge
 from musatpy.adjustment.wavy_water import AZIMUTH, CREST, HEIGHT, LENGTH, Sea, wave_names
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.similarity import Similarity
