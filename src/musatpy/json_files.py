@@ -148,6 +148,9 @@ def _wanted_of(
     _hold_against(record, _with_rows(wanted) if by_rows else wanted, schema, path)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
     found = dict(_in_columns(found, wanted)) if by_rows else found
+    for name, form in wanted["properties"].items():
+        if form.get("columns") and isinstance(found.get(name), dict):  # nothing holds other columns to its rows
+            found[name] = {field: column for field, column in found[name].items() if field in form["properties"]}
     if faults := list(islice(_unknown_ids(found), _LISTED)) if schema is _schema() else []:
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
     return found

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,7 @@ from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
 if TYPE_CHECKING:
     from musatpy.adjustment.initial import Place
 
-Weights = TypeVar("Weights")
-
-_STEPS = 24  # of an adjustment, each with weights of its own
+_STEPS = 24  # of an adjustment: what is not at rest by then never is
 _LEAST = 1e-11  # weight that keeps a point determined; with more, errors of kilometres pull
 _LOST = 1e3  # sigmas, for residuals that make no sense
 _CYCLES = 3  # in which bad points may come back
@@ -111,16 +108,10 @@ def _bad_points(network: Network, state: State) -> BoolArray:
 
 
 def _adjusted(network: Network, state: State, used: BoolArray) -> State:
-    """Return the state at the robust minimum. Raises `SingularNormalsError`."""
-    rays = np.flatnonzero(used)
-
-    def adjusted(weight: FloatArray, state: State) -> tuple[State, bool]:
-        weighted = replace(network, weight=weight)
-        problem = Triangulation(network=weighted, options=Options(rotation_limit=_CLOSE, translation_limit=1.0))
-        outcome = iterate(problem, ground_points.settle(weighted, state), _STEPS)
-        return outcome.state, not outcome.failure
-
-    return reweighted(state, lambda state: _robust_weights(network, state, rays), adjusted)
+    """Return the state adjusted with robust weights. Raises `SingularNormalsError`."""
+    weighted = replace(network, weight=_robust_weights(network, state, np.flatnonzero(used)))
+    problem = Triangulation(network=weighted, options=Options(rotation_limit=_CLOSE, translation_limit=1.0))
+    return iterate(problem, ground_points.settle(weighted, state), _STEPS).state
 
 
 def _robust_weights(network: Network, state: State, rays: IntArray) -> FloatArray:
@@ -140,17 +131,3 @@ def cauchy(size: FloatArray, scale: float) -> FloatArray:
 def robust_scale(size: FloatArray) -> float:
     """Return the scale of residuals in sigmas by their median, at least 1: what is good stays so."""
     return similarity.spread(np.abs(size[np.isfinite(size)]), 1.0)
-
-
-def reweighted(
-    state: State, weights_at: Callable[[State], Weights], stepped: Callable[[Weights, State], tuple[State, bool]]
-) -> State:
-    """Return the state after steps of an adjustment, each with new weights, until one says that it is the last.
-
-    Raises `SingularNormalsError`.
-    """
-    for _ in range(_STEPS):
-        state, last = stepped(weights_at(state), state)
-        if last:
-            break
-    return state

@@ -23,7 +23,7 @@ from musatpy.adjustment.job import Job, prepared
 from musatpy.adjustment.kinds import MEASURED, SEARCHED
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Factor
-from musatpy.adjustment.refinement import cauchy, reweighted, robust_scale
+from musatpy.adjustment.refinement import cauchy, robust_scale
 from musatpy.adjustment.waterline import WaterLine, at_rest_in_water, every_ray_wet, starting_line
 from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -55,6 +55,7 @@ _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
 STEP = 1500  # images that a step takes as much as, however few there are
 _WAVES = 4  # times the effort of a step on a plane
+_STEPS = 24  # of an adjustment, each with weights of its own
 START = 3  # of the least steps, that a computed start takes as much as for each photo
 
 
@@ -290,21 +291,18 @@ def _robust(scene: Scene, job: Job, state: State) -> State:
     From the first step on: gross errors of centimetres would bend a block beyond recognition.
     """
 
-    def weights_at(state: State) -> Factors:
+    for _ in range(_STEPS):
         size = sizes(scene, state)
         scale = plate_scale(scene, size)
-        return {kind: cauchy(value, scale) for kind, value in size.items()}
-
-    def stepped(factors: Factors, state: State) -> tuple[State, bool]:
-        problem = scene.problem(factors)
+        problem = scene.problem({kind: cauchy(value, scale) for kind, value in size.items()})
         start = problem.with_squares(state)
         before = problem.evaluate(start, [])
         outcome = job.iterate(problem, problem.network, start, 0)
-        after = problem.evaluate(outcome.state, [])
+        state, after = outcome.state, problem.evaluate(outcome.state, [])
         # where a full step gains less than the misfits that it leaves, their weights hardly change
-        return outcome.state, not outcome.failure or (outcome.change > 0.0 and before - after <= after)
-
-    return reweighted(state, weights_at, stepped)
+        if not outcome.failure or (outcome.change > 0.0 and before - after <= after):
+            break
+    return state
 
 
 def weights(network: Network, block: Block) -> Factors:
