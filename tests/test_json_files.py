@@ -67,6 +67,18 @@ def test_what_is_not_asked_for_is_left_out(tmp_path: Path, run: dict[str, Any]) 
     }
 
 
+@pytest.mark.parametrize("strange", [[], None])
+def test_columns_that_the_schema_does_not_know_have_the_rows_of_their_table(
+    tmp_path: Path, run: dict[str, Any], strange: object
+) -> None:
+    path, table = tmp_path / "RUN.json", run["bathymetric_points"]
+    path.write_text(json.dumps({**run, "bathymetric_points": {**table, "strange": strange}}))
+    for arguments in (("explain", "206", path), ("report", path, "-o", tmp_path / "run.html")):
+        result = musat(*arguments)
+        assert result.exit_code == 1
+        assert "bathymetric_points: has columns of 0 and of 8 entries" in result.output
+
+
 def test_a_record_of_rows_is_read_as_columns(tmp_path: Path) -> None:
     """One that musatpy wrote before tables were columns says the same as one of today, to its digits."""
     path = tmp_path / "RUN.json"

@@ -148,9 +148,6 @@ def _wanted_of(
     _hold_against(record, _with_rows(wanted) if by_rows else wanted, schema, path)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
     found = dict(_in_columns(found, wanted)) if by_rows else found
-    for name, form in wanted["properties"].items():
-        if form.get("columns") and isinstance(found.get(name), dict):  # nothing holds other columns to its rows
-            found[name] = {field: column for field, column in found[name].items() if field in form["properties"]}
     if faults := list(islice(_unknown_ids(found), _LISTED)) if schema is _schema() else []:
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
     return found
@@ -311,9 +308,10 @@ def _columns_fit(tables: Sequence[dict[str, Any]], schema: Schema) -> bool:
 
 
 def _lengths(table: Mapping[str, Any], schema: Schema) -> set[int]:
-    """Return how many entries the columns of a table have: one number where it is whole."""
-    columns = (table.get(name) for name in schema["properties"])
-    return {len(column) for column in columns if isinstance(column, list)}
+    """Return how many entries the columns of a table have, strange ones too: one number where it is whole."""
+    known = schema["properties"]
+    columns = (column for name, column in table.items() if isinstance(column, list) or name not in known)
+    return {len(column) if isinstance(column, list) else 0 for column in columns}
 
 
 def _faults(value: Any, schema: Schema, path: str) -> Iterator[tuple[str, str]]:
