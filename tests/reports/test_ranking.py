@@ -54,9 +54,7 @@ def test_the_worst_observations_stand_in_the_same_order_with_other_rounding_erro
     for factor in (1.0, 1.0 + error):
         columns["residual"][second] = columns["residual"][first] * factor
         statistics = Statistics(replace(solution, observed=replace(observed, **columns)))
-        rows = OBSERVATIONS.rows
-        assert rows is not None
-        orders.append(rows(statistics).tolist())
+        orders.append(OBSERVATIONS.values(statistics).rows.tolist())
     assert orders[0] == orders[1]
     assert orders[0].index(first) < orders[0].index(second)
 

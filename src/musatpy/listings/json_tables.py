@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
@@ -18,7 +16,6 @@ _ID_FIELDS = (
     "unknown", "first", "second", "kind", "of", "component", "wave", "parameter", "quantity", "marks", "cross",
     "model", "root", "sounding",
 )  # fmt: skip
-_PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 Row = Mapping[str, Any]
 
 
@@ -139,22 +136,6 @@ def leaves(row: Row) -> dict[str, Any]:
             continue
         waiting += reversed(inside)
     return fields
-
-
-@lru_cache(maxsize=1 << 12)
-def keys_of(path: str) -> tuple[str | int, ...]:
-    """Return the keys and indices of a path, one after the other."""
-    return tuple([int(index) if index else name for index, name in _PART.findall(path)])
-
-
-def at(value: Any, path: str) -> Any:
-    """Return what stands at a path of a record (`position[1]`, `solution.sigma0`), None where there is nothing."""
-    for key in keys_of(path):
-        if type(key) is int:
-            value = value[key] if isinstance(value, list) and key < len(value) else None
-        else:
-            value = value.get(key) if isinstance(value, dict) else None
-    return value
 
 
 def number_of(value: Any) -> float | None:

@@ -15,20 +15,27 @@ from decimal import Decimal
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from musatpy.errors import Problem
 from musatpy.image_observations import are_apart, with_images
 from musatpy.listings.compare import compare_sections, overflows
 from musatpy.listings.findings import Difference
-from musatpy.listings.json_tables import at, read_json
+from musatpy.listings.json_tables import read_json
 from musatpy.listings.judge import Judge
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
 from musatpy.listings.recorded import entries_of, id_text, mapped_of, rows_of, unit_named, value_of
 from musatpy.listings.rules import Rules
-from musatpy.listings.sections import Row, Section, numbered, sections_of, squeezed
+from musatpy.listings.sections import Row, Section, columns_of, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, tokens_of
 from musatpy.reports.editing import edited
+from musatpy.reports.encoding import plain
+from musatpy.reports.fields import Field
+from musatpy.reports.headings import PRINTED
+from musatpy.reports.labels import Labels, Texts
 from musatpy.reports.origin import Mapped, Origin
-from musatpy.reports.table import PRINTED
+from musatpy.reports.table import Report, Table
+from musatpy.reports.values import Values, at
 
 _MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
 _LARGEST_STEP = 30  # digits before or behind the point
@@ -48,8 +55,9 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     content = _with_images(content)
     tallies, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
-        mapped = next((one for one in stated_sections() if re.fullmatch(one.title, section.title)), None)
-        if mapped is None or _is_left_out(content, mapped.table):
+        mapped = next((one for one in stated_sections() if re.fullmatch(_title(one), section.title)), None)
+        place = mapped.place if isinstance(mapped, Report) else getattr(mapped, "table", "")
+        if mapped is None or _is_left_out(content, place):
             notes.append(section.title or "lines before the first title")
             continue
         printed = _Printed(section, mapped, content)
@@ -74,12 +82,12 @@ def _refuse_other_schema(content: Record, name: str) -> None:
 
 
 @cache
-def stated_sections() -> tuple[Mapped, ...]:
+def stated_sections() -> tuple[Any, ...]:
     """Return what the reports state of all sections with numbers of the record."""
     from musatpy.reports.statements import statements  # two listings need them not
 
-    stated = (one if isinstance(one, Mapped) else mapped_of(one) for one in statements())
-    return tuple(one for one in stated if one.table or one.layout == "labels")
+    stated: Any = (one if not isinstance(one, Report) or one.is_new else mapped_of(one) for one in statements())
+    return tuple(one for one in stated if isinstance(one, Labels) or one.table or one.layout == "labels")
 
 
 def _with_images(content: Record) -> Record:
@@ -100,7 +108,7 @@ class _Printed:
 
     def __init__(self, section: Section, mapped: Mapped, content: Record) -> None:
         self.section = section
-        self.mapped = mapped
+        self.mapped: Any = mapped
         self.content = content
         self.unknown: Counter[str] = Counter()  # what of the listing the record has not
         self.ids: tuple[int, ...] = ()  # columns of a table that name its rows
@@ -113,7 +121,8 @@ class _Printed:
             "rows": self.table, "across": self.across, "xyz": self.components, "labels": self.labels,
             "texts": self.texts,
         }  # fmt: skip
-        layouts[self.mapped.layout]()
+        kind = "labels" if isinstance(self.mapped, Labels) else "texts" if isinstance(self.mapped, Texts) else ""
+        layouts[kind or self.mapped.layout]()
         listed, recorded = (replace(self.section, titles=[]) for _ in range(2))
         listed.rows, recorded.rows = self.listed, self.recorded
         listed.id_columns = recorded.id_columns = self.ids or self.section.id_columns
@@ -146,8 +155,66 @@ class _Printed:
         """Return the numbers and words of a row by columns."""
         return dict(self.section.cells(row.line.text, angles=self.section.angles))
 
+    def columns(self, values: Values) -> dict[str, Field[Any]]:
+        """Return the columns of the report by their headings, as the listing has these."""
+        layout = tuple(part for column in self.mapped.stated() for part in column.columns(values.system))
+        names = numbered([column.name for column in columns_of(Table(layout).head())])
+        return dict(zip(names, layout, strict=True))
+
+    def new_table(self) -> None:
+        """Print a table with a row for each entry."""
+        heads = self.section.columns
+        if not heads:
+            self.unknown["rows without headings"] += len(self.section.lines)
+            return
+        values = self.mapped.read(self.content, str(at(self.content, "options.system") or ""))
+        columns = self.columns(values)
+        names = numbered([head.name for head in heads])
+        self.ids = tuple(n for n, name in enumerate(names) if name in columns and columns[name].is_id)
+        for n, head in enumerate(heads):
+            if names[n] not in columns:
+                self.unknown[f"column {head.name}" if head.name else "a column without a heading"] += 1
+        printed = {n: _printed(columns[name], values) for n, name in enumerate(names) if name in columns}
+        waiting: dict[tuple[str, ...], list[int]] = defaultdict(list)
+        for entry in reversed(range(values.count)):
+            waiting[tuple([squeezed(id_text(printed[n][entry])) for n in self.ids])].append(entry)
+        is_cut, after_note = self.mapped.some, -1
+        for row in self.section.rows:
+            cells = self.cells(row)
+            key = tuple([_text_of(row, cells.get(n, [])) for n in self.ids])
+            is_last = CUT.match(row.line.text)
+            if is_last or -1 in cells or (row.line.number == after_note and key not in waiting):
+                self.unknown["notes"] += 1
+                after_note = row.line.number + 1
+                is_cut = is_cut or bool(is_last)
+                continue
+            row = row._replace(ids=key or row.ids)
+            if waiting.get(key):
+                entry = waiting[key].pop()
+                shown = {n: (texts[entry], columns[names[n]].blank) for n, texts in printed.items()}
+                self.reprint(row, cells, {n: both for n, both in shown.items() if n not in self.ids})
+            else:
+                self.listed.append(row)
+        if not is_cut:
+            rest = [key for key, left in waiting.items() for _ in left]
+            self.recorded += [Row(Line(" ".join(key), 0, 0), key, 0) for key in rest]
+
+    def reprint(self, row: Row, cells: Cells, shown: Mapping[int, tuple[Any, bool]]) -> None:
+        """Take a row, with what the record prints in some of its columns, and whether that may be left blank."""
+        values = []
+        for n, (value, blank) in shown.items():
+            placed, head = cells.get(n, []), self.section.columns[n]
+            text = _reprinted(placed, value, "")
+            if placed:
+                values.append((placed[0].start, placed[-1].end, text))
+            elif text and not blank:
+                values.append((head.end, head.end, text))
+        self.take(row, values)
+
     def table(self) -> None:
         """Print a table with a row for each entry."""
+        if isinstance(self.mapped, Report):
+            return self.new_table()
         heads = self.section.columns
         names = numbered([head.name for head in heads])
         self.ids = tuple(n for n, name in enumerate(names) if name in self.mapped.ids)
@@ -198,27 +265,41 @@ class _Printed:
 
     def across(self) -> None:
         """Print a table with a column for each entry."""
-        entries = rows_of(self.mapped, self.content)
-        by_id = {id_text(at(entry, path)): entry for path in self.mapped.ids.values() for entry in entries}
+        values = self.mapped.read(self.content, str(at(self.content, "options.system") or ""))
+        rows = {str(column.heading): column for column in self.mapped.stated()}
+        ids = [_printed(column, values) for column in rows.values() if column.is_id and column.name == "photo"]
+        places = {id_text(name): entry for entry, name in enumerate(ids[0])} if ids else {}
         for row in self.section.rows:
-            source = self.mapped.source_of(row.ids[0])
-            if source is None:
+            column = rows.get(row.ids[0])
+            if column is None:
                 self.unknown[row.ids[0]] += 1
                 continue
-            shown: dict[int, tuple[Origin, Record, str]] = {}
-            for n, column in enumerate(self.section.columns):
-                entry = by_id.get(column.name) if by_id else (entries[n] if n < len(entries) else None)
-                if entry is None:
-                    self.unknown[f"column {column.name}"] += 1
-                elif source.marks:
-                    is_marked = id_text(at(self.content, source.field)) == column.name
-                    shown[n] = Origin(field="mark"), {"mark": source.marks if is_marked else None}, ""
+            printed, shown = _printed(column, values), {}
+            for n, head in enumerate(self.section.columns):
+                entry = places.get(head.name) if ids else n
+                if entry is None or entry >= len(printed):
+                    self.unknown[f"column {head.name}"] += 1
                 else:
-                    shown[n] = source, entry, column.unit
-            self.take_columns(row, self.cells(row), shown)
+                    shown[n] = printed[entry], column.blank
+            self.reprint(row, self.cells(row), shown)
 
     def components(self) -> None:
         """Print a table with rows X, Y, Z for each entry."""
+        values = self.mapped.read(self.content, str(at(self.content, "options.system") or ""))
+        columns = self.columns(values)
+        rows = {id_text(name): row for row, name in enumerate(_printed(next(iter(columns.values())), values))}
+        heads = [(n, columns.get(head.name)) for n, head in enumerate(self.section.columns)]
+        printed = {n: _printed(column, values) for n, column in heads if column and not column.is_id}
+        for row in self.section.rows:
+            entry, axis = rows.get(row.ids[0]), "XYZ".find(row.ids[-1] or "-")
+            if entry is not None and axis >= 0:
+                shown = {n: (_entry(texts[entry], axis), False) for n, texts in printed.items()}
+                self.reprint(row, self.cells(row), shown)
+            elif any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
+                self.listed.append(row)
+            else:
+                self.unknown["notes"] += 1
+        return
         entries = {id_text(entry.get("point")): entry for entry in rows_of(self.mapped, self.content)}
         for row in self.section.rows:
             entry, letter = entries.get(row.ids[0]), row.ids[-1]
@@ -232,8 +313,25 @@ class _Printed:
             else:
                 self.unknown["notes"] += 1
 
+    def new_labels(self) -> None:
+        """Print lines of a label and a value, or more."""
+        found = self.mapped.numbers(self.content)
+        for row in self.section.rows:
+            label = row.ids[0]
+            numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
+            if not numbers or label not in found:
+                self.unknown[label if numbers else "words"] += 1
+                continue
+            if len(numbers) > len(found[label]):
+                most = len(found[label])
+                self.unknown[f"{label}, all but the first {most} number{'s' * (most > 1)}"] += 1
+            pairs = zip(numbers, found[label], strict=False)
+            self.take(row, [(at.start, at.end, _reprinted([at], value, "")) for at, value in pairs])
+
     def labels(self) -> None:
         """Print lines of a label and a value, or more."""
+        if isinstance(self.mapped, Labels):
+            return self.new_labels()
         for row in self.section.rows:
             numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
             source = self.mapped.source_of(row.ids[0])
@@ -268,6 +366,14 @@ class _Printed:
 
     def recorded_texts(self) -> Iterator[str]:
         """Yield the texts that the record has of the section."""
+        if isinstance(self.mapped, Texts):
+            yield from self.mapped.texts(self.content)
+            return
+        if isinstance(self.mapped, Report):
+            values = self.mapped.read(self.content, "")
+            cells = [_printed(column, values) for column in self.mapped.stated()]
+            yield from (" ".join(filter(None, map(id_text, row))) for row in zip(*cells, strict=True))
+            return
         if self.mapped.ids:
             yield from (" ".join(entry.ids) for entry in entries_of(self.mapped, self.content))
         for path in self.mapped.also if self.mapped.ids else (self.mapped.table, *self.mapped.also):
@@ -286,6 +392,25 @@ def _sentences(rows: Sequence[Row]) -> list[Line]:
         else:
             sentences.append(row.line._replace(text=text.removeprefix("- ").removeprefix("Note: ")))
     return sentences
+
+
+def _entry(values: Any, number: int) -> Any:
+    return values[number] if isinstance(values, list) and number < len(values) else None
+
+
+def _title(stated: Any) -> str:
+    if isinstance(stated, Mapped):
+        return stated.title
+    return getattr(stated, "pattern", "") or re.escape(stated.title)
+
+
+def _printed(column: Field[Any], values: Values) -> list[Any]:
+    """Return what a column prints; nothing of a record that is not as its schema says."""
+    try:
+        found = column.printed(values)
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError):
+        return [None] * values.count
+    return plain(found) if isinstance(found, np.ndarray) else list(found)
 
 
 def _text_of(row: Row, placed: Sequence[Placed]) -> str:

@@ -7,10 +7,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from musatpy.listings.json_tables import at, count_in, number_of, rows_in
+from musatpy.listings.json_tables import count_in, number_of, rows_in
 from musatpy.listings.sections import columns_of, numbered
 from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.table import Report, Table
+from musatpy.reports.values import at
 
 _IN_ROWS = {'"': "arc sec", "deg": "degrees"}  # what rows call them
 

@@ -17,7 +17,6 @@ from musatpy.listings.json_tables import (
     TOP,
     NamedRows,
     Row,
-    at,
     leaves,
     number_of,
     read_json,
@@ -29,6 +28,7 @@ from musatpy.listings.lines import CannotCompareError
 from musatpy.listings.rules import Rules
 from musatpy.listings.tokens import Token
 from musatpy.listings.weighing import Comparison, RowPair, Where
+from musatpy.reports.values import at
 
 _PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
 # Others (NaN, infinity) are words.

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
-
-import numpy as np
 
 from musatpy.model import Block, Solution
 from musatpy.reports import bathymetric, ground_points, stations
 from musatpy.reports.editing import edited
-from musatpy.reports.table import Column, Report
+from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
 
 _ROWS = 12  # of a table that are shown
@@ -64,19 +61,13 @@ def _of_solution(statistics: Statistics) -> Iterable[str]:
 
 def _of_report(report: Report[Statistics], statistics: Statistics) -> Iterable[str]:
     """Yield the first rows of a table of the listing, as they are printed; nothing where it has none."""
-    columns = report.printed(statistics).columns
-    values = [_listed(column, statistics) for column in columns]
-    count = len(values[0])
+    table = report.values(statistics)
+    count, columns = table.count, report.side_by_side(table)
     if not count:
         return
-    texts = [edited(column.edit, listed[:_ROWS]) for column, listed in zip(columns, values, strict=True)]
+    texts = [edited(str(column.edit), column.printed(table)[:_ROWS]) for column in columns]
     below = f"{count} rows, of which {_ROWS} are shown" if count > _ROWS else ""
-    yield _table([column.heading for column in columns], zip(*texts, strict=True), report.title, below)
-
-
-def _listed(column: Column[Statistics], statistics: Statistics) -> list[Any]:
-    values = () if column.values is None else column.values(statistics)
-    return values.tolist() if isinstance(values, np.ndarray) else list(values)
+    yield _table([str(column.heading) for column in columns], zip(*texts, strict=True), report.title, below)
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", below: str = "") -> str:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -138,11 +137,3 @@ def refraction_sentences(tables: Tables, depths: Depths) -> Iterator[str]:
             f"In the photos it moves the images of submerged points by {1000.0 * np.sqrt((wet**2).mean()):.0f} µm "
             f"(RMS), {1000.0 * wet.max():.0f} µm at most."
         )
-
-
-def control_badness(table: Mapping[str, Any]) -> FloatArray:
-    """Return how bad rows of control are: their largest test value, of check points their largest difference."""
-    tests = np.nan_to_num(np.abs(numbers(table, "test", 3)), nan=-1.0)
-    differences = np.nan_to_num(np.abs(numbers(table, "difference", 3)), nan=-1.0)
-    worst = tests.max(axis=1, initial=-1.0) if len(tests) else np.full(len(differences), -1.0)
-    return np.where(texts(table, "kind") == _CHECK, differences.max(axis=1, initial=-1.0), worst)

@@ -16,7 +16,6 @@ from musatpy.page.cells import count_of, number_text
 from musatpy.page.parts import Chapter, Fact, Facts, Page, Part, Reason, Texts
 from musatpy.page.pictures import pictures_chapter
 from musatpy.page.provenance import closing, provenance
-from musatpy.page.run_tables import by_size
 from musatpy.page.stated import Shown, anchor_of, in_columns, rows_at, tables_of
 from musatpy.page.stated_answer import stated_tables
 from musatpy.page.summary import anchor_at, anchors
@@ -31,15 +30,15 @@ from musatpy.reports import (
     run_comparison,
 )
 from musatpy.reports.answer import USE
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 
 _POINTS = 200  # rows
 _AGAINST = "Comparison With The Run: In Numbers"
 _LEFT_OUT: Report[Any] = Report(
     title="Points Without Coordinates",
     table=compilation_points.POINTS,
-    leave={"reason": ("None",)},
-    columns=(key("Model", "A8", "model"), key("Point", "A8", "point"), Column("Reason", "A80", shows="reason")),
+    which=lambda t: np.flatnonzero([reason is not None for reason in t["reason"]]),
+    columns=("model", "point", compilation_points.POINTS.column("reason", "Reason", "A80")),
 )
 _LEFT = (Shown(report=_LEFT_OUT, folded=False),)
 _MODELS = (
@@ -57,10 +56,10 @@ _BOTTOM = tuple(
     Shown(report=report, folded=False) for report in (*compilation_profiles.STATED, *compilation_bottom.STATED)
 )
 _OF_POINTS = (
-    Shown(report=compilation_points.POINT_TABLE, badness=by_size("sigma", 3), listed=_POINTS),
-    Shown(report=compilation_points.RAY_TABLE, badness=by_size("y_parallax_test"), listed=_POINTS),
+    Shown(report=compilation_points.POINT_TABLE, listed=_POINTS),
+    Shown(report=compilation_points.RAY_TABLE, listed=_POINTS),
     Shown(report=compilation_points.APPARENT_TABLE, listed=_POINTS),
-    Shown(report=run_comparison.RUN_TABLE, badness=by_size("length"), listed=_POINTS),
+    Shown(report=run_comparison.RUN_TABLE, listed=_POINTS),
 )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from musatpy.page import flight, stated_answer
@@ -29,6 +29,7 @@ from musatpy.reports import adjusted_water, analyses, job_record, solution_summa
 from musatpy.reports.fields import Field
 
 _WARNINGS = 50
+_BY_KIND = ("Observations, ", "Unknowns, ", "Sigma0, ")  # labels of numbers that are told beside others
 _HELD = (
     "Cameras are taken as calibrated: focal length, principal point and distortion are no unknowns of the "
     "adjustment, and without error; what is wrong in them is in the residuals."
@@ -54,7 +55,7 @@ def _data(tables: Tables) -> Iterator[Part]:
     sizes = labels_of(titles.SIZE, tables)
     counts = [Fact(label=label, value=f"{values[0]:,}") for label, values in sizes.items() if values[0]]
     yield Facts(facts=[*counts, *flight.flight_facts(tables), *flight.times_fact(tables)])
-    summary = labels_of(solution_summary.SUMMARY, tables)
+    summary = _known(solution_summary.SUMMARY.numbers(tables))
     observed = part(tables, "solution.observations")
     kinds = ", ".join(f"{kind} {count:,}" for kind, count in observed.items() if count)
     unknown = part(tables, "solution.unknowns")
@@ -64,12 +65,19 @@ def _data(tables: Tables) -> Iterator[Part]:
         facts=[
             Fact(label=label, value=_plain(values[0]), detail=details.get(label, ""))
             for label, values in summary.items()
+            if not label.startswith(_BY_KIND) or label.endswith(", all")
         ]
     )
     rays = flight.rays_table(tables)
     if rays is not None:
         yield rays
     yield from tables_of(TIDES, tables)
+
+
+def _known(labels: Mapping[str, Sequence[float | None]]) -> dict[str, list[float]]:
+    """Return labels with the numbers that a record has of them."""
+    known = {label: [value for value in values if value is not None] for label, values in labels.items()}
+    return {label: values for label, values in known.items() if values}
 
 
 def _plain(value: Any) -> str:
@@ -137,7 +145,7 @@ def _camera(tables: Tables) -> Iterator[Part]:
 
 def _water_facts(tables: Tables) -> list[Fact]:
     facts, undetermined = [], " ".join(tables["adjusted_water"].get("undetermined") or ())
-    for label, values in labels_of(adjusted_water.SURFACE, tables).items():
+    for label, values in _known(adjusted_water.SURFACE.numbers(tables)).items():
         if label.split()[0].lower() in undetermined:  # tilt, refractive
             facts.append(Fact(label=label, value="not determined", detail=""))
             continue

@@ -13,14 +13,13 @@ from musatpy.page.cells import count_of, number_text
 from musatpy.page.parts import Chapter, Fact, Facts, Page, Part, Reason
 from musatpy.page.pictures import pictures_chapter
 from musatpy.page.provenance import closing, provenance
-from musatpy.page.run_tables import by_size
-from musatpy.page.stated import Row, Shown, anchor_of, in_columns, tables_of
+from musatpy.page.stated import Shown, anchor_of, in_columns, tables_of
 from musatpy.plots.gallery import SOUNDED as PICTURES
 from musatpy.plots.sounded import differences_of
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
 from musatpy.reports import soundings
 from musatpy.reports.answer import USE
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.soundings.differences import Differences, likeness_warning, order_shares
 from musatpy.soundings.s44 import source
 
@@ -28,14 +27,6 @@ COMPARED = "COMPARED"
 _LISTED = 200  # rows
 _NO_LIMIT = "any"
 _WITHOUT = "without blunders"  # a row of the samples
-
-
-def _met(row: Row) -> str:
-    return "met" if row["met"] else "NO"
-
-
-def _blunder(row: Row) -> str:
-    return "*" if row["blunder"] else ""
 
 
 _SAMPLES = Shown(
@@ -47,31 +38,29 @@ _SHARES = Shown(
     report=soundings.SHARE_TABLE,
     folded=False,
     note=f"Share of the differences within the vertical uncertainty of an order. {source()}.",
-    values={"95 %": _met},
 )
 _DIFFERENCES: Report[Any] = Report(
     title="Differences",
     table=soundings.DIFFERENCES,
+    worst=lambda t: np.abs(t["difference"]),
     columns=(
-        key("Sounding", "A16", "sounding"),
-        Column("Compiled\nm", "F9.3", shows="compiled"),
-        Column("Sounded\nm", "F9.3", shows="sounded"),
-        Column("Difference\nm", "F9.3", shows="difference"),
-        Column("Sigma\nm", "F9.3", shows="sigma"),
-        Column("Blunder", "A4", shows="blunder"),
+        "sounding",
+        "compiled",
+        "sounded",
+        "difference",
+        "sigma",
+        "blunder",
     ),
 )
 _LEFT_OUT: Report[Any] = Report(
     title="Soundings That Do Not Meet The Bottom",
     table=soundings.LEFT_OUT,
-    columns=(key("Sounding", "A16", "sounding"), Column("Reason", "A60", shows="reason")),
+    columns=("sounding", "reason"),
 )
 _ROWS = Shown(
     report=_DIFFERENCES,
-    badness=by_size("difference"),
     listed=_LISTED,
     note="* beyond 3.29 robust deviations from the median.",
-    values={"Blunder": _blunder},
 )
 _MISSED = Shown(report=_LEFT_OUT, listed=_LISTED)
 

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.listings.json_tables import at
 from musatpy.listings.recorded import unit_named, value_of
 from musatpy.page.cells import UNITS, cell_text
 from musatpy.page.parts import Head, PageTable
-from musatpy.reports.fields import Group
+from musatpy.reports.fields import Field, Group
+from musatpy.reports.headings import PRINTED, named
 from musatpy.reports.origin import Mapped
-from musatpy.reports.table import PRINTED, Choice, Column, Report, worst_first
+from musatpy.reports.table import Choice, Column, Report, worst_first
+from musatpy.reports.values import at
 
 Tables = Mapping[str, Any]  # a record, whose tables are columns: field -> values
 Row = Mapping[str, Any]
@@ -42,6 +43,8 @@ class Shown:
 
     def of(self, tables: Tables) -> PageTable | None:
         """Return the table of a record; None where the record has no row of it."""
+        if self.report.is_new:
+            return self._new(tables)
         table = table_at(tables, self.report)
         numbers = self._numbers(table)
         if not len(numbers):
@@ -64,6 +67,38 @@ class Shown:
             note=self.note,
             folded=self.folded,
         )
+
+    def _new(self, tables: Tables) -> PageTable | None:
+        values = self.report.read(tables, system_of(tables))
+        count = values.count
+        if not count:
+            return None
+        if self.report.worst:
+            values = values.taken(worst_first(self.report.worst(values))[: self.listed])
+        elif count > self.listed:
+            values = values.taken(np.arange(self.listed))
+        heads, cells = [], []
+        for column in self.report.side_by_side(values):
+            texts = [_cell(str(column.edit), value) for value in _plain(column.printed(values))]
+            if column.is_id or any(texts):
+                heads.append(self._head_of(column))
+                cells.append(texts)
+        order = sorted(range(len(heads)), key=lambda n: not heads[n].is_id)
+        return PageTable(
+            title=self.title,
+            anchor=anchor_of(self.title),
+            heads=[heads[n] for n in order],
+            rows=list(zip(*(cells[n] for n in order), strict=True)),
+            total=count,
+            note=self.note,
+            folded=self.folded,
+        )
+
+    def _head_of(self, column: Field[Any]) -> Head:
+        words, unit = named(str(column.heading))
+        words = self.heads.get(str(column.heading).split("\n")[0], words)
+        is_text = str(column.edit).startswith("A") or column.is_id
+        return Head(text=words, unit=UNITS.get(unit, unit), is_id=column.is_id, is_text=is_text)
 
     def _numbers(self, table: Mapping[str, Any]) -> list[int]:
         """Return the rows of the table of the record that the statement prints."""
@@ -121,6 +156,16 @@ class Shown:
         if origin.angles and re.fullmatch(origin.angles, str(next(iter(row.values())))):
             return PRINTED["arc sec"]
         return column.unit
+
+
+def _cell(edit: str, value: Any) -> str:
+    """Return the text of a cell, with one blank between words and units as a page writes them."""
+    text = cell_text(edit, value)
+    return UNITS.get(" ".join(text.split()), " ".join(text.split())) if edit.startswith("A") else text
+
+
+def _plain(values: Any) -> list[Any]:
+    return values.tolist() if isinstance(values, np.ndarray) else list(values)
 
 
 def _without_rounding(columns: Sequence[Column[Any]], cells: list[list[str]]) -> list[list[str]]:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from musatpy.arrays import FloatArray
 from musatpy.model import AdjustedWater, AdjustedWaves
-from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports import quality_record
 from musatpy.reports.editing import number_text
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.fields import Field
+from musatpy.reports.labels import Content, Labels, numbers_at
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.values import at
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import exact_water
-from musatpy.units import ARC_SECOND, DEGREE
+from musatpy.units import ARC_SECOND
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -27,7 +29,7 @@ def sections(statistics: Statistics) -> list[Section]:
     text = "Blank: not determined by the images, if any depend on it."
     note = ["", text] if any(name.startswith("the level") for name in water.undetermined) else []
     return [
-        *([CORRECTIONS.section(statistics, note)] if len(water.correction) else []),
+        *([CORRECTIONS.section(statistics, note, worst=())] if len(water.correction) else []),
         *([Section(title=SURFACE.title, lines=lines)] if lines else []),
         *([] if water.waves is None else _waves(water.waves)),
         *_not_adjusted(statistics),
@@ -55,64 +57,49 @@ WAVES: Report[AdjustedWaves] = Report(
     table=quality_record.WAVES,
     path="adjusted_water.waves.waves",
     columns=(
-        key("Wave", "A4", "wave"),
-        Column("Period\ns", "F8.3", lambda waves: waves.period, "period"),
-        Column("Length\nm", "F9.3", shows="length"),
-        Column("Speed\nm/s", "F8.3", shows="speed"),
-        Column("Height\nm", "F8.3", shows="height"),
-        Column("Towards\ndegrees", "F9.3", shows="azimuth"),
-        Column("Crest\nm", "F10.3", shows="crest"),
+        "wave",
+        "period",
+        "length",
+        "speed",
+        "height",
+        "azimuth",
+        "crest",
     ),
 )
-
-
-def _in_unit(heading: str, edit: str, name: str, minus: str = "") -> Column[AdjustedWaves]:
-    """Return a column of numbers in the units of their parameters."""
-
-    def printed(waves: AdjustedWaves, name: str) -> FloatArray:
-        units = np.tile([DEGREE if parameter == "azimuth" else 1.0 for parameter in WAVE_VALUES], len(waves.ids))
-        numbers: FloatArray = quality_record.PARAMETERS_OF_WAVES.column(name, waves) / units
-        return numbers
-
-    def values(waves: AdjustedWaves) -> FloatArray:
-        return printed(waves, name) - printed(waves, minus) if minus else printed(waves, name)
-
-    return Column(heading, edit, values, Origin(field=name, minus=minus, unit_in="Parameter"))
 
 
 PARAMETERS_OF_WAVES: Report[AdjustedWaves] = Report(
     title="Water: How Well The Waves Are Known",
     table=quality_record.PARAMETERS_OF_WAVES,
     path="adjusted_water.waves.parameters",
-    words={
-        "parameter": {
-            "height": "height, m",
-            "length": "length, m",
-            "azimuth": "towards, deg",
-            "crest": "crest, m",
-        },
-        "verdict": {"": "known"},
-    },
     columns=(
-        key("Wave", "A4", "wave"),
-        key("Parameter", "A14", "parameter"),
-        _in_unit("Given", "F10.4", "given"),
-        _in_unit("Sigma", "F9.4", "given_sigma"),
-        _in_unit("Adjusted", "F10.4", "adjusted"),
-        _in_unit("Adjusted\n- given", "F10.4", "adjusted", "given"),
-        _in_unit("Sigma", "F9.4", "sigma"),
-        Column("Variance\ninflation", "F10.1", shows="inflation"),
-        Column("", "A38", shows="verdict"),
+        "wave",
+        "parameter",
+        "given",
+        "given_sigma",
+        "adjusted",
+        Field(
+            "change",
+            heading="Adjusted\n- given",
+            edit="F10.4",
+            shown=lambda t: (
+                quality_record.in_units_of_waves(t, "adjusted") - quality_record.in_units_of_waves(t, "given")
+            ),
+        ),
+        "sigma",
+        "inflation",
+        "verdict",
     ),
 )
 CORRELATIONS: Report[AdjustedWaves] = Report(
     title="Water: Correlations Of The Waves",
     table=quality_record.WAVE_CORRELATIONS,
     path="adjusted_water.waves.correlations",
+    worst=lambda t: np.abs(t["correlation"]),
     columns=(
-        key("Unknown", "A18", "first"),
-        key("With", "A26", "second"),
-        Column("Correlation", "F9.4", shows="correlation"),
+        "first",
+        "second",
+        "correlation",
     ),
 )
 CONSIDERED: Report[Statistics] = Report(
@@ -120,35 +107,36 @@ CONSIDERED: Report[Statistics] = Report(
     table=quality_record.CONSIDERED,
     path="adjusted_water.considered",
     columns=(
-        key("Quantity", "A36", "quantity"),
-        Column("Sigma", "F12.6", shows="sigma"),
-        Column("Unit", "A8", shows="unit"),
+        "quantity",
+        "sigma",
+        "unit",
     ),
 )
 CORRECTIONS: Report[Statistics] = Report(
     title="Water: Corrections Of The Tides",
     table=quality_record.CORRECTIONS,
     path="adjusted_water.corrections",
-    unnamed="all photos",
+    worst=lambda t: np.abs(t["correction"]),
     columns=(
-        key("Photo or group", "A14", "group"),
-        Column("Correction\nm", "F11.4", shows="correction"),
-        Column("Sigma\nm", "F9.4", shows="correction_sigma"),
+        "group",
+        "correction",
+        "correction_sigma",
     ),
 )
-SURFACE = Mapped(
-    title="Water: Surface And Index",
-    layout="labels",
-    columns={
-        "Tilt towards east": Origin(
-            field="adjusted_water.tilt[0]", then=("adjusted_water.tilt_sigma[0]",), unit="arc sec"
-        ),
-        "Tilt towards north": Origin(
-            field="adjusted_water.tilt[1]", then=("adjusted_water.tilt_sigma[1]",), unit="arc sec"
-        ),
-        "Refractive index": Origin(field="adjusted_water.index", then=("adjusted_water.index_sigma",)),
-    },
-)
+
+
+def _surface(content: Content) -> dict[str, Sequence[float | None]]:
+    """Return tilt (arc seconds) and index of the water with their sigmas, as a record has them."""
+    tilt, sigma = (at(content, f"adjusted_water.{name}") or (None, None) for name in ("tilt", "tilt_sigma"))
+    labels: dict[str, Sequence[float | None]] = {
+        f"Tilt towards {name}": [None if part is None else part / ARC_SECOND for part in parts]
+        for name, *parts in zip(("east", "north"), tilt, sigma, strict=True)
+    }
+    labels["Refractive index"] = numbers_at(content, "adjusted_water.index", "adjusted_water.index_sigma")
+    return labels
+
+
+SURFACE = Labels("Water: Surface And Index", _surface)
 STATED = (CORRECTIONS, SURFACE, CONSIDERED, WAVES, PARAMETERS_OF_WAVES, CORRELATIONS)
 
 
@@ -161,13 +149,13 @@ def _waves(waves: AdjustedWaves) -> list[Section]:
     return [
         WAVES.section(waves),
         PARAMETERS_OF_WAVES.section(waves, ["", *wrapped([note])]),
-        CORRELATIONS.section(waves),
+        CORRELATIONS.section(waves, worst=()),
     ]
 
 
 def _lines(water: AdjustedWater) -> dict[str, str]:
     lines = {}
-    for label in SURFACE.columns:
+    for label in ("Tilt towards east", "Tilt towards north", "Refractive index"):
         if label.split()[0].lower() in " ".join(water.undetermined):  # tilt, refractive
             lines[label] = "not determined"
     if np.isfinite(water.tilt_sigma).all():

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from musatpy.model import Block, Refraction
 from musatpy.reports import result_record
 from musatpy.reports.editing import edited, prints_as_zero
-from musatpy.reports.fields import Each
-from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
+from musatpy.reports.values import Values
 from musatpy.statistics import Analysis, Statistics
 
 _LABEL_WIDTH, _CELL_WIDTH = 36, 18
@@ -41,25 +41,24 @@ class Layout:
     @property
     def report(self) -> Report[Statistics]:
         """The same with a row for each component."""
-        table = next(node for node in result_record.ANALYSES.fields if node.name == self.table)
+        table: Any = next(node for node in result_record.ANALYSES.fields if node.name == self.table)
+        row = f"{self.row} with Max. Difference"
         return Report(
             title=self.title,
-            table=table if isinstance(table, Each) else None,
+            table=table,
+            path=f"analyses.{self.table}",
+            layout="across",
             columns=(
-                key("Component", "A10", "component"),
-                Column("Unit", "A4", shows="unit"),
-                Column(_SIZE, "I8", shows="size"),
-                *(Column(label, "F16.3", shows=name) for label, name in ROWS),
-                Column(f"{self.row} with Max. Difference", "A8", shows="maximum_id"),
+                *("component", "unit", "size", *(table.column(name, label, "F16.3") for label, name in ROWS)),
+                table.column("maximum_id", row, "A8", shown=_maximum),
             ),
         )
 
-    @property
-    def mapped(self) -> Mapped:
-        """Where the record has its numbers."""
-        columns = {_SIZE: Origin(field="size"), **{label: Origin(field=name) for label, name in ROWS}}
-        columns[f"{self.row} with Max. Difference"] = Origin(field="maximum_id", blank=True)
-        return Mapped(title=self.title, layout="across", table=f"analyses.{self.table}", columns=columns)
+
+def _maximum(t: Values) -> list[str]:
+    """Return the names of the largest differences, blank where these print as zero."""
+    of_components = zip(t["maximum_id"], t["maximum"], t["unit"], strict=True)
+    return ["" if prints_as_zero(EDITS[unit], value) else name or "" for name, value, unit in of_components]
 
 
 LAYOUTS = (
@@ -67,7 +66,7 @@ LAYOUTS = (
     Layout("Camera Station Attitude Analysis", "Camera", lambda s: s.station_attitudes, "camera_station_attitude"),
     Layout("Ground Point Analysis", "Point", lambda s: s.ground_points, "ground_point"),
 )
-STATED = tuple(layout.mapped for layout in LAYOUTS)
+STATED = tuple(layout.report for layout in LAYOUTS)
 
 
 def sections(statistics: Statistics) -> list[Section]:

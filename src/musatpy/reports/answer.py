@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 import musatpy
-from musatpy.arrays import IntArray
 from musatpy.model import Editing, Grade
 from musatpy.reports import observation_record, pages, quality_record
-from musatpy.reports.blunders import FINDING
 from musatpy.reports.common_errors import MOVED, moved_names
 from musatpy.reports.editing import number_text
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.labels import Content, Labels, Texts, count_at, numbers_at, sentences_at
 from musatpy.reports.pages import Section
-from musatpy.reports.statistical_tests import HIDDEN, KIND_WORDS, in_unit, observation_columns
-from musatpy.reports.table import Column, Report
+from musatpy.reports.statistical_tests import HIDDEN
+from musatpy.reports.table import Report
 from musatpy.reports.text import by_kind, labelled, wrapped
 from musatpy.reports.titles import REFRACTION, SYSTEMS
+from musatpy.reports.values import at
 from musatpy.statistics import Statistics, metric_components
 from musatpy.statistics.quality import FAR, ChiSquare
 from musatpy.statistics.verdict import COMMON_ERRORS, sigma0_doubt
@@ -50,65 +49,66 @@ _LEAST = 1  # ... unless all else leaves no room even for that
 _CAUSES = "Blunders: Causes"
 UNSETTLED = "nothing has converged: what is blamed here may itself be carried away by what is wrong"
 
-_CHECK_ORIGIN = Origin(
-    field="analyses.check_point[0].rms", then=("analyses.check_point[1].rms", "analyses.check_point[2].rms")
-)
-_QUALITY = {
-    "Sigma0": Origin(field="solution.sigma0"),
-    "RMS of plate residuals, x and y": Origin(
-        field="plate_statistics.total_rms[0][0]", then=("plate_statistics.total_rms[0][1]",), unit="um"
-    ),
-    "RMS of check points, East, North, Up": _CHECK_ORIGIN,
-    "RMS of check points, X, Y, Z": _CHECK_ORIGIN,
-    "Check points, chi-square over components": Origin(
-        field="tests.check_points_total.factor",
-        then=("tests.check_points_total.low", "tests.check_points_total.high"),
-    ),
-    "Points weakly checked": Origin(count=True, field="tests.hidden_errors", where="weak"),
-    "Blunders": Origin(count=True, field="findings"),
-}
-_RUN = {
-    "Photos, points, images, submerged points": Origin(count=True, field="stations", then=("points", "plates")),
-    "Points flagged D, dry for certain": Origin(count=True, field="points", where="dry"),
-    "Iterations": Origin(count=True, field="iterations", then=("water_passes",)),
-}
+
+def _quality_numbers(content: Content) -> dict[str, Sequence[float | None]]:
+    """Return the numbers of the quality in short by their labels, as a record has them."""
+    checks = numbers_at(content, *(f"analyses.check_point[{axis}].rms" for axis in range(3)))
+    total = [f"tests.check_points_total.{name}" for name in ("factor", "low", "high")]
+    rms = [f"plate_statistics.total_rms[0][{axis}]" for axis in (0, 1)]
+    return {
+        "Sigma0": numbers_at(content, "solution.sigma0"),
+        "RMS of plate residuals, x and y": numbers_at(content, *rms, unit=MICROMETRE),
+        "RMS of check points, East, North, Up": checks,
+        "RMS of check points, X, Y, Z": checks,
+        "Check points, chi-square over components": numbers_at(content, *total),
+        "Points weakly checked": [count_at(content, "tests.hidden_errors", "weak")],
+        "Blunders": [count_at(content, "findings")],
+    }
+
+
+def _run_numbers(content: Content) -> dict[str, Sequence[float | None]]:
+    """Return the numbers of the run in short by their labels, as a record has them."""
+    images = [count_at(content, "plates")] if content.get("content") != "tables" else []
+    return {
+        "Photos, points, images, submerged points": [
+            count_at(content, "stations"), count_at(content, "points"), *images,
+        ],
+        "Points flagged D, dry for certain": [count_at(content, "points", "dry")],
+        "Iterations": [count_at(content, "iterations"), count_at(content, "water_passes")],
+    }  # fmt: skip
+
+
 BLUNDERS: Report[Statistics] = Report(
     title="Blunders Found",
     table=quality_record.FINDINGS,
-    columns=(
-        *FINDING,
-        Column("Test", "F9.1", shows="test"),
-        Column("Action", "A11", shows="action"),
-    ),
+    columns=("blunder", "photo", "point", "test", "action"),
 )
 WORST: Report[Statistics] = Report(
     title="Worst Observations",
     table=observation_record.OBSERVATIONS,
-    rows=lambda s: _worst_rows(s),
-    words=KIND_WORDS,
+    which=lambda t: t.source.worst_observations[:_WORST],
     some=True,
     columns=(
-        *observation_columns(lambda s: _worst_rows(s)),
-        in_unit("Residual", "F10.3", "residual", lambda s: _worst_rows(s)),
-        Column("Normal test", "F11.2", shows="normal_test"),
-        in_unit("Estimated error", "F15.3", "estimated_error", lambda s: _worst_rows(s)),
+        *("kind", "of", "component", observation_record.UNIT, "residual"),
+        *("normal_test", "estimated_error"),
     ),
 )
-VERDICT = Mapped(
-    title="Verdict",
-    layout="texts",
-    table="verdict",
-    ids={"Grade": "grade"},
-    also=("verdict.reasons", "verdict.notes"),
-    words={"grade": {grade.value: f"{grade}: {use}" for grade, use in USE.items()}},
-)
+
+
+def _verdict_texts(content: Content) -> Iterator[str]:
+    """Yield grade, reasons and notes, as a record has them."""
+    grade = str(at(content, "verdict.grade"))
+    yield f"{grade}: {USE[Grade(grade)]}" if grade in set(Grade) else grade
+    yield from sentences_at(content, "verdict.reasons", "verdict.notes")
+
+
 STATED = (
-    VERDICT,
-    Mapped(title="Quality In Short", layout="labels", columns=_QUALITY),
+    Texts("Verdict", _verdict_texts, "verdict"),
+    Labels("Quality In Short", _quality_numbers),
     BLUNDERS,
-    Mapped(title="Warnings In Short", layout="texts", table="solution.warnings"),
+    Texts("Warnings In Short", lambda r: sentences_at(r, "solution.warnings"), "solution"),
     WORST,
-    Mapped(title="Run", layout="labels", columns=_RUN),
+    Labels("Run", _run_numbers),
 )
 
 
@@ -350,10 +350,6 @@ def _worst(answer: _Answer) -> list[Section]:
         return []
     section = WORST.section(statistics)
     return [section if section.lines else replace(section, lines=["None has a test value that is not zero."])]
-
-
-def _worst_rows(statistics: Statistics) -> IntArray:
-    return statistics.worst_observations[:_WORST]
 
 
 def _run(statistics: Statistics) -> Section:

@@ -8,11 +8,10 @@ import numpy as np
 
 from musatpy.arrays import BoolArray
 from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
-from musatpy.reports import result_record
 from musatpy.reports.editing import edited
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.fields import Field, Rows, same
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Choice, Column, Report, key, worst_first
+from musatpy.reports.table import Choice, Report
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import NOT_GIVEN
@@ -20,49 +19,84 @@ from musatpy.statistics.analyses import NOT_GIVEN
 _WIDTH = 18
 _HEADINGS = ("No Refraction", "Predicted", "Refraction")
 
-_ADJUSTED: tuple[Column[Statistics], ...] = (
-    Column("Depth, refraction\nm", "F12.3", shows="depth"),
-    Column("Sigma\nm", "F9.3", shows="depth_sigma"),
-    Column("Height\nm", "F9.3", shows="height"),
-)
-_GIVEN: tuple[Column[Statistics], ...] = (
-    Column("Ctrl", "A4", shows="control"),
-    Column("Residual\nm", "F8.3", shows="residual"),
-)
+
+def _given_heights(statistics: Statistics) -> list[str | None]:
+    kinds = statistics.sounding_kinds.tolist()
+    return [None if kind == NOT_GIVEN else ControlKind(kind).name.lower() for kind in kinds]
+
+
+BATHYMETRIC = Rows[Statistics, Statistics](
+    "bathymetric_points",
+    "one row per submerged point; X, Y, Z are geocentric, or the job's own in LOCL jobs",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.solution.bathymetric.point],
+              heading="Point", edit="A8", is_id=True),
+        Field("no_refraction", "3 number?",
+              "X, Y, Z where straight rays of the adjusted stations meet; null where two rays that are not "
+              "parallel do not give it", lambda s: s.bathymetric_xyz[:, 0], "m", exact=True, heading=_HEADINGS[0],
+              edit="F14.1"),
+        Field("predicted", "3 number?", "X, Y, Z below it along the local vertical, at n times its depth",
+              lambda s: s.bathymetric_xyz[:, 1], "m", exact=True, heading=_HEADINGS[1], edit="F14.1"),
+        Field("refraction", "3 number?", "X, Y, Z adjusted", lambda s: s.bathymetric_xyz[:, 2], "m", exact=True,
+              heading=_HEADINGS[2], edit="F14.1"),
+        Field("photos", "integer", "photos whose rays give the point",
+              lambda s: s.solution.points.rays[s.solution.bathymetric.point], heading="Photos", edit="I6"),
+        Field("incidence", "number?", "mean angle of incidence of these rays, in air",
+              lambda s: s.solution.bathymetric.incidence, "rad", heading="Incidence\ndegrees", edit="F9.1"),
+        Field("water_level", "number?", "mean height of the water at the point, over the photos that give it",
+              lambda s: s.solution.bathymetric.water_level, "m", heading="Water level\nm", edit="F11.3"),
+        Field("depth_no_refraction", "number?", "where straight rays meet, below the water level",
+              lambda s: s.solution.bathymetric.apparent_depth, "m", heading="Depth, no refr.\nm", edit="F12.3"),
+        Field("depth_predicted", "number?", "n times that; null where there is no index",
+              lambda s: s.solution.bathymetric.predicted_depth, "m", heading="Depth, predicted\nm", edit="F12.3"),
+        Field("depth", "number?", "adjusted, below the water level", lambda s: s.solution.bathymetric.depth, "m",
+              heading="Depth, refraction\nm", edit="F12.3"),
+        Field("depth_sigma", "number?", "of the depth", lambda s: s.solution.bathymetric.depth_sigma, "m",
+              heading="Sigma\nm", edit="F9.3"),
+        Field("height", "number?", "of the adjusted point: water level minus depth",
+              lambda s: s.solution.bathymetric.height, "m", heading="Height\nm", edit="F9.3"),
+        Field("control", "string?", "kind of control that gives its height; null where none does", _given_heights,
+              choices=("full", "vertical", "check"), heading="Ctrl", edit="A4",
+              words={"full": "F", "vertical": "V", "check": "C", None: ""}),
+        Field("residual", "number?", "adjusted minus given depth", lambda s: s.sounding_residuals, "m",
+              heading="Residual\nm", edit="F8.3"),
+    ),
+)  # fmt: skip
+_ADJUSTED = tuple(BATHYMETRIC.column(name) for name in ("depth", "depth_sigma", "height"))
+_GIVEN = tuple(BATHYMETRIC.column(name) for name in ("control", "residual"))
+
+
+def _of_run(statistics: Statistics) -> tuple[Field[Statistics], ...]:
+    """Return the columns of adjusted depths and of soundings used as control, as far as the run has any."""
+    if _unrefracted(statistics):
+        return ()
+    return (*_ADJUSTED, *_GIVEN) if _are_given(statistics) else _ADJUSTED
+
+
 DEPTHS: Report[Statistics] = Report(
     title="Depths Of Bathymetric Points",
-    table=result_record.BATHYMETRIC,
-    words={"control": {"full": "F", "vertical": "V", "check": "C", "None": ""}},
+    table=BATHYMETRIC,
+    worst=lambda t: t["depth_sigma"],
     columns=(
-        key("Point", "A8", "point"),
-        Column("Photos", "I6", shows="photos"),
-        Column("Incidence\ndegrees", "F9.1", shows="incidence"),
-        Column("Water level\nm", "F11.3", shows="water_level"),
-        Column("Depth, no refr.\nm", "F12.3", shows="depth_no_refraction"),
-        Column("Depth, predicted\nm", "F12.3", shows="depth_predicted"),
-        Choice((_ADJUSTED,), lambda s: () if _unrefracted(s) else _ADJUSTED),
-        # soundings used as control: none where no submerged point has a given height
-        Choice((_GIVEN,), lambda s: () if _unrefracted(s) or not _are_given(s) else _GIVEN),
+        "point", "photos", "incidence", "water_level", "depth_no_refraction", "depth_predicted",
+        Choice(((*_ADJUSTED, *_GIVEN),), _of_run),
     ),
-)
-COORDINATES = Mapped(
+)  # fmt: skip
+COORDINATES: Report[Statistics] = Report(
     title="Bathymetric Points",
     layout="xyz",
-    table="bathymetric_points",
-    columns={
-        heading: Origin(field=name)
-        for heading, name in zip(_HEADINGS, ("no_refraction", "predicted", "refraction"), strict=True)
-    },
+    table=BATHYMETRIC,
+    columns=("point", "no_refraction", "predicted", "refraction"),
 )
 _POSITIONS: Report[Statistics] = Report(
     title=COORDINATES.title,
-    table=result_record.BATHYMETRIC,
+    table=BATHYMETRIC,
     columns=(
-        key("Point", "A8", "point"),
+        "point",
         *(
-            Column(f"{heading}, {axis}\nm", "F14.1", shows=f"{origin.field}[{number}]")
-            for heading, origin in COORDINATES.columns.items()
-            for number, axis in enumerate("XYZ")
+            BATHYMETRIC.column(name, [f"{heading}, {axis}\nm" for axis in "XYZ"], "F14.1")
+            for name, heading in zip(COORDINATES.columns[1:], _HEADINGS, strict=True)
         ),
     ),
 )
@@ -82,11 +116,10 @@ def sections(statistics: Statistics) -> list[Section]:
 
 def brief(statistics: Statistics) -> list[Section]:
     """Return the depths; nothing in a job without submerged points."""
-    points = statistics.solution.bathymetric
-    if not len(points.point):
+    if not len(statistics.solution.bathymetric.point):
         return []
     notes = ["", *wrapped(_notes(statistics), lead="- ")]
-    return [DEPTHS.section(statistics, notes, together=True, worst=worst_first(points.depth_sigma).tolist())]
+    return [DEPTHS.section(statistics, notes, together=True)]
 
 
 def _notes(statistics: Statistics) -> Iterator[str]:

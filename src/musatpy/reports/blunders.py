@@ -9,19 +9,16 @@ from typing import Any
 import numpy as np
 
 from musatpy.model import Cause, Editing, Solution
+from musatpy.reports.fields import Field
+from musatpy.reports.headings import printed_unit
 from musatpy.reports.pages import Section
 from musatpy.reports.quality_record import CAUSES, FINDINGS
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
 _EDITS = {"um": "F10.1", "m": "F10.3", "arc sec": "F10.1"}
 _SHOWN = 2  # ids of one cause
-FINDING: tuple[Column[Statistics], ...] = (  # what is wrong, and where
-    key("Blunder", "A21", "blunder"),
-    key("Photo", "A17", "photo"),
-    key("Point", "A17", "point"),
-)
 _TITLES = {"um": "Blunders: Images", "m": "Blunders: Control, Stations, Water", "arc sec": "Blunders: Attitudes"}
 
 
@@ -46,19 +43,22 @@ def _findings(statistics: Statistics, unit: str) -> Section:
     texts = dict.fromkeys(findings[row].note for row in rows)
     notes = {note: f"{number:4d}" for number, note in enumerate(filter(None, texts), 1)}
 
-    def component(axis: int) -> Column[Statistics]:
-        return Column(f"Size\n{unit}", _EDITS[unit], lambda s: [_at(findings[row].size, axis) for row in rows])
+    def component(axis: int) -> Field[Statistics]:
+        heading = f"Size\n{unit}"
+        size = [_at(findings[row].size, axis) for row in rows]
+        return Field(
+            "size", heading=heading, edit=_EDITS[unit], shown=lambda t: np.array(size) * printed_unit(heading)
+        )
 
+    numbers = [notes.get(findings[row].note, "") for row in rows]
     report: Report[Statistics] = Report(
         title=_TITLES[unit],
         table=FINDINGS,
-        rows=lambda s: np.array(rows),
+        which=lambda t: np.array(rows),
         columns=(
-            *FINDING,
-            Column("Test\nvalue", "F9.1", shows="test"),
+            *("blunder", "photo", "point", FINDINGS.column("test", "Test\nvalue", "F9.1")),
             *(component(axis) for axis in range(max(len(findings[row].size) for row in rows))),
-            Column("Action", "A11", shows="action"),
-            Column("Note", "A4", lambda s: [notes.get(findings[row].note, "") for row in rows]),
+            *("action", Field("note", heading="Note", edit="A4", shown=lambda t: numbers)),
         ),
     )
     return report.section(statistics, ["", *(f"{number}  {note}" for note, number in notes.items())])
@@ -86,23 +86,21 @@ def _cause_report(causes: tuple[Cause, ...], numbers: Mapping[str, str]) -> Repo
     """Return the table of causes; `numbers` are those of what is to be checked."""
     largest = [_largest(cause) for cause in causes]
 
-    def each(value: Callable[[Cause, int], Any]) -> Callable[[Statistics], list[Any]]:
-        return lambda s: [value(cause, axis) for cause, axis in zip(causes, largest, strict=True)]
+    def each(heading: str, edit: str, value: Callable[[Cause, int], Any]) -> Field[Statistics]:
+        values = [value(cause, axis) for cause, axis in zip(causes, largest, strict=True)]
+        return Field(heading, heading=heading, edit=edit, shown=lambda t: values)
 
     return Report(
         title="Blunders: Causes",
         table=CAUSES,
         columns=(
-            Column("Group", "I5", shows="group"),
-            Column("Rank", "I4", shows="rank"),
-            Column("Cause", "A27", shows="cause"),
-            Column("Photo, point", "A20", each(lambda cause, axis: _owner(cause))),
-            Column("Of", "A17", each(_component)),
-            Column("Size", "F12.3", each(lambda cause, axis: _at(cause.size, axis))),
-            Column("Sigma", "F9.3", each(lambda cause, axis: _at(cause.sigma, axis))),
-            Column("Unit", "A7", shows="unit"),
-            Column("Test", "F9.1", shows="test"),
-            Column("Note", "A4", each(lambda cause, axis: numbers[cause.advice])),
+            *("group", "rank", "cause"),
+            each("Photo, point", "A20", lambda cause, axis: _owner(cause)),
+            each("Of", "A17", _component),
+            each("Size", "F12.3", lambda cause, axis: _at(cause.size, axis)),
+            each("Sigma", "F9.3", lambda cause, axis: _at(cause.sigma, axis)),
+            *("unit", "test"),
+            each("Note", "A4", lambda cause, axis: numbers[cause.advice]),
         ),
     )
 

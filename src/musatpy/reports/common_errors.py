@@ -10,9 +10,8 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.probability import FAMILY_RISK
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Field, Group, Rows
-from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.quality import BETA, CommonErrors
@@ -37,19 +36,24 @@ def _errors(statistics: Statistics) -> CommonErrors:
 
 def _moves(kind: int) -> tuple[Field[Statistics], ...]:
     """Return what the record says of the worst station, point or depth."""
-    noun = MOVED[kind]
+    noun, head = MOVED[kind], MOVED[kind].capitalize()
 
     def by(errors: Callable[[CommonErrors], FloatArray], part: int) -> Callable[[Statistics], FloatArray]:
         return lambda s: _errors(s).moved_by(errors(_errors(s)))[part][:, kind]
 
     reference, smallest = (lambda e: e.held.reference), (lambda e: e.smallest)
     return (
-        Field(noun, "string", f"{noun} that moves most in its sigmas", lambda s: moved_names(s, kind)),
-        Field(f"{noun}_shift", "number?", "by the reference error", by(reference, 0), "m"),
-        Field(f"{noun}_sigmas", "number?", "the same in sigmas", by(reference, 1)),
-        Field(f"{noun}_hidden", "number?", "by the smallest error found", by(smallest, 0), "m"),
-        Field(f"{noun}_hidden_sigmas", "number?", "the same in sigmas", by(smallest, 1)),
-    )
+        Field(noun, "string", f"{noun} that moves most in its sigmas", lambda s: moved_names(s, kind), heading=head,
+              edit="A8"),
+        Field(f"{noun}_shift", "number?", "by the reference error", by(reference, 0), "m", heading=f"{head}\nm",
+              edit="F8.3"),
+        Field(f"{noun}_sigmas", "number?", "the same in sigmas", by(reference, 1), heading=f"{head}\nsigmas",
+              edit="F6.1"),
+        Field(f"{noun}_hidden", "number?", "by the smallest error found", by(smallest, 0), "m", heading="\nm",
+              edit="F8.3"),
+        Field(f"{noun}_hidden_sigmas", "number?", "the same in sigmas", by(smallest, 1), heading="\nsigmas",
+              edit="F6.1"),
+    )  # fmt: skip
 
 
 PARAMETERS = Rows[Statistics, Statistics](
@@ -57,18 +61,23 @@ PARAMETERS = Rows[Statistics, Statistics](
     "one row per parameter that is held",
     lambda s: s,
     (
-        Field("parameter", "string", "name", lambda s: _errors(s).held.names),
-        Field("unit", "enum", "of its errors", lambda s: _errors(s).held.units, choices=("mm", "m", "")),
-        Field("tested", "boolean", "residuals show an error that may be", lambda s: _errors(s).tested),
-        Field("test", "number?", "test value", lambda s: _errors(s).test),
+        Field("parameter", "string", "name", lambda s: _errors(s).held.names, heading="Parameter", edit="A29",
+              is_id=True),
+        Field("unit", "enum", "of its errors", lambda s: _errors(s).held.units, choices=("mm", "m", ""),
+              heading="Unit", edit="A4"),
+        Field("tested", "boolean", "residuals show an error that may be", lambda s: _errors(s).tested, heading="",
+              edit="A7", words={True: "", False: "no test"}),
+        Field("test", "number?", "test value", lambda s: _errors(s).test, heading="Test\nvalue", edit="F7.2"),
         Field("estimated", "number?", "error, given minus true", lambda s: _errors(s).estimated),
-        Field("smallest", "number?", "error found with a power of 0.80", lambda s: _errors(s).smallest),
-        Field("reference", "number", "error by which movements are stated", lambda s: _errors(s).held.reference),
+        Field("smallest", "number?", "error found with a power of 0.80", lambda s: _errors(s).smallest,
+              heading="Smallest\nfound", edit="F9.4"),
+        Field("reference", "number", "error by which movements are stated", lambda s: _errors(s).held.reference,
+              heading="Reference\nerror", edit="F9.4"),
         *_moves(0),
         *_moves(1),
         *_moves(2),
     ),
-)
+)  # fmt: skip
 _ERRORS = Group[Statistics, Statistics](
     "common_errors",
     "parameters that are held and common to many observations; null where the run did not converge",
@@ -85,43 +94,21 @@ _ERRORS = Group[Statistics, Statistics](
 )
 
 
-def _columns(kind: int, suffix: str, ids: bool) -> tuple[Column[Statistics], ...]:
-    noun = MOVED[kind]
-    name = (Column[Statistics](noun.capitalize(), "A8", shows=noun),) if ids else ()
-    head = "" if ids else noun.capitalize()
-    return (
-        *name,
-        Column(f"{head}\nm", "F8.3", shows=f"{noun}_{suffix.format('shift', '')}".rstrip("_")),
-        Column(f"{head}\nsigmas", "F6.1", shows=f"{noun}_{suffix.format('sigmas', '_sigmas')}"),
-    )
-
-
 TESTS: Report[Statistics] = Report(
     title=COMMON_ERRORS,
     table=PARAMETERS,
     path="common_errors.parameters",
     columns=(
-        key("Parameter", "A29", "parameter"),
-        Column("Unit", "A4", shows="unit"),
-        Column("Test\nvalue", "F7.2", shows="test"),
-        Column(
-            "", "A7", lambda s: np.where(_errors(s).tested, "", "no test"), Origin(field="tested", false="no test")
-        ),
-        Column("Smallest\nfound", "F9.4", shows="smallest"),
-        Column("Reference\nerror", "F9.4", shows="reference"),
-        *(column for kind in range(3) for column in _columns(kind, "{0}", ids=False)),
+        *("parameter", "unit", "test", "tested", "smallest", "reference"),
+        *(f"{noun}_{what}" for noun in MOVED for what in ("shift", "sigmas")),
     ),
 )
 HIDDEN: Report[Statistics] = Report(
     title=f"{COMMON_ERRORS}: What Moves Most, By The Smallest Error Found",
     table=PARAMETERS,
     path="common_errors.parameters",
-    rows=lambda s: np.flatnonzero(_errors(s).tested),
-    some=True,
-    columns=(
-        key("Parameter", "A29", "parameter"),
-        *(column for kind in range(3) for column in _columns(kind, "hidden{1}", ids=True)),
-    ),
+    which=lambda t: np.flatnonzero(t["tested"]),
+    columns=("parameter", *(f"{noun}{what}" for noun in MOVED for what in ("", "_hidden", "_hidden_sigmas"))),
 )
 RECORD, STATED = (_ERRORS,), (TESTS, HIDDEN)
 

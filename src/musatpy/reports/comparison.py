@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from musatpy.arrays import FloatArray
@@ -80,7 +82,7 @@ def _table(name: str, part: Differences, names: list[str], units: tuple[float, .
     differences = [column(h, "F9.3", part.difference[:, i] / units[i]) for i, h in enumerate(names)]
     ratios = [column(h.split("\n")[0] + "\nsigma", "F8.2", part.ratio[:, i]) for i, h in enumerate(names)]
     ids: Column[Differences] = Column(name, "A8", lambda source: source.ids[:listed])
-    table = Table((ids, *differences, *ratios))
+    table: Table[Any] = Table((ids, *differences, *ratios))
     left = [] if len(part.ids) <= listed else [f"and {len(part.ids) - listed} more that differ less"]
     return [*table.text(part), *left]
 

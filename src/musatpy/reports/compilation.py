@@ -18,15 +18,15 @@ from musatpy.reports import (
     run_comparison,
 )
 from musatpy.reports.answer import MARKS, USE
-from musatpy.reports.columns import vector
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Each, Field, Group, Node, Schema, properties_of, same
+from musatpy.reports.fields import POSITION_UNIT, Each, Field, Group, Node, Schema, properties_of, same
+from musatpy.reports.headings import position
 from musatpy.reports.job_record import ELLIPSOID
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.labels import Texts, sentences_at
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.reduction import reduction_sections
 from musatpy.reports.reduction_record import REDUCTION
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
@@ -65,36 +65,37 @@ MODELS: Each[Compiled, CompiledModel] = Each(
     "one row per stereomodel",
     lambda c: c.models,
     (
-        Field("model", "string", "model id", lambda m: m.name),
-        Field("photos", "2 string", "left and right", lambda m: _ids(m)),
-        Field("mode", "string", "IMAGE or PRINTED", lambda m: m.mode),
-        Field("vertical", "string", "POINT or MODEL", lambda m: "MODEL" if m.printed.model_vertical else "POINT"),
-        Field("tide", "string", "PHOTO or MEAN", lambda m: "MEAN" if m.printed.mean_tide else "PHOTO"),
-        Field("rays", "string", "OWN or SHARED", lambda m: "SHARED" if m.printed.shared_point else "OWN"),
-        Field("pointing", "number", "sigma of a pointing", lambda m: m.pointing, "mm"),
+        Field("model", "string", "model id", lambda m: m.name, heading="Model", edit="A8", is_id=True),
+        Field("photos", "2 string", "left and right", lambda m: _ids(m), heading=("Left", "Right"), edit="A8"),
+        Field("mode", "string", "IMAGE or PRINTED", lambda m: m.mode, heading="Mode", edit="A7"),
+        Field("vertical", "string", "POINT or MODEL", lambda m: "MODEL" if m.printed.model_vertical else "POINT",
+              heading="Vert.", edit="A5"),
+        Field("tide", "string", "PHOTO or MEAN", lambda m: "MEAN" if m.printed.mean_tide else "PHOTO",
+              heading="Tide", edit="A5"),
+        Field("rays", "string", "OWN or SHARED", lambda m: "SHARED" if m.printed.shared_point else "OWN",
+              heading="Rays", edit="A6"),
+        Field("pointing", "number", "sigma of a pointing", lambda m: m.pointing, "mm", heading="Pointing\num",
+              edit="F8.2"),
         Field("limit", "number", "of differences of re-measured points", lambda m: m.limit, "mm"),
-        Field("base", "number", "length of the base", lambda m: m.stereo.base, "m"),
-        Field("height", "number", "of the stations over the origin", lambda m: m.stereo.height, "m"),
-        Field("scale", "number", "scale number of the photographs at the origin", lambda m: m.stereo.scale),
-        Field("tides", "2 number?", "of the photos", lambda m: m.stereo.tides, "m"),
-        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m", exact=True),
-        Field(
-            "axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes, exact=True,
-        ),
-        Field(
-            "origin_position", "3 number", "of the model axes, in the system of the job",
-            lambda m: m.stereo.run.frame.system(m.stereo.origin[None])[0], "rad, rad, m (GEOG) or m", exact=True,
-        ),
-        Field(
-            "working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m",
-            exact=True,
-        ),
-        Field("points", "integer", "readings", lambda m: len(m.rows)),
+        Field("base", "number", "length of the base", lambda m: m.stereo.base, "m", heading="Base\nm", edit="F9.2"),
+        Field("height", "number", "of the stations over the origin", lambda m: m.stereo.height, "m",
+              heading="Height\nm", edit="F9.2"),
+        Field("scale", "number", "scale number of the photographs at the origin", lambda m: m.stereo.scale,
+              heading="Scale\n1 to", edit="F9.0"),
+        Field("tides", "2 number?", "of the photos", lambda m: m.stereo.tides, "m",
+              heading=("Tide L\nm", "Tide R\nm"), edit="F7.3"),
+        Field("origin", "3 number", "of the model axes, working", lambda m: m.stereo.origin, "m", exact=True,
+              heading=("Origin X\nm", "Origin Y\nm", "Origin Z\nm"), edit="F11.3"),
+        Field("axes", "3x3 number", "X, Y, Z of the model in working axes", lambda m: m.stereo.axes, exact=True),
+        Field("origin_position", "3 number", "of the model axes, in the system of the job",
+              lambda m: m.stereo.run.frame.system(m.stereo.origin[None])[0], POSITION_UNIT, exact=True,
+              heading=position(4)),
+        Field("working_origin", "3 number", "of the working axes", lambda m: m.stereo.run.frame.origin, "m",
+              exact=True),
+        Field("points", "integer", "readings", lambda m: len(m.rows), heading="Points", edit="I6"),
         Field("compiled", "integer", "of these with a position", lambda m: len(m.rows) - len(m.points.reasons)),
-        Field(
-            "y_parallax", "number?", "root mean square of all points",
-            lambda m: _rms(m.points.y_parallax), "mm",
-        ),
+        Field("y_parallax", "number?", "root mean square of all points", lambda m: _rms(m.points.y_parallax), "mm",
+              heading="RMS py\num", edit="F7.2"),
     ),
 )  # fmt: skip
 INTERIOR: Group[Compiled, Any] = Group(
@@ -109,43 +110,53 @@ MOVED: Each[Compiled, CompiledModel] = Each(
     "one row per model whose right stage is corrected by the y-parallaxes of points read again",
     lambda s: [model for model in s.models if model.moved],
     (
-        Field("model", "string", "model id", lambda m: m.name),
-        Field("points", "integer", "read again", lambda m: _moved(m).points),
-        Field("freedom", "integer", "points less the corrections that they determine", lambda m: _moved(m).freedom),
-        Field("base", "2 number", "of the base, Y and Z", lambda m: _moved(m).values[:2], "m"),
-        Field("base_sigma", "2 number?", "null: not determined", lambda m: _moved(m).sigma[:2], "m"),
-        Field("rotation", "3 number", "about X, Y, Z", lambda m: _moved(m).values[2:], "rad"),
-        Field("rotation_sigma", "3 number?", "null: not determined", lambda m: _moved(m).sigma[2:], "rad"),
-        Field("before", "number", "y-parallax, root mean square", lambda m: _moved(m).before, "mm"),
-        Field("after", "number", "the same", lambda m: _moved(m).after, "mm"),
+        Field("model", "string", "model id", lambda m: m.name, heading="Model", edit="A8", is_id=True),
+        Field("points", "integer", "read again", lambda m: _moved(m).points, heading="Points", edit="I6"),
+        Field("freedom", "integer", "points less the corrections that they determine", lambda m: _moved(m).freedom,
+              heading="Freedom", edit="I7"),
+        Field("base", "2 number", "of the base, Y and Z", lambda m: _moved(m).values[:2], "m",
+              heading=("by\nm", "bz\nm"), edit="F8.3"),
+        Field("base_sigma", "2 number?", "null: not determined", lambda m: _moved(m).sigma[:2], "m",
+              heading=("sigma\nm",) * 2, edit="F7.3"),
+        Field("rotation", "3 number", "about X, Y, Z", lambda m: _moved(m).values[2:], "rad",
+              heading=("omega\narc sec", "phi\narc sec", "kappa\narc sec"), edit="F9.2"),
+        Field("rotation_sigma", "3 number?", "null: not determined", lambda m: _moved(m).sigma[2:], "rad",
+              heading=("sigma\narc sec",) * 3, edit="F8.2"),
+        Field("before", "number", "y-parallax, root mean square", lambda m: _moved(m).before, "mm",
+              heading="py before\num", edit="F9.2"),
+        Field("after", "number", "the same", lambda m: _moved(m).after, "mm", heading="after\num", edit="F7.2"),
     ),
-)
+)  # fmt: skip
 SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
     "shoreline",
     "one row per model with points of the shoreline: their heights over the mean tide",
     lambda c: _shorelines(c),
     (
-        Field("model", "string", "model id", lambda s: s[0]),
-        Field("points", "integer", "on the shoreline", lambda s: len(s[1])),
-        Field("mean", "number", "of the heights", lambda s: s[1].mean(), "m"),
-        Field("rms", "number", "root mean square", lambda s: _rms(s[1]), "m"),
-        Field("largest", "number", "signed, of the largest magnitude", lambda s: s[1][np.abs(s[1]).argmax()], "m"),
+        Field("model", "string", "model id", lambda s: s[0], heading="Model", edit="A8", is_id=True),
+        Field("points", "integer", "on the shoreline", lambda s: len(s[1]), heading="Points", edit="I6"),
+        Field("mean", "number", "of the heights", lambda s: s[1].mean(), "m", heading="Mean\nm", edit="F8.3"),
+        Field("rms", "number", "root mean square", lambda s: _rms(s[1]), "m", heading="RMS\nm", edit="F8.3"),
+        Field("largest", "number", "signed, of the largest magnitude", lambda s: s[1][np.abs(s[1]).argmax()], "m",
+              heading="Largest\nm", edit="F8.3"),
     ),
-)
+)  # fmt: skip
 RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
     "recovered",
     "one row per model: readings of class R less what the points of the run predict",
     lambda s: s[1],
     (
-        Field("model", "string", "model id", lambda a: a.model.name),
-        Field("points", "integer", "read again", lambda a: int(a.again.sum())),
+        Field("model", "string", "model id", lambda a: a.model.name, heading="Model", edit="A8", is_id=True),
+        Field("points", "integer", "read again", lambda a: int(a.again.sum()), heading="Points", edit="I6"),
         Field("rms", "2x2 number?", "left and right, x and y", lambda a: a.rms, "mm"),
-        Field("largest", "number?", "of a coordinate", lambda a: a.largest[0], "mm"),
-        Field("point", "string?", "of the largest", lambda a: a.largest[1]),
-        Field("limit", "number", "of the root mean squares", lambda a: a.model.limit, "mm"),
-        Field("recovered", "boolean?", "none is over it; null without points", lambda a: a.recovered),
+        Field("largest", "number?", "of a coordinate", lambda a: a.largest[0], "mm", heading="Largest\num",
+              edit="F9.2"),
+        Field("point", "string?", "of the largest", lambda a: a.largest[1], heading="at Point", edit="A8"),
+        Field("limit", "number", "of the root mean squares", lambda a: a.model.limit, "mm", heading="Limit\num",
+              edit="F8.2"),
+        Field("recovered", "boolean?", "none is over it; null without points", lambda a: a.recovered,
+              heading="Recovered", edit="A9", words={True: "yes", False: "NO", None: "NO"}),
     ),
-)
+)  # fmt: skip
 
 
 def record_of(
@@ -262,64 +273,64 @@ MODEL_TABLE: Report[Any] = Report(
     title="Model Set-Up",
     table=MODELS,
     columns=(
-        key("Model", "A8", "model"),
-        *vector(("Left", "Right"), ("A8", "A8"), shows="photos"),
-        Column("Mode", "A7", shows="mode"),
-        Column("Vert.", "A5", shows="vertical"),
-        Column("Tide", "A5", shows="tide"),
-        Column("Rays", "A6", shows="rays"),
-        Column("Pointing\num", "F8.2", shows="pointing"),
-        Column("Base\nm", "F9.2", shows="base"),
-        Column("Height\nm", "F9.2", shows="height"),
-        *vector(("Tide L\nm", "Tide R\nm"), ("F7.3",) * 2, shows="tides"),
-        Column("Points", "I6", shows="points"),
-        Column("RMS py\num", "F7.2", shows="y_parallax"),
+        "model",
+        "photos",
+        "mode",
+        "vertical",
+        "tide",
+        "rays",
+        "pointing",
+        "base",
+        "height",
+        "tides",
+        "points",
+        "y_parallax",
     ),
 )
 MOVED_TABLE: Report[Any] = Report(
     title="Right Stages Corrected By Points Read Again",
     table=MOVED,
     columns=(
-        key("Model", "A8", "model"),
-        Column("Points", "I6", shows="points"),
-        Column("Freedom", "I7", shows="freedom"),
-        *vector(("by\nm", "bz\nm"), ("F8.3",) * 2, shows="base"),
-        *vector(("sigma\nm",) * 2, ("F7.3",) * 2, shows="base_sigma"),
-        *vector(("omega\narc sec", "phi\narc sec", "kappa\narc sec"), ("F9.2",) * 3, shows="rotation"),
-        *vector(("sigma\narc sec",) * 3, ("F8.2",) * 3, shows="rotation_sigma"),
-        Column("py before\num", "F9.2", shows="before"),
-        Column("after\num", "F7.2", shows="after"),
+        "model",
+        "points",
+        "freedom",
+        "base",
+        "base_sigma",
+        "rotation",
+        "rotation_sigma",
+        "before",
+        "after",
     ),
 )
 RECOVERED_TABLE: Report[Any] = Report(
     title="Recoverability: Points Read Again, Less What The Run Predicts",
     table=RECOVERED,
     columns=(
-        key("Model", "A8", "model"),
-        Column("Points", "I6", shows="points"),
+        "model",
+        "points",
         *(
-            Column(f"RMS {side} {axis}\num", "F9.2", shows=f"rms[{i}][{j}]")
+            RECOVERED.column(f"rms[{i}][{j}]", f"RMS {side} {axis}\num", "F9.2")
             for i, side in enumerate(("L", "R"))
             for j, axis in enumerate("xy")
         ),
-        Column("Largest\num", "F9.2", shows="largest"),
-        Column("at Point", "A8", shows="point"),
-        Column("Limit\num", "F8.2", shows="limit"),
-        Column("Recovered", "A9", shows=Origin(field="recovered", true="yes", false="NO")),
+        "largest",
+        "point",
+        "limit",
+        "recovered",
     ),
 )
 SHORE_TABLE: Report[Any] = Report(
     title="Shoreline: Heights Over The Tide",
     table=SHORELINES,
     columns=(
-        key("Model", "A8", "model"),
-        Column("Points", "I6", shows="points"),
-        Column("Mean\nm", "F8.3", shows="mean"),
-        Column("RMS\nm", "F8.3", shows="rms"),
-        Column("Largest\nm", "F8.3", shows="largest"),
+        "model",
+        "points",
+        "mean",
+        "rms",
+        "largest",
     ),
 )
-WARNINGS = Mapped(title="Warnings Of Run And Readings", layout="texts", table="warnings")
+WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
 STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
 
 

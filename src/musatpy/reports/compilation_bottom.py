@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.reports.columns import vector
 from musatpy.reports.fields import Each, Field
-from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import wrapped
 from musatpy.surfaces.contours import bounds
 
@@ -31,38 +29,49 @@ SURFACES: Each[Bottoms, tuple[str, Surface, Bottom]] = Each(
     "one row per surface of models that overlap, where depths or heights were asked for",
     lambda bottoms: _numbered(bottoms),
     (
-        Field("surface", "string", "number, behind an H of heights", lambda s: s[0]),
-        Field("of", "enum", "what it has at its points", lambda s: s[2].of, choices=("depth", "height")),
+        Field("surface", "string", "number, behind an H of heights", lambda s: s[0], heading="Surface", edit="A7",
+              is_id=True),
+        Field("of", "enum", "what it has at its points", lambda s: s[2].of, choices=("depth", "height"),
+              heading="Of", edit="A6"),
         Field("models", "* string", "model ids", lambda s: s[1].models),
-        Field("points", "integer", "of the surface", lambda s: len(s[1].tin.z) if s[1].tin else 0),
-        Field("merged", "integer", "points in the places of others", lambda s: s[1].tin.merged if s[1].tin else 0),
-        Field("left_out", "integer", "points beyond the middles of overlaps", lambda s: s[1].left_out),
-        Field("area", "number?", "in plan", lambda s: s[1].tin.area if s[1].tin else np.nan, "m2"),
-        Field("least", "number?", "depth below the datum, or height", lambda s: _value(s[1], np.min), "m"),
-        Field("greatest", "number?", "depth below the datum, or height", lambda s: _value(s[1], np.max), "m"),
-        Field("dropped", "integer", "pieces of contours that were too short", lambda s: s[2].dropped(s[1])),
-        Field("reason", "string", "why there is no surface; empty where there is", lambda s: s[1].reason),
+        Field("points", "integer", "of the surface", lambda s: len(s[1].tin.z) if s[1].tin else 0, heading="Points",
+              edit="I6"),
+        Field("merged", "integer", "points in the places of others", lambda s: s[1].tin.merged if s[1].tin else 0,
+              heading="Merged", edit="I6"),
+        Field("left_out", "integer", "points beyond the middles of overlaps", lambda s: s[1].left_out,
+              heading="Left out", edit="I8"),
+        Field("area", "number?", "in plan", lambda s: s[1].tin.area if s[1].tin else np.nan, "m2",
+              heading="Area\nm2", edit="F14.1"),
+        Field("least", "number?", "depth below the datum, or height", lambda s: _value(s[1], np.min), "m",
+              heading="Least\nm", edit="F9.3"),
+        Field("greatest", "number?", "depth below the datum, or height", lambda s: _value(s[1], np.max), "m",
+              heading="Greatest\nm", edit="F9.3"),
+        Field("dropped", "integer", "pieces of contours that were too short", lambda s: s[2].dropped(s[1]),
+              heading="Dropped", edit="I7"),
+        Field("reason", "string", "why there is no surface; empty where there is", lambda s: s[1].reason,
+              heading="Without a surface, because", edit="A42"),
     ),
-)
+)  # fmt: skip
 EDGES: Each[Bottoms, tuple[Bottom, EdgeMatch]] = Each(
     "edge_match",
     "one row per pair of models that overlap: values of the first less those of the second",
     lambda bottoms: _edges(bottoms),
     (
-        Field("models", "2 string", "model ids", lambda e: e[1].models),
-        Field("of", "enum", "what is compared", lambda e: e[0].of, choices=("depth", "height")),
-        Field("points", "integer", "of either model, on the surface of the other", lambda e: len(e[1].names)),
-        Field("mean", "number", "of the differences", lambda e: e[1].difference.mean(), "m"),
-        Field("rms", "number", "root mean square", lambda e: e[1].rms, "m"),
-        Field(
-            "expected", "number", "by the sigmas, as if the models had nothing in common",
-            lambda e: e[1].expected, "m",
-        ),
-        Field(
-            "largest", "number", "signed difference of the largest magnitude",
-            lambda e: e[1].difference[e[1].largest], "m",
-        ),
-        Field("point", "string", "of the largest", lambda e: e[1].names[e[1].largest]),
+        Field("models", "2 string", "model ids", lambda e: e[1].models, heading=("First", "Second"), edit="A8",
+              is_id=True),
+        Field("of", "enum", "what is compared", lambda e: e[0].of, choices=("depth", "height"), heading="Of",
+              edit="A6", is_id=True),
+        Field("points", "integer", "of either model, on the surface of the other", lambda e: len(e[1].names),
+              heading="Points", edit="I6"),
+        Field("mean", "number", "of the differences", lambda e: e[1].difference.mean(), "m", heading="Mean\nm",
+              edit="F8.3"),
+        Field("rms", "number", "root mean square", lambda e: e[1].rms, "m", heading="RMS\nm", edit="F8.3"),
+        Field("expected", "number", "by the sigmas, as if the models had nothing in common",
+              lambda e: e[1].expected, "m", heading="Expected\nm", edit="F8.3"),
+        Field("largest", "number", "signed difference of the largest magnitude",
+              lambda e: e[1].difference[e[1].largest], "m", heading="Largest\nm", edit="F8.3"),
+        Field("point", "string", "of the largest", lambda e: e[1].names[e[1].largest], heading="at Point",
+              edit="A8"),
     ),
 )  # fmt: skip
 GRIDS: Each[Bottoms, PostGrid] = Each(
@@ -70,53 +79,59 @@ GRIDS: Each[Bottoms, PostGrid] = Each(
     "one row per grid of posts",
     lambda bottoms: _grids(bottoms),
     (
-        Field("grid", "string", "name", lambda g: g.name),
-        Field("spacing", "number", "of the posts", unit="m"),
-        Field("posts", "2 integer", "rows and columns", lambda g: g.depth.shape),
-        Field("empty", "integer", "posts without a surface"),
-        Field("least", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmin), "m"),
-        Field("greatest", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmax), "m"),
+        Field("grid", "string", "name", lambda g: g.name, heading="Grid", edit="A8", is_id=True),
+        Field("spacing", "number", "of the posts", unit="m", heading="Spacing\nm", edit="F9.2"),
+        Field("posts", "2 integer", "rows and columns", lambda g: g.depth.shape, heading=("Rows", "Columns"),
+              edit="I7"),
+        Field("empty", "integer", "posts without a surface", heading="Empty", edit="I9"),
+        Field("least", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmin), "m",
+              heading="Least depth\nm", edit="F11.3"),
+        Field("greatest", "number?", "depth below the datum", lambda g: _least(g.depth, np.nanmax), "m",
+              heading="Greatest depth\nm", edit="F14.3"),
         Field("collocated", "boolean", "predicted, not read off triangles", lambda g: g.validation is not None),
-        Field(
-            "left_out_rms", "number?", "of points that were left out and predicted; null of triangles",
-            lambda g: g.validation.rms if g.validation else np.nan, "m",
-        ),
-        Field(
-            "left_out_test", "number?", "the same over their sigmas: 1 where these are honest",
-            lambda g: g.validation.standardised_rms if g.validation else np.nan,
-        ),
-        Field("mean_sigma", "number?", "of the posts", lambda g: _least(g.sigma, np.nanmean), "m"),
+        Field("left_out_rms", "number?", "of points that were left out and predicted; null of triangles",
+              lambda g: g.validation.rms if g.validation else np.nan, "m", heading="RMS\nm", edit="F8.3"),
+        Field("left_out_test", "number?", "the same over their sigmas: 1 where these are honest",
+              lambda g: g.validation.standardised_rms if g.validation else np.nan, heading="over sigma",
+              edit="F10.2"),
+        Field("mean_sigma", "number?", "of the posts", lambda g: _least(g.sigma, np.nanmean), "m",
+              heading="Mean sigma of posts\nm", edit="F19.3"),
     ),
 )  # fmt: skip
 _DRAWN: tuple[Field[Level], ...] = (
-    Field("index", "boolean", "drawn thick", lambda c: c[2]),
-    Field("lines", "integer", "pieces", lambda c: c[3]),
-    Field("length", "number", "in plan", lambda c: c[4], "m"),
-    Field("area", "number", "enclosed by closed lines", lambda c: c[5], "m2"),
-)
+    Field("index", "boolean", "drawn thick", lambda c: c[2], heading="Index", edit="A5",
+          words={True: "index", False: ""}),
+    Field("lines", "integer", "pieces", lambda c: c[3], heading="Lines", edit="I5"),
+    Field("length", "number", "in plan", lambda c: c[4], "m", heading="Length\nm", edit="F12.1"),
+    Field("area", "number", "enclosed by closed lines", lambda c: c[5], "m2", heading="Enclosed area\nm2",
+          edit="F14.1"),
+)  # fmt: skip
 CONTOURS: Each[Bottoms, Level] = Each(
     "contours",
     "one row per depth of a surface or grid",
     lambda bottoms: _levels(bottoms, "depth"),
     (
-        Field("contour", "string", "surface or grid, and depth", lambda c: f"{c[0]}:{c[1]:.3f}"),
+        Field("contour", "string", "surface or grid, and depth", lambda c: f"{c[0]}:{c[1]:.3f}", heading="Contour",
+              edit="A18", is_id=True),
         Field("surface", "string", "number, or name of a grid", lambda c: c[0]),
-        Field("depth", "number", "below the datum", lambda c: c[1], "m"),
-        Field("drying", "boolean", "above the datum", lambda c: c[1] < 0.0),
+        Field("depth", "number", "below the datum", lambda c: c[1], "m", heading="Depth\nm", edit="F9.3"),
+        Field("drying", "boolean", "above the datum", lambda c: c[1] < 0.0, heading="Drying", edit="A6",
+              words={True: "drying", False: ""}),
         *_DRAWN,
     ),
-)
+)  # fmt: skip
 HEIGHT_CONTOURS: Each[Bottoms, Level] = Each(
     "height_contours",
     "one row per height of a surface",
     lambda bottoms: _levels(bottoms, "height"),
     (
-        Field("contour", "string", "surface and height", lambda c: f"{c[0]}:{c[1]:.3f}"),
+        Field("contour", "string", "surface and height", lambda c: f"{c[0]}:{c[1]:.3f}", heading="Contour",
+              edit="A18", is_id=True),
         Field("surface", "string", "number", lambda c: c[0]),
-        Field("height", "number", "of the job", lambda c: c[1], "m"),
+        Field("height", "number", "of the job", lambda c: c[1], "m", heading="Height\nm", edit="F9.3"),
         *_DRAWN,
     ),
-)
+)  # fmt: skip
 RECORD = (SURFACES, EDGES, CONTOURS, HEIGHT_CONTOURS, GRIDS)
 
 
@@ -156,75 +171,69 @@ SURFACE_TABLE: Report[Any] = Report(
     title="Surfaces",
     table=SURFACES,
     columns=(
-        key("Surface", "A7", "surface"),
-        Column("Of", "A6", shows="of"),
-        Column("Points", "I6", shows="points"),
-        Column("Merged", "I6", shows="merged"),
-        Column("Left out", "I8", shows="left_out"),
-        Column("Area\nm2", "F14.1", shows="area"),
-        Column("Least\nm", "F9.3", shows="least"),
-        Column("Greatest\nm", "F9.3", shows="greatest"),
-        Column("Dropped", "I7", shows="dropped"),
-        Column("Without a surface, because", "A42", shows="reason"),
+        "surface",
+        "of",
+        "points",
+        "merged",
+        "left_out",
+        "area",
+        "least",
+        "greatest",
+        "dropped",
+        "reason",
     ),
 )
 GRID_TABLE: Report[Any] = Report(
     title="Grids Of Posts",
     table=GRIDS,
     columns=(
-        key("Grid", "A8", "grid"),
-        Column("Spacing\nm", "F9.2", shows="spacing"),
-        *vector(("Rows", "Columns"), ("I7", "I7"), shows="posts"),
-        Column("Empty", "I9", shows="empty"),
-        Column("Least depth\nm", "F11.3", shows="least"),
-        Column("Greatest depth\nm", "F14.3", shows="greatest"),
+        "grid",
+        "spacing",
+        "posts",
+        "empty",
+        "least",
+        "greatest",
     ),
 )
 COLLOCATED_TABLE: Report[Any] = Report(
     title="Grids By Collocation: Points Left Out And Predicted",
     table=GRIDS,
-    rows=lambda bottoms: _collocated(bottoms),
+    which=lambda t: np.flatnonzero(t["collocated"]),
     columns=(
-        key("Grid", "A8", "grid"),
-        Column("RMS\nm", "F8.3", shows="left_out_rms"),
-        Column("over sigma", "F10.2", shows="left_out_test"),
-        Column("Mean sigma of posts\nm", "F19.3", shows="mean_sigma"),
+        "grid",
+        "left_out_rms",
+        "left_out_test",
+        "mean_sigma",
     ),
 )
 EDGE_TABLE: Report[Any] = Report(
     title="Edge Match: The First Model Less The Second",
     table=EDGES,
     columns=(
-        *(key(name, "A8", f"models[{row}]") for row, name in enumerate(("First", "Second"))),
-        key("Of", "A6", "of"),
-        Column("Points", "I6", shows="points"),
-        Column("Mean\nm", "F8.3", shows="mean"),
-        Column("RMS\nm", "F8.3", shows="rms"),
-        Column("Expected\nm", "F8.3", shows="expected"),
-        Column("Largest\nm", "F8.3", shows="largest"),
-        Column("at Point", "A8", shows="point"),
+        "models",
+        "of",
+        "points",
+        "mean",
+        "rms",
+        "expected",
+        "largest",
+        "point",
     ),
-)
-_DRAWN_COLUMNS: tuple[Column[Any], ...] = (
-    Column("Index", "A5", shows=Origin(field="index", true="index")),
-    Column("Lines", "I5", shows="lines"),
-    Column("Length\nm", "F12.1", shows="length"),
-    Column("Enclosed area\nm2", "F14.1", shows="area"),
 )
 CONTOUR_TABLE: Report[Any] = Report(
     title="Contours",
     table=CONTOURS,
     columns=(
-        key("Contour", "A18", "contour"),
-        Column("Depth\nm", "F9.3", shows="depth"),
-        Column("Drying", "A6", shows=Origin(field="drying", true="drying")),
-        *_DRAWN_COLUMNS,
+        "contour",
+        "depth",
+        "drying",
+        *(field.name for field in _DRAWN),
     ),
 )
 HEIGHT_TABLE: Report[Any] = Report(
     title="Contours Of Height",
     table=HEIGHT_CONTOURS,
-    columns=(key("Contour", "A18", "contour"), Column("Height\nm", "F9.3", shows="height"), *_DRAWN_COLUMNS),
+    columns=("contour", "height", *(field.name for field in _DRAWN)),
 )
 STATED = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 

@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray
 from musatpy.reports.csv_files import as_text
 from musatpy.reports.fields import Each, Field
-from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 
 if TYPE_CHECKING:
     from musatpy.compilation.datums import Datum
@@ -23,40 +22,56 @@ PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
     "one row per profile, of scans per line",
     lambda profiles: profiles,
     (
-        Field("model", "string", "model id", lambda p: p.model),
-        Field("profile", "string", "profile id", lambda p: p.name),
-        Field("line", "integer", "number in a scan, 1 of a single one, 0 of what is on none", lambda p: p.line),
-        Field("readings", "integer", "with a position", lambda p: len(p.rows)),
-        Field("spikes", "integer", "readings beside the median of seven", lambda p: _number(p, "spike")),
-        Field("needed", "integer", "readings that thinning keeps", lambda p: _number(p, "kept")),
-        Field("length", "number?", "from the first to the last reading", lambda p: _of_stations(p), "m"),
-        Field("least", "number?", "depth below the datum", lambda p: _of_values(p, np.min), "m"),
-        Field("greatest", "number?", "depth below the datum", lambda p: _of_values(p, np.max), "m"),
-        Field("timed", "integer", "readings with a time", lambda p: _timed(p)),
-        Field("duration", "number?", "from the first time to the last", lambda p: p.pace[0], "s"),
-        Field("speed", "number?", "mean, of the faster stage", lambda p: p.pace[1], "mm/s"),
-        Field("fastest", "number?", "speed of a stage between two readings", lambda p: p.pace[2], "mm/s"),
-        Field("turns", "integer", "times that the mark went back along the line", lambda p: p.turns),
-        Field("reason", "string", "why there is none; empty where there is", lambda p: p.reason),
+        Field("model", "string", "model id", lambda p: p.model, heading="Model", edit="A8", is_id=True),
+        Field("profile", "string", "profile id", lambda p: p.name, heading="Profile", edit="A8", is_id=True),
+        Field("line", "integer", "number in a scan, 1 of a single one, 0 of what is on none", lambda p: p.line,
+              heading="Line", edit="I4", is_id=True),
+        Field("readings", "integer", "with a position", lambda p: len(p.rows), heading="Readings", edit="I8"),
+        Field("spikes", "integer", "readings beside the median of seven", lambda p: _number(p, "spike"),
+              heading="Spikes", edit="I6"),
+        Field("needed", "integer", "readings that thinning keeps", lambda p: _number(p, "kept"), heading="Needed",
+              edit="I6"),
+        Field("length", "number?", "from the first to the last reading", lambda p: _of_stations(p), "m",
+              heading="Length\nm", edit="F10.2"),
+        Field("least", "number?", "depth below the datum", lambda p: _of_values(p, np.min), "m",
+              heading="Least depth\nm", edit="F11.3"),
+        Field("greatest", "number?", "depth below the datum", lambda p: _of_values(p, np.max), "m",
+              heading="Greatest depth\nm", edit="F14.3"),
+        Field("timed", "integer", "readings with a time", lambda p: _timed(p), heading="Timed", edit="I6"),
+        Field("duration", "number?", "from the first time to the last", lambda p: p.pace[0], "s", heading="Time\ns",
+              edit="F9.2"),
+        Field("speed", "number?", "mean, of the faster stage", lambda p: p.pace[1], "mm/s",
+              heading="Mean speed\nmm/s", edit="F10.3"),
+        Field("fastest", "number?", "speed of a stage between two readings", lambda p: p.pace[2], "mm/s",
+              heading="Largest\nmm/s", edit="F8.3"),
+        Field("turns", "integer", "times that the mark went back along the line", lambda p: p.turns,
+              heading="Turns", edit="I5"),
+        Field("reason", "string", "why there is none; empty where there is", lambda p: p.reason,
+              heading="Without, because", edit="A38"),
     ),
-)
+)  # fmt: skip
 SCANS: Each[list[ProfileScan], ProfileScan] = Each(
     "scans",
     "one row per profile of several lines",
     lambda scans: scans,
     (
-        Field("model", "string", "model id", lambda s: s.model),
-        Field("profile", "string", "profile id", lambda s: s.name),
-        Field("along", "string", "axis of the model", lambda s: s.scan),
-        Field("lines", "integer", "number", lambda s: len(s.lines)),
-        Field("spacing", "number", "of the lines", lambda s: s.spacing, "m"),
-        Field("readings", "integer", "on the lines", lambda s: sum(len(line.rows) for line in s.lines)),
-        Field("zigzag", "boolean", "every other line was read from its end", lambda s: s.zigzag),
-        Field("lag", "number?", "of the mark behind the bottom", lambda s: s.lag.length if s.lag else np.nan, "m"),
-        Field("lag_sigma", "number?", "of that", lambda s: s.lag.sigma if s.lag else np.nan, "m"),
-        Field("lag_time", "number?", "the same, at the speed of the readings", lambda s: s.lag_time, "s"),
+        Field("model", "string", "model id", lambda s: s.model, heading="Model", edit="A8", is_id=True),
+        Field("profile", "string", "profile id", lambda s: s.name, heading="Profile", edit="A8", is_id=True),
+        Field("along", "string", "axis of the model", lambda s: s.scan, heading="Along", edit="A5"),
+        Field("lines", "integer", "number", lambda s: len(s.lines), heading="Lines", edit="I5"),
+        Field("spacing", "number", "of the lines", lambda s: s.spacing, "m", heading="Spacing\nm", edit="F8.1"),
+        Field("readings", "integer", "on the lines", lambda s: sum(len(line.rows) for line in s.lines),
+              heading="Readings", edit="I8"),
+        Field("zigzag", "boolean", "every other line was read from its end", lambda s: s.zigzag, heading="Zigzag",
+              edit="A6", words={True: "yes", False: ""}),
+        Field("lag", "number?", "of the mark behind the bottom", lambda s: s.lag.length if s.lag else np.nan, "m",
+              heading="Lag\nm", edit="F8.2"),
+        Field("lag_sigma", "number?", "of that", lambda s: s.lag.sigma if s.lag else np.nan, "m",
+              heading="Sigma\nm", edit="F7.2"),
+        Field("lag_time", "number?", "the same, at the speed of the readings", lambda s: s.lag_time, "s",
+              heading="Lag\ns", edit="F8.3"),
     ),
-)
+)  # fmt: skip
 RECORD = (PROFILES, SCANS)
 
 
@@ -77,54 +92,51 @@ def _timed(part: CompiledProfile) -> int:
     return int(np.isfinite(part.time).sum())
 
 
-def _paced(profiles: list[CompiledProfile]) -> IntArray:
-    return np.flatnonzero([_timed(part) > 0 for part in profiles])
-
-
-_NAMES: tuple[Column[Any], ...] = (key("Model", "A8", "model"), key("Profile", "A8", "profile"))
-_LINE: Column[Any] = key("Line", "I4", "line")
 PROFILE_TABLE: Report[Any] = Report(
     title="Profile Compilation",
     table=PROFILES,
     columns=(
-        *_NAMES,
-        _LINE,
-        Column("Readings", "I8", shows="readings"),
-        Column("Spikes", "I6", shows="spikes"),
-        Column("Needed", "I6", shows="needed"),
-        Column("Length\nm", "F10.2", shows="length"),
-        Column("Least depth\nm", "F11.3", shows="least"),
-        Column("Greatest depth\nm", "F14.3", shows="greatest"),
-        Column("Without, because", "A38", shows="reason"),
+        "model",
+        "profile",
+        "line",
+        "readings",
+        "spikes",
+        "needed",
+        "length",
+        "least",
+        "greatest",
+        "reason",
     ),
 )
 PACE_TABLE: Report[Any] = Report(
     title="Pace Of Profiles",
     table=PROFILES,
-    rows=lambda profiles: _paced(profiles),
+    which=lambda t: np.flatnonzero(t["timed"] > 0),
     columns=(
-        *_NAMES,
-        _LINE,
-        Column("Timed", "I6", shows="timed"),
-        Column("Time\ns", "F9.2", shows="duration"),
-        Column("Mean speed\nmm/s", "F10.3", shows="speed"),
-        Column("Largest\nmm/s", "F8.3", shows="fastest"),
-        Column("Turns", "I5", shows="turns"),
+        "model",
+        "profile",
+        "line",
+        "timed",
+        "duration",
+        "speed",
+        "fastest",
+        "turns",
     ),
 )
 SCAN_TABLE: Report[Any] = Report(
     title="Scans By Profiles Side By Side",
     table=SCANS,
     columns=(
-        *_NAMES,
-        Column("Along", "A5", shows="along"),
-        Column("Lines", "I5", shows="lines"),
-        Column("Spacing\nm", "F8.1", shows="spacing"),
-        Column("Readings", "I8", shows="readings"),
-        Column("Zigzag", "A6", shows=Origin(field="zigzag", true="yes")),
-        Column("Lag\nm", "F8.2", shows="lag"),
-        Column("Sigma\nm", "F7.2", shows="lag_sigma"),
-        Column("Lag\ns", "F8.3", shows="lag_time"),
+        "model",
+        "profile",
+        "along",
+        "lines",
+        "spacing",
+        "readings",
+        "zigzag",
+        "lag",
+        "lag_sigma",
+        "lag_time",
     ),
 )
 STATED = (PROFILE_TABLE, PACE_TABLE, SCAN_TABLE)
@@ -144,7 +156,7 @@ def sections_of(profiles: list[CompiledProfile], scans: list[ProfileScan]) -> li
     ]
     return [
         PROFILE_TABLE.section(profiles, new_page=True),
-        *([PACE_TABLE.section(profiles)] if len(_paced(profiles)) else []),
+        *([PACE_TABLE.section(profiles)] if any(map(_timed, profiles)) else []),
         *([SCAN_TABLE.section(scans)] if scans else []),
         *([Section(title="Spikes Of Profiles", lines=spikes)] if spikes else []),
     ]

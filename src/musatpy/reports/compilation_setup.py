@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import compilation
-from musatpy.reports.columns import position_columns, vector
 from musatpy.reports.compilation import INTERIOR, JOB, MODELS, MOVED, RECOVERED
-from musatpy.reports.compilation_points import in_system
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Node, Rows, Schema, properties_of, same
-from musatpy.reports.origin import Origin
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
@@ -44,20 +41,19 @@ RUN_POINTS: Rows[SetUps, SetUps] = Rows(
     "one row per point of the run that both photos of a model show",
     same,
     (
-        Field("model", "string", "model id", lambda s: _model_ids(s)),
-        Field("point", "string", "point id", lambda s: _point_ids(s)),
-        Field("submerged", "boolean", "flagged so", lambda s: _submerged(s)),
+        Field("model", "string", "model id", lambda s: _model_ids(s), heading="Model", edit="A8", is_id=True),
+        Field("point", "string", "point id", lambda s: _point_ids(s), heading="Point", edit="A8", is_id=True),
+        Field("submerged", "boolean", "flagged so", lambda s: _submerged(s), heading="Bath", edit="A4",
+              words={True: "B", False: ""}),
         Field("position", "3 number", "in the model", lambda s: _in_model(s), "m", exact=True),
-        Field(
-            "predicted", "2x2 number", "stages, left and right, x and y", lambda s: _of(s, "predicted"), "mm",
-            exact=True,
-        ),
-        Field("difference", "2x2 number?", "read less predicted", lambda s: _difference(s), "mm"),
-        Field(
-            "y_parallax", "number?", "of refracted rays, by readings where there are any",
-            lambda s: _of(s, "parallax"), "mm",
-        ),
-        Field("straight_y_parallax", "number?", "of straight rays", lambda s: _of(s, "straight"), "mm"),
+        Field("predicted", "2x2 number", "stages, left and right, x and y", lambda s: _of(s, "predicted"), "mm",
+              exact=True, heading=[f"{side} {axis}\nmm" for side in "LR" for axis in "xy"], edit="F10.4"),
+        Field("difference", "2x2 number?", "read less predicted", lambda s: _difference(s), "mm",
+              heading=[f"Read {side}{axis}\nless\num" for side in "LR" for axis in "xy"], edit="F8.2"),
+        Field("y_parallax", "number?", "of refracted rays, by readings where there are any",
+              lambda s: _of(s, "parallax"), "mm", heading="py\num", edit="F7.2"),
+        Field("straight_y_parallax", "number?", "of straight rays", lambda s: _of(s, "straight"), "mm",
+              heading="straight\num", edit="F8.2"),
     ),
 )  # fmt: skip
 EXPECTED: Rows[SetUps, SetUps] = Rows(
@@ -65,16 +61,20 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
     "standard errors to expect of points at places of a model",
     same,
     (
-        Field("model", "string", "model id", lambda s: _expected_ids(s)),
-        Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m", exact=True),
-        Field("depth", "number", "below the water; 0: dry, at its height", lambda s: _expected(s, "depth"), "m"),
-        Field("sigma", "3 number?", "east, north, up", lambda s: _expected(s, "sigma"), "m"),
-        Field(
-            "depth_sigma", "number?", "of the depth",
-            lambda s: np.concatenate([m.expected.points.depth_sigma for m in s.models]), "m",
-        ),
-        Field("pointing_sigma", "number?", "of the height, by pointing", lambda s: _expected(s, "pointing"), "m"),
-        Field("run_sigma", "number?", "of the height, by the run", lambda s: _expected(s, "of_run"), "m"),
+        Field("model", "string", "model id", lambda s: _expected_ids(s), heading="Model", edit="A8", is_id=True),
+        Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m", exact=True,
+              heading=("X\nm", "Y\nm", "Z\nm"), edit="F10.2"),
+        Field("depth", "number", "below the water; 0: dry, at its height", lambda s: _expected(s, "depth"), "m",
+              heading="Depth\nm", edit="F7.2"),
+        Field("sigma", "3 number?", "east, north, up", lambda s: _expected(s, "sigma"), "m",
+              heading=[f"Sigma {axis}\nm" for axis in ("E", "N", "U")], edit="F8.3"),
+        Field("depth_sigma", "number?", "of the depth",
+              lambda s: np.concatenate([m.expected.points.depth_sigma for m in s.models]), "m", heading="Depth\nm",
+              edit="F8.3"),
+        Field("pointing_sigma", "number?", "of the height, by pointing", lambda s: _expected(s, "pointing"), "m",
+              heading="Pointing\nm", edit="F8.3"),
+        Field("run_sigma", "number?", "of the height, by the run", lambda s: _expected(s, "of_run"), "m",
+              heading="Run\nm", edit="F8.3"),
     ),
 )  # fmt: skip
 
@@ -148,10 +148,10 @@ AXES_TABLE: Report[Any] = Report(
     title="Model Axes In Working Axes",
     table=MODELS,
     columns=(
-        key("Model", "A8", "model"),
-        *vector(("Origin X\nm", "Origin Y\nm", "Origin Z\nm"), ("F11.3",) * 3, shows="origin"),
+        "model",
+        "origin",
         *(
-            Column(f"{name}{axis}", "F7.4", shows=f"axes[{i}][{j}]")
+            MODELS.column(f"axes[{i}][{j}]", f"{name}{axis}", "F7.4")
             for i, name in enumerate("XYZ")
             for j, axis in enumerate("xyz")
         ),
@@ -161,45 +161,37 @@ GEOMETRY_TABLE: Report[Any] = Report(
     title="Scales, And Origins In The System Of The Job",
     table=MODELS,
     columns=(
-        key("Model", "A8", "model"),
-        Column("Scale\n1 to", "F9.0", shows="scale"),
-        Column("Base\nm", "F9.2", shows="base"),
-        Column("Height\nm", "F9.2", shows="height"),
-        in_system(position_columns("origin_position", 4)),
+        "model",
+        "scale",
+        "base",
+        "height",
+        "origin_position",
     ),
 )
 POINT_TABLE: Report[Any] = Report(
     title="Points Of The Run In The Model",
     table=RUN_POINTS,
     columns=(
-        key("Model", "A8", "model"),
-        key("Point", "A8", "point"),
-        Column("Bath", "A4", shows=Origin(field="submerged", true="B")),
-        *(
-            Column(f"{side} {axis}\nmm", "F10.4", shows=f"predicted[{i}][{j}]")
-            for i, side in enumerate("LR")
-            for j, axis in enumerate("xy")
-        ),
-        *(
-            Column(f"Read {side}{axis}\nless\num", "F8.2", shows=f"difference[{i}][{j}]")
-            for i, side in enumerate("LR")
-            for j, axis in enumerate("xy")
-        ),
-        Column("py\num", "F7.2", shows="y_parallax"),
-        Column("straight\num", "F8.2", shows="straight_y_parallax"),
+        "model",
+        "point",
+        "submerged",
+        "predicted",
+        "difference",
+        "y_parallax",
+        "straight_y_parallax",
     ),
 )
 EXPECTED_TABLE: Report[Any] = Report(
     title="Standard Errors To Expect",
     table=EXPECTED,
     columns=(
-        key("Model", "A8", "model"),
-        *vector(("X\nm", "Y\nm", "Z\nm"), ("F10.2",) * 3, shows="place"),
-        Column("Depth\nm", "F7.2", shows="depth"),
-        *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F8.3",) * 3, shows="sigma"),
-        Column("Depth\nm", "F8.3", shows="depth_sigma"),
-        Column("Pointing\nm", "F8.3", shows="pointing_sigma"),
-        Column("Run\nm", "F8.3", shows="run_sigma"),
+        "model",
+        "place",
+        "depth",
+        "sigma",
+        "depth_sigma",
+        "pointing_sigma",
+        "run_sigma",
     ),
 )
 STATED = (GEOMETRY_TABLE, AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)

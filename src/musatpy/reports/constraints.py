@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from musatpy.reports import result_record
-from musatpy.reports.origin import Origin
+from musatpy.reports.fields import Field
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Column, Report, key
 from musatpy.statistics import Statistics
@@ -19,46 +19,34 @@ BETWEEN = (
 def between(
     title: str, table: result_record.Table, ends: str, heading: str, *columns: Column[Statistics]
 ) -> Report[Statistics]:
-    """Return a table of what is measured between two photos or points."""
+    """Return the echo of what is measured between two photos or points."""
     names: tuple[Column[Statistics], ...] = tuple(key(heading, "A8", f"{ends}[{end}]") for end in (0, 1))
     return Report(title=title, table=table, columns=(*names, *columns))
 
 
-def _adjusted(title: str, table: result_record.Table, ends: str, heading: str, what: str) -> Report[Statistics]:
-    return between(
-        title,
-        table,
-        ends,
-        heading,
-        Column("Given\nm", "F13.4", shows=f"given_{what}"),
-        Column("Adjusted\nm", "F13.4", shows=what),
-        Column("Adjusted minus given\nm", "F10.4", shows=Origin(field=what, minus=f"given_{what}")),
-        Column("Sigma given\nm", "F9.4", shows="given_sigma"),
+_COUNT: Field[Statistics] = Field(
+    "count", heading="Points", edit="I6", shown=lambda t: [len(points) for points in t["points"]]
+)
+
+
+def _adjusted(title: str, table: result_record.Table, ends: str, _: str, what: str) -> Report[Statistics]:
+    change: Field[Statistics] = Field(
+        "change", heading="Adjusted minus given\nm", edit="F10.4", shown=lambda t: t[what] - t[f"given_{what}"]
     )
+    return Report(title=title, table=table, columns=(ends, f"given_{what}", what, change, "given_sigma"))
 
 
 STATED: tuple[Report[Statistics], ...] = (
     Report(
         title="Equal Elevation Levels",
         table=result_record.EQUAL_ELEVATIONS,
-        columns=(
-            key("Group", "A8", "group"),
-            Column("Points", "I6", shows=Origin(field="points", count=True)),
-            Column("Level\nm", "F11.4", shows="level"),
-            Column("Sigma\nm", "F9.4", shows="level_sigma"),
-        ),
+        columns=("group", _COUNT, "level", "level_sigma"),
     ),
     Report(
         title="Equal Elevation Points",
         table=result_record.EQUAL_ELEVATIONS,
-        rows=lambda s: s.block.equal_elevations.group,
         expand=("points", "difference"),
-        columns=(
-            key("Group", "A8", "group"),
-            key("Point", "A8", "points", lambda s: s.block.points.ids[s.block.equal_elevations.point]),
-            Column("Point minus level\nm", "F11.4", lambda s: s.level_differences, "difference"),
-            Column("Sigma given\nm", "F9.4", shows="given_sigma"),
-        ),
+        columns=("group", "points", "difference", "given_sigma"),
     ),
     *(_adjusted(*kind) for kind in BETWEEN),
 )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import BoolArray, FloatArray
 from musatpy.model import ControlKind
-from musatpy.reports import result_record
 from musatpy.reports.analyses import Layout, analysis_section
-from musatpy.reports.columns import metric_columns
-from musatpy.reports.origin import Origin
+from musatpy.reports.fields import Field
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key, worst_first
+from musatpy.reports.result_record import CONTROL
+from musatpy.reports.table import Report, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.quality import TEST_LIMIT
@@ -23,57 +22,41 @@ NOTE = (
 CHECK_POINTS = Layout("Check Point Analysis", "Point", lambda s: s.check_points, "check_point")
 RESIDUALS: Report[Statistics] = Report(
     title="Control Residuals: Adjusted Minus Given, With The Sigmas Given",
-    table=result_record.CONTROL,
-    rows=lambda s: _control_rows(s),
-    leave={"kind": ("check",)},
+    table=CONTROL,
+    which=lambda t: np.flatnonzero(t["kind"] != "check"),
+    worst=lambda t: np.nan_to_num(np.abs(t["test"]), nan=-1.0).max(axis=1),
     columns=(
-        key("Point", "A8", "point"),
-        key("Kind", "A10", "kind"),
-        Column("Fixed", "A5", shows=Origin(field="fixed", true="X")),
-        metric_columns(Origin(field="difference", where="used")),
-        metric_columns("given_sigma", "Sigma "),
-        metric_columns("test", "Test\n", edit="F6.1", unit=""),
-        Column("Fails", "A5", lambda s: np.where(_suspicious(s), "*", "")),
+        "point",
+        "kind",
+        "fixed",
+        CONTROL.column("difference", shown=lambda t: np.where(t["used"], t["difference"], np.nan)),
+        "given_sigma",
+        "test",
+        Field("fails", heading="Fails", edit="A5", shown=lambda t: np.where(_fails(t["test"]), "*", "")),
     ),
 )
 DIFFERENCES: Report[Statistics] = Report(
     title="Check Points: Adjusted Minus Given, With The Sigmas Of The Adjusted Position",
-    table=result_record.CONTROL,
-    rows=lambda s: _check_rows(s),
-    take={"kind": ("check",)},
-    columns=(
-        key("Point", "A8", "point"),
-        metric_columns("difference"),
-        metric_columns("adjusted_sigma", "Sigma "),
-    ),
+    table=CONTROL,
+    which=lambda t: np.flatnonzero(t["kind"] == "check"),
+    worst=lambda t: np.nan_to_num(np.abs(t["difference"]), nan=-1.0).max(axis=1),
+    columns=("point", "difference", "adjusted_sigma"),
 )
-STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS.mapped)
+STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS.report)
 
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return control residuals, check point differences and the check point analysis, as far as there are any."""
+    is_check = statistics.block.control.kind == ControlKind.CHECK
     sections = []
-    if len(_control_rows(statistics)):
-        worst = worst_first(np.nan_to_num(np.abs(_tests(statistics)), nan=-1.0).max(axis=1)).tolist()
-        sections.append(RESIDUALS.section(statistics, ["", *wrapped([NOTE])], new_page=True, worst=worst))
-    if len(_check_rows(statistics)):
+    if not is_check.all():
+        sections.append(RESIDUALS.section(statistics, ["", *wrapped([NOTE])], new_page=True))
+    if is_check.any():
         worst = worst_first(statistics.check_test.squares).tolist()
         sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]
     return sections
 
 
-def _tests(statistics: Statistics) -> FloatArray:
-    return statistics.control_tests[_control_rows(statistics)]
-
-
-def _suspicious(statistics: Statistics) -> BoolArray:
+def _fails(tests: FloatArray) -> BoolArray:
     with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(_tests(statistics)) > TEST_LIMIT).any(axis=1))
-
-
-def _control_rows(statistics: Statistics) -> IntArray:
-    return np.flatnonzero(statistics.block.control.kind != ControlKind.CHECK)
-
-
-def _check_rows(statistics: Statistics) -> IntArray:
-    return np.flatnonzero(statistics.block.control.kind == ControlKind.CHECK)
+        return np.asarray((np.abs(tests) > TEST_LIMIT).any(axis=1))

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import Block
-from musatpy.reports import brevity, constraints, job_record, result_record, waves_page
+from musatpy.reports import brevity, constraints, job_record, result_record, stations, waves_page
 from musatpy.reports.columns import (
     Columns,
     attitude_columns,
@@ -114,7 +114,7 @@ _TIDE_LABELS: Columns = (Column("Group", "A8", shows="tide_group"), Column("Day"
 _TIME: Columns = (Column("Time\ns", "F10.3", shows="time"),)
 TIDES = _echo(
     "Tides",
-    result_record.STATIONS,
+    stations.STATIONS,
     *_TIDE,
     Choice((_TIDE_LABELS,), lambda s: _TIDE_LABELS if _has_labels(s.block) else ()),
     Choice((_TIME,), lambda s: _TIME if np.isfinite(s.block.photos.time).any() else ()),
@@ -226,7 +226,7 @@ def _sigmas(shows: str, values: Values) -> Choice[Statistics]:
 
 STATIONS = _echo(
     "Exposure Stations, Initial Positions",
-    result_record.STATIONS,
+    stations.STATIONS,
     _PHOTO,
     Column("Camera", "A6", shows="camera"),
     _places("given_position", lambda s: _block(s).photos.position),
@@ -239,7 +239,7 @@ _ATTITUDES: Columns = (
 )
 ATTITUDES = _echo(
     "Exposure Stations, Given Attitudes",
-    result_record.STATIONS,
+    stations.STATIONS,
     Choice((_ATTITUDES,), lambda s: _attitudes(s)),
 )
 ORIGIN: Report[Statistics] = Report(
@@ -330,7 +330,7 @@ def _block(statistics: Statistics) -> Block:
     return statistics.block if statistics.given is None else statistics.given.block
 
 
-def _attitudes(statistics: Statistics) -> Columns:
+def _attitudes(statistics: Statistics) -> Any:
     words = statistics.given_words
     if words is not None:
         return turn_columns(

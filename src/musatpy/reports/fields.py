@@ -10,8 +10,9 @@ names.
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -19,8 +20,11 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from musatpy.reports.editing import field_width
 from musatpy.reports.encoding import Json, number, plain, rounded
+from musatpy.reports.headings import Headings, printed_unit
 from musatpy.reports.lazy_columns import LazyColumn
+from musatpy.reports.values import Values, unnested
 
 Schema = dict[str, Any]
 Source = TypeVar("Source")
@@ -29,6 +33,8 @@ Part = TypeVar("Part")
 
 DIGITS = 12  # of numbers in tables that are neither coordinates nor angles nor covariances
 IMAGE_DIGITS = 10  # of the tests of images, of which there are many
+POSITION_UNIT = "rad, rad, m (GEOG) or m"
+ENU = "east north up"  # axes of sigmas and differences
 _NULL = " or null"
 _STEP = re.compile(r"\[(\d+)\]")
 _EXACT_UNIT = re.compile(r"rad|m2")
@@ -55,16 +61,28 @@ class Node(Generic[Source]):
 
 @dataclass(frozen=True, eq=False)
 class Field(Node[Source]):
-    """One field: of an object its value, of a table its values, one per row (an array, or a list as it is)."""
+    """One field: of an object its value, of a table its values, one per row (an array, or a list as it is).
 
-    kind: str
-    text: str  # what it means
+    Where it is printed it has a heading and an edit descriptor; of a vector one for each component, or one for all.
+    What is printed and not recorded has no kind.
+    """
+
+    kind: str = ""
+    text: str = ""  # what it means
     values: Callable[[Source], Any] | None = None
     unit: str = ""
     choices: Iterable[Any] = ()
     exact: bool = False  # of numbers in tables: at full precision whatever the unit, as coordinates are
     seldom: bool = False  # stands in the record only where it says something
     significant: int = DIGITS  # digits of its numbers in a table, where it does not have all of them
+    heading: str | Sequence[str] | Headings = ""  # one or two lines, parted by a line feed
+    edit: str | Sequence[str] = ""  # edit descriptor (see `musatpy.reports.editing`)
+    is_id: bool = False  # names what the row is about
+    words: Mapping[Any, str] = dataclasses.field(default_factory=dict)  # what it says -> what is printed
+    shown: Callable[[Values], Any] | None = None  # what is printed of a table in its stead, in units of the record
+    blank: bool = False  # may be left blank in print whatever the value is
+    of_run: bool = False  # printed of what no record has
+    when: Callable[[Values], bool] | None = None  # in a table where it is printed; None: in all
 
     @property
     def digits(self) -> int | None:
@@ -75,6 +93,43 @@ class Field(Node[Source]):
     def of(self, source: Source) -> Any:
         """Return its value, or of a table its values."""
         return getattr(source, self.name) if self.values is None else self.values(source)
+
+    @property
+    def width(self) -> int:
+        """Columns of print: as many as the descriptor or the longer heading line needs."""
+        return max(field_width(str(self.edit)), *(len(line) for line in str(self.heading).split("\n")))
+
+    def columns(self, system: str = "") -> Iterator[Field[Source]]:
+        """Yield what is printed of it side by side in a job of a coordinate system: of a vector its components."""
+        heading, edit = self.heading, self.edit
+        if isinstance(heading, Headings):
+            heading, edit = heading.of(system)
+        if isinstance(heading, str):
+            yield self
+            return
+        edits = (edit,) * len(heading) if isinstance(edit, str) else edit
+        for n, (words, descriptor) in enumerate(zip(heading, edits, strict=True)):
+            step = f"[{n // 2}][{n % 2}]" if self.kind.startswith("2x2 ") else f"[{n}]"
+            shown = None if self.shown is None else partial(self._component, n)
+            yield replace(self, name=f"{self.name}{step}", heading=words, edit=descriptor, shown=shown)
+
+    def _component(self, number: int, table: Values) -> Any:
+        assert self.shown is not None
+        return self.shown(table)[:, number]
+
+    def exactly(self, table: Values) -> Any:
+        """Return what is printed of a table in units of the record: an array, or a list of texts."""
+        values = table[self.name] if self.shown is None else self.shown(table)
+        if self.words:
+            return [self.words.get(value, value) for value in _listed(values)]
+        if isinstance(values, np.ndarray) and values.dtype != object:
+            return values
+        return ["" if value is None else value for value in values]
+
+    def printed(self, table: Values) -> Any:
+        """Return what is printed of a table in its printed unit."""
+        values, unit = self.exactly(table), printed_unit(str(self.heading))
+        return values if unit == 1.0 else np.asarray(values, dtype=float) / unit
 
     def schema(self) -> Schema:
         unit = {"unit": self.unit} if self.unit else {}
@@ -87,8 +142,29 @@ class Field(Node[Source]):
         return _plain(value)
 
 
+class Tabled(Node[Source], Generic[Source, Item]):
+    """What has columns: the fields of a table, or of an object, which is one row."""
+
+    fields: Sequence[Node[Item]]
+
+    def column(self, path: str, heading: Any = "", edit: Any = "", **changes: Any) -> Field[Any]:
+        """Return a column, or a component of one (`xy[1]`), as it is said once, or printed in another way."""
+        said, steps = _field(self.fields, path), len(_STEP.findall(path))
+        if heading or edit:
+            changes |= {"heading": heading, "edit": edit}
+        if steps:
+            sizes, _, base = said.kind.rpartition(" ")
+            left = "x".join(sizes.split("x")[steps:])
+            changes |= {"name": path, "kind": f"{left} {base}".strip(), "shown": None}
+        return replace(said, **changes)
+
+    def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
+        """Return its columns by name, one entry per row, those of a `nested` table too."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, eq=False)
-class Group(Node[Source], Generic[Source, Item]):
+class Group(Tabled[Source, Item]):
     """An object with fields; null, where it may be, as its source is None."""
 
     text: str
@@ -115,14 +191,19 @@ class Group(Node[Source], Generic[Source, Item]):
         item = self.of(source)
         return None if item is None else {field.name: field.held(item) for field in self.fields}
 
-    def column(self, path: str, source: Source) -> Any:
+    def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
+        item = self.of(source)
+        fields = [field for field in self.fields if isinstance(field, Field)]
+        return {field.name: [] if item is None else [field.of(item)] for field in fields}
+
+    def of_path(self, path: str, source: Source) -> Any:
         """Return the value of a field, as that of the one row of a table; none without source."""
         item = self.of(source)
         return [] if item is None else [_value(self.fields, path, item)]
 
 
 @dataclass(frozen=True, eq=False)
-class Rows(Node[Source], Generic[Source, Item]):
+class Rows(Tabled[Source, Item]):
     """A table of columns, each a list with one entry per row; without rows as its source is None."""
 
     text: str
@@ -149,13 +230,16 @@ class Rows(Node[Source], Generic[Source, Item]):
             return self.json(source)
         return {field.name: LazyColumn(partial(field.of, item), field.digits) for field in self.fields}
 
+    def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
+        return {field.name: values for field, values in self.columns(source)}
+
     def columns(self, source: Source) -> Iterator[tuple[Field[Item], Any]]:
         """Yield the fields with their values, one per row, as arrays or lists."""
         item = self.of(source)
         for field in self.fields:
             yield field, [] if item is None else field.of(item)
 
-    def column(self, path: str, source: Source) -> Any:
+    def of_path(self, path: str, source: Source) -> Any:
         """Return the values of a field, or of one component of it (`xy[1]`), one per row."""
         item = self.of(source)
         values: Any = [] if item is None else _field(self.fields, path).of(item)
@@ -165,7 +249,7 @@ class Rows(Node[Source], Generic[Source, Item]):
 
 
 @dataclass(frozen=True, eq=False)
-class Each(Node[Source], Generic[Source, Item]):
+class Each(Tabled[Source, Item]):
     """A table with a row for each of some things, which have the values of the fields."""
 
     text: str
@@ -190,7 +274,16 @@ class Each(Node[Source], Generic[Source, Item]):
     def json(self, source: Source) -> Json:
         return [{field.name: field.json(item) for field in self.fields} for item in self.of(source)]
 
-    def column(self, path: str, source: Source, nested: str = "") -> list[Any]:
+    def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
+        items = list(self.of(source))
+        fields = [field for field in self.fields if isinstance(field, Field)]
+        outer = {field.name: [field.of(item) for item in items] for field in fields}
+        if not nested:
+            return outer
+        part: Any = next(field for field in self.fields if field.name == nested)
+        return unnested(outer, [part.raw(item) for item in items], nested)
+
+    def of_path(self, path: str, source: Source, nested: str = "") -> list[Any]:
         """Return the values of a field, or of one component of it (`rms[1]`), one per row.
 
         With the name of a `nested` table there is one for each row of that, by its own field where it has one.
@@ -201,7 +294,7 @@ class Each(Node[Source], Generic[Source, Item]):
         inside = path.partition("[")[0] in {field.name for field in part.fields}
         values: list[Any] = []
         for item in self.of(source):
-            rows = list(part.column(path if inside else part.fields[0].name, item))
+            rows = list(part.of_path(path if inside else part.fields[0].name, item))
             values += rows if inside else [_value(self.fields, path, item)] * len(rows)
         return values
 
@@ -268,6 +361,10 @@ def _schema(kind: str, choices: Iterable[Any]) -> Schema:
         limits = {} if size == "*" else {"minItems": int(size), "maxItems": int(size)}
         schema = {"type": "array", **limits, "items": schema}
     return schema
+
+
+def _listed(values: Any) -> list[Any]:
+    return values.tolist() if isinstance(values, np.ndarray) else list(values)
 
 
 def _plain(value: Any) -> Json:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from musatpy.arrays import IntArray
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Field, Rows, same
-from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.gates import FLAGS as TITLE
@@ -23,19 +22,20 @@ FLAGS = Rows[Statistics, Statistics](
     "one row per point whose height contradicts its flag, the worst first; with the other flag for all too",
     same,
     (
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.flags.point[_rows(s)]]),
-        Field("bathymetric", "boolean", "flagged as submerged", lambda s: s.flags.flagged[_rows(s)]),
-        Field("height", "number", "adjusted", lambda s: s.flags.height[_rows(s)], "m"),
-        Field(
-            "water", "number", "lowest over a point that is not flagged, highest over one that is",
-            lambda s: s.flags.water[_rows(s)], "m",
-        ),
-        Field("sigma", "number", "of the height above the water", lambda s: s.flags.sigma[_rows(s)], "m"),
-        Field("sigmas", "number", "on the wrong side of the water", lambda s: s.flags.sigmas[_rows(s)]),
-        Field(
-            "other_height", "number?", "with the other flag; null where it was not to be had",
-            lambda s: s.flags.other_height[_rows(s)], "m",
-        ),
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.flags.point[_rows(s)]], heading="Point",
+              edit="A8", is_id=True),
+        Field("bathymetric", "boolean", "flagged as submerged", lambda s: s.flags.flagged[_rows(s)], heading="Flag",
+              edit="A4", words={True: "B", False: ""}),
+        Field("height", "number", "adjusted", lambda s: s.flags.height[_rows(s)], "m", heading="Height\nm",
+              edit="F12.3"),
+        Field("water", "number", "lowest over a point that is not flagged, highest over one that is",
+              lambda s: s.flags.water[_rows(s)], "m", heading="Water\nm", edit="F10.3"),
+        Field("sigma", "number", "of the height above the water", lambda s: s.flags.sigma[_rows(s)], "m",
+              heading="Sigma\nm", edit="F8.3"),
+        Field("sigmas", "number", "on the wrong side of the water", lambda s: s.flags.sigmas[_rows(s)],
+              heading="Sigmas\nbeyond", edit="F8.1"),
+        Field("other_height", "number?", "with the other flag; null where it was not to be had",
+              lambda s: s.flags.other_height[_rows(s)], "m", heading="Other flag\nm", edit="F12.3"),
     ),
 )  # fmt: skip
 RECORD = (FLAGS,)
@@ -43,13 +43,13 @@ TABLE: Report[Statistics] = Report(
     title=TITLE,
     table=FLAGS,
     columns=(
-        key("Point", "A8", "point"),
-        Column("Flag", "A4", shows=Origin(field="bathymetric", true="B")),
-        Column("Height\nm", "F12.3", shows="height"),
-        Column("Water\nm", "F10.3", shows="water"),
-        Column("Sigma\nm", "F8.3", shows="sigma"),
-        Column("Sigmas\nbeyond", "F8.1", shows="sigmas"),
-        Column("Other flag\nm", "F12.3", shows="other_height"),
+        "point",
+        "bathymetric",
+        "height",
+        "water",
+        "sigma",
+        "sigmas",
+        "other_height",
     ),
 )
 STATED = (TABLE,)

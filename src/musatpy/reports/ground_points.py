@@ -2,79 +2,94 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from musatpy.arrays import IntArray
+from musatpy.arrays import FloatArray
 from musatpy.model import PointStatus
-from musatpy.reports import result_record, stated
-from musatpy.reports.columns import metric_columns, position_columns
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports import stated
+from musatpy.reports.encoding import names
+from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, same
+from musatpy.reports.headings import along_axes, position
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Choice, Column, Report, key, worst_first
+from musatpy.reports.table import Choice, Report
 from musatpy.reports.text import wrapped
+from musatpy.reports.wording import place_columns, place_sigma_columns
 from musatpy.statistics import Statistics
 
-_STATUS = {"not_determined": "not determined"}  # of the record: in words
 
-_DRY = Column[Statistics]("Dry", "A3", shows=Origin(field="dry", true="D"))
-_POSITION, _SIGMAS = position_columns("position", 3), metric_columns("sigma", "Sigma ")
+def _reasons(statistics: Statistics) -> list[str | None]:
+    reasons = statistics.solution.points.reasons
+    return [reasons.get(row) for row in range(len(statistics.block.points.ids))]
 
 
-def _in_words(statistics: Statistics, part: Choice[Statistics], number: int) -> tuple[Column[Statistics], ...]:
-    """Return the columns of coordinates (0) or sigmas (1) in the words of the answer, or those of the job."""
-    words = statistics.answer_words
-    return part.of(statistics) if words is None else stated.point_columns(words, _determined(statistics))[number]
+POINTS = Rows[Statistics, Statistics](
+    "points",
+    "one row per ground point",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids, heading="Point", edit="A8", is_id=True),
+        Field("bathymetric", "boolean", "submerged", lambda s: s.block.points.bathymetric, heading="Bath",
+              edit="A4", words={True: "B", False: ""}),
+        Field("dry", "boolean", "flagged as dry for certain", lambda s: s.block.points.dry, heading="Dry",
+              edit="A3", words={True: "D", False: ""}, when=lambda t: bool(t["dry"].any())),
+        Field("status", "string", "what became of it", lambda s: names(PointStatus, s.solution.points.status),
+              choices=("triangulated", "intersected", "not_determined"), heading="Status", edit="A14",
+              words={"not_determined": "not determined"}),
+        Field("reason", "string?", "why it has no position, or took no part", _reasons, heading="Reason",
+              edit="A80", words={None: "no reason given"}),
+        Field("rays", "integer", "plate measurements used for the position", lambda s: s.solution.points.rays,
+              heading="Rays", edit="I4"),
+        Field("position", "3 number?", "adjusted", lambda s: s.solution.points.position, POSITION_UNIT,
+              heading=position(3)),
+        Field("sigma", "3 number?", f"a posteriori, {ENU}", lambda s: s.point_sigmas, "m",
+              heading=along_axes("Sigma ")),
+        Field("covariance", "3x3 number?", "a posteriori, of east, north, up",
+              lambda s: s.solution.points.covariance, "m2"),
+    ),
+)  # fmt: skip
+_PLACE = (POINTS.column("position"), POINTS.column("sigma"))
+
+
+def _in_words(statistics: Statistics) -> tuple[Field[Statistics], ...]:
+    """Return the columns of coordinates and sigmas in the words of the answer, or those of the job."""
+    words, rows = statistics.answer_words, statistics.solution.points.status != PointStatus.NOT_DETERMINED
+    if words is None:
+        return _PLACE
+    return (
+        *place_columns(words, lambda s: _stated(s)[rows], 3),
+        *place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
+    )
+
+
+def _stated(statistics: Statistics) -> FloatArray:
+    assert statistics.answer is not None
+    return statistics.answer.points
 
 
 GROUND_POINTS: Report[Statistics] = Report(
     title="Adjusted Ground Points",
-    table=result_record.POINTS,
-    rows=lambda s: _determined(s),
-    leave={"status": ("not_determined",)},
-    words={"status": _STATUS},
-    columns=(
-        key("Point", "A8", "point"),
-        Column("Bath", "A4", shows=Origin(field="bathymetric", true="B")),
-        Choice(((_DRY,),), lambda s: (_DRY,) if s.block.points.dry.any() else ()),
-        Column("Status", "A14", shows="status"),
-        Column("Rays", "I4", shows="rays"),
-        replace(_POSITION, of=lambda s: _in_words(s, _POSITION, 0)),
-        replace(_SIGMAS, of=lambda s: _in_words(s, _SIGMAS, 1)),
-    ),
+    table=POINTS,
+    which=lambda t: np.flatnonzero(t["status"] != "not_determined"),
+    worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
+    columns=("point", "bathymetric", "dry", "status", "rays", Choice((_PLACE,), _in_words)),
 )
-NO_PART = Mapped(
+NO_PART: Report[Statistics] = Report(
     title="Points That Took No Part, Or Have No Position",
     layout="texts",
-    table="points",
-    ids={"Point": "point", "Status": "status", "Reason": "reason"},
-    take={"status": ("intersected", "not_determined")},
-    words={"status": _STATUS, "reason": {"None": "no reason given"}},
+    table=POINTS,
+    which=lambda t: np.flatnonzero(t["status"] != "triangulated"),
+    columns=("point", "status", "reason"),
 )
 STATED = (GROUND_POINTS, NO_PART)
 
 
 def sections(statistics: Statistics) -> list[Section]:
     """Return the points that have a position, and the reasons why others have none or took no part."""
-    worst = worst_first(np.linalg.norm(statistics.point_sigmas[_determined(statistics)], axis=1)).tolist()
-    sections = [GROUND_POINTS.section(statistics, new_page=True, worst=worst)]
     words = statistics.answer_words
-    sections += stated.far_points(statistics, words) if words else []
-    reasons = _reasons(statistics)
-    if reasons:
-        sections.append(Section(title=NO_PART.title, lines=reasons, worst=range(len(reasons))))
-    return sections
-
-
-def _determined(statistics: Statistics) -> IntArray:
-    return np.flatnonzero(statistics.solution.points.status != PointStatus.NOT_DETERMINED)
-
-
-def _reasons(statistics: Statistics) -> list[str]:
-    points, ids = statistics.solution.points, statistics.block.points.ids
-    lines: list[str] = []
-    for row in np.flatnonzero(points.status != PointStatus.TRIANGULATED).tolist():
-        status = PointStatus(int(points.status[row])).name.lower().replace("_", " ")
-        lines += wrapped([points.reasons.get(row, "no reason given")], lead=f"{ids[row]:<8.8}  {status:<14}  ")
-    return lines
+    sections = [
+        GROUND_POINTS.section(statistics, new_page=True),
+        *(stated.far_points(statistics, words) if words else []),
+    ]
+    _, *rows = NO_PART.cells(statistics)
+    lines = [line for point, status, why in rows for line in wrapped([why], lead=f"{point:<8.8}  {status:<14}  ")]
+    return [*sections, Section(title=NO_PART.title, lines=lines, worst=range(len(lines)))] if lines else sections

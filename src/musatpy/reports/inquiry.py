@@ -123,7 +123,7 @@ def _images(about: About, axes: tuple[str, ...]) -> Iterator[str]:
         return
     more = len(about.images.point) - len(rows)
     yield from ("", f"Images{f', the worst first, and {more} more' if more else ''}", "")
-    yield from Table(tuple(_image_columns(about, axes, rows))).text(about.images)
+    yield from Table[Any](tuple(_image_columns(about, axes, rows))).text(about.images)
 
 
 def _image_columns(about: About, axes: tuple[str, ...], rows: IntArray) -> Iterator[Column[Images]]:
@@ -187,7 +187,7 @@ def _others(about: About, axes: tuple[str, ...]) -> Iterator[str]:
         *(values(*column) for column in numbers),
     )
     yield from ("", "Other Observations", "")
-    yield from Table(columns).text(others)
+    yield from Table[Any](columns).text(others)
 
 
 def _without(about: About) -> Iterator[str]:
@@ -243,7 +243,7 @@ def _neighbours(about: About) -> Iterator[str]:
         return Column(heading, edit, lambda a: values[shown])
 
     wet = (numbers("Depth\nm", "F8.3", around.depth),) if np.isfinite(around.depth[shown]).any() else ()
-    yield from Table(
+    yield from Table[Any](
         (
             Column(what[:-1], "A8", lambda a: around.ids[shown]),
             numbers("Distance\nm", "F10.1", around.distance),

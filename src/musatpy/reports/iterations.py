@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from musatpy.reports import result_record
-from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
@@ -15,14 +14,14 @@ ITERATIONS: Report[Statistics] = Report(
     title="Iterations",
     table=result_record.ITERATIONS,
     columns=(
-        key("Pass", "I4", "pass"),
-        key("Iteration", "I9", "number"),
-        Column("Largest rotation\narc sec", "F14.4", shows="rotation"),
-        Column("Photo", "A8", shows=Origin(field="rotation_photo", unless="Largest rotation")),
-        Column("Largest translation\nm", "F14.5", shows="translation"),
-        Column("Photo", "A8", shows=Origin(field="translation_photo", unless="Largest translation")),
-        Column("Sum of squares", "F16.2", shows="sum_of_squares"),
-        Column("Damping", "E10.2", shows="damping"),
+        "pass",
+        "number",
+        "rotation",
+        "rotation_photo",
+        "translation",
+        "translation_photo",
+        "sum_of_squares",
+        "damping",
     ),
 )
 PASSES: Report[Statistics] = Report(
@@ -30,11 +29,11 @@ PASSES: Report[Statistics] = Report(
     pattern=r"Passes Of The Water Point Correction: \d+",
     table=result_record.PASSES,
     columns=(
-        key("Pass", "I4", "number"),
-        Column("Largest movement\nm", "F14.5", shows="movement"),
-        Column("Point", "A8", shows=Origin(field="point", unless="Largest movement")),
-        Column("RMS movement\nm", "F14.5", shows="rms_movement"),
-        Column("RMS residual of\nsubmerged points um", "F10.2", shows=Origin(field="rms_residual", unit="um")),
+        "number",
+        "movement",
+        "point",
+        "rms_movement",
+        "rms_residual",
     ),
 )
 STATED = (ITERATIONS, PASSES)

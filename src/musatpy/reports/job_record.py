@@ -60,10 +60,8 @@ OPTIONS = Group[Statistics, Options](
         Field("order", "string", "order of the rows of stations, points, control and residuals", choices=Order),
         Field("plate_sigma_is", "string", "whether plate sigmas are as given, or estimated", choices=PlateSigma),
         Field("sigma0_limit", "number", "sigma0 from which a run is rejected"),
-        Field(
-            "station_limit", "number",
-            "flying heights between adjusted and given stations, from which a run is doubtful",
-        ),
+        Field("station_limit", "number",
+              "flying heights between adjusted and given stations, from which a run is doubtful"),
     ),
 )  # fmt: skip
 
@@ -128,14 +126,10 @@ DISTORTION = OfBlock(
     _block,
     (
         Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.distortion.camera]),
-        Field(
-            "kind", "string", "radial, decentring or tabulated", lambda b: b.distortion.kind,
-            choices=("RADL", "DCEN", "TABL"),
-        ),
-        Field(
-            "values", "3 number?", "K1 K2 K3 (for r in mm), P1 P2 P3, or radius and distortion (mm)",
-            lambda b: b.distortion.values,
-        ),
+        Field("kind", "string", "radial, decentring or tabulated", lambda b: b.distortion.kind,
+              choices=("RADL", "DCEN", "TABL")),
+        Field("values", "3 number?", "K1 K2 K3 (for r in mm), P1 P2 P3, or radius and distortion (mm)",
+              lambda b: b.distortion.values),
     ),
 )  # fmt: skip
 FIDUCIALS = OfBlock(
@@ -183,12 +177,10 @@ LENSES = OfBlock(
     _read,
     (
         Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.lenses.camera]),
-        Field(
-            "centre", "2 number?", "principal point of best symmetry", lambda b: b.lenses.centre, "mm", exact=True,
-        ),
-        Field(
-            "k0", "number?", "linear coefficient of the radial distortion, as on the card", lambda b: b.lenses.k0,
-        ),
+        Field("centre", "2 number?", "principal point of best symmetry", lambda b: b.lenses.centre, "mm",
+              exact=True),
+        Field("k0", "number?", "linear coefficient of the radial distortion, as on the card",
+              lambda b: b.lenses.k0),
     ),
 )  # fmt: skip
 MARK_DISTANCES = OfBlock(

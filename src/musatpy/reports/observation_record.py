@@ -13,6 +13,7 @@ from musatpy.model import ObservationKind
 from musatpy.reports import result_record
 from musatpy.reports.encoding import Json, names
 from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows
+from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 
 
@@ -65,51 +66,67 @@ def _components(some: _Observed) -> list[str]:
     return some.of_kinds(of, lambda kind, numbers: [kind.components[number] for number in numbers.tolist()])
 
 
+def _kinds_of(t: Values) -> list[ObservationKind]:
+    return [ObservationKind[kind.upper()] for kind in t["kind"]]
+
+
+def _units(t: Values) -> FloatArray:
+    """Return what the printed unit of each observation (n,) is in units of the record."""
+    return np.array([kind.factor for kind in _kinds_of(t)])
+
+
+def _owner_texts(t: Values) -> list[str]:
+    """Return the ids of each observation, side by side; of a solution without those of all others."""
+    if t.source is None:
+        owners = t["of"]
+    else:
+        links = zip(_kinds_of(t), t.source.observed.row[t.rows].reshape(-1, 1), strict=True)
+        owners = [kind.owners(t.source.solution, row)[0] for kind, row in links]
+    return [" ".join(f"{name:<8}" for name in names) if len(names) > 1 else "".join(names) for names in owners]
+
+
+UNIT: Field[Statistics] = Field(
+    "unit", heading="Unit", edit="A4", shown=lambda t: [kind.unit for kind in _kinds_of(t)]
+)
 OBSERVATIONS = Rows[Statistics, _Observed](
     "observations",
     "one row per scalar observation of the solution; residuals and errors in the unit of what was observed: plate "
     "mm, length m, angle rad",
     _observed,
     (
-        Field(
-            "kind", "string",
-            "plate, control, station_position, station_attitude, equal_elevation, air_base, water_level, "
-            "water_tilt, water_index, distance or height_difference",
-            _kinds,
-        ),
-        Field("of", "* string", "ids of the photo, the point, or both", _owners),
-        Field("component", "string", "x, y, East, North, Up, X-Tilt, ...", _components),
-        Field("residual", "number", "adjusted minus observed", lambda o: o.statistics.observed.residual[o.rows]),
-        Field("sigma", "number", "a priori", lambda o: o.statistics.observed.sigma[o.rows]),
-        Field(
-            "redundancy", "number", "redundancy number; they add up to the degrees of freedom",
-            lambda o: o.statistics.observed.redundancy[o.rows],
-        ),
-        Field(
-            "standardised", "number?",
-            "residual over its own a priori sigma; null where nothing checks the " "observation",
-            lambda o: o.statistics.standardised[o.rows],
-        ),
-        Field(
-            "test", "number?", "the same with sigma0 from all other observations: Student's t",
-            lambda o: np.where(np.isfinite(o.statistics.test), o.statistics.test, np.nan)[o.rows],
-        ),
-        Field(
-            "normal_test", "number?",
-            "the larger of `standardised` and of residual, own sigma and sigma0 from all others (Pope's tau), the "
-            "latter turned to a normal variable: what the verdict goes by",
-            lambda o: o.statistics.normal_tests[o.rows],
-        ),
-        Field(
-            "estimated_error", "number?",
-            "of the observation if all others are right: minus residual over redundancy number",
-            lambda o: o.statistics.estimated_error[o.rows],
-        ),
-        Field("detectable", "number?", "smallest detectable error", lambda o: o.statistics.detectable[o.rows]),
-        Field(
-            "effect", "3 number?", "of that error on the own position, east, north, up; null for the water",
-            lambda o: o.statistics.effect[o.rows], "m",
-        ),
+        Field("kind", "string",
+              "plate, control, station_position, station_attitude, equal_elevation, air_base, water_level, "
+              "water_tilt, water_index, distance or height_difference", _kinds, heading="Kind", edit="A8",
+              is_id=True, words={kind.name.lower(): kind.label for kind in ObservationKind}),
+        Field("of", "* string", "ids of the photo, the point, or both", _owners, heading="Photo, point", edit="A17",
+              is_id=True, shown=_owner_texts),
+        Field("component", "string", "x, y, East, North, Up, X-Tilt, ...", _components, heading="Comp.", edit="A7",
+              is_id=True),
+        Field("residual", "number", "adjusted minus observed", lambda o: o.statistics.observed.residual[o.rows],
+              heading="Residual", edit="F10.3", shown=lambda t: t["residual"] / _units(t)),
+        Field("sigma", "number", "a priori", lambda o: o.statistics.observed.sigma[o.rows], heading="Sigma",
+              edit="F9.3", shown=lambda t: t["sigma"] / _units(t)),
+        Field("redundancy", "number", "redundancy number; they add up to the degrees of freedom",
+              lambda o: o.statistics.observed.redundancy[o.rows], heading="Redund.", edit="F7.3"),
+        Field("standardised", "number?",
+              "residual over its own a priori sigma; null where nothing checks the " "observation",
+              lambda o: o.statistics.standardised[o.rows], heading="Stand.\nresidual", edit="F8.2"),
+        Field("test", "number?", "the same with sigma0 from all other observations: Student's t",
+              lambda o: np.where(np.isfinite(o.statistics.test), o.statistics.test, np.nan)[o.rows],
+              heading="Test\nvalue", edit="F8.2"),
+        Field("normal_test", "number?",
+              "the larger of `standardised` and of residual, own sigma and sigma0 from all others (Pope's tau), "
+              "the latter turned to a normal variable: what the verdict goes by",
+              lambda o: o.statistics.normal_tests[o.rows], heading="Normal test", edit="F11.2"),
+        Field("estimated_error", "number?",
+              "of the observation if all others are right: minus residual over redundancy number",
+              lambda o: o.statistics.estimated_error[o.rows], heading="Estimated error", edit="F15.3",
+              shown=lambda t: t["estimated_error"] / _units(t)),
+        Field("detectable", "number?", "smallest detectable error", lambda o: o.statistics.detectable[o.rows],
+              heading="Detectable\nerror", edit="F10.3", shown=lambda t: t["detectable"] / _units(t)),
+        Field("effect", "3 number?", "of that error on the own position, east, north, up; null for the water",
+              lambda o: o.statistics.effect[o.rows], "m", heading="Effect\nm", edit="F8.3",
+              shown=lambda t: np.linalg.norm(t["effect"], axis=1)),
     ),
     of_images=True,
 )  # fmt: skip

@@ -12,14 +12,14 @@ from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, USE
-from musatpy.reports.columns import attitude_columns, attitude_sigma_columns, position_columns, vector
 from musatpy.reports.editing import number_text
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Group, Node, Rows, Schema, properties_of, same
-from musatpy.reports.origin import Origin
+from musatpy.reports.headings import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, position
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
-from musatpy.reports.table import Choice, Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.wording import of_job
 from musatpy.units import ARC_SECOND, DEGREE
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
@@ -34,6 +34,7 @@ _ABOUT = (
 _NAMED = 12  # photos of which all are named
 _EVERY = 12  # columns of the matrix of correlations beside each other
 
+_SIGMAS = [f"Sigma {axis}\nm" for axis in "XYZ"]
 JOB: Group[Answer, Answer] = Group(
     "job",
     "what was asked for",
@@ -96,65 +97,84 @@ STATIONS: Rows[Answer, Answer] = Rows(
     "the photos, in the order of the method",
     same,
     (
-        Field("photo", "string", "photo id", lambda a: a.photos),
-        Field("position", "3 number", "in the system of the job, or the model", exact=True),
-        Field("position_sigma", "3 number?", "east, north, up, or X, Y, Z", unit="m"),
-        Field("attitude", "3 number", "X-tilt, Y-tilt, heading", unit="rad"),
-        Field("attitude_sigma", "3 number?", "", unit="rad"),
-        Field(
-            "paper", "6 number", "phi, omega, kappa, X0, Y0, Z0 of the paper", lambda a: a.paper_photos, exact=True
-        ),
+        Field("photo", "string", "photo id", lambda a: a.photos, heading="Photo", edit="A8", is_id=True),
+        Field("position", "3 number", "in the system of the job, or the model", exact=True, heading=position(4)),
+        Field("position_sigma", "3 number?", "east, north, up, or X, Y, Z", unit="m", heading=_SIGMAS,
+              edit="F10.5"),
+        Field("attitude", "3 number", "X-tilt, Y-tilt, heading", unit="rad", heading=ATTITUDES_AS_ANGLES,
+              edit="S14.3"),
+        Field("attitude_sigma", "3 number?", "", unit="rad", heading=ATTITUDE_SIGMAS, edit="F9.2"),
+        Field("paper", "6 number", "phi, omega, kappa, X0, Y0, Z0 of the paper", lambda a: a.paper_photos,
+              exact=True),
         Field("paper_sigma", "6 number?", "", lambda a: a.paper_photo_sigmas),
     ),
-)
+)  # fmt: skip
 ROOTS: Rows[Answer, Answer] = Rows(
     "other_roots",
     "photos of the other exact solutions of a minimum set",
     same,
     (
-        Field("root", "integer", "number of the solution, from 1", lambda a: a.root_photos[0]),
-        Field("photo", "string", "photo id", lambda a: a.photos[a.root_photos[1]]),
-        Field("position", "3 number", "as that of the stations", lambda a: a.root_stations, exact=True),
-        Field("slope", "2 number", "of the water", lambda a: a.roots.slope[a.root_photos[0] - 1], unit="rad"),
-        Field("level", "number", "of the water", lambda a: a.roots.level[a.root_photos[0] - 1], unit="m"),
+        Field("root", "integer", "number of the solution, from 1", lambda a: a.root_photos[0], heading="Root",
+              edit="I4", is_id=True),
+        Field("photo", "string", "photo id", lambda a: a.photos[a.root_photos[1]], heading="Photo", edit="A8",
+              is_id=True),
+        Field("position", "3 number", "as that of the stations", lambda a: a.root_stations, exact=True,
+              heading=position(4)),
+        Field("slope", "2 number", "of the water", lambda a: a.roots.slope[a.root_photos[0] - 1], unit="rad",
+              heading=("Slope X", "Slope Y"), edit="F9.5"),
+        Field("level", "number", "of the water", lambda a: a.roots.level[a.root_photos[0] - 1], unit="m",
+              heading="Level\nm", edit="F14.4"),
     ),
-)
+)  # fmt: skip
 POINTS: Rows[Answer, Answer] = Rows(
     "points",
     "the points that conditions use",
     same,
     (
-        Field("point", "string", "point id", lambda a: a.scene.sights.points),
-        Field("submerged", "boolean", "flagged so", lambda a: a.scene.sights.wet),
-        Field("control", "string", "known components", lambda a: a.control),
-        Field("outlier", "boolean", "left out, as it does not fit", lambda a: a.outliers),
-        Field("rays", "integer", "that took part", lambda a: a.rays),
-        Field("position", "3 number?", "control as adjusted", lambda a: a.point_position, exact=True),
-        Field("sigma", "3 number?", "null of control", lambda a: a.point_sigma, unit="m"),
-        Field("depth", "number?", "under the water, negative above it", lambda a: a.depth, unit="m"),
+        Field("point", "string", "point id", lambda a: a.scene.sights.points, heading="Point", edit="A8",
+              is_id=True),
+        Field("submerged", "boolean", "flagged so", lambda a: a.scene.sights.wet, heading="Bath", edit="A4",
+              words={True: "B", False: ""}),
+        Field("control", "string", "known components", lambda a: a.control, heading="Known", edit="A5"),
+        Field("outlier", "boolean", "left out, as it does not fit", lambda a: a.outliers, heading="Out", edit="A3",
+              words={True: "out", False: ""}),
+        Field("rays", "integer", "that took part", lambda a: a.rays, heading="Rays", edit="I4"),
+        Field("position", "3 number?", "control as adjusted", lambda a: a.point_position, exact=True,
+              heading=position(4)),
+        Field("sigma", "3 number?", "null of control", lambda a: a.point_sigma, unit="m", heading=_SIGMAS,
+              edit="F10.5"),
+        Field("depth", "number?", "under the water, negative above it", lambda a: a.depth, unit="m",
+              heading="Depth\nm", edit="F10.4"),
     ),
-)
+)  # fmt: skip
 LEFT_OUT: Rows[Answer, Answer] = Rows(
     "left_out",
     "points that no condition can use",
     same,
     (
-        Field("point", "string", "point id", lambda a: [point for point, _ in a.scene.left_out]),
-        Field("reason", "string", "why", lambda a: [reason for _, reason in a.scene.left_out]),
+        Field("point", "string", "point id", lambda a: [point for point, _ in a.scene.left_out], heading="Point",
+              edit="A8", is_id=True),
+        Field("reason", "string", "why", lambda a: [reason for _, reason in a.scene.left_out], heading="Reason",
+              edit="A80"),
     ),
-)
+)  # fmt: skip
 IMAGES: Rows[Answer, Answer] = Rows(
     "images",
     "the images that took part",
     same,
     (
-        Field("photo", "string", "photo id", lambda a: a.photos[a.oriented.sights.photo]),
-        Field("point", "string", "point id", lambda a: a.scene.sights.points[a.oriented.sights.point]),
-        Field("residual", "2 number", "x and y, adjusted minus measured", lambda a: a.residuals, unit="mm"),
-        Field("redundancy", "2 number", "redundancy numbers", lambda a: a.oriented.image_redundancy),
-        Field("test", "2 number?", "normalised residuals", lambda a: a.oriented.normalised_residuals),
+        Field("photo", "string", "photo id", lambda a: a.photos[a.oriented.sights.photo], heading="Photo",
+              edit="A8", is_id=True),
+        Field("point", "string", "point id", lambda a: a.scene.sights.points[a.oriented.sights.point],
+              heading="Point", edit="A8", is_id=True),
+        Field("residual", "2 number", "x and y, adjusted minus measured", lambda a: a.residuals, unit="mm",
+              heading=("x\num", "y\num"), edit="F9.2"),
+        Field("redundancy", "2 number", "redundancy numbers", lambda a: a.oriented.image_redundancy,
+              heading=("Redund.\nx", "Redund.\ny"), edit="F7.3"),
+        Field("test", "2 number?", "normalised residuals", lambda a: a.oriented.normalised_residuals,
+              heading=("Test\nx", "Test\ny"), edit="F7.2"),
     ),
-)
+)  # fmt: skip
 CORRELATIONS: Group[Answer, Answer] = Group(
     "correlations",
     "of all unknowns",
@@ -195,83 +215,69 @@ def system_of(answer: Placement) -> str:
 
 # --- the listing ---
 
-_PLACE = position_columns("position", 4)
-
-
-def _in_system(part: Choice[Any]) -> Choice[Any]:
-    """Return columns of positions in the system of the answer: a model has X, Y, Z."""
-    angular, plane = part.variants
-    return Choice(part.variants, lambda a: angular if system_of(a) == CoordinateSystem.GEOGRAPHIC else plane)
-
-
-def _sigmas(shows: str) -> tuple[Column[Any], ...]:
-    return vector([f"Sigma {axis}\nm" for axis in "XYZ"], ("F10.5",) * 3, shows=shows)
-
-
 STATION_TABLE: Report[Any] = Report(
     title="Exposure Stations: Positions",
     table=STATIONS,
-    columns=(key("Photo", "A8", "photo"), _in_system(_PLACE), *_sigmas("position_sigma")),
+    columns=("photo", "position", "position_sigma"),
 )
 ATTITUDE_TABLE: Report[Any] = Report(
     title="Exposure Stations: Attitudes",
     table=STATIONS,
     columns=(
-        key("Photo", "A8", "photo"),
-        *attitude_columns("attitude", 3),
-        *attitude_sigma_columns("attitude_sigma"),
+        "photo",
+        "attitude",
+        "attitude_sigma",
     ),
 )
 POINT_TABLE: Report[Any] = Report(
     title="Points",
     table=POINTS,
     columns=(
-        key("Point", "A8", "point"),
-        Column("Bath", "A4", shows=Origin(field="submerged", true="B")),
-        Column("Known", "A5", shows="control"),
-        Column("Rays", "I4", shows="rays"),
-        _in_system(_PLACE),
-        *_sigmas("sigma"),
-        Column("Depth\nm", "F10.4", shows="depth"),
-        Column("Out", "A3", shows=Origin(field="outlier", true="out")),
+        "point",
+        "submerged",
+        "control",
+        "rays",
+        "position",
+        "sigma",
+        "depth",
+        "outlier",
     ),
 )
 IMAGE_TABLE: Report[Any] = Report(
     title="Images: Residuals And Tests",
     table=IMAGES,
     columns=(
-        key("Photo", "A8", "photo"),
-        key("Point", "A8", "point"),
-        *vector(("x\num", "y\num"), ("F9.2",) * 2, shows="residual"),
-        *vector(("Redund.\nx", "Redund.\ny"), ("F7.3",) * 2, shows="redundancy"),
-        *vector(("Test\nx", "Test\ny"), ("F7.2",) * 2, shows="test"),
+        "photo",
+        "point",
+        "residual",
+        "redundancy",
+        "test",
     ),
 )
 ROOT_TABLE: Report[Any] = Report(
     title="Other Exact Solutions",
     table=ROOTS,
     columns=(
-        key("Root", "I4", "root"),
-        key("Photo", "A8", "photo"),
-        _in_system(_PLACE),
-        Column("Slope X", "F9.5", shows="slope[0]"),
-        Column("Slope Y", "F9.5", shows="slope[1]"),
-        Column("Level\nm", "F14.4", shows="level"),
+        "root",
+        "photo",
+        "position",
+        "slope",
+        "level",
     ),
 )
 LEFT_OUT_TABLE: Report[Any] = Report(
     title="Points That No Condition Can Use",
     table=LEFT_OUT,
-    columns=(key("Point", "A8", "point"), Column("Reason", "A80", shows="reason")),
+    columns=("point", "reason"),
 )
 PAPER_TABLE: Report[Any] = Report(
     title="In The Axes Of Okamoto And Mori: X, -Y And -Z, About The Middle Of The Axes",
     columns=(
-        key("Photo", "A8", "", lambda a: [*np.repeat(a.photos, len(SYMBOLS)).tolist(), *[""] * len(PLANE_SYMBOLS)]),
-        key("Symbol", "A6", "", lambda a: [*SYMBOLS * len(a.photos), *PLANE_SYMBOLS]),
-        Column("Value", "F18.6", lambda a: a.paper / _units(a)),
-        Column("Sigma", "F14.6", lambda a: a.paper_sigma / _units(a)),
-        Column("Unit", "A7", lambda a: [*(("deg",) * 3 + ("m",) * 3) * len(a.photos), "", "", "m", ""]),
+        of_job("Photo", "A8", lambda a: [*np.repeat(a.photos, len(SYMBOLS)).tolist(), *[""] * len(PLANE_SYMBOLS)]),
+        of_job("Symbol", "A6", lambda a: [*SYMBOLS * len(a.photos), *PLANE_SYMBOLS]),
+        of_job("Value", "F18.6", lambda a: a.paper / _units(a)),
+        of_job("Sigma", "F14.6", lambda a: a.paper_sigma / _units(a)),
+        of_job("Unit", "A7", lambda a: [*(("deg",) * 3 + ("m",) * 3) * len(a.photos), "", "", "m", ""]),
     ),
 )
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.reports.columns import vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Field, Group, Node, Rows, Schema, properties_of, same
 from musatpy.reports.orientation import (
@@ -25,7 +24,7 @@ from musatpy.reports.orientation import (
     verdict_section,
 )
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
@@ -70,62 +69,80 @@ TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
     "three photos on end each",
     same,
     (
-        Field("photo", "string", "the first of them", lambda a: a.photos[:-2]),
-        Field("points", "integer", "that took part", lambda a: [len(m.points) for m in a.strip.models]),
-        Field("redundancy", "integer", "", lambda a: [m.oriented.redundancy for m in a.strip.models]),
-        Field("sigma0", "number", "", lambda a: np.array([m.oriented.sigma0 for m in a.strip.models])),
-        Field("slope", "2 number", "of the water", lambda a: a.planes[:, :2], unit="rad"),
-        Field("slope_sigma", "2 number", "", unit="rad"),
-        Field("level", "number", "of the water, over the middle of the points", lambda a: a.levels, unit="m"),
-        Field("level_sigma", "number", "", unit="m"),
-        Field("share", "number", "", lambda a: np.array([m.oriented.level_share for m in a.strip.models])),
+        Field("photo", "string", "the first of them", lambda a: a.photos[:-2], heading="First\nphoto", edit="A8",
+              is_id=True),
+        Field("points", "integer", "that took part", lambda a: [len(m.points) for m in a.strip.models],
+              heading="Points", edit="I6"),
+        Field("redundancy", "integer", "", lambda a: [m.oriented.redundancy for m in a.strip.models],
+              heading="Redund.", edit="I7"),
+        Field("sigma0", "number", "", lambda a: np.array([m.oriented.sigma0 for m in a.strip.models]),
+              heading="Sigma0", edit="F8.4"),
+        Field("slope", "2 number", "of the water", lambda a: a.planes[:, :2], unit="rad",
+              heading=("Tilt X\narc sec", "Tilt Y\narc sec"), edit="F12.2"),
+        Field("slope_sigma", "2 number", "", unit="rad", heading=("Sigma X\narc sec", "Sigma Y\narc sec"),
+              edit="F10.2"),
+        Field("level", "number", "of the water, over the middle of the points", lambda a: a.levels, unit="m",
+              heading="Level\nm", edit="F14.4"),
+        Field("level_sigma", "number", "", unit="m", heading="Sigma\nm", edit="F10.4"),
+        Field("share", "number", "", lambda a: np.array([m.oriented.level_share for m in a.strip.models]),
+              heading="Of depth", edit="F8.4"),
         Field("paper", "3 number", "a, b and d of the paper", lambda a: a.planes * [1.0, -1.0, 1.0]),
     ),
-)
+)  # fmt: skip
 JOINS: Rows[StripAnswer, StripAnswer] = Rows(
     "joins",
     "of a triplet to the one before it",
     same,
     (
-        Field("photo", "string", "first photo of the triplet before", lambda a: a.photos[:-3]),
-        Field("last", "string", "last photo of that after", lambda a: a.photos[3:]),
-        Field("points", "integer", "common ones", lambda a: [len(join.points) for join in a.strip.joins]),
-        Field("left_out", "integer", "of these", lambda a: [int(join.left_out.sum()) for join in a.strip.joins]),
-        Field("scale", "number", "of the similarity", lambda a: a.join_scale),
-        Field("turn", "number", "of the similarity", lambda a: a.join_turn, unit="rad"),
-        Field("residual", "number", "root mean square, of a coordinate", lambda a: a.join_residual, unit="m"),
-        Field(
-            "sigma0",
-            "number",
-            "of the residuals, to what the images let expect",
-            lambda a: np.array([join.sigma0 for join in a.strip.joins]),
-        ),
-        Field("slope", "2 number", "of the water before less after", lambda a: a.join_plane[:, :2], unit="rad"),
-        Field("level", "number", "of the water before less after", lambda a: a.join_plane[:, 2], unit="m"),
-        Field("probability", "number?", "of a larger difference; null if held", lambda a: a.join_probability),
+        Field("photo", "string", "first photo of the triplet before", lambda a: a.photos[:-3],
+              heading="From\nphoto", edit="A8", is_id=True),
+        Field("last", "string", "last photo of that after", lambda a: a.photos[3:], heading="To\nphoto", edit="A8",
+              is_id=True),
+        Field("points", "integer", "common ones", lambda a: [len(join.points) for join in a.strip.joins],
+              heading="Points", edit="I6"),
+        Field("left_out", "integer", "of these", lambda a: [int(join.left_out.sum()) for join in a.strip.joins],
+              heading="Out", edit="I4"),
+        Field("scale", "number", "of the similarity", lambda a: a.join_scale, heading="Scale", edit="F10.6"),
+        Field("turn", "number", "of the similarity", lambda a: a.join_turn, unit="rad", heading="Turn\ndegrees",
+              edit="F10.5"),
+        Field("residual", "number", "root mean square, of a coordinate", lambda a: a.join_residual, unit="m",
+              heading="RMS\nm", edit="F10.5"),
+        Field("sigma0", "number", "of the residuals, to what the images let expect",
+              lambda a: np.array([join.sigma0 for join in a.strip.joins]), heading="Sigma0", edit="F8.3"),
+        Field("slope", "2 number", "of the water before less after", lambda a: a.join_plane[:, :2], unit="rad",
+              heading=("Water X\narc sec", "Water Y\narc sec"), edit="F12.2"),
+        Field("level", "number", "of the water before less after", lambda a: a.join_plane[:, 2], unit="m",
+              heading="Level\nm", edit="F12.4"),
+        Field("probability", "number?", "of a larger difference; null if held", lambda a: a.join_probability,
+              heading="Prob.", edit="F7.4"),
     ),
-)
+)  # fmt: skip
 CONTROL: Rows[StripAnswer, StripAnswer] = Rows(
     "control",
     "what holds the strip on the ground",
     same,
     (
-        Field("point", "string", "point id", lambda a: a.control_ids),
-        Field("residual", "3 number?", "known less oriented", lambda a: a.control_residual, unit="m"),
-        Field("test", "number", "of all components, in sigmas", lambda a: a.control_test),
+        Field("point", "string", "point id", lambda a: a.control_ids, heading="Point", edit="A8", is_id=True),
+        Field("residual", "3 number?", "known less oriented", lambda a: a.control_residual, unit="m",
+              heading=("Residual X\nm", "Residual Y\nm", "Residual Z\nm"), edit="F12.5"),
+        Field("test", "number", "of all components, in sigmas", lambda a: a.control_test, heading="Test",
+              edit="F8.2"),
     ),
-)
+)  # fmt: skip
 AGAINST: Rows[StripAnswer, StripAnswer] = Rows(
     "against_iiia",
     "the strip less the solution of IIIA that starts from it, a model after a similarity",
     lambda a: None if a.against is None else a,
     (
-        Field("photo", "string", "photo id", lambda a: a.photos),
-        Field("position", "3 number", "", lambda a: _against(a).position, unit="m"),
-        Field("sigmas", "3 number?", "in those of the strip", lambda a: _in_sigmas(a)),
-        Field("attitude", "3 number", "", lambda a: _against(a).attitude, unit="rad"),
+        Field("photo", "string", "photo id", lambda a: a.photos, heading="Photo", edit="A8", is_id=True),
+        Field("position", "3 number", "", lambda a: _against(a).position, unit="m",
+              heading=("X\nm", "Y\nm", "Z\nm"), edit="F12.5"),
+        Field("sigmas", "3 number?", "in those of the strip", lambda a: _in_sigmas(a),
+              heading=("X\nsigmas", "Y\nsigmas", "Z\nsigmas"), edit="F8.2"),
+        Field("attitude", "3 number", "", lambda a: _against(a).attitude, unit="rad",
+              heading=("X-tilt\narc sec", "Y-tilt\narc sec", "Heading\narc sec"), edit="F11.2"),
     ),
-)
+)  # fmt: skip
 RECORD: tuple[Node[Any], ...] = (
     *(JOB, VERDICT, FIT, PLANE, TRIPLETS, JOINS, CONTROL, STATIONS, POINTS, LEFT_OUT, AGAINST),
 )
@@ -164,51 +181,51 @@ TRIPLET_TABLE: Report[Any] = Report(
     title="Triplets And Their Planes Of Water",
     table=TRIPLETS,
     columns=(
-        key("First\nphoto", "A8", "photo"),
-        Column("Points", "I6", shows="points"),
-        Column("Redund.", "I7", shows="redundancy"),
-        Column("Sigma0", "F8.4", shows="sigma0"),
-        *vector(("Tilt X\narc sec", "Tilt Y\narc sec"), ("F12.2",) * 2, shows="slope"),
-        *vector(("Sigma X\narc sec", "Sigma Y\narc sec"), ("F10.2",) * 2, shows="slope_sigma"),
-        Column("Level\nm", "F14.4", shows="level"),
-        Column("Sigma\nm", "F10.4", shows="level_sigma"),
-        Column("Of depth", "F8.4", shows="share"),
+        "photo",
+        "points",
+        "redundancy",
+        "sigma0",
+        "slope",
+        "slope_sigma",
+        "level",
+        "level_sigma",
+        "share",
     ),
 )
 JOIN_TABLE: Report[Any] = Report(
     title="Joins Of The Triplets",
     table=JOINS,
     columns=(
-        key("From\nphoto", "A8", "photo"),
-        key("To\nphoto", "A8", "last"),
-        Column("Points", "I6", shows="points"),
-        Column("Out", "I4", shows="left_out"),
-        Column("Scale", "F10.6", shows="scale"),
-        Column("Turn\ndegrees", "F10.5", shows="turn"),
-        Column("RMS\nm", "F10.5", shows="residual"),
-        Column("Sigma0", "F8.3", shows="sigma0"),
-        *vector(("Water X\narc sec", "Water Y\narc sec"), ("F12.2",) * 2, shows="slope"),
-        Column("Level\nm", "F12.4", shows="level"),
-        Column("Prob.", "F7.4", shows="probability"),
+        "photo",
+        "last",
+        "points",
+        "left_out",
+        "scale",
+        "turn",
+        "residual",
+        "sigma0",
+        "slope",
+        "level",
+        "probability",
     ),
 )
 CONTROL_TABLE: Report[Any] = Report(
     title="Control Of The Strip",
     table=CONTROL,
     columns=(
-        key("Point", "A8", "point"),
-        *vector(("Residual X\nm", "Residual Y\nm", "Residual Z\nm"), ("F12.5",) * 3, shows="residual"),
-        Column("Test", "F8.2", shows="test"),
+        "point",
+        "residual",
+        "test",
     ),
 )
 AGAINST_TABLE: Report[Any] = Report(
     title="The Strip Less IIIA",
     table=AGAINST,
     columns=(
-        key("Photo", "A8", "photo"),
-        *vector(("X\nm", "Y\nm", "Z\nm"), ("F12.5",) * 3, shows="position"),
-        *vector(("X\nsigmas", "Y\nsigmas", "Z\nsigmas"), ("F8.2",) * 3, shows="sigmas"),
-        *vector(("X-tilt\narc sec", "Y-tilt\narc sec", "Heading\narc sec"), ("F11.2",) * 3, shows="attitude"),
+        "photo",
+        "position",
+        "sigmas",
+        "attitude",
     ),
 )
 STATED = (TRIPLET_TABLE, JOIN_TABLE, CONTROL_TABLE, AGAINST_TABLE)

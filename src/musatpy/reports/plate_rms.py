@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from musatpy.reports import result_record
+from musatpy.model.tables import falling
 from musatpy.reports.analyses import run_titles
 from musatpy.reports.editing import edited, prints_as_zero
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.fields import Field
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key, worst_first
+from musatpy.reports.result_record import FRAMES
+from musatpy.reports.table import Report
+from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.units import MICROMETRE
 
@@ -33,43 +37,50 @@ STARS = (
 )
 
 
-def _columns(kind: int, name: str) -> tuple[Column[Statistics], ...]:
-    """Return number and RMS of the points of a kind, by photo."""
-    return (
-        Column(f"{name}\npoints", "I6", shows=f"count[{kind}]"),
-        *(
-            Column(f"{name}\nRMS {axis} um", "F10.2", shows=Origin(field=f"rms[{kind}][{n}]", unit="um"))
-            for n, axis in enumerate("xy")
-        ),
-    )
+def _columns(kind: int, name: str) -> Iterator[Field[Statistics]]:
+    """Yield number and RMS of the points of a kind, by photo."""
+    yield FRAMES.column(f"count[{kind}]", f"{name}\npoints", "I6")
+    for n, axis in enumerate("xy"):
+        yield FRAMES.column(f"rms[{kind}][{n}]", f"{name}\nRMS {axis} um", "F10.2")
 
 
-_FRAMES = "plate_statistics.frames"
+def _rms(label: str, kind: int, axis: int) -> Field[Statistics]:
+    """Return a row of Table 6-4; MUSAT printed .000 for a frame without points of the kind."""
+    return Field(label, heading=label, edit=_RMS, shown=lambda t: np.nan_to_num(t["rms"][:, kind, axis]))
+
+
+def _stars(label: str, kind: int) -> Field[Statistics]:
+    """Return the row that marks the frame with the largest RMS, unless even that prints as zero."""
+
+    def shown(t: Values) -> list[str]:
+        rms = np.nan_to_num(t["rms"][:, kind])
+        most = int(falling(np.hypot(rms[:, 0], rms[:, 1]))[0]) if len(rms) else -1
+        is_zero = most < 0 or prints_as_zero(_RMS, rms[most].max())
+        return ["****" if frame == most and not is_zero else "" for frame in range(len(rms))]
+
+    return Field(label, heading=label, edit="A9", shown=shown)
+
+
 BY_PHOTO: Report[Statistics] = Report(
     title="Plate Residuals By Photo",
-    table=result_record.FRAMES,
-    path=_FRAMES,
-    columns=(key("Photo", "A8", "photo"), *_columns(0, "Trig."), *_columns(1, "Not trig."), *_columns(2, "All")),
+    table=FRAMES,
+    path="plate_statistics.frames",
+    worst=lambda t: np.linalg.norm(np.nan_to_num(t["rms"][:, 0]), axis=1) / MICROMETRE,
+    columns=("photo", *_columns(0, "Trig."), *_columns(1, "Not trig."), *_columns(2, "All")),
 )
-_RMS_ORIGINS = {label: Origin(field=f"rms[{kind}][{axis}]", null=0.0) for label, kind, axis in ROWS}
-_STARS = {label: Origin(field=f"plate_statistics.largest[{kind}]", marks="****") for label, kind in STARS}
-STATED = (
-    BY_PHOTO,
-    Mapped(
-        title="Plate Residuals",
-        layout="across",
-        table=_FRAMES,
-        ids={"Frame": "photo"},
-        columns=_RMS_ORIGINS | _STARS,
-    ),
+ACROSS: Report[Statistics] = Report(
+    title="Plate Residuals",
+    layout="across",
+    table=FRAMES,
+    path=BY_PHOTO.path,
+    columns=("photo", *(_rms(*row) for row in ROWS), *(_stars(*row) for row in STARS)),
 )
+STATED = (BY_PHOTO, ACROSS)
 
 
 def brief(statistics: Statistics) -> list[Section]:
     """Return the RMS of the photos in a line for each."""
-    triangulated = statistics.plates.rms[:, 0]
-    worst = worst_first(np.hypot(triangulated[:, 0], triangulated[:, 1]) / MICROMETRE).tolist()
-    return [BY_PHOTO.section(statistics, worst=worst)]
+    return [BY_PHOTO.section(statistics)]
 
 
 def sections(statistics: Statistics) -> list[Section]:

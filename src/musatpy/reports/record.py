@@ -12,6 +12,8 @@ from typing import Any
 import musatpy
 from musatpy.model import RecordContent, Solution
 from musatpy.reports import (
+    bathymetric,
+    ground_points,
     job_record,
     listing,
     observation_record,
@@ -19,6 +21,7 @@ from musatpy.reports import (
     reduction_record,
     result_record,
     stated_record,
+    stations,
     waves_page,
 )
 from musatpy.reports.encoding import Json
@@ -43,10 +46,8 @@ _TABLES: tuple[Node[Statistics], ...] = (
         (
             Field("name", "const", "name of the program", lambda s: "musatpy", choices=("musatpy",)),
             Field("version", "string", "version of the program", lambda s: musatpy.__version__),
-            Field(
-                "kernels", "string", "that did the work point after point; no difference to `diff`",
-                lambda s: s.solution.kernels,
-            ),
+            Field("kernels", "string", "that did the work point after point; no difference to `diff`",
+                  lambda s: s.solution.kernels),
         ),
     ),
     Group[Statistics, Statistics](
@@ -60,10 +61,8 @@ _TABLES: tuple[Node[Statistics], ...] = (
         ),
     ),
     Field("titles", "* string", "title cards", lambda s: s.block.titles),
-    Field(
-        "settings", "* string", "what was set for the run: `OP2.water_level=ONE` of its cards, `causes=all`",
-        lambda s: s.block.settings, seldom=True,
-    ),
+    Field("settings", "* string", "what was set for the run: `OP2.water_level=ONE` of its cards, `causes=all`",
+          lambda s: s.block.settings, seldom=True),
     job_record.OPTIONS,
     job_record.ELLIPSOID,
     job_record.WATER,
@@ -78,12 +77,12 @@ _TABLES: tuple[Node[Statistics], ...] = (
     job_record.CAMERAS,
     job_record.DISTORTION,
     job_record.FIDUCIALS,
-    result_record.STATIONS,
+    stations.STATIONS,
     result_record.PAIRS,
     result_record.LEVEL_PAIRS,
-    result_record.POINTS,
+    ground_points.POINTS,
     stated_record.STATED,
-    result_record.BATHYMETRIC,
+    bathymetric.BATHYMETRIC,
     result_record.CONTROL,
     result_record.EQUAL_ELEVATIONS,
     result_record.AIR_BASES,
@@ -111,15 +110,11 @@ _TABLES: tuple[Node[Statistics], ...] = (
 def tables(content: RecordContent = RecordContent.FULL) -> Sequence[Node[Statistics]]:
     """Return all that stands in the record, in its order; last the tables of pages that have their own."""
     head: tuple[Node[Statistics], ...] = (
-        Field(
-            "schema_version", "const",
-            "version of this schema; the first number changes when a field changes its meaning or goes",
-            lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,),
-        ),
-        Field(
-            "content", "string", "full, or tables: those of images are left out", lambda s: content,
-            choices=(RecordContent.FULL, RecordContent.TABLES),
-        ),
+        Field("schema_version", "const",
+              "version of this schema; the first number changes when a field changes its meaning or goes",
+              lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,)),
+        Field("content", "string", "full, or tables: those of images are left out", lambda s: content,
+              choices=(RecordContent.FULL, RecordContent.TABLES)),
     )  # fmt: skip
     nodes = [*head, *_TABLES, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
     return nodes if content is RecordContent.FULL else list(without_images(nodes))

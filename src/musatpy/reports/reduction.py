@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -17,14 +17,16 @@ from musatpy.model import (
     Refused,
     Transformation,
 )
-from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced, ReducedPlate
+from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced
 from musatpy.reports import brevity
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.fields import Field
+from musatpy.reports.labels import Content, Labels, numbers_at
 from musatpy.reports.pages import Section
 from musatpy.reports.reduction_record import REDUCED_PLATES
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -182,60 +184,53 @@ def _left_out(reduced: Reduced) -> list[str]:
     return [f"Photo {plate.photo}: {plate.reason}: {plate.refusal}." for plate in reduced.plates if plate.refusal]
 
 
-def _of_plates(values: Callable[[ReducedPlate], float]) -> Callable[[Reduced], list[float]]:
-    return lambda reduced: [values(plate) for plate in reduced.plates]
+def _entries(place: int, t: Values) -> list[str]:
+    return [row[place] for row in t.source]
 
 
-def _moved(name: str) -> Callable[[Reduced], list[float]]:
-    return _of_plates(lambda plate: _NAN if plate.refusal else plate.largest(name) / MICROMETRE)
+def _moved(heading: str, name: str) -> Field[Reduced]:
+    """Return the column of the largest displacement of each plate by a step."""
+
+    def shown(t: Values) -> list[float]:
+        plates = t.source.plates
+        return [_NAN if plate.refusal else plate.largest(name) for plate in plates]
+
+    return Field(name, heading=heading, edit="F9.2", shown=shown, of_run=True)
 
 
-def _table(title: str, nested: str, *columns: Column[Reduced]) -> Report[Reduced]:
+def _table(title: str, nested: str, *columns: Field[Reduced] | str) -> Report[Reduced]:
     """Return the table of the plates, or of what is `nested` in each of them in the record."""
     return Report(
         title=f"{_TITLE}: {title}",
         table=REDUCED_PLATES,
         path="reduction.plates",
         nested=nested,
-        columns=(key("Photo", "A8", "photo"), *columns),
+        columns=("photo", *columns),
     )
 
 
 PLATES = _table(
     "Plates",
     "",
-    Column("Marks", "I5", _of_plates(lambda plate: plate.used)),
-    Column("Not\nmeasured", "I8", shows=Origin(count=True, field="missing")),
-    Column("RMS x\num", "F8.2", shows="rms[0]"),
-    Column("RMS y\num", "F8.2", shows="rms[1]"),
-    Column("Sigma0", "F7.3", shows="sigma0"),
-    Column("Freedom", "I7", shows="freedom"),
-    Column("Largest:\nfilm um", "F9.2", _moved("reseau")),
-    Column("\nlens um", "F9.2", _moved("lens")),
-    Column("\nrefr. um", "F9.2", _moved("refraction")),
-    Column("\ncurv. um", "F9.2", _moved("curvature")),
-    Column("Refused", "A10", shows="reason"),
+    Field("used", heading="Marks", edit="I5", shown=lambda t: [p.used for p in t.source.plates], of_run=True),
+    "missing",
+    "rms",
+    "sigma0",
+    "freedom",
+    _moved("Largest:\nfilm um", "reseau"),
+    _moved("\nlens um", "lens"),
+    _moved("\nrefr. um", "refraction"),
+    _moved("\ncurv. um", "curvature"),
+    "reason",
 )
 MARKS = _table(
-    "Residuals Of Fiducial Marks: Transformed Minus Calibrated",
-    "marks",
-    key("Mark", "A4", "mark"),
-    Column("Resid. x\num", "F10.2", shows="residual[0]"),
-    Column("Resid. y\num", "F10.2", shows="residual[1]"),
-    Column("Over own\nsigma x", "F9.2", shows="normalized[0]"),
-    Column("\nsigma y", "F9.2", shows="normalized[1]"),
+    "Residuals Of Fiducial Marks: Transformed Minus Calibrated", "marks", "mark", "residual", "normalized"
 )
-DISTANCES = _table(
-    "Residuals Of Distances Between Marks",
-    "distances",
-    key("Mark", "A4", "marks[0]"),
-    key("Mark", "A4", "marks[1]"),
-    Column("Residual\num", "F10.2", shows="residual"),
-)
+DISTANCES = _table("Residuals Of Distances Between Marks", "distances", "marks", "residual")
 PARAMETERS: Report[Sequence[tuple[str, ...]]] = Report(
     title=f"{_TITLE}: Steps And Parameters",
     columns=tuple(
-        Column(heading, edit, lambda rows, place=place: [row[place] for row in rows])  # type: ignore[misc]
+        Field(heading, heading=heading, edit=edit, shown=partial(_entries, place), of_run=True)
         for place, (heading, edit) in enumerate(
             (
                 ("Photo", "A8"),
@@ -248,24 +243,17 @@ PARAMETERS: Report[Sequence[tuple[str, ...]]] = Report(
         )
     ),
 )
-SPREADS = _table(
-    "Repeated Readings",
-    "spreads",
-    key("Of", "A7", "of"),
-    Column("Freedom", "I7", shows="freedom"),
-    Column("Sigma u\nunit", "F9.5", shows="sigma[0]"),
-    Column("Sigma v\nunit", "F9.5", shows="sigma[1]"),
-    Column("Probability\nu", "F11.4", shows="probability[0]"),
-    Column("Probability\nv", "F11.4", shows="probability[1]"),
-    Column("Largest\ndeviation", "F9.5", shows="largest"),
-    Column("Test", "A4", shows=Origin(field="unlikely", true="*")),
-)
-OPTIONS = Mapped(
-    title=_TITLE,
-    layout="labels",
-    columns={
-        "Limit of residuals of marks": Origin(field="reduction.options.residual_limit", unit="um"),
-        "Mean height of the ground": Origin(field="reduction.options.ground_height"),
-    },
-)
-STATED: tuple[Report[Any] | Mapped, ...] = (OPTIONS, PLATES, MARKS, DISTANCES, PARAMETERS, SPREADS)
+SPREADS = _table("Repeated Readings", "spreads", "of", "freedom", "sigma", "probability", "largest", "unlikely")
+
+
+def _labels(content: Content) -> dict[str, Sequence[float | None]]:
+    """Return the numbers of the options by their labels, as a record has them."""
+    options = "reduction.options"
+    return {
+        "Limit of residuals of marks": numbers_at(content, f"{options}.residual_limit", unit=MICROMETRE),
+        "Mean height of the ground": numbers_at(content, f"{options}.ground_height"),
+    }
+
+
+OPTIONS = Labels(_TITLE, _labels)
+STATED = (OPTIONS, PLATES, MARKS, DISTANCES, PARAMETERS, SPREADS)

@@ -6,39 +6,43 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.reports import brevity, result_record
-from musatpy.reports.columns import vector
-from musatpy.reports.origin import Origin
+from musatpy.arrays import BoolArray, FloatArray
+from musatpy.reports import brevity
+from musatpy.reports.fields import Field
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.result_record import PLATES
+from musatpy.reports.table import Report
+from musatpy.reports.values import Values
+from musatpy.reports.wording import of_job
 from musatpy.statistics import LARGE_RESIDUAL, Statistics
-from musatpy.units import MICROMETRE
 
 
-def _refraction(statistics: Statistics, axis: int) -> np.ndarray:
-    """Return the refraction (um) of images of submerged points, by the rows of the table."""
-    submerged = statistics.block.points.bathymetric[statistics.block.plates.point]
-    refraction = np.where(submerged, statistics.solution.plates.correction[:, axis], np.nan)
-    return refraction[statistics.plate_order] / MICROMETRE
+def _refraction(t: Values) -> FloatArray:
+    """Return the refraction (n, 2) of images of submerged points, NaN of others: a listing leaves them blank."""
+    if t.source is None:
+        return np.asarray(t["refraction"])
+    block = t.source.block
+    return np.where(block.points.bathymetric[block.plates.point][t.rows, None], t["refraction"], np.nan)
 
 
 RESIDUALS: Report[Statistics] = Report(
     title="Residuals Of Plate Measurements: Adjusted Minus Measured",
-    table=result_record.PLATES,
-    rows=lambda s: s.plate_order,
+    table=PLATES,
+    which=lambda t: t.source.plate_order if t.source else np.arange(t.count),
     columns=(
-        key("Photo", "A8", "photo"),
-        key("Point", "A8", "point"),
-        *vector(("x\nmm", "y\nmm"), ("F10.4", "F10.4"), shows="xy"),
-        *vector(("Resid. x\num", "Resid. y\num"), ("F9.2", "F9.2"), shows="residual"),
-        *vector(("Sigma x\num", "Sigma y\num"), ("F8.2", "F8.2"), shows="sigma"),
-        Column("Refr. x\num", "F9.2", lambda s: _refraction(s, 0), Origin(field="refraction[0]", blank=True)),
-        Column("Refr. y\num", "F9.2", lambda s: _refraction(s, 1), Origin(field="refraction[1]", blank=True)),
-        Column("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point[s.plate_order]]),
-        Column("Trig", "A4", shows=Origin(field="triangulated", false="N")),
-        Column("Large", "A5", lambda s: np.where(s.large_residuals[s.plate_order], "*", "")),
+        *("photo", "point", "xy", "residual", "sigma"),
+        PLATES.column("refraction", shown=_refraction),
+        of_job("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point[s.plate_order]]),
+        "triangulated",
+        Field("large", heading="Large", edit="A5", shown=lambda t: np.where(_large(t), "*", "")),
     ),
 )
+
+
+def _large(t: Values) -> BoolArray:
+    return np.asarray((np.abs(t["residual"]) > LARGE_RESIDUAL * t["sigma"]).any(axis=1))
+
+
 STATED = (RESIDUALS,)
 brief = brevity.nothing
 

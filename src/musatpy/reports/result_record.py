@@ -8,21 +8,20 @@ from musatpy.model import (
     Iteration,
     LevelPairs,
     ObservationKind,
-    PointStatus,
     Solution,
     StationPairs,
     WaterPass,
     WaterPrecision,
 )
 from musatpy.reports.encoding import names, plain
-from musatpy.reports.fields import Each, Field, Group, Rows, same
+from musatpy.reports.fields import ENU, POSITION_UNIT, Each, Field, Group, Rows, same
+from musatpy.reports.headings import along_axes
+from musatpy.reports.table import unless_zero
 from musatpy.statistics import PLATE_KINDS, Analysis, DifferenceStatistics, Statistics
-from musatpy.statistics.analyses import NOT_GIVEN
+from musatpy.units import ARC_SECOND
 
 Table = Rows[Statistics, Statistics]
 
-_POSITION = "rad, rad, m (GEOG) or m"  # unit of positions
-_ENU = "east north up"
 _K = ObservationKind
 
 
@@ -39,10 +38,8 @@ SOLUTION = Group[Statistics, Solution](
         Field("reason", "string", "why not converged; empty when converged"),
         Field("warnings", "* string", "ill-determined unknowns and the like"),
         Field("sigma0", "number?", "standard deviation of unit weight, a posteriori"),
-        Field(
-            "unit_sigma", "number?",
-            "the same without what the errors of known water explain: it is tested, and scales the covariances",
-        ),
+        Field("unit_sigma", "number?",
+              "the same without what the errors of known water explain: it is tested, and scales the covariances"),
         Field("degrees_of_freedom", "integer", "observations minus unknowns"),
         Field("sum_of_squares", "number?", "weighted, of all residuals"),
         Field("observations", "map", "kind of observation -> number", lambda s: _counts(s.observations)),
@@ -66,17 +63,22 @@ ITERATIONS = Each[Statistics, tuple[Iteration, str, str]](
     "one row per iteration",
     _iterations,
     (
-        Field(
-            "pass", "integer", "0 the first triangulation, 1.. the passes with refraction",
-            lambda i: i[0].outer_pass,
-        ),
-        Field("number", "integer", "iteration within the pass", lambda i: i[0].number),
-        Field("rotation", "number?", "largest differential rotation", lambda i: i[0].rotation, "rad"),
-        Field("rotation_photo", "string", "its photo", lambda i: i[1]),
-        Field("translation", "number?", "largest differential translation", lambda i: i[0].translation, "m"),
-        Field("translation_photo", "string", "its photo", lambda i: i[2]),
-        Field("sum_of_squares", "number?", "weighted, after the step", lambda i: i[0].sum_of_squares),
-        Field("damping", "number?", "of the step control, 0 for a full step", lambda i: i[0].damping),
+        Field("pass", "integer", "0 the first triangulation, 1.. the passes with refraction",
+              lambda i: i[0].outer_pass, heading="Pass", edit="I4", is_id=True),
+        Field("number", "integer", "iteration within the pass", lambda i: i[0].number, heading="Iteration",
+              edit="I9", is_id=True),
+        Field("rotation", "number?", "largest differential rotation", lambda i: i[0].rotation, "rad",
+              heading="Largest rotation\narc sec", edit="F14.4"),
+        Field("rotation_photo", "string", "its photo", lambda i: i[1], heading="Photo", edit="A8",
+              shown=lambda t: unless_zero(t["rotation_photo"], "F14.4", t["rotation"] / ARC_SECOND)),
+        Field("translation", "number?", "largest differential translation", lambda i: i[0].translation, "m",
+              heading="Largest translation\nm", edit="F14.5"),
+        Field("translation_photo", "string", "its photo", lambda i: i[2], heading="Photo", edit="A8",
+              shown=lambda t: unless_zero(t["translation_photo"], "F14.5", t["translation"])),
+        Field("sum_of_squares", "number?", "weighted, after the step", lambda i: i[0].sum_of_squares,
+              heading="Sum of squares", edit="F16.2"),
+        Field("damping", "number?", "of the step control, 0 for a full step", lambda i: i[0].damping,
+              heading="Damping", edit="E10.2"),
     ),
 )  # fmt: skip
 
@@ -91,33 +93,33 @@ PASSES = Each[Statistics, tuple[WaterPass, str]](
     "one row per pass of the water point correction",
     _passes,
     (
-        Field("number", "integer", "pass", lambda p: p[0].number),
-        Field(
-            "movement", "number?", "largest movement of a submerged point since the pass before",
-            lambda p: p[0].movement, "m",
-        ),
-        Field("point", "string", "its point", lambda p: p[1]),
-        Field("rms_movement", "number?", "of all submerged points", lambda p: p[0].rms_movement, "m"),
-        Field(
-            "rms_residual", "number?", "of the plate residuals of submerged points", lambda p: p[0].rms_residual,
-            "mm",
-        ),
+        Field("number", "integer", "pass", lambda p: p[0].number, heading="Pass", edit="I4", is_id=True),
+        Field("movement", "number?", "largest movement of a submerged point since the pass before",
+              lambda p: p[0].movement, "m", heading="Largest movement\nm", edit="F14.5"),
+        Field("point", "string", "its point", lambda p: p[1], heading="Point", edit="A8",
+              shown=lambda t: unless_zero(t["point"], "F14.5", t["movement"])),
+        Field("rms_movement", "number?", "of all submerged points", lambda p: p[0].rms_movement, "m",
+              heading="RMS movement\nm", edit="F14.5"),
+        Field("rms_residual", "number?", "of the plate residuals of submerged points", lambda p: p[0].rms_residual,
+              "mm", heading="RMS residual of\nsubmerged points um", edit="F10.2"),
     ),
 )  # fmt: skip
 
 Component = tuple[str, str, DifferenceStatistics]
 _OF_ROW = "the row's"
 _DIFFERENCES: tuple[Field[Component], ...] = (
-    Field("component", "string", "name of the component", lambda c: c[0]),
-    Field("unit", "string", "unit of the numbers of the row", lambda c: c[1], choices=("rad", "m")),
-    Field("size", "integer", "sample size N", lambda c: c[2].size),
+    Field("component", "string", "name of the component", lambda c: c[0], heading="Component", edit="A10",
+          is_id=True),
+    Field("unit", "string", "unit of the numbers of the row", lambda c: c[1], choices=("rad", "m"), heading="Unit",
+          edit="A4"),
+    Field("size", "integer", "sample size N", lambda c: c[2].size, heading="Sample Size", edit="I8"),
     Field("sum", "number", "sum of differences", lambda c: c[2].sum, _OF_ROW),
     Field("mean", "number?", "sum / N", lambda c: c[2].mean, _OF_ROW),
     Field("rms", "number?", "root of the sum of squares / N", lambda c: c[2].rms, _OF_ROW),
     Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda c: c[2].deviation, _OF_ROW),
     Field("maximum", "number?", "signed difference of the largest magnitude", lambda c: c[2].maximum, _OF_ROW),
     Field("maximum_id", "string?", "photo or point of the maximum", lambda c: c[2].maximum_id or None),
-)
+)  # fmt: skip
 
 
 def _components(analysis: Analysis) -> list[Component]:
@@ -152,11 +154,11 @@ FRAMES = Table(
     "one row per photo",
     same,
     (
-        Field("photo", "string", "photo id", lambda s: s.block.photos.ids),
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
         Field("count", "3 integer", "points of each kind", lambda s: s.plates.count),
         Field("rms", "3x2 number?", "x and y of each kind", lambda s: s.plates.rms, "mm"),
     ),
-)
+)  # fmt: skip
 
 
 def _largest(statistics: Statistics) -> list[str | None]:
@@ -169,51 +171,14 @@ PLATE_STATISTICS = Group[Statistics, Statistics](
     "RMS plate residuals",
     same,
     (
-        Field(
-            "kinds", "3 string", "order of the kinds in count, rms, largest and the totals", lambda s: PLATE_KINDS,
-        ),
+        Field("kinds", "3 string", "order of the kinds in count, rms, largest and the totals",
+              lambda s: PLATE_KINDS, heading="Points", edit="A16", is_id=True),
         FRAMES,
         Field("largest", "3 string?", "photo of the largest root of x^2 + y^2 of each kind", _largest),
-        Field("total_count", "3 integer", "points of each kind in the job", lambda s: s.plates.total_count),
-        Field("total_rms", "3x2 number?", "x and y of each kind in the job", lambda s: s.plates.total_rms, "mm"),
-    ),
-)  # fmt: skip
-
-STATIONS = Table(
-    "stations",
-    "one row per photo",
-    same,
-    (
-        Field("photo", "string", "photo id", lambda s: s.block.photos.ids),
-        Field("camera", "string", "camera id", lambda s: s.block.cameras.ids[s.block.photos.camera]),
-        Field("position", "3 number", "adjusted", lambda s: s.solution.stations.position, _POSITION),
-        Field("position_sigma", "3 number?", f"a posteriori, {_ENU}", lambda s: s.station_sigmas[:, :3], "m"),
-        Field("attitude", "3 number", "adjusted", lambda s: s.solution.stations.attitude, "rad"),
-        Field("attitude_sigma", "3 number?", "a posteriori", lambda s: s.station_sigmas[:, 3:], "rad"),
-        Field(
-            "covariance", "6x6 number?", "a posteriori, of east, north, up, X-tilt, Y-tilt, heading",
-            lambda s: s.solution.stations.covariance, "m2, m rad, rad2",
-        ),
-        Field("given_position", "3 number", "of the deck", lambda s: s.block.photos.position, _POSITION),
-        Field(
-            "given_position_sigma", "3 number?", f"of the deck, {_ENU}; null where not observed",
-            lambda s: s.block.photos.position_sigma, "m",
-        ),
-        Field("given_attitude", "3 number", "of the deck", lambda s: s.block.photos.attitude, "rad"),
-        Field(
-            "given_attitude_sigma", "3 number?", "of the deck; null where not observed",
-            lambda s: s.block.photos.attitude_sigma, "rad",
-        ),
-        Field("tide", "number?", "height of the water surface at the exposure", lambda s: s.block.photos.tide, "m"),
-        Field("tide_sigma", "number?", "of the tide", lambda s: s.block.photos.tide_sigma, "m"),
-        Field(
-            "tide_group", "string", "group of photos with a common correction of their tides",
-            lambda s: s.block.photos.tide_group,
-        ),
-        Field("tide_day", "string", "day of the exposure", lambda s: s.block.photos.tide_day),
-        Field(
-            "time", "number?", "of the exposure, on one clock for all photos", lambda s: s.block.photos.time, "s",
-        ),
+        Field("total_count", "3 integer", "points of each kind in the job", lambda s: s.plates.total_count,
+              heading="Number", edit="I8"),
+        Field("total_rms", "3x2 number?", "x and y of each kind in the job", lambda s: s.plates.total_rms, "mm",
+              heading=("RMS x\num", "RMS y\num"), edit="F10.2"),
     ),
 )  # fmt: skip
 
@@ -252,15 +217,11 @@ LEVEL_PAIRS = Rows[Statistics, tuple[TextArray, LevelPairs]](
     _level_pairs,
     (
         Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
-        Field(
-            "of_first", "6 number?",
-            "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with the level of the second",
-            lambda p: p[1].of_first, "m2, m rad",
-        ),
-        Field(
-            "of_second", "6 number?", "of the first's level with those of the second", lambda p: p[1].of_second,
-            "m2, m rad",
-        ),
+        Field("of_first", "6 number?",
+              "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with the level of the second",
+              lambda p: p[1].of_first, "m2, m rad"),
+        Field("of_second", "6 number?", "of the first's level with those of the second", lambda p: p[1].of_second,
+              "m2, m rad"),
         Field("level", "number?", "of both levels", lambda p: p[1].level, "m2"),
     ),
 )  # fmt: skip
@@ -271,130 +232,38 @@ WATER_PRECISION = Rows[Statistics, WaterPrecision](
     (
         Field("quantity", "string", "level, tilt, index or parameter of a wave", lambda w: w.names),
         Field("covariance", "* number?", "a posteriori, with all of them in this order", unit="m, rad"),
-        Field(
-            "stations", "* number?",
-            "a posteriori, with east, north, up, X-tilt, Y-tilt, heading of each station, one after the other",
-            lambda w: w.stations.reshape(-1, len(w.names)).T, "m, rad",
-        ),
-        Field(
-            "levels", "* number?", "a posteriori, with the unknown level of each photo; empty where there are none",
-            lambda w: w.levels.T, "m", exact=True,
-        ),
+        Field("stations", "* number?",
+              "a posteriori, with east, north, up, X-tilt, Y-tilt, heading of each station, one after the other",
+              lambda w: w.stations.reshape(-1, len(w.names)).T, "m, rad"),
+        Field("levels", "* number?",
+              "a posteriori, with the unknown level of each photo; empty where there are none",
+              lambda w: w.levels.T, "m", exact=True),
     ),
 )  # fmt: skip
 
-
-def _reasons(statistics: Statistics) -> list[str | None]:
-    reasons = statistics.solution.points.reasons
-    return [reasons.get(row) for row in range(len(statistics.block.points.ids))]
-
-
-POINTS = Table(
-    "points",
-    "one row per ground point",
-    same,
-    (
-        Field("point", "string", "point id", lambda s: s.block.points.ids),
-        Field("bathymetric", "boolean", "submerged", lambda s: s.block.points.bathymetric),
-        Field("dry", "boolean", "flagged as dry for certain", lambda s: s.block.points.dry),
-        Field(
-            "status", "string", "what became of it", lambda s: names(PointStatus, s.solution.points.status),
-            choices=("triangulated", "intersected", "not_determined"),
-        ),
-        Field("reason", "string?", "why it has no position, or took no part", _reasons),
-        Field("rays", "integer", "plate measurements used for the position", lambda s: s.solution.points.rays),
-        Field("position", "3 number?", "adjusted", lambda s: s.solution.points.position, _POSITION),
-        Field("sigma", "3 number?", f"a posteriori, {_ENU}", lambda s: s.point_sigmas, "m"),
-        Field(
-            "covariance", "3x3 number?", "a posteriori, of east, north, up", lambda s: s.solution.points.covariance,
-            "m2",
-        ),
-    ),
-)  # fmt: skip
-
-
-def _given_heights(statistics: Statistics) -> list[str | None]:
-    kinds = statistics.sounding_kinds.tolist()
-    return [None if kind == NOT_GIVEN else ControlKind(kind).name.lower() for kind in kinds]
-
-
-BATHYMETRIC = Table(
-    "bathymetric_points",
-    "one row per submerged point; X, Y, Z are geocentric, or the job's own in LOCL jobs",
-    same,
-    (
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.solution.bathymetric.point]),
-        Field(
-            "no_refraction", "3 number?",
-            "X, Y, Z where straight rays of the adjusted stations meet; null where two rays that are not parallel "
-            "do not give it",
-            lambda s: s.bathymetric_xyz[:, 0], "m", exact=True,
-        ),
-        Field(
-            "predicted", "3 number?", "X, Y, Z below it along the local vertical, at n times its depth",
-            lambda s: s.bathymetric_xyz[:, 1], "m", exact=True,
-        ),
-        Field("refraction", "3 number?", "X, Y, Z adjusted", lambda s: s.bathymetric_xyz[:, 2], "m", exact=True),
-        Field(
-            "photos", "integer", "photos whose rays give the point",
-            lambda s: s.solution.points.rays[s.solution.bathymetric.point],
-        ),
-        Field(
-            "incidence", "number?", "mean angle of incidence of these rays, in air",
-            lambda s: s.solution.bathymetric.incidence, "rad",
-        ),
-        Field(
-            "water_level", "number?", "mean height of the water at the point, over the photos that give it",
-            lambda s: s.solution.bathymetric.water_level, "m",
-        ),
-        Field(
-            "depth_no_refraction", "number?", "where straight rays meet, below the water level",
-            lambda s: s.solution.bathymetric.apparent_depth, "m",
-        ),
-        Field(
-            "depth_predicted", "number?", "n times that; null where there is no index",
-            lambda s: s.solution.bathymetric.predicted_depth, "m",
-        ),
-        Field("depth", "number?", "adjusted, below the water level", lambda s: s.solution.bathymetric.depth, "m"),
-        Field("depth_sigma", "number?", "of the depth", lambda s: s.solution.bathymetric.depth_sigma, "m"),
-        Field(
-            "height", "number?", "of the adjusted point: water level minus depth",
-            lambda s: s.solution.bathymetric.height, "m",
-        ),
-        Field(
-            "control", "string?", "kind of control that gives its height; null where none does", _given_heights,
-            choices=("full", "vertical", "check"),
-        ),
-        Field("residual", "number?", "adjusted minus given depth", lambda s: s.sounding_residuals, "m"),
-    ),
-)  # fmt: skip
 
 CONTROL = Table(
     "control",
     "one row per control card",
     same,
     (
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point]),
-        Field(
-            "kind", "string", "components that are known", lambda s: names(ControlKind, s.block.control.kind),
-            choices=("full", "horizontal", "vertical", "check"),
-        ),
-        Field("fixed", "boolean", "held without error", lambda s: s.block.control.fixed),
-        Field(
-            "given_position", "3 number?", "of the deck, null where blank", lambda s: s.block.control.position,
-            _POSITION,
-        ),
-        Field("given_sigma", "3 number?", f"of the deck, {_ENU}", lambda s: s.block.control.sigma, "m"),
-        Field("difference", "3 number?", f"adjusted minus given, {_ENU}", lambda s: s.control_difference, "m"),
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point], heading="Point",
+              edit="A8", is_id=True),
+        Field("kind", "string", "components that are known", lambda s: names(ControlKind, s.block.control.kind),
+              choices=("full", "horizontal", "vertical", "check"), heading="Kind", edit="A10", is_id=True),
+        Field("fixed", "boolean", "held without error", lambda s: s.block.control.fixed, heading="Fixed", edit="A5",
+              words={True: "X", False: ""}),
+        Field("given_position", "3 number?", "of the deck, null where blank", lambda s: s.block.control.position,
+              POSITION_UNIT),
+        Field("given_sigma", "3 number?", f"of the deck, {ENU}", lambda s: s.block.control.sigma, "m",
+              heading=along_axes("Sigma ")),
+        Field("difference", "3 number?", f"adjusted minus given, {ENU}", lambda s: s.control_difference, "m",
+              heading=along_axes()),
         Field("used", "3 boolean", "the component took part in the adjustment", lambda s: s.block.control.known),
-        Field(
-            "adjusted_sigma", "3 number?", f"of the adjusted position, {_ENU}",
-            lambda s: s.point_sigmas[s.block.control.point], "m",
-        ),
-        Field(
-            "test", "3 number?", f"test values of the components, {_ENU}, as `normal_test` of the observations",
-            lambda s: s.control_tests,
-        ),
+        Field("adjusted_sigma", "3 number?", f"of the adjusted position, {ENU}",
+              lambda s: s.point_sigmas[s.block.control.point], "m", heading=along_axes("Sigma ")),
+        Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations",
+              lambda s: s.control_tests, heading=along_axes("Test\n", edit="F6.1", unit="")),
     ),
 )  # fmt: skip
 
@@ -416,14 +285,16 @@ EQUAL_ELEVATIONS = Table(
     "one row per group",
     same,
     (
-        Field("group", "string", "group id", lambda s: s.block.equal_elevations.ids),
-        Field("given_sigma", "number", "of a point about the level", lambda s: s.block.equal_elevations.sigma, "m"),
-        Field("level", "number?", "adjusted", lambda s: s.solution.levels, "m"),
-        Field("level_sigma", "number?", "a posteriori", lambda s: s.solution.level_sigmas, "m"),
-        Field("points", "* string", "point ids", _members),
-        Field(
-            "difference", "* number?", "adjusted elevation of each point minus the level", _level_differences, "m",
-        ),
+        Field("group", "string", "group id", lambda s: s.block.equal_elevations.ids, heading="Group", edit="A8",
+              is_id=True),
+        Field("given_sigma", "number", "of a point about the level", lambda s: s.block.equal_elevations.sigma, "m",
+              heading="Sigma given\nm", edit="F9.4"),
+        Field("level", "number?", "adjusted", lambda s: s.solution.levels, "m", heading="Level\nm", edit="F11.4"),
+        Field("level_sigma", "number?", "a posteriori", lambda s: s.solution.level_sigmas, "m", heading="Sigma\nm",
+              edit="F9.4"),
+        Field("points", "* string", "point ids", _members, heading="Point", edit="A8", is_id=True),
+        Field("difference", "* number?", "adjusted elevation of each point minus the level", _level_differences,
+              "m", heading="Point minus level\nm", edit="F11.4"),
     ),
 )  # fmt: skip
 
@@ -441,12 +312,15 @@ def _between(name: str, text: str, ends: str, what: str, kind: ObservationKind) 
         text,
         same,
         (
-            Field(ends, "2 string", f"{end} ids", ids),
-            Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what), "m"),
-            Field("given_sigma", "number", "of the deck", lambda s: getattr(s.block, name).sigma, "m"),
-            Field(what, "number?", "adjusted", lambda s: s.solution.measured[kind], "m"),
+            Field(ends, "2 string", f"{end} ids", ids, heading=(end.capitalize(),) * 2, edit="A8", is_id=True),
+            Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what), "m",
+                  heading="Given\nm", edit="F13.4"),
+            Field("given_sigma", "number", "of the deck", lambda s: getattr(s.block, name).sigma, "m",
+                  heading="Sigma given\nm", edit="F9.4"),
+            Field(what, "number?", "adjusted", lambda s: s.solution.measured[kind], "m", heading="Adjusted\nm",
+                  edit="F13.4"),
         ),
-    )
+    )  # fmt: skip
 
 
 AIR_BASES = _between("air_bases", "one row per air base", "photos", "length", _K.AIR_BASE)
@@ -460,16 +334,21 @@ PLATES = Table(
     "one row per plate measurement",
     same,
     (
-        Field("photo", "string", "photo id", lambda s: s.block.photos.ids[s.block.plates.photo]),
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.plates.point]),
-        Field("xy", "2 number", "measured", lambda s: s.block.plates.xy, "mm", exact=True),
-        Field("sigma", "2 number", "a priori", lambda s: s.block.plate_sigmas, "mm"),
-        Field("triangulated", "boolean", "took part in the solution", lambda s: s.solution.plates.triangulated),
-        Field("residual", "2 number?", "adjusted minus measured", lambda s: s.solution.plates.residual, "mm"),
-        Field(
-            "refraction", "2 number?", "adjusted straight image minus adjusted refracted image; 0 on land",
-            lambda s: s.solution.plates.correction, "mm",
-        ),
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids[s.block.plates.photo], heading="Photo",
+              edit="A8", is_id=True),
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.plates.point], heading="Point",
+              edit="A8", is_id=True),
+        Field("xy", "2 number", "measured", lambda s: s.block.plates.xy, "mm", exact=True,
+              heading=("x\nmm", "y\nmm"), edit="F10.4"),
+        Field("sigma", "2 number", "a priori", lambda s: s.block.plate_sigmas, "mm",
+              heading=("Sigma x\num", "Sigma y\num"), edit="F8.2"),
+        Field("triangulated", "boolean", "took part in the solution", lambda s: s.solution.plates.triangulated,
+              heading="Trig", edit="A4", words={True: "", False: "N"}),
+        Field("residual", "2 number?", "adjusted minus measured", lambda s: s.solution.plates.residual, "mm",
+              heading=("Resid. x\num", "Resid. y\num"), edit="F9.2"),
+        Field("refraction", "2 number?", "adjusted straight image minus adjusted refracted image; 0 on land",
+              lambda s: s.solution.plates.correction, "mm", heading=("Refr. x\num", "Refr. y\num"), edit="F9.2",
+              blank=True),
     ),
     of_images=True,
 )  # fmt: skip

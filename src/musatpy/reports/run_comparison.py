@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import analyses
-from musatpy.reports.columns import vector
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Rows, Schema, properties_of, same
-from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section, print_titled
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import labelled
 from musatpy.statistics.differences import Analysis, DifferenceStatistics, analysis_of
 
@@ -27,16 +25,19 @@ RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[Against
     "one row per point that the run has too",
     same,
     (
-        Field("model", "string", "model id", lambda s: _models_of(s)),
-        Field("point", "string", "point id", lambda s: _points_of(s)),
-        Field("shared", "boolean", "its readings are those of the run", lambda s: _of(s, "shared")),
-        Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"), "m"),
-        Field("length", "number", "of that", lambda s: _of(s, "length"), "m"),
-        Field("sigma", "3 number?", "of the difference; null where not known", lambda s: _of(s, "sigma"), "m"),
-        Field("test", "number?", "root of the mean square over its covariance", lambda s: _of(s, "test")),
-        Field(
-            "stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"), "mm",
-        ),
+        Field("model", "string", "model id", lambda s: _models_of(s), heading="Model", edit="A8", is_id=True),
+        Field("point", "string", "point id", lambda s: _points_of(s), heading="Point", edit="A8", is_id=True),
+        Field("shared", "boolean", "its readings are those of the run", lambda s: _of(s, "shared"), heading="Same",
+              edit="A4", words={True: "S", False: ""}),
+        Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"), "m",
+              heading=("East\nm", "North\nm", "Up\nm"), edit="F7.4"),
+        Field("length", "number", "of that", lambda s: _of(s, "length"), "m", heading="Length\nm", edit="F8.4"),
+        Field("sigma", "3 number?", "of the difference; null where not known", lambda s: _of(s, "sigma"), "m",
+              heading=[f"Sigma {axis}\nm" for axis in ("E", "N", "U")], edit="F7.4"),
+        Field("test", "number?", "root of the mean square over its covariance", lambda s: _of(s, "test"),
+              heading="Test", edit="F6.2"),
+        Field("stages", "2x2 number", "read minus predicted, left and right", lambda s: _of(s, "stages"), "mm",
+              heading=[f"{side} {axis}\num" for side in ("Left", "Right") for axis in "xy"], edit="F7.2"),
     ),
 )  # fmt: skip
 ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistics]] = Each(
@@ -58,19 +59,16 @@ RECORD = (RUN_POINTS, ANALYSIS)
 RUN_TABLE: Report[Any] = Report(
     title="Comparison With The Run",
     table=RUN_POINTS,
+    worst=lambda t: t["length"],
     columns=(
-        key("Model", "A8", "model"),
-        key("Point", "A8", "point"),
-        Column("Same", "A4", shows=Origin(field="shared", true="S")),
-        *vector(("East\nm", "North\nm", "Up\nm"), ("F7.4",) * 3, shows="difference"),
-        Column("Length\nm", "F8.4", shows="length"),
-        *vector([f"Sigma {axis}\nm" for axis in ("E", "N", "U")], ("F7.4",) * 3, shows="sigma"),
-        Column("Test", "F6.2", shows="test"),
-        *(
-            Column(f"{side} {axis}\num", "F7.2", shows=f"stages[{i}][{j}]")
-            for i, side in enumerate(("Left", "Right"))
-            for j, axis in enumerate("xy")
-        ),
+        "model",
+        "point",
+        "shared",
+        "difference",
+        "length",
+        "sigma",
+        "test",
+        "stages",
     ),
 )
 STATED = (RUN_TABLE,)

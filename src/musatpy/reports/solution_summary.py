@@ -2,42 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from musatpy.reports import answer, result_record
 from musatpy.reports.editing import number_text
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.labels import Content, Labels, Texts, numbers_at, sentences_at
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import by_kind, labelled, wrapped
-from musatpy.statistics import PLATE_KINDS, Statistics
-from musatpy.units import MICROMETRE
+from musatpy.reports.values import at
+from musatpy.statistics import Statistics
 
 LISTED_WARNINGS = 10  # of a kind; the record has them all
 PLATE_RESIDUALS: Report[Statistics] = Report(
     title="Plate Residuals Of The Job",
-    path=result_record.PLATE_STATISTICS.name,
+    table=result_record.PLATE_STATISTICS,
     expand=("kinds", "total_count", "total_rms"),
-    columns=(
-        key("Points", "A16", "kinds", lambda s: PLATE_KINDS),
-        Column("Number", "I8", lambda s: s.plates.total_count, "total_count"),
-        Column("RMS x\num", "F10.2", lambda s: s.plates.total_rms[:, 0] / MICROMETRE, "total_rms[0]"),
-        Column("RMS y\num", "F10.2", lambda s: s.plates.total_rms[:, 1] / MICROMETRE, "total_rms[1]"),
-    ),
+    columns=("kinds", "total_count", "total_rms"),
 )
-_SUMMARY = {
-    "Observations, all": Origin(sum=True, field="solution.observations"),
-    "Observations, *": Origin(field="solution.observations.*"),
-    "Unknowns, all": Origin(sum=True, field="solution.unknowns"),
-    "Unknowns, *": Origin(field="solution.unknowns.*"),
-    "Degrees of freedom": Origin(field="solution.degrees_of_freedom"),
-    "Weighted sum of squares": Origin(field="solution.sum_of_squares"),
-    "Sigma0 (standard deviation of unit weight)": Origin(field="solution.sigma0"),
-}
-SUMMARY = Mapped(title="Solution Summary", layout="labels", columns=_SUMMARY)
+
+
+def _numbers(content: Content) -> dict[str, Sequence[float | None]]:
+    """Return the numbers of the summary by their labels, as a record has them."""
+    labels: dict[str, Sequence[float | None]] = {}
+    for noun in ("Observations", "Unknowns"):
+        counts = at(content, f"solution.{noun.lower()}") or {}
+        labels |= {f"{noun}, {kind}": [count] for kind, count in counts.items()}
+        labels[f"{noun}, all"] = [sum(count for count in counts.values() if isinstance(count, int | float))]
+    for label, name in (
+        ("Degrees of freedom", "degrees_of_freedom"),
+        ("Weighted sum of squares", "sum_of_squares"),
+        ("Sigma0 (standard deviation of unit weight)", "sigma0"),
+        ("Sigma0, errors of known water allowed for", "unit_sigma"),
+    ):
+        labels[label] = numbers_at(content, f"solution.{name}")
+    return labels
+
+
+SUMMARY = Labels("Solution Summary", _numbers)
 STATED = (
     SUMMARY,
-    Mapped(title=answer.ALL_REASONS, layout="texts", table="verdict.reasons", also=("verdict.notes",)),
+    Texts(answer.ALL_REASONS, lambda r: sentences_at(r, "verdict.reasons", "verdict.notes"), "verdict"),
     PLATE_RESIDUALS,
-    Mapped(title="Warnings", layout="texts", table="solution.warnings"),
+    Texts("Warnings", lambda r: sentences_at(r, "solution.warnings"), "solution"),
 )
 
 

@@ -10,7 +10,7 @@ from musatpy.compilation.point_orders import order_names, orders_of_points
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
 from musatpy.reports.pages import Section, print_titled
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
 from musatpy.soundings.differences import (
     OrderShare,
@@ -62,22 +62,25 @@ SAMPLES: Each[Sounded, Sample] = Each(
     "compiled less sounded depths, in numbers",
     lambda s: samples(s.differences),
     (
-        Field("sample", "string", "which soundings, by sounded depth", lambda p: p.what),
-        Field("size", "integer", "sample size N", lambda p: p.statistics.size),
-        Field("sum", "number", "of the differences", lambda p: p.statistics.sum, "m"),
-        Field("mean", "number?", "sum / N", lambda p: p.statistics.mean, "m"),
-        Field("rms", "number?", "root of the sum of squares / N", lambda p: p.statistics.rms, "m"),
-        Field(
-            "deviation", "number?", "standard deviation from the mean, N - 1", lambda p: p.statistics.deviation, "m"
-        ),
-        Field(
-            "maximum", "number?", "signed difference of the largest magnitude", lambda p: p.statistics.maximum, "m"
-        ),
-        Field("maximum_id", "string?", "its sounding", lambda p: p.statistics.maximum_id or None),
-        Field("median", "number?", "", lambda p: p.median, "m"),
-        Field("spread", "number?", "median absolute deviation times 1.4826", lambda p: p.spread, "m"),
+        Field("sample", "string", "which soundings, by sounded depth", lambda p: p.what, heading="Sample",
+              edit="A16", is_id=True),
+        Field("size", "integer", "sample size N", lambda p: p.statistics.size, heading="Size", edit="I7"),
+        Field("sum", "number", "of the differences", lambda p: p.statistics.sum, "m", heading="Sum\nm",
+              edit="F11.3"),
+        Field("mean", "number?", "sum / N", lambda p: p.statistics.mean, "m", heading="Mean\nm", edit="F9.3"),
+        Field("rms", "number?", "root of the sum of squares / N", lambda p: p.statistics.rms, "m", heading="RMS\nm",
+              edit="F9.3"),
+        Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda p: p.statistics.deviation,
+              "m", heading="Deviation\nm", edit="F9.3"),
+        Field("maximum", "number?", "signed difference of the largest magnitude", lambda p: p.statistics.maximum,
+              "m", heading="Maximum\nm", edit="F9.3"),
+        Field("maximum_id", "string?", "its sounding", lambda p: p.statistics.maximum_id or None, heading="at",
+              edit="A10"),
+        Field("median", "number?", "", lambda p: p.median, "m", heading="Median\nm", edit="F9.3"),
+        Field("spread", "number?", "median absolute deviation times 1.4826", lambda p: p.spread, "m",
+              heading="NMAD\nm", edit="F9.3"),
     ),
-)
+)  # fmt: skip
 REGRESSION: Group[Sounded, Regression] = Group(
     "regression",
     "difference = a + b depth without blunders; null for fewer than three depths",
@@ -97,59 +100,66 @@ SHARES: Each[Sounded, OrderShare] = Each(
     "differences within the vertical uncertainty of the orders of S-44",
     lambda s: order_shares(s.differences),
     (
-        Field("order", "string", "of the survey", lambda o: o.name),
-        Field("share", "number", "of the differences", lambda o: o.share),
-        Field("met", "boolean", "95 % are within"),
+        Field("order", "string", "of the survey", lambda o: o.name, heading="Order", edit="A10", is_id=True),
+        Field("share", "number", "of the differences", lambda o: o.share, heading="Within", edit="F7.3"),
+        Field("met", "boolean", "95 % are within", heading="95 %", edit="A4", words={True: "met", False: "NO"}),
     ),
-)
+)  # fmt: skip
 DIFFERENCES: Rows[Sounded, Sounded] = Rows(
     "differences",
     "one row per sounding that meets the bottom",
     same,
     (
-        Field("sounding", "string", "its name, or line", lambda s: s.differences.names),
-        Field("compiled", "number", "depth", lambda s: s.differences.compiled, "m"),
-        Field("sounded", "number", "depth below the same datum", lambda s: s.differences.sounded, "m"),
-        Field("difference", "number", "compiled less sounded", lambda s: s.differences.difference, "m"),
-        Field("sigma", "number", "of the difference", lambda s: s.differences.sigma, "m"),
-        Field("blunder", "boolean", "beyond 3.29 robust deviations", lambda s: s.differences.blunders),
+        Field("sounding", "string", "its name, or line", lambda s: s.differences.names, heading="Sounding",
+              edit="A16", is_id=True),
+        Field("compiled", "number", "depth", lambda s: s.differences.compiled, "m", heading="Compiled\nm",
+              edit="F9.3"),
+        Field("sounded", "number", "depth below the same datum", lambda s: s.differences.sounded, "m",
+              heading="Sounded\nm", edit="F9.3"),
+        Field("difference", "number", "compiled less sounded", lambda s: s.differences.difference, "m",
+              heading="Difference\nm", edit="F9.3"),
+        Field("sigma", "number", "of the difference", lambda s: s.differences.sigma, "m", heading="Sigma\nm",
+              edit="F9.3"),
+        Field("blunder", "boolean", "beyond 3.29 robust deviations", lambda s: s.differences.blunders,
+              heading="Blunder", edit="A4", words={True: "*", False: ""}),
         Field("place", "2 number", "east and north on the map of the first model, or raster", lambda s: s.xy, "m"),
     ),
-)
+)  # fmt: skip
 LEFT_OUT: Rows[Sounded, Sounded] = Rows(
     "left_out",
     "soundings that do not meet the bottom",
     same,
     (
-        Field("sounding", "string", "its name, or line", lambda s: s.soundings.names[list(s.reasons)]),
-        Field("reason", "string", "why", lambda s: list(s.reasons.values())),
+        Field("sounding", "string", "its name, or line", lambda s: s.soundings.names[list(s.reasons)],
+              heading="Sounding", edit="A16", is_id=True),
+        Field("reason", "string", "why", lambda s: list(s.reasons.values()), heading="Reason", edit="A60"),
     ),
-)
+)  # fmt: skip
 RECORD: tuple[Node[Sounded], ...] = (MATCHING, SAMPLES, REGRESSION, SHARES, DIFFERENCES, LEFT_OUT)
 
 SAMPLE_TABLE: Report[Any] = Report(
     title="Comparison With Soundings: Compiled Less Sounded Depths",
     table=SAMPLES,
     columns=(
-        key("Sample", "A16", "sample"),
-        Column("Size", "I7", shows="size"),
-        Column("Sum\nm", "F11.3", shows="sum"),
-        Column("Mean\nm", "F9.3", shows="mean"),
-        Column("RMS\nm", "F9.3", shows="rms"),
-        Column("Deviation\nm", "F9.3", shows="deviation"),
-        Column("Median\nm", "F9.3", shows="median"),
-        Column("NMAD\nm", "F9.3", shows="spread"),
-        Column("Maximum\nm", "F9.3", shows="maximum"),
-        Column("at", "A10", shows="maximum_id"),
+        "sample",
+        "size",
+        "sum",
+        "mean",
+        "rms",
+        "deviation",
+        "median",
+        "spread",
+        "maximum",
+        "maximum_id",
     ),
 )
 SHARE_TABLE: Report[Any] = Report(
     title="Orders Of S-44 Met By The Differences",
     table=SHARES,
     columns=(
-        key("Order", "A10", "order"),
-        Column("Within", "F7.3", shows="share"),
-        Column("95 %", "A4", lambda s: ["met" if share.met else "NO" for share in order_shares(s.differences)]),
+        "order",
+        "share",
+        "met",
     ),
 )
 STATED = (SAMPLE_TABLE, SHARE_TABLE)

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray
-from musatpy.reports.columns import Columns
+from musatpy.arrays import FloatArray
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, worst_first
+from musatpy.reports.table import Report, worst_first
 from musatpy.reports.text import labelled, wrapped
-from musatpy.reports.wording import map_columns, place_columns, place_sigma_columns, turn_columns
+from musatpy.reports.wording import Columns, map_columns, of_job, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics, Words
 from musatpy.units import AngleUnit
 
@@ -50,8 +49,8 @@ def _lines(what: str, words: Words) -> list[str]:
 def stations(statistics: Statistics, words: Words) -> list[Section]:
     """Return the adjusted positions, what the map does there, and the adjusted attitudes."""
     positions: Columns = (
-        Column("Photo", "A8", lambda s: s.block.photos.ids),
-        Column("Camera", "A6", lambda s: s.block.cameras.ids[s.block.photos.camera]),
+        of_job("Photo", "A8", lambda s: s.block.photos.ids),
+        of_job("Camera", "A6", lambda s: s.block.cameras.ids[s.block.photos.camera]),
         *place_columns(words, lambda s: _answer(s, "position"), 3),
         *place_sigma_columns(words, lambda s: s.answer_station_sigmas[:, :3]),
     )
@@ -90,14 +89,6 @@ def _notes(statistics: Statistics, words: Words) -> list[str]:
         for name in ids[answer.far_stations].tolist()
     ]
     return wrapped([f"Photo {text}" for text in (*lost, *far)])
-
-
-def point_columns(words: Words, rows: IntArray) -> tuple[Columns, Columns]:
-    """Return the columns of the coordinates of ground points, and those of their sigmas."""
-    return (
-        place_columns(words, lambda s: _answer(s, "points")[rows], 3),
-        place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
-    )
 
 
 def far_points(statistics: Statistics, words: Words) -> list[Section]:

@@ -2,205 +2,172 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.model import ObservationKind, PlateSigma
-from musatpy.model.kinds import ANGLES, ENU
-from musatpy.reports import observation_record, quality_record, result_record
-from musatpy.reports.columns import vector
+from musatpy.model import PlateSigma
+from musatpy.reports import ground_points, observation_record, quality_record, stations
 from musatpy.reports.editing import number_text
-from musatpy.reports.origin import Origin
+from musatpy.reports.fields import Field
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Choice, Column, Report, key, worst_first
+from musatpy.reports.table import Choice, Report, worst_first
 from musatpy.reports.text import wrapped
+from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
-from musatpy.statistics.analyses import Ellipses
+from musatpy.statistics.analyses import Ellipses, ellipses
 from musatpy.statistics.quality import ALPHA, BETA, FAR, TEST_LIMIT, ChiSquare
-from musatpy.units import ARC_SECOND
 
 HIDDEN = "Statistics: Points That Undetected Errors May Move"
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
 _LEAST = 1e-300  # probability: zero has no logarithm
 _INFLATION, _LENGTHS = 1, 3  # decimals of the tables that are in the order of them
 _CORRELATIONS = 40  # listed, the strongest
-_ANGLE = "tilt of the water.*|wave .* azimuth"  # unknowns by such names are angles
-
-Rows = Callable[[Statistics], IntArray]
-KIND_WORDS = {"kind": {kind.name.lower(): kind.label for kind in ObservationKind}}
 
 
-def observation_columns(rows: Rows) -> tuple[Column[Statistics], ...]:
-    """Return the columns that say which observations stand in the rows, and in which unit."""
-
-    def names(s: Statistics) -> list[str]:
-        links = zip(_kinds(s, rows), s.observed.row[rows(s)].reshape(-1, 1), strict=True)
-        ids = (kind.owners(s.solution, row)[0] for kind, row in links)
-        return [" ".join(f"{name:<8}" for name in of) if len(of) > 1 else "".join(of) for of in ids]
-
-    def components(s: Statistics) -> list[str]:
-        numbers = s.observed.component[rows(s)].tolist()
-        return [kind.components[component] for kind, component in zip(_kinds(s, rows), numbers, strict=True)]
-
-    return (
-        key("Kind", "A8", "kind", lambda s: [kind.label for kind in _kinds(s, rows)]),
-        key("Photo, point", "A17", "of", names),
-        key("Comp.", "A7", "component", components),
-        Column("Unit", "A4", lambda s: [kind.unit for kind in _kinds(s, rows)]),
-    )
+def _listed(t: Values) -> IntArray:
+    """Return the observations that are listed: the worst, and all that are starred."""
+    starred = np.count_nonzero(np.abs(np.nan_to_num(t.source.test)) > TEST_LIMIT)
+    rows: IntArray = t.source.worst_first[: max(LISTED, int(starred))]
+    return rows
 
 
-def in_unit(heading: str, edit: str, shows: str, rows: Rows) -> Column[Statistics]:
-    """Return a column of numbers in the units of their rows."""
-
-    def values(s: Statistics) -> FloatArray:
-        factors = np.array([kind.factor for kind in _kinds(s, rows)])
-        numbers: FloatArray = observation_record.OBSERVATIONS.column(shows, s)[rows(s)] / factors
-        return numbers
-
-    return Column(heading, edit, values, Origin(field=shows, unit_in="Unit"))
+def _tests(t: Values) -> FloatArray:
+    """Return the test values (n,), which a record has where they are finite."""
+    return np.asarray(t["test"] if t.source is None else t.source.test[t.rows])
 
 
-def _kinds(statistics: Statistics, rows: Rows) -> list[ObservationKind]:
-    return [ObservationKind(kind) for kind in statistics.observed.kind[rows(statistics)].tolist()]
-
-
+_STAR: Field[Statistics] = Field(
+    "beyond", heading="", edit="A1", shown=lambda t: np.where(np.abs(_tests(t)) > TEST_LIMIT, "*", "")
+)
 COMPONENTS: Report[Statistics] = Report(
     title="Statistics: Sigma0 And Variance Components",
     table=quality_record.COMPONENTS,
     path="tests.variance_components",
     columns=(
-        key("Group", "A28", "group"),
-        Column("Redundancy", "F11.2", shows="redundancy"),
-        Column("Variance\nfactor", "F9.3", shows="factor"),
-        Column("Lower\nlimit", "F8.3", shows="low"),
-        Column("Upper\nlimit", "F8.3", shows="high"),
-        Column("Test", "A8", lambda s: [_verdict(test) for test in s.components.values()]),
+        "group",
+        "redundancy",
+        "factor",
+        "low",
+        "high",
+        Field("verdict", heading="Test", edit="A8", shown=lambda t: _verdicts(t)),
     ),
 )
 OBSERVATIONS: Report[Statistics] = Report(
     title="Statistics: Observations, The Worst First",
     table=observation_record.OBSERVATIONS,
-    rows=lambda s: _worst(s),
-    words=KIND_WORDS,
+    which=_listed,
+    worst=lambda t: np.abs(t["test"]),
     some=True,
     columns=(
-        *observation_columns(lambda s: _worst(s)),
-        in_unit("Residual", "F10.3", "residual", lambda s: _worst(s)),
-        in_unit("Sigma", "F9.3", "sigma", lambda s: _worst(s)),
-        Column("Redund.", "F7.3", shows="redundancy"),
-        Column("Stand.\nresidual", "F8.2", shows="standardised"),
-        Column("Test\nvalue", "F8.2", lambda s: s.test[_worst(s)], "test"),
-        Column("", "A1", lambda s: np.where(np.abs(s.test[_worst(s)]) > TEST_LIMIT, "*", "")),
-        in_unit("Detectable\nerror", "F10.3", "detectable", lambda s: _worst(s)),
-        Column("Effect\nm", "F8.3", shows=Origin(field="effect", norm=True)),
+        *("kind", "of", "component", observation_record.UNIT, "residual", "sigma", "redundancy", "standardised"),
+        observation_record.OBSERVATIONS.column("test", shown=_tests),
+        *(_STAR, "detectable", "effect"),
     ),
 )
 CHECKS: Report[Statistics] = Report(
     title="Statistics: Check Points Against Their Own Covariance",
     table=quality_record.CHECK_POINTS,
     path="tests.check_points",
-    rows=lambda s: _checks(s),
+    which=lambda t: worst_first(-np.log10(np.maximum(t["probability"], _LEAST))),
+    worst=lambda t: -t["probability"],
     columns=(
-        key("Point", "A8", "point"),
-        Column("Components", "I5", shows="components"),
-        Column("Chi-square", "F10.3", shows="chi_square"),
-        Column("Probability", "F8.4", shows="probability"),
+        "point",
+        "components",
+        "chi_square",
+        "probability",
     ),
 )
 HIDDEN_ERRORS: Report[Statistics] = Report(
     title=HIDDEN,
+    table=quality_record.HIDDEN_ERRORS,
     path="tests.hidden_errors",
+    which=lambda t: _moved(t),
+    worst=lambda t: np.where(np.isnan(t["sigmas"]), np.inf, t["sigmas"]),
     some=True,
-    columns=(
-        key("Point", "A8", "point", lambda s: s.block.points.ids[_moved(s)]),
-        Column("Rays", "I4", lambda s: s.solution.points.rays[_moved(s)], "rays"),
-        Column("Moved by\nm", "F11.3", lambda s: _limited(s.hidden.shift)[_moved(s)], "shift"),
-        Column("In its\nsigmas", "F11.1", lambda s: _limited(s.hidden.sigmas)[_moved(s)], "sigmas"),
-        Column(
-            "",
-            "A14",
-            lambda s: np.where(np.isinf(s.hidden.shift[_moved(s)]), "without limit", ""),
-            Origin(field="unlimited", true="without limit"),
-        ),
-    ),
+    columns=("point", "rays", "shift", "sigmas", "unlimited"),
 )
 WATER: Report[Statistics] = Report(
     title="Statistics: Global Unknowns",
     table=quality_record.GLOBALS,
     path="dependence.globals",
-    rows=lambda s: _globals(s),
-    columns=(
-        key("Unknown", "A32", "unknown"),
-        Column(
-            "Sigma\nm, arc sec, 1",
-            "F12.6",
-            lambda s: _global_sigmas(s)[_globals(s)],
-            Origin(field="sigma", angles=_ANGLE),
-        ),
-        Column("Variance\ninflation", "F12.1", shows="inflation"),
-    ),
+    which=lambda t: worst_first(t["inflation"], _INFLATION),
+    worst=lambda t: t["inflation"],
+    columns=("unknown", "sigma", "inflation"),
 )
 CORRELATIONS: Report[Statistics] = Report(
     title="Statistics: Correlations Of 0.95 And More",
     table=quality_record.CORRELATIONS,
     path="dependence.correlations",
-    rows=lambda s: np.arange(len(s.dependence.first))[:_CORRELATIONS],
+    which=lambda t: np.arange(t.count)[:_CORRELATIONS],
+    worst=lambda t: np.abs(t["correlation"]),
     some=True,
     columns=(
-        key("Unknown", "A32", "first"),
-        key("With", "A32", "second"),
-        Column("Correlation", "F9.4", shows="correlation"),
+        "first",
+        "second",
+        "correlation",
     ),
 )
 STATION_INFLATION: Report[Statistics] = Report(
     title="Statistics: Variance Inflation Of Stations",
     table=quality_record.STATION_INFLATION,
     path="dependence.stations",
-    rows=lambda s: _inflated(s),
-    columns=(key("Photo", "A8", "photo"), *vector((*ENU, *ANGLES), ("F10.1",) * 6, shows="inflation")),
+    which=lambda t: worst_first(_most_inflated(t), _INFLATION),
+    worst=lambda t: _most_inflated(t),
+    columns=("photo", "inflation"),
 )
 
 
-def _ellipses(
-    unit: str, of: Callable[[Statistics], Ellipses], listed: int | None, sigmas: str
-) -> tuple[Column[Statistics], ...]:
-    def rows(values: Callable[[Ellipses], FloatArray]) -> Callable[[Statistics], FloatArray]:
-        return lambda s: values(of(s))[_largest(of(s))[:listed]]
+def _ellipse_columns(kind: str, sigmas: str) -> Choice[Statistics]:
+    """Return the columns of ellipses of stations or points, across the vertical or in the plane of the answer."""
 
-    major, minor, bearing = (Origin(field="covariance", ellipse=part) for part in ("major", "minor", "bearing"))
-    return (
-        Column(f"Major\n{unit}", "F9.3", rows(lambda e: e.major), major),
-        Column(f"Minor\n{unit}", "F9.3", rows(lambda e: e.minor), minor),
-        Column("Bearing\ndegrees", "F8.1", rows(lambda e: np.degrees(e.bearing)), bearing),
-        Column("Sigma Up\nm", "F9.3", rows(lambda e: e.vertical), f"{sigmas}[2]"),
-    )
+    def columns(unit: str) -> tuple[Field[Statistics], ...]:
+        axes = tuple(
+            Field[Statistics](name, heading=f"{name}\n{of}", edit=edit, shown=partial(_ellipse, kind, name.lower()))
+            for name, of, edit in (
+                ("Major", unit, "F9.3"), ("Minor", unit, "F9.3"), ("Bearing", "degrees", "F8.1"),
+            )
+        )  # fmt: skip
+        return (*axes, Field(f"{sigmas}[2]", heading="Sigma Up\nm", edit="F9.3"))
+
+    return Choice((columns("m"),), lambda s: columns(_plane(s)[1]))
 
 
-def _ellipse_columns(of: Callable[[Statistics], Ellipses], listed: int | None, sigmas: str) -> Choice[Statistics]:
-    return Choice((_ellipses("m", of, listed, sigmas),), lambda s: _ellipses(_plane(s)[1], of, listed, sigmas))
+def _ellipse(kind: str, part: str, t: Values) -> FloatArray:
+    """Return a part of the ellipses (n,), in the plane of the answer where there is one."""
+    values: FloatArray = getattr(_of_kind(kind, t), part)
+    return values if t.source is None else values[t.rows]
+
+
+def _of_kind(kind: str, t: Values) -> Ellipses:
+    found: Ellipses = ellipses(t["covariance"]) if t.source is None else getattr(t.source, f"{kind}_ellipses")
+    return found
+
+
+def _largest(kind: str, t: Values) -> IntArray:
+    """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
+    found = _of_kind(kind, t)
+    size = np.hypot(found.major, found.vertical)
+    return worst_first(size, _LENGTHS)[: np.count_nonzero(np.isfinite(size))]
 
 
 STATION_ELLIPSES: Report[Statistics] = Report(
     title="Statistics: Error Ellipses Of Stations",
-    table=result_record.STATIONS,
-    rows=lambda s: _largest(s.station_ellipses),
-    columns=(
-        key("Photo", "A8", "photo"),
-        _ellipse_columns(lambda s: s.station_ellipses, None, "position_sigma"),
-    ),
+    table=stations.STATIONS,
+    which=partial(_largest, "station"),
+    worst=lambda t: np.linalg.norm(t["position_sigma"], axis=1),
+    columns=("photo", _ellipse_columns("station", "position_sigma")),
 )
 POINT_ELLIPSES: Report[Statistics] = Report(
     title=f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest",
     pattern=r"Statistics: Error Ellipses Of Ground Points, The \d+ Largest",
-    table=result_record.POINTS,
-    rows=lambda s: _largest(s.point_ellipses)[:LISTED],
+    table=ground_points.POINTS,
+    which=lambda t: _largest("point", t)[:LISTED],
+    worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
     some=True,
-    columns=(key("Point", "A8", "point"), _ellipse_columns(lambda s: s.point_ellipses, LISTED, "sigma")),
+    columns=("point", _ellipse_columns("point", "sigma")),
 )
 STATED = (
     COMPONENTS,
@@ -249,20 +216,17 @@ def _plane(statistics: Statistics) -> tuple[str, str]:
     return (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
 
 
-def _worst(statistics: Statistics) -> IntArray:
-    """Return the observations that are listed: the worst, and all that are starred."""
-    starred = np.count_nonzero(np.abs(np.nan_to_num(statistics.test)) > TEST_LIMIT)
-    return statistics.worst_first[: max(LISTED, int(starred))]
+def _moved(t: Values) -> IntArray:
+    """Return the rows that are listed: the weakly checked points, or the worst."""
+    hidden = t.source.hidden
+    points = hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))]
+    return np.searchsorted(np.flatnonzero(~np.isnan(hidden.shift)), points)
 
 
-def _moved(statistics: Statistics) -> IntArray:
-    """Return the points that are listed: the weakly checked ones, or the worst."""
-    hidden = statistics.hidden
-    return hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))]
-
-
-def _limited(values: FloatArray) -> FloatArray:
-    return np.where(np.isinf(values), np.nan, values)
+def _verdicts(t: Values) -> list[str]:
+    """Return what the tests of the variance components say."""
+    too_low = np.where(t["factor"] < t["low"], "too low", "TOO HIGH")
+    return list(np.where(t["accepted"] | np.isnan(t["factor"]), "", too_low))
 
 
 def _verdict(test: ChiSquare) -> str:
@@ -302,14 +266,16 @@ def _observations(statistics: Statistics) -> Section:
         f"Test values beyond {limit} (risk {risk}) are starred. The smallest detectable error is found with a "
         f"probability of {number_text('F5.2', BETA)}; its effect is on the own position.{weights}"
     )
-    return OBSERVATIONS.section(statistics, ["", *wrapped([note])], worst=range(len(_worst(statistics))))
+    return OBSERVATIONS.section(
+        statistics, ["", *wrapped([note])], worst=range(OBSERVATIONS.values(statistics).count)
+    )
 
 
 def _hidden(statistics: Statistics) -> list[Section]:
     """Return the points that errors may move while no test finds these: the weakly checked ones, or the worst."""
     hidden = statistics.hidden
-    rows = _moved(statistics)
-    if not len(rows):
+    rows = HIDDEN_ERRORS.values(statistics).count
+    if not rows:
         return []
     note = (
         f"Weakly checked are {int(hidden.weak.sum())} of {len(hidden.worst_first)} points: an undetected error may "
@@ -317,29 +283,8 @@ def _hidden(statistics: Statistics) -> list[Section]:
         f"finds with a probability of {number_text('F5.2', BETA)}; without limit where nothing checks the "
         "observation."
     )
-    return [HIDDEN_ERRORS.section(statistics, ["", *wrapped([note])], worst=range(len(rows)))]
+    return [HIDDEN_ERRORS.section(statistics, ["", *wrapped([note])], worst=range(rows))]
 
 
-def _global_sigmas(statistics: Statistics) -> FloatArray:
-    dependence = statistics.dependence
-    angles = np.array([bool(re.fullmatch(_ANGLE, name)) for name in dependence.names.tolist()], dtype=bool)
-    return np.where(angles, dependence.sigma / ARC_SECOND, dependence.sigma)
-
-
-def _checks(statistics: Statistics) -> IntArray:
-    return worst_first(-np.log10(np.maximum(statistics.check_test.probability, _LEAST)))
-
-
-def _globals(statistics: Statistics) -> IntArray:
-    return worst_first(statistics.dependence.inflation, _INFLATION)
-
-
-def _inflated(statistics: Statistics) -> IntArray:
-    inflation = np.nan_to_num(statistics.dependence.station_inflation, nan=-np.inf).max(axis=1)
-    return worst_first(inflation, _INFLATION)
-
-
-def _largest(ellipses: Ellipses) -> IntArray:
-    """Return the rows that have an ellipse, the largest first: by its major axis and the sigma upwards together."""
-    size = np.hypot(ellipses.major, ellipses.vertical)
-    return worst_first(size, _LENGTHS)[: np.count_nonzero(np.isfinite(size))]
+def _most_inflated(t: Values) -> FloatArray:
+    return np.asarray(np.nan_to_num(t["inflation"], nan=-np.inf).max(axis=1, initial=-np.inf))

@@ -14,16 +14,14 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.model.tables import falling
 from musatpy.reports.characters import blank, strings
 from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
-from musatpy.reports.fields import Each, Group, Rows
-from musatpy.reports.origin import Origin
+from musatpy.reports.fields import Each, Field, Group, Rows
+from musatpy.reports.headings import PRINTED, SEXAGESIMAL, with_unit
+from musatpy.reports.origin import Layout, Origin
 from musatpy.reports.pages import Cells, Section
-from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
+from musatpy.reports.values import Values, array_of, at, in_rows, nothing, unnested
 
 Source = TypeVar("Source")
 
-# What headings call a unit -> that unit in units of the record, which has mm on the plate and rad.
-PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}
-SEXAGESIMAL = "D  M  S"  # how headings of degrees, minutes and seconds begin
 _GAP = "  "  # between columns
 _ROWS = 20_000  # that are edited at a time
 _RECORDED = {"um": "mm", "arc sec": "rad", "degrees": "rad"}
@@ -91,8 +89,8 @@ def key(
 class Choice(Generic[Source]):
     """Columns that depend on the job: all that there may be, and those of a job."""
 
-    variants: Sequence[tuple[Column[Source], ...]]
-    of: Callable[[Source], tuple[Column[Source], ...]]
+    variants: Sequence[tuple[Any, ...]]
+    of: Callable[[Source], tuple[Any, ...]]
     second_in: tuple[str, ...] = ()  # coordinate systems in which the second variant stands, not the first
 
 
@@ -100,7 +98,7 @@ class Choice(Generic[Source]):
 class Table(Generic[Source]):
     """Columns side by side, two blanks apart."""
 
-    columns: tuple[Column[Source], ...]
+    columns: tuple[Any, ...]  # of `Column` or `Field`
 
     def head(self) -> tuple[str, ...]:
         """Return the heading lines, and a rule below them; text headings stand left, those of numbers right."""
@@ -141,7 +139,9 @@ class Table(Generic[Source]):
         return [line.rstrip() for line in strings(table)]
 
     @staticmethod
-    def _values(column: Column[Source], source: Source) -> Any:
+    def _values(column: Column[Source] | Field[Any], source: Any) -> Any:
+        if isinstance(column, Field):
+            return column.printed(source)
         if column.values is None:
             raise ValueError(f"the column {column.heading} has no values without its report")
         values = column.values(source)
@@ -162,11 +162,14 @@ class Report(Generic[Source]):
     """A printed table, and the table of the record that it shows."""
 
     title: str
-    columns: Sequence[Column[Source] | Choice[Source]]
+    columns: Sequence[Any]  # a name of the table, a field, or what there is to choose of
     table: Rows[Source, Any] | Each[Source, Any] | Group[Source, Any] | None = None
     path: str = ""  # of the table in the record, where that is not its name
     rows: Callable[[Source], IntArray] | None = None  # of the table that are printed; None: all
     pattern: str = ""  # a regular expression for the title where that is not always the same
+    which: Callable[[Values], IntArray] | None = None  # rows that are printed, in their order; None: all
+    worst: Callable[[Values], FloatArray] | None = None  # how bad these are
+    layout: Layout = "rows"
     # as of `Mapped`:
     nested: str = ""
     expand: Sequence[str] = ()
@@ -181,6 +184,76 @@ class Report(Generic[Source]):
         """The path of the table in the record, empty where that has nothing of it."""
         return self.path or (self.table.name if self.table else "")
 
+    @property
+    def is_new(self) -> bool:
+        return any(isinstance(part, str | Field) for part in self.columns)
+
+    def values(self, source: Any) -> Values:
+        """Return the rows that are printed, computed from a source."""
+        table = self.table
+        if table is None:  # columns of what no record has
+            return Values([], lambda name: None, _system_of(source), source)
+        if isinstance(table, Rows) and not self.expand:
+            item, fields = table.of(source), {field.name: field for field in table.fields}
+            found = Values(
+                list(fields),
+                lambda name: array_of(fields[name].kind, [] if item is None else fields[name].of(item)),
+                _system_of(source),
+                source,
+            )
+        else:
+            found = self._values_of(table.raw(source, self.nested), _system_of(source), source)
+        return found if self.which is None else found.taken(self.which(found))
+
+    def read(self, content: Mapping[str, Any], system: str) -> Values:
+        """Return the rows that are printed of a record."""
+        table = _columns_at(content, self.place, is_object=isinstance(self.table, Group))
+        if self.nested:
+            inside = [_columns_at(row, "", is_object=False) for row in table.get(self.nested, ())]
+            table = unnested(table, inside, self.nested)
+        found = self._values_of(table, system, None)
+        return found if self.which is None or self.some or not found else found.taken(self.which(found))
+
+    def _values_of(self, table: Mapping[str, Any], system: str, source: Any) -> Values:
+        assert self.table is not None
+        parts = [node for node in self.table.fields if node.name == self.nested]
+        nodes = [*self.table.fields, *(field for part in parts for field in getattr(part, "fields", ()))]
+        kinds = {node.name: node.kind for node in nodes if isinstance(node, Field)}
+        kinds |= {name: _of_entries(kinds[name]) for name in self.expand}
+        rows = in_rows(table, self.expand)
+        count = len(next(iter(rows.values()), ()))
+
+        def column(name: str) -> Any:
+            return array_of(kinds[name], rows[name]) if name in rows else nothing(kinds[name], count)
+
+        return Values([*kinds] if rows else [], column, system, source)
+
+    def stated(self, values: Values | None = None) -> list[Field[Any]]:
+        """Return its columns, those that a table has where its values are given, and all that there may be."""
+        found: list[Field[Any]] = []
+        for part in self.columns:
+            if isinstance(part, Choice):
+                found += part.of(values.source) if values and values.source else part.variants[0]
+            else:
+                found.append(self.column(part) if isinstance(part, str) else part)
+        is_read = values is None or values.source is None
+        found = [column for column in found if not (is_read and column.of_run)]
+        return [column for column in found if values is None or column.when is None or column.when(values)]
+
+    def column(self, path: str) -> Field[Any]:
+        """Return a column of its table, or of that which is nested in it."""
+        assert self.table is not None
+        inner: Any = next((node for node in self.table.fields if node.name == self.nested), self.table)
+        try:
+            found: Field[Any] = inner.column(path)
+        except KeyError:
+            found = self.table.column(path)
+        return found
+
+    def side_by_side(self, values: Values) -> tuple[Field[Any], ...]:
+        """Return what is printed side by side."""
+        return tuple(part for column in self.stated(values) for part in column.columns(values.system))
+
     def layouts(self) -> list[tuple[Column[Source], ...]]:
         """Return the columns as they may stand in jobs of any kind."""
         most = max((len(part.variants) if isinstance(part, Choice) else 1 for part in self.columns), default=0)
@@ -192,6 +265,18 @@ class Report(Generic[Source]):
 
     def section(self, source: Source, below: Sequence[str] = (), **layout: Any) -> Section:
         """Return the printed section, with lines `below` the rows; `layout` is that of `Section`."""
+        if self.is_new:
+            values = self.values(source)
+            sheet: Any = Table(self.side_by_side(values))
+            said: dict[str, Any] = {
+                "title": self.title,
+                "head": sheet.head(),
+                "lines": [*sheet.lines(values), *below],
+                "values": lambda: self.cells(source),
+            }
+            if self.worst:
+                said["worst"] = worst_first(self.worst(values)).tolist()
+            return Section(**said | layout)
         table = self.printed(source)
         stated: dict[str, Any] = {
             "title": self.title,
@@ -203,12 +288,20 @@ class Report(Generic[Source]):
 
     def cells(self, source: Source) -> Cells:
         """Return heads with units, and the rows, ids first: numbers as the record has them, in its units."""
+        if self.is_new:
+            found = self.values(source)
+            fields = sorted(self.side_by_side(found), key=lambda column: not column.is_id)
+            exact = [_plain(column.exactly(found)) for column in fields]
+            return [[with_unit(str(column.heading)) for column in fields], *map(list, zip(*exact, strict=True))]
         columns = sorted(self._chosen(lambda choice: choice.of(source)), key=lambda column: not column.is_id)
         values = [self._exact(column, source) for column in columns]
-        return [[column.head for column in columns], *(list(row) for row in zip(*values, strict=True))]
+        heads = [with_unit(str(column.heading)) if isinstance(column, Field) else column.head for column in columns]
+        return [heads, *map(list, zip(*values, strict=True))]
 
     def _exact(self, column: Column[Source], source: Source) -> list[Any]:
         """Return what a column shows, in units of the record."""
+        if isinstance(column, Field):
+            return _plain(column.exactly(source))
         values = self._recorded(column, source) if column.values is None else column.values(source)
         if column.values is not None and column.unit != 1.0:
             values = np.asarray(values, dtype=float) * column.unit
@@ -223,7 +316,9 @@ class Report(Generic[Source]):
         return tuple(column for part in parts for column in part)
 
     def _bound(self, column: Column[Source]) -> Column[Source]:
-        return column if column.values else replace(column, values=lambda source: self._values(column, source))
+        if isinstance(column, Field) or column.values:
+            return column
+        return replace(column, values=lambda source: self._values(column, source))
 
     def _values(self, column: Column[Source], source: Source) -> Any:
         """Return what a column shows of the record, in its printed unit."""
@@ -259,7 +354,7 @@ class Report(Generic[Source]):
         """Return the values of a field of the record in the rows that are printed."""
         assert self.table is not None
         nested = [self.nested] if isinstance(self.table, Each) else []
-        values: Any = self.table.column(path, source, *nested)
+        values: Any = self.table.of_path(path, source, *nested)
         if self.rows is None:
             return values
         rows = self.rows(source)
@@ -270,6 +365,40 @@ class Report(Generic[Source]):
         columns = self._chosen(lambda choice: choice.of(source))
         column = next(column for column in columns if column.heading.split("\n")[0] == heading)
         return [prints_as_zero(column.edit, value) for value in self._values(column, source)]
+
+
+def _plain(values: Any) -> list[Any]:
+    plain = values.tolist() if isinstance(values, np.ndarray) else list(values)
+    return [" ".join(value.split()) if isinstance(value, str) else value for value in plain]
+
+
+def _system_of(source: Any) -> str:
+    """Return the coordinate system of the job of a source, empty where it has none."""
+    if getattr(getattr(source, "scene", None), "in_model", False):
+        return "MODEL"
+    block = getattr(source, "block", None) or getattr(getattr(source, "run", None), "block", None)
+    return str(block.options.system) if block else ""
+
+
+def _of_entries(kind: str) -> str:
+    """Return the kind of the entries of a list: of `3x2 number` `2 number`."""
+    sizes, _, base = kind.rpartition(" ")
+    return f"{sizes.partition('x')[2]} {base}".strip()
+
+
+def unless_zero(names: Sequence[str], edit: str, numbers: Any) -> list[str]:
+    """Return names, blank where the number beside them prints as zero: whose it is, is then rounding error."""
+    return ["" if prints_as_zero(edit, number) else name for name, number in zip(names, numbers, strict=True)]
+
+
+def _columns_at(content: Any, path: str, *, is_object: bool) -> Mapping[str, Any]:
+    """Return the columns of a table of a record, of an object one row; none where the record has none of it."""
+    table = at(content, path)
+    if isinstance(table, list) and table and isinstance(table[0], Mapping):
+        return {name: [row.get(name) for row in table] for name in table[0]}
+    if not isinstance(table, Mapping):
+        return {}
+    return {name: [value] for name, value in table.items()} if is_object else table
 
 
 def _join(cells: Iterable[str]) -> str:

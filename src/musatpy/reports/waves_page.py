@@ -7,7 +7,7 @@ from typing import Any
 from musatpy.model import Waves
 from musatpy.reports.fields import Field, Rows
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
 
 
@@ -32,30 +32,27 @@ WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
     "one row per wave on the water; empty where it is level",
     _trains,
     (
-        Field("wave", "string", "wave id", lambda w: w[0].ids),
-        Field("shape", "string", "of the wave", _shapes, choices=("sinusoidal", "stokes", "trochoidal")),
-        Field(
-            "depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth, "m",
-        ),
-        Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "s"),
-        Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "m"),
-        Field("speed", "number", "of the crests: length over period", lambda w: w[1].speed, "m/s"),
-        Field(
-            "group_speed", "number", "of groups of such waves, by linear theory", lambda w: w[1].group_speed, "m/s",
-        ),
-        Field("height", "number", "from trough to crest", lambda w: w[0].height, "m"),
-        Field(
-            "breaking_height", "number", "that the wave cannot exceed, by linear theory",
-            lambda w: w[1].breaking_height, "m",
-        ),
-        Field(
-            "azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
-            lambda w: w[0].azimuth, "rad",
-        ),
-        Field(
-            "crest", "number", "distance from the origin, in that direction, of a crest at time 0",
-            lambda w: w[0].crest, "m",
-        ),
+        Field("wave", "string", "wave id", lambda w: w[0].ids, heading="Wave", edit="A4", is_id=True),
+        Field("shape", "string", "of the wave", _shapes, choices=("sinusoidal", "stokes", "trochoidal"),
+              heading="Shape", edit="A10"),
+        Field("depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth,
+              "m", heading="Depth\nm", edit="F8.2"),
+        Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "s",
+              heading="Period\ns", edit="F8.3"),
+        Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "m",
+              heading="Length\nm", edit="F9.3"),
+        Field("speed", "number", "of the crests: length over period", lambda w: w[1].speed, "m/s",
+              heading="Speed\nm/s", edit="F8.3"),
+        Field("group_speed", "number", "of groups of such waves, by linear theory", lambda w: w[1].group_speed,
+              "m/s", heading="Group\nm/s", edit="F8.3"),
+        Field("height", "number", "from trough to crest", lambda w: w[0].height, "m", heading="Height\nm",
+              edit="F8.3"),
+        Field("breaking_height", "number", "that the wave cannot exceed, by linear theory",
+              lambda w: w[1].breaking_height, "m", heading="Breaks at\nm", edit="F9.2"),
+        Field("azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
+              lambda w: w[0].azimuth, "rad", heading="Towards\ndegrees", edit="F9.3"),
+        Field("crest", "number", "distance from the origin, in that direction, of a crest at time 0",
+              lambda w: w[0].crest, "m", heading="Crest\nm", edit="F10.3"),
         Field("given_period", "number?", "on its card", lambda w: w[0].period, "s"),
         Field("given_length", "number?", "on its card", lambda w: w[0].length, "m"),
         Field("given_speed", "number?", "on its card", lambda w: w[0].speed, "m/s"),
@@ -73,17 +70,17 @@ SEA: Report[Statistics] = Report(
     title="Waves On The Water",
     table=WAVES,
     columns=(
-        key("Wave", "A4", "wave"),
-        Column("Shape", "A10", shows="shape"),
-        Column("Depth\nm", "F8.2", shows="depth"),
-        Column("Period\ns", "F8.3", shows="period"),
-        Column("Length\nm", "F9.3", shows="length"),
-        Column("Speed\nm/s", "F8.3", shows="speed"),
-        Column("Group\nm/s", "F8.3", shows="group_speed"),
-        Column("Height\nm", "F8.3", shows="height"),
-        Column("Breaks at\nm", "F9.2", shows="breaking_height"),
-        Column("Towards\ndegrees", "F9.3", shows="azimuth"),
-        Column("Crest\nm", "F10.3", shows="crest"),
+        "wave",
+        "shape",
+        "depth",
+        "period",
+        "length",
+        "speed",
+        "group_speed",
+        "height",
+        "breaking_height",
+        "azimuth",
+        "crest",
     ),
 )
 STATED = (SEA,)

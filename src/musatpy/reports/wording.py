@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
-from musatpy.reports.columns import Columns, vector
-from musatpy.reports.table import Column
+from musatpy.reports.fields import Field
+from musatpy.reports.headings import printed_unit
 from musatpy.statistics import Statistics, Words
 from musatpy.units import ARC_SECOND, DEGREE, GON, AngleUnit
 
 Values = Callable[[Statistics], FloatArray]
+Columns = tuple[Field[Statistics], ...]
 
 _SEXAGESIMAL = "D  M  S   "
 _HEADING = {AngleUnit.DEGREES: "deg", AngleUnit.GONS: "gon", AngleUnit.RADIANS: "rad"}
@@ -35,58 +37,68 @@ _ELEMENT = "F13.9"
 _UNIT = 14  # characters of a unit in a heading: `US survey foot`
 
 
+def of_job(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:
+    """Return a column of what no table of the record has: `values` of the statistics of a job."""
+    return Field(heading, heading=heading, edit=edit, shown=lambda t: values(getattr(t, "source", t)), of_run=True)
+
+
+def _vector(headings: Sequence[str], edits: Sequence[str], values: Values, units: Sequence[float]) -> Columns:
+    """Return one column for each component of `values` (n, k), printed in these units."""
+
+    def component(axis: int, heading: str) -> Callable[[Statistics], FloatArray]:
+        unit = units[axis] / printed_unit(heading)
+        return lambda s: values(s)[:, axis] / unit
+
+    return tuple(
+        of_job(heading, edit, component(axis, heading))
+        for axis, (heading, edit) in enumerate(zip(headings, edits, strict=True))
+    )
+
+
 def place_columns(words: Words, values: Values, decimals: int) -> Columns:
     """Return the columns of coordinates (n, 3), lengths with `decimals`."""
-    lengths = tuple(
-        Column(f"{_heading(name)}\n{unit[:_UNIT]}", f"F15.{decimals}", _part(values, axis))
-        for axis, (name, unit) in enumerate(zip(words.names, words.units, strict=True))
-    )
-    if not words.angular:
-        return lengths
-    unit = words.unit
-    headings = [f"{_heading(name)}\n{_HEADING.get(unit, _SEXAGESIMAL)}" for name in words.names[:2]]
-    return (*vector(headings, (_PLACES[unit],) * 2, values, unit=_RADIANS[unit]), *lengths[2:])
+    headings = [f"{_heading(name)}\n{unit[:_UNIT]}" for name, unit in zip(words.names, words.units, strict=True)]
+    edits, units, unit = [f"F15.{decimals}"] * 3, [1.0] * 3, words.unit
+    if words.angular:
+        headings[:2] = [f"{_heading(name)}\n{_HEADING.get(unit, _SEXAGESIMAL)}" for name in words.names[:2]]
+        edits[:2], units[:2] = [_PLACES[unit]] * 2, [_RADIANS[unit]] * 2
+    return _vector(headings, edits, values, units)
 
 
 def place_sigma_columns(words: Words, values: Values) -> Columns:
     """Return the columns of sigmas (n, 3), of east, north, up, or of the coordinates: arc seconds where angles."""
     local = words.spec.kind == CoordinateSystem.LOCAL  # its axes are east, north, up by other names
+    edits, units = ["F9.3"] * 3, [1.0] * 3
     if not words.of_system and not local:
-        return vector(["Sigma East\nm", "Sigma North\nm", "Sigma Up\nm"], ("F9.3",) * 3, values)
-    if not words.angular:
+        headings = ["Sigma East\nm", "Sigma North\nm", "Sigma Up\nm"]
+    elif not words.angular:
         headings = [f"Sigma {name}\n{unit[:_UNIT]}" for name, unit in zip(words.names, words.units, strict=True)]
-        return vector(headings, ("F9.3",) * 3, values)
-    plane = vector(["Sigma Lat\narc sec", "Sigma Long\narc sec"], ("F9.5",) * 2, values, unit=ARC_SECOND)
-    return (*plane, Column("Sigma h\nm", "F9.3", _part(values, 2)))
-
-
-def attitude_columns(words: Words, values: Values) -> Columns:
-    """Return the columns of attitudes (n, 3) rad, in the unit of the statement, or the rows (3n, 3) of matrices."""
-    if words.angles is None:
-        return vector(["First axis", "Second axis", "Third axis"], (_ELEMENT,) * 3, values)
-    unit = words.unit
-    headings = [f"{name}\n{_HEADING.get(unit, _SEXAGESIMAL)}" for name in words.angles]
-    return vector(headings, (_TURNS[unit],) * 3, values, unit=_RADIANS[unit])
-
-
-def attitude_sigma_columns(words: Words, values: Values) -> Columns:
-    """Return the columns of sigmas (n, 3) rad of angles, in arc seconds, or one column (3n) beside matrices."""
-    if words.angles is None:
-        return (Column("Sigma\narc sec", "F9.2", lambda s: values(s).ravel() / ARC_SECOND),)
-    names = words.angles if words.of_system else ("X-T", "Y-T", "Hdg")
-    return vector([f"Sigma {name}\narc sec" for name in names], ("F9.2",) * 3, values, unit=ARC_SECOND)
+    else:
+        headings = ["Sigma Lat\narc sec", "Sigma Long\narc sec", "Sigma h\nm"]
+        edits[:2], units[:2] = ["F9.5"] * 2, [ARC_SECOND] * 2
+    return _vector(headings, edits, values, units)
 
 
 def turn_columns(words: Words, values: Values, matrices: Values, sigmas: Values) -> Columns:
-    """Return the columns of photos with their attitudes and sigmas: a line for each, three of matrices."""
+    """Return the columns of photos with their attitudes and sigmas: a line for each, three of matrices.
+
+    Attitudes (n, 3) rad are in the unit of the statement, matrices (n, 3, 3), sigmas (n, 3) rad in arc seconds.
+    """
     if words.angles is not None:
-        photo: Column[Statistics] = Column("Photo", "A8", lambda s: s.block.photos.ids)
-        return (photo, *attitude_columns(words, values), *attitude_sigma_columns(words, sigmas))
+        unit, names = words.unit, words.angles if words.of_system else ("X-T", "Y-T", "Hdg")
+        headings = [f"{name}\n{_HEADING.get(unit, _SEXAGESIMAL)}" for name in words.angles]
+        sigma_headings = [f"Sigma {name}\narc sec" for name in names]
+        return (
+            of_job("Photo", "A8", lambda s: s.block.photos.ids),
+            *_vector(headings, (_TURNS[unit],) * 3, values, (_RADIANS[unit],) * 3),
+            *_vector(sigma_headings, ("F9.2",) * 3, sigmas, (ARC_SECOND,) * 3),
+        )
+    axes = ("First axis", "Second axis", "Third axis")
     return (
-        Column("Photo", "A8", lambda s: np.repeat(s.block.photos.ids, 3)),
-        Column("Row", "I3", lambda s: np.tile([1, 2, 3], len(s.block.photos.ids))),
-        *attitude_columns(words, lambda s: matrices(s).reshape(-1, 3)),
-        *attitude_sigma_columns(words, sigmas),
+        of_job("Photo", "A8", lambda s: np.repeat(s.block.photos.ids, 3)),
+        of_job("Row", "I3", lambda s: np.tile([1, 2, 3], len(s.block.photos.ids))),
+        *_vector(axes, (_ELEMENT,) * 3, lambda s: matrices(s).reshape(-1, 3), (1.0,) * 3),
+        of_job("Sigma\narc sec", "F9.2", lambda s: sigmas(s).ravel()),
     )
 
 
@@ -95,14 +107,14 @@ def map_columns(words: Words) -> Columns:
     unit = words.unit
     heading = f"Convergence\n{_HEADING.get(unit, _SEXAGESIMAL)}"
     columns: Columns = (
-        Column("Photo", "A8", lambda s: s.block.photos.ids),
-        Column(heading, _TURNS[unit], lambda s: _factors(s)[0] / _RADIANS[unit]),
-        Column("Scale along\nmeridian", "F11.7", lambda s: _factors(s)[1]),
-        Column("Scale along\nparallel", "F11.7", lambda s: _factors(s)[2]),
+        of_job("Photo", "A8", lambda s: s.block.photos.ids),
+        of_job(heading, _TURNS[unit], lambda s: _factors(s)[0] / _RADIANS[unit]),
+        of_job("Scale along\nmeridian", "F11.7", lambda s: _factors(s)[1]),
+        of_job("Scale along\nparallel", "F11.7", lambda s: _factors(s)[2]),
     )
     if words.statement.system.height_alone:  # no geoid
         return columns
-    return (*columns, Column("Geoid\nm", "F9.3", lambda s: s.answer.undulation if s.answer else ()))
+    return (*columns, of_job("Geoid\nm", "F9.3", lambda s: s.answer.undulation if s.answer else ()))
 
 
 def _factors(statistics: Statistics) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -114,7 +126,3 @@ def _factors(statistics: Statistics) -> tuple[FloatArray, FloatArray, FloatArray
 
 def _heading(name: str) -> str:
     return name.capitalize() if len(name) > 1 else name  # h above the ellipsoid, H above a geoid
-
-
-def _part(values: Values, axis: int) -> Callable[[Statistics], FloatArray]:
-    return lambda source: values(source)[:, axis]
