@@ -6,26 +6,31 @@ stations and points: external reliability (Baarda 1968). With the weights P and 
 
     r = c + A ds + B dX,   w = v'Pr / sqrt(r'Pr),   e = v'Pr / r'Pr,
 
-w is normal where the parameter is right, and r'Pr = c'P Qvv P c. Movements and r come from the adjustment itself:
-its right side with the parameter changed by a hundredth of its reference error, one solution by the factor of its
-normals, and the points following. So they are those of every program, refraction and kernel.
+w is normal where the parameter is right, and r'Pr = c'P Qvv P c. The columns c are the differences of the residuals
+by a hundredth of the reference error, of what it changes alone; all are solved for at once, by the factor of the
+normals of the adjustment, and the points follow. The residuals themselves are one column more, the first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from musatpy.adjustment.collinear import Simultaneous, eliminate
+from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.datum import NOTHING_FREE, Freedom, moved_to
-from musatpy.adjustment.ground import all_residuals, hold, prior_rows
-from musatpy.adjustment.iteration import Linearisation, State, tide_groups
+from musatpy.adjustment.ground import hold, prior_rows
+from musatpy.adjustment.iteration import State, tide_groups
+from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import direct_rows, state_after
-from musatpy.adjustment.network import Network, Participation
+from musatpy.adjustment.kinds.kind import Rows
+from musatpy.adjustment.kinds.measured import kept_axes
+from musatpy.adjustment.network import RAYS, Network, Participation, parts_of, together
 from musatpy.adjustment.precision import Precision, left_out
+from musatpy.adjustment.propagation import PointRows, point_rows
+from musatpy.adjustment.sightings import residuals
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.geometry.geodesy import water_heights
 from musatpy.model import Block, HeldParameters
@@ -46,7 +51,7 @@ Changed = Callable[[Network, FloatArray, float], FloatArray]  # level coordinate
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Parameter:
-    """A parameter that is held: `altered` returns network and state with an error of a `size`."""
+    """A parameter that is held: `altered` returns network and state with an error of a size."""
 
     name: str
     unit: str
@@ -54,15 +59,10 @@ class Parameter:
     limit: float
     altered: Callable[..., Altered]
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Begun:
-    """A solution with an error of a parameter, not yet solved: its equations and residuals (o,)."""
-
-    network: Network
-    state: State
-    line: Linearisation
-    residual: FloatArray
+    @property
+    def size(self) -> float:
+        """The error that the differences are taken with."""
+        return _STEP * self.reference
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,40 +76,67 @@ class _AtRest:
     known: Precision
     free: Freedom
 
-    def observations(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
-        """Return residuals and weights (o,) of the images, of what is known of points, and of all others.
+    @cached_property
+    def rows(self) -> list[PointRows]:
+        """The observations of the points that took part."""
+        left, rows = loops_of(self.network, self.network.groups).observations(self.state)
+        parts = parts_of(together(left), RAYS)
+        return [*rows, *(point_rows(self.network, self.state, part) for part in parts)]
 
-        Images that took no part have none of either.
+    def errors(self, held: Sequence[Parameter]) -> list[FloatArray]:
+        """Return residuals, and by parameters what an error of one unit adds to them, as 1 + P columns.
+
+        Of images and of what is known of points (m + 2p, 2, 1 + P), as `PointRows` counts these, then of each kind
+        of all other observations.
         """
-        used, parts = self.part.used[:, None], []
-        images = np.where(used, all_residuals(network, state, self.part.used), 0.0)
-        parts.append((images, network.weight * used))
-        for group in (*network.control_groups, *network.kept_groups):
-            rows = prior_rows(network, state, group.point, state.ground[group.point])
-            parts.append((-rows.deviation, rows.weight))
-        parts += [(rows.residual, rows.weight) for _, rows in direct_rows(network, state)]
-        residual, weight = (np.concatenate([part.reshape(-1) for part in of]) for of in zip(*parts, strict=True))
-        return residual, weight
+        every_ray = np.ones(len(self.network.photo), dtype=bool)
+        none = np.zeros((len(every_ray) + 2 * self.network.points, 2))
+        base = _residuals(self.network, self.state, every_ray, none)
+        columns = [base]
+        for parameter in held:
+            network, state = self.altered(parameter)
+            altered = _residuals(network, state, self._touched(network, state), base[0])
+            columns.append([(after - before) / parameter.size for before, after in zip(base, altered, strict=True)])
+        return [np.stack(of, axis=-1) for of in zip(*columns, strict=True)]
 
-    def begun(self, network: Network, state: State) -> _Begun:
-        """Return the solution where its parameters are those of a network and state."""
+    def altered(self, parameter: Parameter) -> Altered:
+        """Return network and state with an error of a parameter: held points are where the cards put them."""
+        network, state = parameter.altered(self.network, self.state, parameter.size)
         held = np.flatnonzero(network.priors.held.any(axis=1) & finite_rows(state.ground))
-        if len(held):  # they are where the cards put them
-            ground = state.ground.copy()
-            ground[held] = hold(network, held, ground[held])
-            state = replace(state, ground=ground)
-        problem = Simultaneous(network=network, options=self.block.options, held=self.free.held)
-        residual, _ = self.observations(network, state)
-        return _Begun(network=network, state=state, line=problem.linearise(state), residual=residual)
+        ground = state.ground.copy()
+        ground[held] = hold(network, held, ground[held])
+        return network, replace(state, ground=ground)
 
-    def after(self, begun: _Begun, step: FloatArray) -> State:
-        """Return the state after a step (u,), which all points follow."""
-        network, state, ground = begun.network, begun.state, begun.state.ground.copy()
-        for follow in begun.line.context:
-            follow.move(network, state, step, ground)
-        for group in left_out(network, self.part):
-            eliminate(network, state, group).follow(group).move(network, state, step, ground)
-        return replace(state_after(network, state, step), ground=ground)
+    def _touched(self, network: Network, state: State) -> BoolArray:
+        """Return which images (m,) are others in an altered network and state."""
+        old, before = self.network, self.state
+        camera = np.column_stack([network.focal_length, network.principal_point])
+        photo = (camera != np.column_stack([old.focal_length, old.principal_point])).any(axis=1)
+        wet, point = (state.tide != before.tide) | (state.index != before.index), state.ground != before.ground
+        return photo[old.photo] | (old.refracted & wet[old.photo]) | point.any(axis=1)[old.point]
+
+    def solved(self, lines: FloatArray, direct: Sequence[tuple[Rows, FloatArray]]) -> FloatArray:
+        """Return the steps (u, P) of stations and globals by errors of the observations."""
+        network, scale = self.network, self.known.full.scale[:, None]
+        rhs = np.zeros((len(scale), lines.shape[2]))
+        for rows in self.rows:
+            rows.add_rhs(network, rows.left(rows.weighted(lines))[0], rhs)
+        for others, errors in direct:
+            weighted = others.partials * others.weight[:, None]
+            np.add.at(rhs, others.index, -weighted[:, :, None] * errors[:, None])
+        rhs[self.free.held] = 0.0
+        return self.known.full.solve_scaled(rhs * scale) * scale
+
+    def of_considered(self, moved: State, parameter: Parameter | None = None) -> FloatArray:
+        """Return the right side (c,) of the considered parameters with what is left of an error, if any."""
+        wide = self.known.wide
+        if wide is None:
+            return np.zeros(0)
+        network, state = wide.network, replace(moved, waves=wide.state.waves)
+        if parameter is not None:
+            network, _ = parameter.altered(network, state, parameter.size)
+        rhs = Simultaneous(network=network, options=self.block.options).linearise(state).rhs
+        return rhs[network.pattern.order :][~wide.free] * wide.parameters.sigma
 
     def places(self, state: State) -> Places:
         """Return stations (n, 3), points (p, 3), and depths (p, 1) m below the mean water at their photos."""
@@ -130,35 +157,37 @@ class _AtRest:
         first, second, third = (np.sqrt(np.maximum(variance, 0.0)) for variance in variances)
         return first, second, third
 
-    def most_moved(
-        self, before: Places, after: Places, size: float, reference: float
-    ) -> list[tuple[int, float, float]]:
-        """Return the station, the point, the depth that an error of `size` moves most in its own sigmas.
+    @cached_property
+    def _axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The axes of these: (n, 3, 3), (p, 3, 3), (1, 1, 1)."""
+        return self.network.axes, self.network.frame.axes(self.state.ground), np.ones((1, 1, 1))
 
-        With its movement (m, and sigmas) by an error of one unit; ordered as those of the `reference` error print.
+    def most_moved(self, before: Places, after: Places, parameter: Parameter) -> list[tuple[int, float, float]]:
+        """Return the station, the point, the depth that an error of a parameter moves most in its own sigmas.
+
+        With its movement (m, and sigmas) by an error of one unit; ordered as those of the reference error print.
         Sigmas of what is held are zero: it moves with its card.
         """
         found = []
-        axes = (self.network.axes, self.network.frame.axes(before[1]), np.ones((1, 1, 1)))
-        for old, new, along, sigma in zip(before, after, axes, self._sigmas, strict=True):
-            move = (along @ ((new - old) / size)[..., None])[..., 0]
+        for old, new, along, sigma in zip(before, after, self._axes, self._sigmas, strict=True):
+            move = (along @ ((new - old) / parameter.size)[..., None])[..., 0]
             relative = np.full(sigma.shape, np.nan)
             np.divide(np.abs(move), sigma, out=relative, where=sigma > 0.0)
             most = np.fmax.reduce(relative, axis=1)
-            row = int(np.argmax(np.round(np.nan_to_num(most, nan=-np.inf) * reference, _DECIMALS)))
+            row = int(np.argmax(np.round(np.nan_to_num(most, nan=-np.inf) * parameter.reference, _DECIMALS)))
             known = np.isfinite(most[row])
             found.append((row, float(np.linalg.norm(move[row])), float(most[row])) if known else _NOTHING)
         return found
 
-    def of_considered(self, altered: Callable[[Network, State], Altered], moved: State) -> FloatArray:
-        """Return the right side (c,) of the considered parameters with what is left of an error."""
-        wide = self.known.wide
-        if wide is None:
-            return np.zeros(0)
-        network, _ = altered(wide.network, wide.state)
-        state = replace(moved, waves=wide.state.waves)
-        rhs = Simultaneous(network=network, options=self.block.options).linearise(state).rhs
-        return rhs[network.pattern.order :][~wide.free] * wide.parameters.sigma
+
+def _residuals(network: Network, state: State, images: BoolArray, lines: FloatArray) -> list[FloatArray]:
+    """Return residuals as `_AtRest.errors` has them, those of images that are not chosen (m,) out of `lines`."""
+    lines, rays = lines.copy(), np.flatnonzero(images & finite_rows(state.ground)[network.point])
+    lines[rays] = residuals(network, state, rays)
+    known = lines[len(network.photo) :].reshape(network.points, 4)
+    for group in (*network.control_groups, *network.kept_groups):
+        known[group.point] = -prior_rows(network, state, group.point, state.ground[group.point]).deviation
+    return [lines, *(rows.residual for _, rows in direct_rows(network, state))]
 
 
 def held_parameters(
@@ -175,41 +204,57 @@ def held_parameters(
     """
     rest = _AtRest(block=block, network=network, state=state, part=part, known=known, free=free or NOTHING_FREE)
     held = tuple(_parameters(block, network, part))
-    errors = [partial(parameter.altered, size=_STEP * parameter.reference) for parameter in held]
-    runs = [rest.begun(network, state), *(rest.begun(*altered(network, state)) for altered in errors)]
-    scale = known.full.scale[:, None]
-    steps = known.full.solve_scaled(np.stack([run.line.rhs for run in runs], axis=1) * scale) * scale
-    base, *others = runs
-    resting = rest.after(base, steps[:, 0])
-    left, weight = rest.observations(network, resting)
-    none = rest.of_considered(lambda *both: both, resting)
-    sizes, numbers = np.array([_STEP * parameter.reference for parameter in held]), np.zeros((len(held), 4))
-    before, worst = rest.places(resting), []
-    for row, (run, altered) in enumerate(zip(others, errors, strict=True)):
-        moved = rest.after(run, steps[:, 1 + row])
-        c, r = run.residual - base.residual, rest.observations(run.network, moved)[0] - left
-        Pr, of_considered = weight * r, rest.of_considered(altered, moved) - none
-        numbers[row] = Pr @ left * sizes[row], Pr @ r, c @ (weight * c), of_considered @ of_considered
+    lines, *of_direct = rest.errors(held)
+    direct = list(zip((rows for _, rows in direct_rows(network, state)), of_direct, strict=True))
+    step, split = rest.solved(lines, direct), network.pattern.order
+    whole, left = np.zeros((2, lines.shape[2], lines.shape[2]))
+    moves = np.zeros((*state.ground.shape, lines.shape[2]))
+    for rows in rest.rows:
+        errors = rows.weighted(lines)
+        remaining, of_points = rows.left(errors + rows.by_unknowns(network, step))
+        moves[rows.point] = np.swapaxes(rows.axes, 1, 2) @ of_points
+        whole, left = whole + _squares(errors), left + _squares(remaining)
+    for others, errors in direct:
+        root, change = np.sqrt(others.weight)[:, None], np.einsum("rx,rxp->rp", others.partials, step[others.index])
+        whole, left = whole + _squares(root * errors), left + _squares(root * (errors + change))
+    kept = network.border.kept
+    axes = np.swapaxes(kept_axes(network, state.ground[kept]), 1, 2)
+    moves[kept] = axes @ step[split + network.border.kept_columns(kept)]
+    for group in left_out(network, part):
+        rows = point_rows(network, state, group)
+        _, of_points = rows.left(rows.weighted(lines) + rows.by_unknowns(network, step))
+        moves[rows.point] = np.swapaxes(rows.axes, 1, 2) @ of_points
+    before, none, worst, considered = rest.places(state), rest.of_considered(state), [], []
+    for row, parameter in enumerate(held, start=1):
+        moved = rest.altered(parameter)[1]
+        ground = moved.ground + parameter.size * moves[..., row]
+        moved = replace(state_after(network, moved, parameter.size * step[:, row]), ground=ground)
+        considered.append((rest.of_considered(moved, parameter) - none) / parameter.size)
         if len(rest.free.held):
-            moved, _ = moved_to(network, moved, rest.free, resting.ground)
-        worst.append(rest.most_moved(before, rest.places(moved), sizes[row], held[row].reference))
-    moves = np.array(worst).reshape(-1, 3, 3)
-    pull, redundant, whole, considered = (numbers / np.square(sizes)[:, None]).T
+            moved, _ = moved_to(network, moved, rest.free, state.ground)
+        worst.append(rest.most_moved(before, rest.places(moved), parameter))
+    most = np.array(worst).reshape(-1, 3, 3)
     return HeldParameters(
         names=np.array([parameter.name for parameter in held], dtype=np.str_),
         units=np.array([parameter.unit for parameter in held], dtype=np.str_),
         reference=np.array([parameter.reference for parameter in held]),
         limit=np.array([parameter.limit for parameter in held]),
-        pull=pull,
-        redundant=redundant,
-        whole=whole,
-        considered=considered,
-        moved=moves[..., 0].astype(int),
-        shift=moves[..., 1],
-        sigmas=moves[..., 2],
+        pull=left[0, 1:],
+        redundant=np.diagonal(left)[1:],
+        whole=np.diagonal(whole)[1:],
+        considered=np.array([of @ of for of in considered]),
+        moved=most[..., 0].astype(int),
+        shift=most[..., 1],
+        sigmas=most[..., 2],
         adjusted=int(network.water.index_unknown) + int((network.water.group >= 0).any()),
         known_with_sigma=int(_index_considered(block, network)) + int(_tides_considered(block, network).any()),
     )
+
+
+def _squares(errors: FloatArray) -> FloatArray:
+    """Return the sums (P, P) of products of errors (..., P)."""
+    columns = errors.reshape(-1, errors.shape[-1])
+    return columns.T @ columns
 
 
 def _parameters(block: Block, network: Network, part: Participation) -> Iterator[Parameter]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # these have loops over points themselves
     from musatpy.adjustment.iteration import State
     from musatpy.adjustment.network import Network, PointGroup
     from musatpy.adjustment.normals import Cofactors, NormalEquations
-    from musatpy.adjustment.propagation import Part
+    from musatpy.adjustment.propagation import Part, PointRows
     from musatpy.arrays import FloatArray
 
 VARIABLE = "MUSAT_KERNELS"
@@ -90,4 +90,8 @@ class Loops:
 
         Adds to the diagonal; `residual` (all measurements, 2) mm.
         """
+        return self.groups, []
+
+    def observations(self, state: State) -> tuple[tuple[PointGroup, ...], list[PointRows]]:
+        """Return the points left, and the weighted observations of the others."""
         return self.groups, []

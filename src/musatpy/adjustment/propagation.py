@@ -19,6 +19,7 @@ from musatpy.adjustment.iteration import LEVEL, State
 from musatpy.adjustment.kinds import PRIORS, WATER, direct_rows
 from musatpy.adjustment.network import Network, PointGroup, first_rows
 from musatpy.adjustment.normals import Cofactors
+from musatpy.adjustment.pattern import SumsByRow
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind, Observations
 
@@ -286,3 +287,73 @@ def _surface_partials(network: Network, state: State, group: PointGroup) -> tupl
 
 def _turned(T: FloatArray, Q: FloatArray) -> FloatArray:
     return T @ Q @ np.swapaxes(T, 1, 2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointRows:
+    """The l lines of two observations of each of k points, weighted: images, and two of what is known of the point.
+
+    With partials by stations, by globals, and by the point, which follows. Errors of P kinds are told apart.
+    """
+
+    point: IntArray  # (k,)
+    line: IntArray  # (k, l) of a table of all measurements, then two lines of each point
+    photo: IntArray  # (k, m) of the images, which stand first
+    root: FloatArray  # (k, 2l) of the weights
+    A: FloatArray  # (k, m, 2, q) of images by their stations
+    B: FloatArray  # (k, 2l, 3)
+    inverse: FloatArray  # (k, 3, 3) N_pp^-1
+    axes: FloatArray  # (k, 3, 3)
+    index: IntArray  # (k, X) columns of the border
+    extra: FloatArray  # (k, 2l, X)
+
+    def weighted(self, errors: FloatArray) -> FloatArray:
+        """Return the weighted errors (k, 2l, P) of these lines, out of those of the whole table."""
+        return errors.take(self.line, axis=0).reshape(*self.root.shape, errors.shape[2]) * self.root[..., None]
+
+    def left(self, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what the points leave of errors (k, 2l, P) for known stations, and their movements (k, 3, P)."""
+        moves = -self.inverse @ (np.swapaxes(self.B, 1, 2) @ errors)
+        return errors + self.B @ moves, moves
+
+    def by_unknowns(self, network: Network, step: FloatArray) -> FloatArray:
+        """Return the changes (k, 2l, P) by steps (u, P) of stations and globals."""
+        split, (k, m), P = network.pattern.order, self.photo.shape, step.shape[1]
+        change = self.extra @ step[split:][self.index]
+        change[:, : 2 * m] += (
+            self.A @ step[:split].reshape(network.photos, -1, P).take(self.photo, axis=0)
+        ).reshape(k, -1, P)
+        return change
+
+    def add_rhs(self, network: Network, errors: FloatArray, rhs: FloatArray) -> None:
+        """Add the right sides by errors (k, 2l, P) that the points leave to those of all unknowns, (u, P)."""
+        split, (k, m), P = network.pattern.order, self.photo.shape, rhs.shape[1]
+        of_images = np.swapaxes(self.A, 2, 3) @ errors[:, : 2 * m].reshape(k, m, 2, P)
+        sums, stations = SumsByRow.of(self.photo.reshape(-1)), rhs[:split].reshape(network.photos, -1)
+        stations[sums.rows] -= sums.sums(of_images.reshape(k * m, -1))
+        np.add.at(rhs[split:], self.index, -np.swapaxes(self.extra, 1, 2) @ errors)
+
+
+def point_rows(network: Network, state: State, group: PointGroup) -> PointRows:
+    """Return the weighted observations of the points of a group where they are."""
+    E, (k, m) = eliminate(network, state, group), group.rays.shape
+    line, weight, B = group.rays, group.weights(network.weight).reshape(k, 2 * m), E.normals.B.reshape(k, 2 * m, 3)
+    extra = E.extras.images.reshape(k, 2 * m, E.extras.index.shape[1])
+    if (priors := E.normals.priors) is not None:
+        line = np.concatenate([line, len(network.photo) + 2 * group.point[:, None] + np.arange(2)], axis=1)
+        weight = np.concatenate([weight, priors.weight], axis=1)
+        B = np.concatenate([B, priors.by_point], axis=1)
+        extra = np.concatenate([extra, E.extras.priors], axis=1)
+    root = np.sqrt(weight)
+    return PointRows(
+        point=group.point,
+        line=line,
+        photo=network.photo[group.rays],
+        root=root,
+        A=E.A,
+        B=B * root[..., None],
+        inverse=E.inverse,
+        axes=E.normals.axes,
+        index=E.extras.index,
+        extra=extra * root[..., None],
+    )

@@ -19,7 +19,7 @@ from musatpy.adjustment.kernels import Loops
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
-from musatpy.adjustment.propagation import Part
+from musatpy.adjustment.propagation import Part, PointRows
 from musatpy.adjustment.sparse import side_by_side
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.geodesy import surface
@@ -289,6 +289,27 @@ class CompiledLoops(Loops):
             covariance=covariance[taken].reshape(-1, 3),
         )
         return (*(group for group in self.groups if group.known), *self.others), [part]
+
+    def observations(self, state: State) -> tuple[Groups, list[PointRows]]:
+        (points, _), sequence, found = self.points(state), self.sequence, []
+        for group in self.groups:
+            (k, m), rows = group.rays.shape, sequence.row[group.point]
+            lines = sequence.start[rows][:, None] + np.arange(m)
+            if not group.known:
+                of_points = PointRows(
+                    point=group.point,
+                    line=group.rays,
+                    photo=sequence.photo[lines],
+                    root=self._root.take(lines, axis=0).reshape(k, 2 * m),
+                    A=points.A.take(lines, axis=0),
+                    B=points.B.take(lines, axis=0).reshape(k, 2 * m, 3),
+                    inverse=points.inverse.take(rows, axis=0),
+                    axes=np.broadcast_to(np.eye(3), (k, 3, 3)),
+                    index=np.zeros((k, 0), dtype=np.int64),
+                    extra=np.zeros((k, 2 * m, 0)),
+                )
+                found.append(of_points)
+        return (*(group for group in self.groups if group.known), *self.others), found
 
     def _errors(self, state: State, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return cofactors of points (k, 3, 3), of images (r, 2), and of both (r, 2, 3), along east, north, up.
