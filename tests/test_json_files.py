@@ -1,7 +1,6 @@
 """Records read from JSON, by rows or columns, and their tables of images."""
 
 import copy
-import gzip
 import json
 from functools import cache
 from pathlib import Path
@@ -21,10 +20,8 @@ from musatpy.model import RecordContent
 from musatpy.reports.record import dumps, record, record_of
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics
-from record_rows import with_rows
 
 ROOT = Path(__file__).parents[1]
-OF_ROWS = Path(__file__).parent / "records" / "st_thomas_1.10.json.gz"
 
 
 @cache
@@ -79,43 +76,12 @@ def test_columns_that_the_schema_does_not_know_have_the_rows_of_their_table(
         assert "bathymetric_points: has columns of 0 and of 8 entries" in result.output
 
 
-def test_a_record_of_rows_is_read_as_columns(tmp_path: Path) -> None:
-    """One that musatpy wrote before tables were columns says the same as one of today, to its digits."""
-    path = tmp_path / "RUN.json"
-    path.write_bytes(gzip.decompress(OF_ROWS.read_bytes()))
-    old = json.loads(path.read_text())
-    assert old["schema_version"] == "1.10"
-    found = read_record(path, {**NEEDS, "plate_statistics": ()}, OPTIONAL)
-    assert list(found["stations"]) == list(old["stations"][0])
-    assert found["stations"]["position"] == [row["position"] for row in old["stations"]]
-    assert found["plate_statistics"]["frames"]["rms"] == [row["rms"] for row in old["plate_statistics"]["frames"]]
-    assert found["iterations"] == old["iterations"] and found["adjusted_water"]["waves"] is None
-    now = tmp_path / "NOW.json"
-    now.write_text(_text())
-    limit = "1e-7"  # sigmas: digits that the new one has not, and rounding of another solver loop (1.4e-8)
-    assert musat("compare", path, now, "--limit", limit).exit_code == 0
-    result = musat("diff", path, now)
-    assert result.exit_code == 2 and "run the older deck again" in result.output
-
-
-@pytest.mark.parametrize("deck", ["st_thomas_raw/st_thomas_raw.crd", "st_thomas_utm/st_thomas_utm.crd"])
-def test_tables_within_tables_are_turned_too(tmp_path: Path, deck: str) -> None:
-    solution = adjust(read_deck(ROOT / "fixtures" / deck))
-    columns, rows = tmp_path / "columns.json", tmp_path / "rows.json"
-    columns.write_text(dumps(record(solution)))
-    old = with_rows(with_images(json.loads(columns.read_text()))) | {"schema_version": "1.10"}
-    assert isinstance(old["stations"], list)
-    rows.write_text(json.dumps(old))
-    needs = {name: () for name in old if name != "schema_version"}
-    assert read_record(rows, needs) == read_record(columns, needs)
-
-
 @pytest.mark.parametrize(
-    ("version", "rest"), [("3.0", "is a record of schema 3.0"), ("0.9", "is a record of schema 0.9")]
+    ("version", "rest"), [("4.0", "is a record of schema 4.0"), ("2.0", "is a record of schema 2.0")]
 )
 def test_other_schemas_are_refused(tmp_path: Path, run: dict[str, Any], version: str, rest: str) -> None:
     run["schema_version"] = version
-    assert problems(tmp_path, run) == [f"schema_version: {rest}, and this program reads 1.x and 2.0"]
+    assert problems(tmp_path, run) == [f"schema_version: {rest}, and this program reads 3.0; run the deck again"]
 
 
 def test_a_table_that_was_left_out_is_told(tmp_path: Path) -> None:
@@ -130,19 +96,6 @@ def test_a_table_that_was_left_out_is_told(tmp_path: Path) -> None:
     assert musat("compare", path, path).exit_code == 0
     schema = load_schema()
     assert not list(violations(run, schema, schema))
-
-
-def test_faults_of_a_record_of_rows_are_told_by_rows(tmp_path: Path, run: dict[str, Any]) -> None:
-    old = with_rows(run) | {"schema_version": "1.6"}
-    del old["stations"][1]["attitude"], old["control"]
-    old["points"][3]["position"] = [1.0]
-    assert problems(tmp_path, old) == [
-        "stations[1].attitude: is missing",
-        "points[3].position: expected 3 numbers, found 1",
-        "control: is missing",
-    ]
-    old["stations"] = [{}] * 1000
-    assert len(problems(tmp_path, old)) == 20
 
 
 @pytest.mark.parametrize(

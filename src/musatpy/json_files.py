@@ -28,7 +28,6 @@ _LISTED = 20  # problems of one file
 _PYTHON = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
 _MUCH = 1_000_000  # bytes, from which on a package is worth its loading
 _DIGITS = 15  # of a whole number at most that is exact in double precision
-_BY_ROWS = "1"  # schema of records whose tables are lists of rows
 _IDS = {  # fields of tables that name a row of another one, and its ids
     "camera": ("cameras", "camera"),
     "photo": ("stations", "photo"),
@@ -93,18 +92,17 @@ def read_record(
 ) -> dict[str, Any]:
     """Return what is needed of the record of a run, where it is as its schema says: tables as columns.
 
-    A table has a list for each of its fields, with one entry per row; in records of schema 1, which have a list of
-    rows, it is turned into these. What is `optional` may be missing, as in records of earlier versions: a table,
-    or fields of a needed one. Raises `RecordError` with the places where it is not as it should be, `OSError`.
+    A table has a list for each of its fields. What is `optional` may be missing: a table, or fields of a
+    needed one. Raises `RecordError` with the places where it is not as it should be, `OSError`.
     `schema`: that of the record of something else than a run, whose first field is its version, and `what` that is.
     """
     record = read_json_file(path)
     schema = _schema() if schema is None else schema
-    by_rows = _is_by_rows(record, schema, path, what)
+    _refuse_other_schemas(record, schema, path, what)
     later = optional or {}
     wanted = _narrowed(schema, {**later, **needs}, required=list(needs), later=later)
     record = _together(record, wanted, schema, path)
-    return _wanted_of(record, wanted, schema, path, by_rows=by_rows)
+    return _wanted_of(record, wanted, schema, path)
 
 
 def known_of(
@@ -117,37 +115,32 @@ def known_of(
     given. Raises `RecordError` as `read_record` does.
     """
     schema = _schema() if schema is None else schema
-    by_rows = _is_by_rows(record, schema, path, "run")
+    _refuse_other_schemas(record, schema, path, "run")
     version = next(iter(schema["properties"]))
     fields = {
         name: _loose(of, needs.get(name, ())) for name, of in schema["properties"].items() if name not in leave
     }
     wanted = {"type": "object", "required": list(needs), "properties": {**fields, version: {"type": "string"}}}
     record = _together(record, wanted, schema, path)
-    return _wanted_of(record, wanted, schema, path, by_rows=by_rows)
+    return _wanted_of(record, wanted, schema, path)
 
 
-def _is_by_rows(record: Any, schema: Schema, path: Path, what: str) -> bool:
-    """Tell whether tables of a record are lists of rows; raises `RecordError` for a version that is not read."""
+def _refuse_other_schemas(record: Any, schema: Schema, path: Path, what: str) -> None:
+    """Raise `RecordError` for what is no record, or one of another schema."""
     key = next(iter(schema["properties"]))
     ours = str(schema["properties"][key]["const"])
     version = record.get(key) if isinstance(record, dict) else None
     if not isinstance(version, str):
         raise RecordError([Problem(file=str(path), message=f"is not the record of a {what}")])
-    by_rows = version.split(".")[0] == _BY_ROWS
-    if not by_rows and version.split(".")[0] != ours.split(".")[0]:
-        message = f"is a record of schema {version}, and this program reads {_BY_ROWS}.x and {ours}"
+    if version.split(".")[0] != ours.split(".")[0]:
+        message = f"is a record of schema {version}, and this program reads {ours}; run the deck again"
         raise RecordError([Problem(file=str(path), field=key, message=message)])
-    return by_rows
 
 
-def _wanted_of(
-    record: dict[str, Any], wanted: Schema, schema: Schema, path: Path, *, by_rows: bool
-) -> dict[str, Any]:
+def _wanted_of(record: dict[str, Any], wanted: Schema, schema: Schema, path: Path) -> dict[str, Any]:
     """Return what is wanted of a record; raises `RecordError` with the places where it is not as it should be."""
-    _hold_against(record, _with_rows(wanted) if by_rows else wanted, schema, path)
+    _hold_against(record, wanted, schema, path)
     found = {name: record.pop(name) for name in wanted["properties"] if name in record}
-    found = dict(_in_columns(found, wanted)) if by_rows else found
     if faults := list(islice(_unknown_ids(found), _LISTED)) if schema is _schema() else []:
         raise RecordError(Problem(file=str(path), field=where, message=message) for where, message in faults)
     return found
@@ -197,29 +190,6 @@ def _loose(schema: Schema, required: Sequence[str] = ()) -> Schema:
         fields = {name: _loose(of) for name, of in schema["properties"].items()}
         return {**schema, "required": list(required), "properties": fields}
     return {**schema, "items": _loose(schema["items"], required)} if "items" in schema else schema
-
-
-def _with_rows(schema: Schema) -> Schema:
-    """Return a schema whose tables of columns are lists of rows, as schema 1 has them."""
-    schema = _resolved(schema)
-    if schema.get("columns"):
-        fields = {name: column["items"] for name, column in schema["properties"].items()}
-        return {"type": "array", "items": {"type": "object", "required": schema["required"], "properties": fields}}
-    if "properties" in schema:
-        return {**schema, "properties": {name: _with_rows(of) for name, of in schema["properties"].items()}}
-    return {**schema, "items": _with_rows(schema["items"])} if "items" in schema else schema
-
-
-def _in_columns(value: Any, schema: Schema) -> Any:
-    """Return a value of schema 1, its tables of rows turned into columns of what all their rows have."""
-    schema = _resolved(schema)
-    if schema.get("columns"):
-        names = value[0] if value else schema["properties"]
-        return {name: [row[name] for row in value] for name in names if all(name in row for row in value)}
-    if isinstance(value, list) and "items" in schema:
-        return [_in_columns(entry, schema["items"]) for entry in value]
-    inner = schema.get("properties", {}) if isinstance(value, dict) else {}
-    return {key: _in_columns(value[key], inner.get(key, {})) for key in value} if inner else value
 
 
 @cache

@@ -27,6 +27,7 @@ from musatpy.jobs.merge import merged
 from musatpy.jobs.punch import punched
 from musatpy.model.block import in_order_of_ids
 import musatpy
+from musatpy.reports.record import record, schema
 
 deck = Path(sys.argv[1])
 block = musat.read_deck(deck)
@@ -46,6 +47,17 @@ last = block.photos.ids == gauged
 assert gauge(extracted(block, last | np.roll(last, 1)).block) == "PIER"
 assert gauge(merged([Part(name="a", block=block)]).block) == "PIER"
 assert gauge(in_order_of_ids(block)) == "PIER"
+
+# it is echoed and recorded
+solution = musatpy.adjust(block)
+text = musatpy.listing(solution)
+echo = text[text.rindex("Input: Tide (TID)") :].split("Input: ")[1].splitlines()
+start = next(line for line in echo if "Gauge" in line).index("Gauge")
+assert [line[start:].strip() for line in echo if line.startswith(gauged)] == ["PIER"], echo
+stations = record(solution)["stations"]
+assert dict(zip(stations["photo"], stations["tide_gauge"]))[gauged] == "PIER"
+about = schema()["properties"]["stations"]["properties"]["tide_gauge"]
+assert about["description"] == "TID gauge: Gauge from which the height comes.", about
 left_out = families.families()["patb"].render(parts.parts_of(block), deck.parent).left_out
 print(*left_out, sep="\\n")
 """
@@ -92,7 +104,7 @@ def test_what_the_cards_of_another_table_say_is_an_error(copy: Path) -> None:
 
 def add_to_model(copy: Path, line: str) -> None:
     """Add a column to the photos."""
-    path = copy / "musatpy" / "model" / "photos.py"
+    path = copy / "musatpy" / "model" / "block.py"
     before, following, after = path.read_text(encoding="utf-8").partition("    time: FloatArray")
     assert following
     path.write_text(f"{before}    {line.strip()}\n{following}{after}", encoding="utf-8")

@@ -67,6 +67,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "reports": {
         "model",
+        "formats",
         "statistics",
         "comparison",
         "inquiry",

@@ -130,7 +130,10 @@ def test_readings_in_micrometres_have_room_and_their_unit(run):
     )
     result, listing, _ = run(deck_bytes(block))
     assert result.exit_code == 0
-    marks, points = (section(listing, f"Input: {what}") for what in ("Fiducial Measurements", "Plate Readings"))
+    marks, points = (
+        section(listing, f"Input: {what}: Comparator Readings")
+        for what in ("Fiducial measurement (FMS)", "Plate measurement (PLT)")
+    )
     assert marks[2].split() == ["Photo", "Mark", "unit", "unit", "unit", "unit"]
     assert marks[4].split() == ["21", "1", "-233440.6974000", "-237471.7361000", "2.50000", "2.50000"]
     assert points[4].split()[:4] == ["21", "102", "-212835.6487000", "-135482.1723000"]

@@ -178,7 +178,11 @@ def test_listing_and_record_say_what_was_used(tmp_path: Path) -> None:
     musat.write_deck(read(), deck)
     run_deck(deck, tmp_path)
     text = (tmp_path / "job.lst").read_text()
-    assert "Input: Waves\n" in text and "Input: Origin Of The Waves\n" in text and "Waves On The Water" in text
+    assert (
+        "Input: Wave (WAV)\n" in text
+        and "Input: Origin of the waves, geographic (WOG)\n" in text
+        and "Waves On The Water" in text
+    )
     assert "SW    sinusoidal     12.00    10.000     99.707     9.971" in text
     assert "838           -.3000                12.500\n" in text
     assert max(len(line) for line in text.splitlines()) <= 132

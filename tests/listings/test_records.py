@@ -196,7 +196,7 @@ def by_columns(**changed):
     }
     texts = {name: json.dumps(column) for name, column in columns.items()} | changed
     lines = ",\n".join(f'    "{name}": {text}' for name, text in texts.items())
-    return f'{{\n  "schema_version": "2.0",\n  "points": {{\n{lines}\n  }}\n}}\n'
+    return f'{{\n  "schema_version": "3.0",\n  "points": {{\n{lines}\n  }}\n}}\n'
 
 
 def test_tables_by_columns_give_what_their_rows_give():
@@ -231,8 +231,8 @@ def test_a_column_that_is_wrong_is_an_error(column, text):
 
 
 def test_records_of_two_schemas_are_refused(text):
-    assert compared(text, text.replace('"schema_version": "2.0"', '"schema_version": "2.9"')).counts["text"] == 1
-    with pytest.raises(CannotCompareError, match=r"schema 2\.0, and b\.json of 1\.3; run the older deck again"):
-        compared(text, text.replace('"schema_version": "2.0"', '"schema_version": "1.3"'))
+    assert compared(text, text.replace('"schema_version": "3.0"', '"schema_version": "3.9"')).counts["text"] == 1
+    with pytest.raises(CannotCompareError, match=r"schema 3\.0, and b\.json of 1\.3; run the older deck again"):
+        compared(text, text.replace('"schema_version": "3.0"', '"schema_version": "1.3"'))
     with pytest.raises(CannotCompareError, match=r"schema 1\.3"):
-        compare_texts(text.replace('"2.0"', '"1.3"', 1), "X\n\ny 1\n", names=("a.json", "b.lst"))
+        compare_texts(text.replace('"3.0"', '"1.3"', 1), "X\n\ny 1\n", names=("a.json", "b.lst"))

@@ -1,6 +1,5 @@
 """Pages of fixtures without their pictures, and what stands on a page, read by a parser of its own."""
 
-import gzip
 import json
 from functools import cache
 from html.parser import HTMLParser
@@ -14,7 +13,6 @@ from musatpy.runs import run_deck
 
 ROOT = Path(__file__).parents[2]
 ST_THOMAS = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
-EARLIER = ROOT / "tests" / "records" / "st_thomas_1.10.json.gz"
 
 
 @cache
@@ -34,13 +32,6 @@ def written(folder: Path, text: str | None = None) -> Path:
     """Return a record that was written into a folder: that of the strip at St. Thomas where no other is given."""
     path = folder / "job.json"
     path.write_text(record_text() if text is None else text)
-    return path
-
-
-def earlier_record(folder: Path) -> Path:
-    """Return a record of schema 1.10, whose tables are lists of rows."""
-    path = folder / "job.json"
-    path.write_bytes(gzip.decompress(EARLIER.read_bytes()))
     return path
 
 

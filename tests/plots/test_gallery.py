@@ -1,6 +1,5 @@
 """Every picture of a run: what it shows and says, records that lack something, and signs drawn in one stroke."""
 
-import gzip
 import json
 import re
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from musatpy.plots.painted import add_arrows, add_names, arrow_corners
 from musatpy.plots.picture import Picture
 from musatpy.plots.plan import block_plan
 from musatpy.plots.profile import profile
-from musatpy.plots.records import needs_of, read_tables
+from musatpy.plots.records import needs_of
 from musatpy.plots.tables import SharedTables, worked_out_once
 from plots.plot_records import gnss_block, st_thomas
 
@@ -217,19 +216,6 @@ def test_reasons_say_what_is_lacking() -> None:
     assert BY_NAME["gnss"].reason(tables) == "no position of a station was observed"
     assert BY_NAME["gnss"].draw(tables) is None and rendered(BY_NAME["gnss"], tables) is None
     assert BY_NAME["normalised"].reason(without(tables, "observations")) == "the record has no table observations"
-
-
-def test_a_record_of_last_year_has_the_pictures_of_today(tmp_path: Path) -> None:
-    """A record of schema 1.10, whose tables were rows."""
-    old = Path(__file__).parents[1] / "records/st_thomas_1.10.json.gz"
-    record = tmp_path / "old.json"
-    record.write_bytes(gzip.decompress(old.read_bytes()))
-    kind, tables = read_tables(record)
-    assert kind.what == "run"
-    today = st_thomas()
-    for picture in GALLERY:
-        assert picture.reason(tables) == picture.reason(today)
-        assert picture.sentence(tables) == picture.sentence(today)
 
 
 def test_needs_name_what_the_schema_has() -> None:

@@ -64,8 +64,8 @@ def test_an_unknown_picture_is_a_wrong_command_line(record: Path) -> None:
         ("", "is not the record of a run, of a compilation or of a comparison"),
         ("[1, 2]", "is not the record of a run, of a compilation or of a comparison"),
         ('{"schema_version": "7.0"}', "is a record of schema 7.0"),
-        ('{"schema_version": "2.0"}', "options: is missing"),
-        ('{"schema_version": "2.0", "options": {"system": "GEOG"}, "stations": 3}', "expected"),
+        ('{"schema_version": "3.0"}', "options: is missing"),
+        ('{"schema_version": "3.0", "options": {"system": "GEOG"}, "stations": 3}', "expected"),
     ],
 )
 def test_what_is_no_record_is_refused(tmp_path: Path, text: str, said: str) -> None:

@@ -103,7 +103,7 @@ def test_pages_that_are_named_show_what_is_meant(grade, brief):
     for page, title in rows:
         assert title in pages[int(page) - 1]
     titles = {title for _, title in rows}
-    assert set(shown.values()) <= titles and ("Input: Cameras" in titles) is not brief
+    assert set(shown.values()) <= titles and ("Input: Camera (CAM)" in titles) is not brief
 
 
 @pytest.mark.slow

@@ -149,7 +149,7 @@ def test_the_echo_is_in_the_words_of_the_deck():
     block = dataclasses.replace(solution.block, given_in=spec)
     text = listing(dataclasses.replace(solution, block=block))
     expected = stated(block, statement_of(spec, block)).block
-    table = rows(text, "Input: Exposure Stations, Initial Positions", 2)
+    table = rows(text, "Input: Exposure station, rectangular (STX), As Stated", 2)
     np.testing.assert_allclose(
         np.array([line[:3] for line in table], dtype=float), expected.photos.position, rtol=0, atol=5.01e-5
     )

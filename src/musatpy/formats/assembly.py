@@ -115,10 +115,16 @@ def _equal_elevations(draft: Draft) -> model.EqualElevations:
 
 
 def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
-    """Return the cards of a canonical deck, in their order: the columns of each kind that the block needs.
+    """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs.
 
     Raises `SystemsError` where the block cannot be stated as its deck is to be.
     """
+    for spec, values, angle in values_of_cards(block, family):
+        yield spec, mapping.scatter(spec, values, angle)
+
+
+def values_of_cards(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, mapping.Values, float]]:
+    """Yield the same cards with what they say by model attribute, and the radians of their unit of angles."""
     given_in = block.given_in
     block, cards = in_words(block)
 
@@ -132,7 +138,8 @@ def cards_of_values(
     tables: Mapping[str, mapping.Values], geographic: bool, family: Family
 ) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
     """Yield the cards that say `tables`, what `values_of` returns by role; roles may be missing."""
-    return _cards(family, _Words(geographic=geographic), lambda role, _: tables.get(role, {}))
+    for spec, values, angle in _cards(family, _Words(geographic=geographic), lambda role, _: tables.get(role, {})):
+        yield spec, mapping.scatter(spec, values, angle)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,12 +168,12 @@ class _Words:
 
 def _cards(
     family: Family, words: _Words, values_by: Callable[[str, CardSpec], mapping.Values]
-) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
+) -> Iterator[tuple[CardSpec, mapping.Values, float]]:
     angle = system_rows.radians_of(words.unit)
     role_of = {spec.mnemonic: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
         if not spec.fields:
-            yield spec, {}
+            yield spec, {}, angle
             continue
         role = role_of[spec.mnemonic]
         if role in ("stations", "control", "attitudes", "wave_origin") and not words.want(spec, role):
@@ -175,7 +182,7 @@ def _cards(
         if role == "water" and "water_conditions" in role_of.values():
             values = _without_computed_index(values, values_by("water_conditions", spec))
         if values and len(next(iter(values.values()))):
-            yield spec, mapping.scatter(spec, values, angle)
+            yield spec, values, angle
 
 
 def _without_computed_index(water: mapping.Values, conditions: mapping.Values) -> mapping.Values:

@@ -66,7 +66,8 @@ def _columns(kind: Any) -> Mapping[str, Column]:
 
 
 @lru_cache(maxsize=64)
-def _types(kind: Any) -> Mapping[str, type]:
+def types_of(kind: Any) -> Mapping[str, type]:
+    """Return the types of the values of a table by its columns: str, int, float or bool."""
     types = {column.name: str(column.type) for column in dataclasses.fields(kind)}
     return {name: _KINDS[annotation] for name, annotation in types.items() if annotation in _KINDS}
 
@@ -86,7 +87,7 @@ class Table:
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
         kind: Any = type(self)
-        types = _types(kind)
+        types = types_of(kind)
         for name in types:
             about = columns(kind)[name]
             size = sizes.get(about.rows, -1)
@@ -115,7 +116,7 @@ class Table:
 def no_rows(kind: type[Table]) -> dict[str, NDArray[Any]]:
     """Return the columns of a table without rows."""
     any_kind: Any = kind
-    types = _types(any_kind)
+    types = types_of(any_kind)
     return {name: np.zeros((0, *about.components), dtype=types[name]) for name, about in columns(kind).items()}
 
 

@@ -26,7 +26,7 @@ from musatpy.page.run_tables import (
 from musatpy.page.stated import anchor_of, labels_of, tables_of
 from musatpy.plots.tables import Tables, part, texts
 from musatpy.reports import adjusted_water, analyses, job_record, solution_summary, titles
-from musatpy.reports.fields import Field
+from musatpy.reports.fields import Field, same
 
 _WARNINGS = 50
 _BY_KIND = ("Observations, ", "Unknowns, ", "Sigma0, ")  # labels of numbers that are told beside others
@@ -181,7 +181,8 @@ def _computed(tables: Tables) -> Iterator[Part]:
 def _options(tables: Tables) -> PageTable:
     """Return the options of the run, as the record describes them."""
     values = part(tables, "options")
-    fields = [field for field in job_record.OPTIONS.fields if isinstance(field, Field) and field.name in values]
+    stated = job_record.part("options", "options", same).fields
+    fields = [field for field in stated if isinstance(field, Field) and field.name in values]
     title = "Options"
     return PageTable(
         title=title,
@@ -192,7 +193,12 @@ def _options(tables: Tables) -> PageTable:
             Head(text="Meaning", is_text=True),
         ],
         rows=[
-            [field.text, _option(values[field.name], field.unit), _words(field.name, values)] for field in fields
+            [
+                field.name.replace("_", " "),
+                _option(values[field.name], field.unit),
+                _words(field.name, values) or field.text,
+            ]
+            for field in fields
         ],
         total=len(fields),
         folded=True,

@@ -49,7 +49,7 @@ FINDINGS: Report[Any] = Report(
     worst=lambda t: np.abs(t["test"]),
     columns=(*answer.BLUNDERS.columns, "note"),
 )
-TIDES = (Shown(report=echo.TIDES, listed=PHOTOS),)
+TIDES = (Shown(report=echo.card("TID"), listed=PHOTOS),)
 LEFT_OUT = (
     Shown(report=ground_points.NO_PART, folded=False),
     Shown(report=FINDINGS, folded=False),
@@ -77,8 +77,8 @@ ACCURACY = (
     ),
 )
 CAMERA = (
-    Shown(report=echo.CAMERAS, folded=False),
-    *(Shown(report=report) for report in (echo.DISTORTION, echo.LENSES, echo.FIDUCIALS, echo.MARK_DISTANCES)),
+    Shown(report=echo.card("CAM"), folded=False),
+    *(Shown(report=report) for report in map(echo.card, ("DST", "LNS", "FID", "FDS"))),
 )
 WATER = (
     Shown(report=flags.TABLE, folded=False),

@@ -14,6 +14,7 @@ from musatpy.reports import (
     compilation_bottom,
     compilation_points,
     compilation_profiles,
+    job_record,
     quality_record,
     run_comparison,
 )
@@ -21,7 +22,6 @@ from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.encoding import Json
 from musatpy.reports.fields import POSITION_UNIT, Each, Field, Group, Node, Schema, properties_of, same
 from musatpy.reports.headings import position
-from musatpy.reports.job_record import ELLIPSOID
 from musatpy.reports.labels import Texts, sentences_at
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.reduction import reduction_sections
@@ -50,7 +50,7 @@ JOB: Group[Compiled, Compiled] = Group(
     (
         Field("titles", "* string", "titles of the deck", lambda c: c.deck.titles),
         Field("system", "string", "coordinate system of the run", lambda c: c.run.block.options.system),
-        Group("ellipsoid", ELLIPSOID.text, lambda c: c.run.block.ellipsoid, ELLIPSOID.fields, optional=True),
+        job_record.part("ellipsoid", "ellipsoid", lambda c: c.run.block.ellipsoid),
         Field("caution", "string?", "to be known of the run, on every page", lambda c: c.run.caution or None),
         Field("index", "number?", "refractive index of the water", lambda c: _index(c)),
         Field("datum", "string?", "sounding datum", lambda c: c.deck.datum.name if c.deck.datum else None),

@@ -1,220 +1,247 @@
-"""The tables of the record that say what the deck was: options, ellipsoid, water, cameras, marks, plates."""
+"""What the cards of a deck say, as the record has it: each field is one of the model, and means what the cards say.
+
+A table of the record that has results too states the fields that it shares with the cards by itself; `with_cards`
+adds what else the cards say of its rows.
+"""
 
 from __future__ import annotations
 
-from musatpy.model import (
-    Block,
-    ComparatorSpec,
-    CoordinateSystem,
-    Datum,
-    Editing,
-    EllipsoidSpec,
-    Initial,
-    Options,
-    Order,
-    PlateSigma,
-    Program,
-    Refraction,
-    Treatment,
-    Water,
-    WaterConditions,
-    WaterLevel,
-    Weights,
-)
-from musatpy.reports.fields import Field, Group, Rows
+import re
+import typing
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from enum import IntEnum, StrEnum
+from functools import cache
+from types import UnionType
+from typing import Any, TypeVar
+
+from musatpy.formats import mapping
+from musatpy.formats.cards.spec import CardSpec
+from musatpy.formats.musat import card_family
+from musatpy.model import Block
+from musatpy.model.block import parts_of_block
+from musatpy.model.tables import Table, columns, types_of
+from musatpy.reports.encoding import names
+from musatpy.reports.fields import Field, Group, Node, Rows, same
 from musatpy.statistics import Statistics
 
-OfBlock = Rows[Statistics, Block]
+Source = TypeVar("Source")
 
-
-def _block(statistics: Statistics) -> Block:
-    return statistics.block
-
-
-def _read(statistics: Statistics) -> Block:
-    return statistics.read
-
-
-OPTIONS = Group[Statistics, Options](
-    "options",
-    "the option card",
-    lambda s: s.block.options,
-    (
-        Field("program", "string", "adjustment program", choices=Program),
-        Field("system", "string", "coordinate system", choices=CoordinateSystem),
-        Field("initial", "string", "where the first stations and attitudes come from", choices=Initial),
-        Field("refraction", "string", "treatment of submerged points", choices=Refraction),
-        Field("weights", "string", "weights of the conditions", choices=Weights),
-        Field("max_iterations", "integer", "iterations of one triangulation, at most"),
-        Field("max_passes", "integer", "passes of the water point correction, at most"),
-        Field("rotation_limit", "number", "largest differential rotation of a converged run", unit="rad"),
-        Field("translation_limit", "number", "largest differential translation of a converged run", unit="m"),
-        Field("water_limit", "number", "movement of submerged points that ends the passes", unit="m"),
-        Field("plate_sigma", "number", "sigma of plate coordinates that have none of their own", unit="mm"),
-        Field("submerged_factor", "number", "factor on the plate sigmas of submerged points"),
-        Field("water_level", "string", "whose tides share an unknown correction", choices=WaterLevel),
-        Field("water_tilt", "string", "tilt of the water surface", choices=Treatment),
-        Field("water_index", "string", "refractive index", choices=Treatment),
-        Field("datum", "string", "what holds the block as a whole", choices=Datum),
-        Field("editing", "string", "what is done about blunders", choices=Editing),
-        Field("order", "string", "order of the rows of stations, points, control and residuals", choices=Order),
-        Field("plate_sigma_is", "string", "whether plate sigmas are as given, or estimated", choices=PlateSigma),
-        Field("sigma0_limit", "number", "sigma0 from which a run is rejected"),
-        Field("station_limit", "number",
-              "flying heights between adjusted and given stations, from which a run is doubtful"),
-    ),
-)  # fmt: skip
-
-ELLIPSOID = Group[Statistics, EllipsoidSpec](
-    "ellipsoid",
-    "null in local jobs",
-    lambda s: s.block.ellipsoid,
-    (
-        Field("name", "string?", "PROJ name", lambda e: e.name or None),
-        Field("semi_major_axis", "number?", "where there is no name", unit="m"),
-        Field("inverse_flattening", "number?", "where there is no name"),
-    ),
-    optional=True,
-)
-
-_PARTS = "parts per thousand"
-_CONDITIONS = Group[Water, WaterConditions](
-    "conditions",
-    "what the index is computed from; null where the deck gives the index itself",
-    lambda water: water.conditions,
-    (
-        Field("temperature", "number", "of the water", unit="degC"),
-        Field("wavelength", "number", "of the light, in vacuum", unit="nm"),
-        Field("salinity", "number?", "of the water; null where its chlorinity is given", unit=_PARTS),
-        Field("chlorinity", "number?", "of the water; null where its salinity is given", unit=_PARTS),
-        Field("formula", "string", "of the index; empty is QUANFRY", choices=("", "QUANFRY", "IAPWS")),
-        Field("air_temperature", "number?", "null is 15", unit="degC"),
-        Field("air_pressure", "number?", "null is 101325", unit="Pa"),
-    ),
-    optional=True,
-)
-WATER = Group[Statistics, Water](
-    "water",
-    "null without a water card",
-    lambda s: s.block.water,
-    (
-        Field("index", "number", "refractive index relative to air"),
-        Field("sigma", "number?", "of the index"),
-        Field("liquid", "string", "its name; empty is water"),
-        Field("tilt_east", "number?", "slope of the surface towards east; null is level", unit="rad"),
-        Field("tilt_north", "number?", "slope towards north", unit="rad"),
-        Field("tilt_sigma", "number?", "of both slopes", unit="rad"),
-        _CONDITIONS,
-    ),
-    optional=True,
-)
-
-CAMERAS = OfBlock(
-    "cameras",
-    "one row per camera",
-    _block,
-    (
-        Field("camera", "string", "camera id", lambda b: b.cameras.ids),
-        Field("focal_length", "number", "calibrated", lambda b: b.cameras.focal_length, "mm"),
-        Field("principal_point", "2 number", "xp, yp", lambda b: b.cameras.principal_point, "mm", exact=True),
-        Field("format_size", "2 number?", "x, y", lambda b: b.cameras.format_size, "mm"),
-    ),
-)
-DISTORTION = OfBlock(
-    "distortion",
-    "one row per distortion card",
-    _block,
-    (
-        Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.distortion.camera]),
-        Field("kind", "string", "radial, decentring or tabulated", lambda b: b.distortion.kind,
-              choices=("RADL", "DCEN", "TABL")),
-        Field("values", "3 number?", "K1 K2 K3 (for r in mm), P1 P2 P3, or radius and distortion (mm)",
-              lambda b: b.distortion.values),
-    ),
-)  # fmt: skip
-FIDUCIALS = OfBlock(
-    "fiducials",
-    "one row per calibrated mark",
-    _block,
-    (
-        Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.fiducials.camera]),
-        Field("mark", "string", "id of the mark", lambda b: b.fiducials.ids),
-        Field("xy", "2 number", "calibrated", lambda b: b.fiducials.xy, "mm", exact=True),
-        Field("sigma", "2 number?", "of xy", lambda b: b.fiducials.sigma, "mm"),
-    ),
-)
-FIDUCIAL_MEASUREMENTS = OfBlock(
-    "fiducial_measurements",
-    "one row per measured mark",
-    _read,
-    (
-        Field("photo", "string", "photo id", lambda b: b.photos.ids[b.fiducial_measurements.photo]),
-        Field("mark", "string", "id of the mark", lambda b: b.fiducial_measurements.ids),
-        Field("xy", "2 number", "measured", lambda b: b.fiducial_measurements.xy, "mm", exact=True),
-        Field("sigma", "2 number?", "of xy", lambda b: b.fiducial_measurements.sigma, "mm"),
-    ),
-    of_images=True,
-)
-
-COMPARATOR = Group[Statistics, ComparatorSpec](
+# What the record calls a table of the block, where it has results besides, and not by its own name.
+HOMES = {"photos": "stations", "reduction": "reduction.options"}
+# And what it calls an attribute, where not by its own name: in a table of results `given_` keeps both apart.
+_CALLED = {
+    "cameras.ids": "camera",
+    "fiducials.ids": "mark",
+    "fiducial_measurements.ids": "mark",
+    "reseau.ids": "cross",
+    "cross_measurements.ids": "cross",
+    "photos.ids": "photo",
+    "points.ids": "point",
+    "waves.ids": "wave",
+    "equal_elevations.ids": "group",
+    "equal_elevations.point": "points",
+    "air_bases.photo": "photos",
+    "distances.point": "points",
+    "height_differences.point": "points",
+    **{f"photos.{name}": f"given_{name}" for name in ("position", "position_sigma", "attitude", "attitude_sigma")},
+    **{f"control.{name}": f"given_{name}" for name in ("position", "sigma")},
+    **{f"waves.{name}": f"given_{name}" for name in ("period", "length", "speed")},
+    **{f"{table}.length": "given_length" for table in ("air_bases", "distances")},
+    "height_differences.difference": "given_difference",
+    **{
+        f"{table}.sigma": "given_sigma"
+        for table in ("equal_elevations", "air_bases", "distances", "height_differences")
+    },
+}
+_UNITS = {"um": "mm", "deg": "rad", "arcsec": "rad", "sec": "s", "hPa": "Pa", "ppt": "parts per thousand"}
+# Tables of comparator readings: of a job whose plates were reduced they are those that were read.
+OF_READINGS = (
     "comparator",
-    "the comparator of raw plates, null without card; `unit` is that of its readings",
-    lambda s: s.read.comparator,
-    (
-        Field("scale_u", "number", "of the first rail", unit="mm/unit"),
-        Field("scale_v", "number", "of the second rail", unit="mm/unit"),
-        Field("non_orthogonality", "number", "by which the second rail leans towards the first", unit="rad"),
-        Field("rotation", "number", "of the readings, counter-clockwise", unit="rad"),
-        Field("left_handed", "boolean", "the second rail is reversed"),
-        Field("reading_sigma", "number", "standard deviation of one reading", unit="unit"),
-        Field("repeat_limit", "number?", "of the deviation of repeated readings from their mean", unit="unit"),
-    ),
-    optional=True,
-)
-LENSES = OfBlock(
     "lenses",
-    "one row per lens card",
-    _read,
-    (
-        Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.lenses.camera]),
-        Field("centre", "2 number?", "principal point of best symmetry", lambda b: b.lenses.centre, "mm",
-              exact=True),
-        Field("k0", "number?", "linear coefficient of the radial distortion, as on the card",
-              lambda b: b.lenses.k0),
-    ),
-)  # fmt: skip
-MARK_DISTANCES = OfBlock(
     "mark_distances",
-    "one row per calibrated distance between fiducial marks",
-    _read,
-    (
-        Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.mark_distances.camera]),
-        Field("marks", "2 string", "mark ids", lambda b: b.mark_distances.marks),
-        Field("distance", "number", "calibrated", lambda b: b.mark_distances.distance, "mm"),
-        Field("sigma", "number", "of the distance", lambda b: b.mark_distances.sigma, "mm"),
-        Field("axis", "string", "X, Y, D1, D2, or empty", lambda b: b.mark_distances.axis),
-    ),
-)
-RESEAU = OfBlock(
     "reseau",
-    "one row per calibrated reseau cross",
-    _read,
-    (
-        Field("camera", "string", "camera id", lambda b: b.cameras.ids[b.reseau.camera]),
-        Field("cross", "string", "cross id", lambda b: b.reseau.ids),
-        Field("row", "integer", "in the grid, from 1", lambda b: b.reseau.row.astype(int)),
-        Field("column", "integer", "in the grid, from 1", lambda b: b.reseau.column.astype(int)),
-        Field("xy", "2 number", "calibrated", lambda b: b.reseau.xy, "mm", exact=True),
-    ),
-)
-CROSS_MEASUREMENTS = OfBlock(
+    "fiducial_measurements",
     "cross_measurements",
-    "one row per reading of a reseau cross",
-    _read,
-    (
-        Field("photo", "string", "photo id", lambda b: b.photos.ids[b.cross_measurements.photo]),
-        Field("cross", "string", "cross id", lambda b: b.cross_measurements.ids),
-        Field("xy", "2 number", "reading", lambda b: b.cross_measurements.xy, "unit", exact=True),
-    ),
-    of_images=True,
+    "plates",
+    "reduction",
 )
+_KINDS = {str: "string", int: "integer", float: "number", bool: "boolean"}
+
+
+def called(path: str) -> tuple[str, str]:
+    """Return the table of the record and its field that have an attribute of the model: `cameras.ids`."""
+    table, _, name = path.partition(".")
+    if table == "water_conditions":
+        return "water.conditions", name
+    return HOMES.get(table, table), _CALLED.get(path, name)
+
+
+def block_of(statistics: Statistics, table: str) -> Block:
+    """Return the block whose table is that of the cards."""
+    return statistics.read if table in OF_READINGS else statistics.block
+
+
+def input_tables(results: Collection[str]) -> Iterator[Node[Statistics]]:
+    """Yield every part of the block, but those that have a table of `results`."""
+    for name, kind in parts_of_block().items():
+        if HOMES.get(name, name).partition(".")[0] not in results:
+
+            def block(statistics: Statistics, name: str = name) -> Block:
+                return block_of(statistics, name)
+
+            if issubclass(kind, Table):
+                yield table(name, name, block)
+            else:
+                yield part(name, name, lambda s, name=name: getattr(block_of(s, name), name))  # type: ignore[misc]
+
+
+def table(name: str, called: str, block: Callable[[Source], Block]) -> Rows[Source, Any]:
+    """Return a table of the block as the record has it."""
+    of_images = "photo" in columns(parts_of_block()[name]) and name.endswith(("plates", "measurements"))
+    return Rows(
+        called,
+        _text(parts_of_block()[name]),
+        block,
+        tuple(_fields(name, lambda b: getattr(b, name), same)),
+        of_images=of_images,
+    )
+
+
+def part(name: str, called: str, of: Callable[[Source], Any]) -> Group[Source, Any]:
+    """Return what one card says of a job, null without the card."""
+    kind = mapping.TABLES[name]
+    hints = typing.get_type_hints(kind)
+    nodes: list[Node[Any]] = []
+    for one in fields(kind):
+        within = f"{name}_{one.name}"
+        if within in mapping.TABLES:
+            nodes.append(part(within, one.name, lambda item, at=one.name: getattr(item, at)))  # type: ignore[misc]
+        elif (field := _single(name, one.name, hints[one.name], one.default)) is not None:
+            nodes.append(field)
+    return Group(called, _text(kind), of, tuple(nodes), optional=name != "options")
+
+
+def with_cards(node: Node[Statistics]) -> Node[Statistics]:
+    """Return a table of results with what else the cards say of its rows."""
+    name = next((name for name, called in HOMES.items() if called == node.name), node.name)
+    if not isinstance(node, Rows) or name not in parts_of_block():
+        return node
+    known = {field.name for field in node.fields}
+    if name == "waves":  # what they are by linear theory stands beside them
+        more = [field for field in _fields(name, lambda waves: waves[0]) if field.name not in known]
+    else:
+        of_block = _fields(name, lambda s: getattr(s.block, name), lambda s: s.block)
+        more = [field for field in of_block if field.name not in known]
+    return replace(node, fields=(*node.fields, *more)) if more else node
+
+
+def _fields(
+    name: str, part: Callable[[Any], Table], block: Callable[[Any], Block | None] = lambda _: None
+) -> Iterator[Field[Any]]:
+    """Yield the columns of a table of the block, a `part` of it, that have one value per row."""
+    kind: Any = parts_of_block()[name]
+    for column, about in columns(kind).items():
+        path = f"{name}.{column}"
+        if about.rows or not (text := _meaning(path)):
+            continue
+        codes = [value for value in (about.codes or {}).values() if isinstance(value, IntEnum)]
+        is_whole = not about.link and all(field.edit.letter in "AI" for field in _card_fields(path))
+        base = "string" if about.link or codes else _KINDS[types_of(kind)[column]]
+        base = "integer" if base == "number" and is_whole else base
+        is_open = base == "number" and (about.role or _may_be_blank(path))
+        sizes = "x".join(map(str, about.components))
+        yield Field(
+            called(path)[1],
+            f"{sizes} {base}{'?' if is_open else ''}".strip(),
+            text,
+            _values_of(column, about.link, codes, base, part, block),
+            about.unit or _unit(path),
+            choices=[value.name.lower() for value in dict.fromkeys(codes)] or _allowed(path),
+            exact=True,
+        )
+
+
+def _values_of(
+    column: str,
+    link: str,
+    codes: Sequence[IntEnum],
+    base: str,
+    part: Callable[[Any], Table],
+    block: Callable[[Any], Block | None],
+) -> Callable[[Any], Any]:
+    """Return what takes the values of a column: links as names, kinds as words."""
+
+    def values(source: Any) -> Any:
+        value = getattr(part(source), column)
+        if link:
+            return getattr(block(source), link).ids[value]
+        if codes:
+            return names(type(codes[0]), value)
+        return value.astype(int) if base == "integer" else value
+
+    return values
+
+
+def _single(name: str, attribute: str, hint: Any, default: Any) -> Field[Any] | None:
+    """Return the only value of a card, None of an attribute that no card has."""
+    path = f"{name}.{attribute}"
+    if not (text := _meaning(path)):
+        return None
+    is_open = isinstance(hint, UnionType) or default != default  # NaN: not given
+    inside = typing.get_args(hint)[0] if isinstance(hint, UnionType) else hint
+    if typing.get_origin(inside) is tuple:
+        kind, choices = f"{len(typing.get_args(inside))} number", []
+    elif issubclass(inside, StrEnum):
+        kind, choices = "string", list(inside)
+    else:
+        kind, choices = _KINDS[inside], _allowed(path) if inside is str else []
+    return Field(attribute, f"{kind}{'?' if is_open else ''}", text, unit=_unit(path), choices=choices)
+
+
+@cache
+def _cards() -> Mapping[str, list[tuple[CardSpec, mapping.Slot]]]:
+    """Return the places on cards where each attribute of the model stands."""
+    places: dict[str, list[tuple[CardSpec, mapping.Slot]]] = {}
+    for spec in card_family().cards.values():
+        for slot in mapping.slots(spec) if spec.fields else ():
+            places.setdefault(slot.path, []).append((spec, slot))
+    return places
+
+
+def _card_fields(path: str) -> list[Any]:
+    """Return the fields of all cards that have an attribute."""
+    return [field for _, slot in _cards().get(path, ()) for field in slot.fields]
+
+
+def _meaning(path: str) -> str:
+    """Return what an attribute is, as the first card with it says, and where it stands; empty where none has it."""
+    places = _cards().get(path, [])
+    if not places:
+        return ""
+    spec = places[0][0]
+    of_card = ", ".join(slot.name for one, slot in places if one is spec)
+    return f"{spec.mnemonic} {of_card}: {places[0][1].fields[0].doc}"
+
+
+def _may_be_blank(path: str) -> bool:
+    return any(field.blank == "missing" or field.asterisks for field in _card_fields(path))
+
+
+def _allowed(path: str) -> list[str]:
+    """Return what a text of a card may be, blank where it may be left out."""
+    for field in _card_fields(path):
+        if field.allowed and path not in mapping.CODES:
+            return ["", *field.allowed] if field.blank == "missing" else list(field.allowed)
+    return []
+
+
+def _unit(path: str) -> str:
+    units = {field.unit for field in _card_fields(path)}
+    unit = next(iter(units)) if len(units) == 1 else ""
+    return _UNITS.get(unit, unit)
+
+
+def _text(kind: Any) -> str:
+    """Return what a part of the block is, the first sentence of its own text."""
+    return re.split(r"\.(?:\s|$)|\n", str(kind.__doc__))[0]

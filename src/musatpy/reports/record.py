@@ -29,7 +29,7 @@ from musatpy.reports.fields import Field, Group, Node, Schema, is_seldom, proper
 from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
-SCHEMA_VERSION = "2.0"
+SCHEMA_VERSION = "3.0"
 _ABOUT = (
     "The numbers of one job. A table has a list for each of its fields, with one entry per row; its numbers have "
     "as many significant digits as the field says, else all. Positions are in the system of the job: latitude, "
@@ -38,7 +38,7 @@ _ABOUT = (
 )
 
 
-_TABLES: tuple[Node[Statistics], ...] = (
+_HEAD: tuple[Node[Statistics], ...] = (
     Group[Statistics, Statistics](
         "program",
         "what made the record",
@@ -63,9 +63,8 @@ _TABLES: tuple[Node[Statistics], ...] = (
     Field("titles", "* string", "title cards", lambda s: s.block.titles),
     Field("settings", "* string", "what was set for the run: `OP2.water_level=ONE` of its cards, `causes=all`",
           lambda s: s.block.settings, seldom=True),
-    job_record.OPTIONS,
-    job_record.ELLIPSOID,
-    job_record.WATER,
+)  # fmt: skip
+_RESULTS: tuple[Node[Statistics], ...] = (
     waves_page.WAVES,
     waves_page.ORIGIN,
     quality_record.VERDICT,
@@ -74,9 +73,6 @@ _TABLES: tuple[Node[Statistics], ...] = (
     result_record.PASSES,
     result_record.ANALYSES,
     result_record.PLATE_STATISTICS,
-    job_record.CAMERAS,
-    job_record.DISTORTION,
-    job_record.FIDUCIALS,
     stations.STATIONS,
     result_record.PAIRS,
     result_record.LEVEL_PAIRS,
@@ -96,28 +92,35 @@ _TABLES: tuple[Node[Statistics], ...] = (
     quality_record.FINDINGS,
     quality_record.CAUSES,
     result_record.UNEDITED,
-    job_record.FIDUCIAL_MEASUREMENTS,
     observation_record.PLATES,
-    job_record.COMPARATOR,
-    job_record.LENSES,
-    job_record.MARK_DISTANCES,
-    job_record.RESEAU,
-    job_record.CROSS_MEASUREMENTS,
     reduction_record.REDUCTION,
 )  # fmt: skip
 
 
 def tables(content: RecordContent = RecordContent.FULL) -> Sequence[Node[Statistics]]:
     """Return all that stands in the record, in its order; last the tables of pages that have their own."""
-    head: tuple[Node[Statistics], ...] = (
-        Field("schema_version", "const",
-              "version of this schema; the first number changes when a field changes its meaning or goes",
-              lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,)),
-        Field("content", "string", "full, or tables: those of images are left out", lambda s: content,
-              choices=(RecordContent.FULL, RecordContent.TABLES)),
-    )  # fmt: skip
-    nodes = [*head, *_TABLES, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
+    nodes = [*_version(content), *map(job_record.with_cards, _nodes())]
     return nodes if content is RecordContent.FULL else list(without_images(nodes))
+
+
+def _version(content: RecordContent) -> tuple[Node[Statistics], ...]:
+    return (
+        Field(
+            "schema_version", "const",
+            "version of this schema; the first number changes when a field changes its meaning or goes",
+            lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,),
+        ),
+        Field(
+            "content", "string", "full, or tables: those of images are left out", lambda s: content,
+            choices=(RecordContent.FULL, RecordContent.TABLES),
+        ),
+    )  # fmt: skip
+
+
+def _nodes() -> list[Node[Statistics]]:
+    """Return the tables of the record: what the cards say alone, results, and the tables of pages of their own."""
+    results = [*_RESULTS, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
+    return [*_HEAD, *job_record.input_tables([node.name for node in results]), *results]
 
 
 def read_tables() -> Sequence[Node[Statistics]]:
@@ -126,7 +129,7 @@ def read_tables() -> Sequence[Node[Statistics]]:
         observation_record.BESIDES_IMAGES: observation_record.OBSERVATIONS,
         observation_record.PLATES: result_record.PLATES,
     }
-    return [read.get(node, node) for node in tables()]
+    return [*_version(RecordContent.FULL), *(job_record.with_cards(read.get(node, node)) for node in _nodes())]
 
 
 def _present(nodes: Sequence[Node[Statistics]], statistics: Statistics) -> list[Node[Statistics]]:

@@ -6,36 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from musatpy.model import (
-    Atmosphere,
-    Curvature,
-    DistortionSide,
-    Polynomials,
-    ReductionOptions,
-    Refused,
-    Transformation,
-)
+from musatpy.model import ReductionOptions
+from musatpy.reports import job_record
 from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.statistics import Statistics
 
 if TYPE_CHECKING:
     from musatpy.model.reduction import Quantity, Reduced, ReducedPlate, ReductionStep, Spread
 
-_OPTIONS: Group[Reduced, ReductionOptions] = Group(
-    "options",
-    "the reduction card",
-    lambda r: r.given.reduction or ReductionOptions(),
-    (
-        Field("transformation", "string", "fiducial transformation", choices=Transformation),
-        Field("residual_limit", "number?", "of marks, or of distances between them", unit="mm"),
-        Field("side", "string", "whose place the lens distortion is given for", choices=DistortionSide),
-        Field("polynomials", "string", "what the coefficients on the cards give", choices=Polynomials),
-        Field("atmosphere", "string", "standard atmosphere of the refraction", choices=Atmosphere),
-        Field("curvature", "string", "correction of the earth's curvature", choices=Curvature),
-        Field("ground_height", "number?", "mean height of what the photos show", unit="m"),
-        Field("refused", "string", "what a refused plate does to the run", choices=Refused),
-    ),
-)
 READINGS: Rows[Reduced, Reduced] = Rows(
     "readings",
     "one row per reading of a point",
@@ -195,6 +173,10 @@ REDUCTION: Group[Statistics, Reduced] = Group(
     "what the reduction of raw plates did, null where plates came refined; `plates` above has the refined "
     "coordinates",
     lambda s: s.solution.reduced,
-    (_OPTIONS, READINGS, REDUCED_PLATES),
+    (
+        job_record.part("reduction", "options", lambda r: r.given.reduction or ReductionOptions()),
+        READINGS,
+        REDUCED_PLATES,
+    ),
     optional=True,
 )
