@@ -83,18 +83,17 @@ class _AtRest:
         parts = parts_of(together(left), RAYS)
         return [*rows, *(point_rows(self.network, self.state, part) for part in parts)]
 
-    def errors(self, held: Sequence[Parameter]) -> list[FloatArray]:
+    def errors(self, held: Sequence[Parameter], cards: Sequence[Altered]) -> list[FloatArray]:
         """Return residuals, and by parameters what an error of one unit adds to them, as 1 + P columns.
 
-        Of images and of what is known of points (m + 2p, 2, 1 + P), as `PointRows` counts these, then of each kind
-        of all other observations.
+        `cards` are network and state with an error of each. Of images and of what is known of points
+        (m + 2p, 2, 1 + P), as `PointRows` counts these, then of each kind of all other observations.
         """
         every_ray = np.ones(len(self.network.photo), dtype=bool)
         none = np.zeros((len(every_ray) + 2 * self.network.points, 2))
         base = _residuals(self.network, self.state, every_ray, none)
         columns = [base]
-        for parameter in held:
-            network, state = self.altered(parameter)
+        for parameter, (network, state) in zip(held, cards, strict=True):
             altered = _residuals(network, state, self._touched(network, state), base[0])
             columns.append([(after - before) / parameter.size for before, after in zip(base, altered, strict=True)])
         return [np.stack(of, axis=-1) for of in zip(*columns, strict=True)]
@@ -204,7 +203,8 @@ def held_parameters(
     """
     rest = _AtRest(block=block, network=network, state=state, part=part, known=known, free=free or NOTHING_FREE)
     held = tuple(_parameters(block, network, part))
-    lines, *of_direct = rest.errors(held)
+    cards = [rest.altered(parameter) for parameter in held]
+    lines, *of_direct = rest.errors(held, cards)
     direct = list(zip((rows for _, rows in direct_rows(network, state)), of_direct, strict=True))
     step, split = rest.solved(lines, direct), network.pattern.order
     whole, left = np.zeros((2, lines.shape[2], lines.shape[2]))
@@ -225,8 +225,7 @@ def held_parameters(
         _, of_points = rows.left(rows.weighted(lines) + rows.by_unknowns(network, step))
         moves[rows.point] = np.swapaxes(rows.axes, 1, 2) @ of_points
     before, none, worst, considered = rest.places(state), rest.of_considered(state), [], []
-    for row, parameter in enumerate(held, start=1):
-        moved = rest.altered(parameter)[1]
+    for row, (parameter, (_, moved)) in enumerate(zip(held, cards, strict=True), start=1):
         ground = moved.ground + parameter.size * moves[..., row]
         moved = replace(state_after(network, moved, parameter.size * step[:, row]), ground=ground)
         considered.append((rest.of_considered(moved, parameter) - none) / parameter.size)
