@@ -10,6 +10,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from decimal import Decimal
 from functools import cache
@@ -24,7 +25,7 @@ from musatpy.listings.findings import Difference
 from musatpy.listings.json_tables import read_json
 from musatpy.listings.judge import Judge
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
-from musatpy.listings.recorded import entries_of, id_text, mapped_of, rows_of, unit_named, value_of
+from musatpy.listings.recorded import Mapped, entries_of, id_text, mapped_of, value_of
 from musatpy.listings.rules import Rules
 from musatpy.listings.sections import Row, Section, columns_of, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, tokens_of
@@ -33,15 +34,15 @@ from musatpy.reports.encoding import plain
 from musatpy.reports.fields import Field
 from musatpy.reports.headings import PRINTED
 from musatpy.reports.labels import Labels, Texts
-from musatpy.reports.origin import Mapped, Origin
 from musatpy.reports.table import Report, Table
 from musatpy.reports.values import Values, at
 
 _MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
+_SPOILT = (LookupError, TypeError, ValueError, ArithmeticError, AttributeError)  # of what no record of ours has
 _LARGEST_STEP = 30  # digits before or behind the point
 Record = Mapping[str, Any]
 Cells = Mapping[int, Sequence[Placed]]
-Shown = Mapping[int, tuple[Origin, Record, str]]  # by column: what stands there, in which row, the printed unit
+Shown = Mapping[int, tuple[Any, str, bool]]  # by column: value, printed unit, may be blank
 
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
@@ -56,7 +57,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     tallies, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
         mapped = next((one for one in stated_sections() if re.fullmatch(_title(one), section.title)), None)
-        place = mapped.place if isinstance(mapped, Report) else getattr(mapped, "table", "")
+        place = getattr(getattr(mapped, "report", mapped), "place", "") or getattr(mapped, "table", "")
         if mapped is None or _is_left_out(content, place):
             notes.append(section.title or "lines before the first title")
             continue
@@ -86,8 +87,8 @@ def stated_sections() -> tuple[Any, ...]:
     """Return what the reports state of all sections with numbers of the record."""
     from musatpy.reports.statements import statements  # two listings need them not
 
-    stated: Any = (one if not isinstance(one, Report) or one.is_new else mapped_of(one) for one in statements())
-    return tuple(one for one in stated if isinstance(one, Labels) or one.table or one.layout == "labels")
+    stated: Any = [one for one in statements() if not isinstance(one, Report) or one.place]
+    return tuple(mapped_of(one) if isinstance(one, Report) and not one.is_new else one for one in stated)
 
 
 def _with_images(content: Record) -> Record:
@@ -106,9 +107,9 @@ def _is_left_out(content: Record, table: str) -> bool:
 class _Printed:
     """A section of the listing, and the same section as the record prints it."""
 
-    def __init__(self, section: Section, mapped: Mapped, content: Record) -> None:
+    def __init__(self, section: Section, mapped: Any, content: Record) -> None:
         self.section = section
-        self.mapped: Any = mapped
+        self.mapped = mapped
         self.content = content
         self.unknown: Counter[str] = Counter()  # what of the listing the record has not
         self.ids: tuple[int, ...] = ()  # columns of a table that name its rows
@@ -117,12 +118,11 @@ class _Printed:
 
     def sections(self) -> tuple[Section, Section]:
         """Return the section of the listing without what the record has not, and that of the record."""
-        layouts = {
-            "rows": self.table, "across": self.across, "xyz": self.components, "labels": self.labels,
-            "texts": self.texts,
-        }  # fmt: skip
-        kind = "labels" if isinstance(self.mapped, Labels) else "texts" if isinstance(self.mapped, Texts) else ""
-        layouts[kind or self.mapped.layout]()
+        layouts = {"rows": self.table, "across": self.across, "xyz": self.components, "texts": self.texts}
+        if isinstance(self.mapped, Labels):
+            self.labels()
+        else:
+            layouts["texts" if isinstance(self.mapped, Texts) else self.report.layout]()
         listed, recorded = (replace(self.section, titles=[]) for _ in range(2))
         listed.rows, recorded.rows = self.listed, self.recorded
         listed.id_columns = recorded.id_columns = self.ids or self.section.id_columns
@@ -139,18 +139,6 @@ class _Printed:
             text = f"{before}{value:>{end - start}}{text[end:]}"
         self.recorded.append(row._replace(line=Line(text.rstrip(), 0, 0)))
 
-    def take_columns(self, row: Row, cells: Cells, shown: Shown) -> None:
-        """Take a row, with what the record has of some of its columns, and the units of these."""
-        values = []
-        for n, (origin, fields, unit) in shown.items():
-            placed, head = cells.get(n, []), self.section.columns[n]
-            text = _reprinted(placed, value_of(origin, fields), unit)
-            if placed:
-                values.append((placed[0].start, placed[-1].end, text))
-            elif text and not origin.blank:
-                values.append((head.end, head.end, text))
-        self.take(row, values)
-
     def cells(self, row: Row) -> Cells:
         """Return the numbers and words of a row by columns."""
         return dict(self.section.cells(row.line.text, angles=self.section.angles))
@@ -161,24 +149,21 @@ class _Printed:
         names = numbered([column.name for column in columns_of(Table(layout).head())])
         return dict(zip(names, layout, strict=True))
 
-    def new_table(self) -> None:
+    def table(self) -> None:
         """Print a table with a row for each entry."""
-        heads = self.section.columns
-        if not heads:
+        names = numbered([head.name for head in self.section.columns])
+        if not names:
             self.unknown["rows without headings"] += len(self.section.lines)
             return
-        values = self.mapped.read(self.content, str(at(self.content, "options.system") or ""))
-        columns = self.columns(values)
-        names = numbered([head.name for head in heads])
-        self.ids = tuple(n for n, name in enumerate(names) if name in columns and columns[name].is_id)
-        for n, head in enumerate(heads):
-            if names[n] not in columns:
+        entries, ids, known = self.entries(names)
+        self.ids = tuple(n for n, name in enumerate(names) if name in ids)
+        for n, head in enumerate(self.section.columns):
+            if n not in known and n not in self.ids:
                 self.unknown[f"column {head.name}" if head.name else "a column without a heading"] += 1
-        printed = {n: _printed(columns[name], values) for n, name in enumerate(names) if name in columns}
-        waiting: dict[tuple[str, ...], list[int]] = defaultdict(list)
-        for entry in reversed(range(values.count)):
-            waiting[tuple([squeezed(id_text(printed[n][entry])) for n in self.ids])].append(entry)
-        is_cut, after_note = self.mapped.some, -1
+        waiting: dict[tuple[str, ...], list[Shown]] = defaultdict(list)
+        for key, shown in reversed(entries):
+            waiting[key].append(shown)
+        is_cut, after_note = self.report.some, -1
         for row in self.section.rows:
             cells = self.cells(row)
             key = tuple([_text_of(row, cells.get(n, [])) for n in self.ids])
@@ -190,82 +175,65 @@ class _Printed:
                 continue
             row = row._replace(ids=key or row.ids)
             if waiting.get(key):
-                entry = waiting[key].pop()
-                shown = {n: (texts[entry], columns[names[n]].blank) for n, texts in printed.items()}
-                self.reprint(row, cells, {n: both for n, both in shown.items() if n not in self.ids})
+                self.reprint(row, cells, waiting[key].pop())
             else:
                 self.listed.append(row)
         if not is_cut:
             rest = [key for key, left in waiting.items() for _ in left]
             self.recorded += [Row(Line(" ".join(key), 0, 0), key, 0) for key in rest]
 
-    def reprint(self, row: Row, cells: Cells, shown: Mapping[int, tuple[Any, bool]]) -> None:
-        """Take a row, with what the record prints in some of its columns, and whether that may be left blank."""
+    @property
+    def report(self) -> Report[Any]:
+        """What is stated of a table."""
+        stated: Report[Any] = self.mapped.report if isinstance(self.mapped, Mapped) else self.mapped
+        return stated
+
+    def entries(self, names: Sequence[str]) -> tuple[list[tuple[tuple[str, ...], Shown]], set[str], set[int]]:
+        """Return the rows of the record by their names, which headings these have, and which columns are known."""
+        if isinstance(self.mapped, Mapped):
+            sources = {n: source for n, name in enumerate(names) if (source := self.mapped.columns.get(name))}
+            units = [head.unit for head in self.section.columns]
+            rows: list[tuple[tuple[str, ...], Shown]] = [
+                (ids, {n: (value_of(source, fields), units[n], source.blank) for n, source in sources.items()})
+                for ids, fields in entries_of(self.mapped, self.content)
+            ]
+            return rows, set(self.mapped.ids), set(sources)
+        values = self.values()
+        columns = self.columns(values)
+        printed = {n: _printed(columns[name], values) for n, name in enumerate(names) if name in columns}
+        ids = {name for name, column in columns.items() if column.is_id}
+        named = [n for n in printed if names[n] in ids]
+        keys = [tuple([squeezed(id_text(printed[n][entry])) for n in named]) for entry in range(values.count)]
+        shown: list[Shown] = [
+            {n: (texts[entry], "", columns[names[n]].blank) for n, texts in printed.items() if n not in named}
+            for entry in range(values.count)
+        ]
+        return list(zip(keys, shown, strict=True)), ids, set(printed)
+
+    def values(self) -> Values:
+        """Return the rows of the table of a section."""
+        system = at(self.content, "options.system") or at(self.content, "job.system")
+        try:
+            values: Values = self.mapped.read(self.content, str(system or ""))
+            return values if values.count else Values([], list)
+        except _SPOILT:
+            return Values([], list)
+
+    def reprint(self, row: Row, cells: Cells, shown: Shown) -> None:
+        """Take a row, with what the record has of some of its columns."""
         values = []
-        for n, (value, blank) in shown.items():
+        for n, (value, unit, blank) in shown.items():
             placed, head = cells.get(n, []), self.section.columns[n]
-            text = _reprinted(placed, value, "")
+            text = _reprinted(placed, value, unit)
             if placed:
                 values.append((placed[0].start, placed[-1].end, text))
             elif text and not blank:
                 values.append((head.end, head.end, text))
         self.take(row, values)
 
-    def table(self) -> None:
-        """Print a table with a row for each entry."""
-        if isinstance(self.mapped, Report):
-            return self.new_table()
-        heads = self.section.columns
-        names = numbered([head.name for head in heads])
-        self.ids = tuple(n for n, name in enumerate(names) if name in self.mapped.ids)
-        if not heads:
-            self.unknown["rows without headings"] += len(self.section.lines)
-            return
-        sources = {n: source for n, name in enumerate(names) if (source := self.mapped.columns.get(name))}
-        said = {n for n, name in enumerate(names) for source in sources.values() if name and name == source.unit_in}
-        for n, head in enumerate(heads):
-            if n not in said.union(self.ids, sources):
-                self.unknown[f"column {head.name}" if head.name else "a column without a heading"] += 1
-        waiting: dict[tuple[str, ...], list[Record]] = defaultdict(list)
-        for key, fields in reversed(entries_of(self.mapped, self.content)):
-            waiting[key].append(fields)
-        is_cut, after_note = self.mapped.some, -1
-        for row in self.section.rows:
-            cells = self.cells(row)
-            key = tuple([_text_of(row, cells.get(n, [])) for n in self.ids])
-            is_last = CUT.match(row.line.text)
-            if is_last or -1 in cells or (row.line.number == after_note and key not in waiting):
-                self.unknown["notes"] += 1
-                after_note = row.line.number + 1
-                is_cut = is_cut or bool(is_last)
-                continue
-            row = row._replace(ids=key or row.ids)
-            if waiting.get(key):
-                self.take_columns(row, cells, self.shown_in(row, cells, sources, waiting[key].pop()))
-            else:
-                self.listed.append(row)
-        if not is_cut:
-            rest = [key for key, left in waiting.items() for _ in left]
-            self.recorded += [Row(Line(" ".join(key), 0, 0), key, 0) for key in rest]
-
-    def shown_in(self, row: Row, cells: Cells, sources: Mapping[int, Origin], fields: Record) -> Shown:
-        """Return what the record has of the columns of a row of a table."""
-        names = {head.name: n for n, head in reversed(list(enumerate(self.section.columns))) if head.name}
-        shown = {}
-        for n, source in sources.items():
-            unit = source.unit or self.section.columns[n].unit
-            if source.unit_in in names:
-                unit = unit_named(_text_of(row, cells.get(names[source.unit_in], [])))
-            elif source.angles and re.fullmatch(source.angles, row.ids[0]):
-                unit = "arc sec"
-            of = cells.get(names.get(source.unless, -2))
-            if not (of and of[0].token.value == 0):
-                shown[n] = source, fields, unit
-        return shown
-
     def across(self) -> None:
         """Print a table with a column for each entry."""
-        values = self.mapped.read(self.content, str(at(self.content, "options.system") or ""))
+        values = self.values()
         rows = {str(column.heading): column for column in self.mapped.stated()}
         ids = [_printed(column, values) for column in rows.values() if column.is_id and column.name == "photo"]
         places = {id_text(name): entry for entry, name in enumerate(ids[0])} if ids else {}
@@ -280,12 +248,12 @@ class _Printed:
                 if entry is None or entry >= len(printed):
                     self.unknown[f"column {head.name}"] += 1
                 else:
-                    shown[n] = printed[entry], column.blank
+                    shown[n] = printed[entry], "", column.blank
             self.reprint(row, self.cells(row), shown)
 
     def components(self) -> None:
         """Print a table with rows X, Y, Z for each entry."""
-        values = self.mapped.read(self.content, str(at(self.content, "options.system") or ""))
+        values = self.values()
         columns = self.columns(values)
         rows = {id_text(name): row for row, name in enumerate(_printed(next(iter(columns.values())), values))}
         heads = [(n, columns.get(head.name)) for n, head in enumerate(self.section.columns)]
@@ -293,29 +261,19 @@ class _Printed:
         for row in self.section.rows:
             entry, axis = rows.get(row.ids[0]), "XYZ".find(row.ids[-1] or "-")
             if entry is not None and axis >= 0:
-                shown = {n: (_entry(texts[entry], axis), False) for n, texts in printed.items()}
+                shown = {n: (_entry(texts[entry], axis), "", False) for n, texts in printed.items()}
                 self.reprint(row, self.cells(row), shown)
             elif any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
                 self.listed.append(row)
             else:
                 self.unknown["notes"] += 1
-        return
-        entries = {id_text(entry.get("point")): entry for entry in rows_of(self.mapped, self.content)}
-        for row in self.section.rows:
-            entry, letter = entries.get(row.ids[0]), row.ids[-1]
-            if entry is not None and letter in ("X", "Y", "Z"):
-                sources = ((n, self.mapped.columns.get(head.name)) for n, head in enumerate(self.section.columns))
-                paths = {n: f"{source.field}[{'XYZ'.index(letter)}]" for n, source in sources if source}
-                shown = {n: (Origin(field=path), entry, "") for n, path in paths.items()}
-                self.take_columns(row, self.cells(row), shown)
-            elif any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
-                self.listed.append(row)
-            else:
-                self.unknown["notes"] += 1
 
-    def new_labels(self) -> None:
+    def labels(self) -> None:
         """Print lines of a label and a value, or more."""
-        found = self.mapped.numbers(self.content)
+        try:
+            found = self.mapped.numbers(self.content)
+        except _SPOILT:
+            found = {row.ids[0]: [None] for row in self.section.rows}
         for row in self.section.rows:
             label = row.ids[0]
             numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
@@ -327,27 +285,6 @@ class _Printed:
                 self.unknown[f"{label}, all but the first {most} number{'s' * (most > 1)}"] += 1
             pairs = zip(numbers, found[label], strict=False)
             self.take(row, [(at.start, at.end, _reprinted([at], value, "")) for at, value in pairs])
-
-    def labels(self) -> None:
-        """Print lines of a label and a value, or more."""
-        if isinstance(self.mapped, Labels):
-            return self.new_labels()
-        for row in self.section.rows:
-            numbers = [placed for placed in tokens_of(row.line.text) if placed.token.kind in ("number", "overflow")]
-            source = self.mapped.source_of(row.ids[0])
-            if not numbers or source is None:
-                self.unknown[row.ids[0] if numbers else "words"] += 1
-                continue
-            fields, values = (source.field, *source.then), []
-            if len(numbers) > len(fields):
-                self.unknown[f"{row.ids[0]}, all but the first number"] += 1
-            for n, (number, path) in enumerate(zip(numbers, fields, strict=False), start=1):
-                if source.count and _is_left_out(self.content, path):
-                    self.unknown[f"{row.ids[0]}, number {n}"] += 1
-                else:
-                    value = value_of(replace(source, field=path), self.content)
-                    values.append((number.start, number.end, _reprinted([number], value, source.unit)))
-            self.take(row, values)
 
     def texts(self) -> None:
         """Print sentences, however their lines are broken."""
@@ -367,19 +304,14 @@ class _Printed:
     def recorded_texts(self) -> Iterator[str]:
         """Yield the texts that the record has of the section."""
         if isinstance(self.mapped, Texts):
-            yield from self.mapped.texts(self.content)
+            with suppress(*_SPOILT):
+                yield from self.mapped.texts(self.content)
             return
         if isinstance(self.mapped, Report):
-            values = self.mapped.read(self.content, "")
+            values = self.values()
             cells = [_printed(column, values) for column in self.mapped.stated()]
             yield from (" ".join(filter(None, map(id_text, row))) for row in zip(*cells, strict=True))
             return
-        if self.mapped.ids:
-            yield from (" ".join(entry.ids) for entry in entries_of(self.mapped, self.content))
-        for path in self.mapped.also if self.mapped.ids else (self.mapped.table, *self.mapped.also):
-            entries = at(self.content, path)
-            for entry in entries if isinstance(entries, list) else []:
-                yield id_text(entry.get("text") if isinstance(entry, dict) else entry)
 
 
 def _sentences(rows: Sequence[Row]) -> list[Line]:
@@ -399,8 +331,7 @@ def _entry(values: Any, number: int) -> Any:
 
 
 def _title(stated: Any) -> str:
-    if isinstance(stated, Mapped):
-        return stated.title
+    stated = getattr(stated, "report", stated)
     return getattr(stated, "pattern", "") or re.escape(stated.title)
 
 
@@ -408,9 +339,10 @@ def _printed(column: Field[Any], values: Values) -> list[Any]:
     """Return what a column prints; nothing of a record that is not as its schema says."""
     try:
         found = column.printed(values)
-    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError):
-        return [None] * values.count
-    return plain(found) if isinstance(found, np.ndarray) else list(found)
+        texts = plain(found) if isinstance(found, np.ndarray) else list(found)
+    except _SPOILT:
+        texts = []
+    return [*texts, *[None] * (values.count - len(texts))]
 
 
 def _text_of(row: Row, placed: Sequence[Placed]) -> str:

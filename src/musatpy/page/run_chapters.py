@@ -23,7 +23,7 @@ from musatpy.page.run_tables import (
     TIDES,
     WATER,
 )
-from musatpy.page.stated import anchor_of, labels_of, tables_of
+from musatpy.page.stated import anchor_of, tables_of
 from musatpy.plots.tables import Tables, part, texts
 from musatpy.reports import adjusted_water, analyses, job_record, solution_summary, titles
 from musatpy.reports.fields import Field, same
@@ -52,7 +52,7 @@ def chapters_of(tables: Tables) -> list[Chapter]:
 
 
 def _data(tables: Tables) -> Iterator[Part]:
-    sizes = labels_of(titles.SIZE, tables)
+    sizes = _known(titles.SIZE.numbers(tables))
     counts = [Fact(label=label, value=f"{values[0]:,}") for label, values in sizes.items() if values[0]]
     yield Facts(facts=[*counts, *flight.flight_facts(tables), *flight.times_fact(tables)])
     summary = _known(solution_summary.SUMMARY.numbers(tables))

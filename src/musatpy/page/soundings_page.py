@@ -43,14 +43,7 @@ _DIFFERENCES: Report[Any] = Report(
     title="Differences",
     table=soundings.DIFFERENCES,
     worst=lambda t: np.abs(t["difference"]),
-    columns=(
-        "sounding",
-        "compiled",
-        "sounded",
-        "difference",
-        "sigma",
-        "blunder",
-    ),
+    columns=("sounding", "compiled", "sounded", "difference", "sigma", "blunder"),
 )
 _LEFT_OUT: Report[Any] = Report(
     title="Soundings That Do Not Meet The Bottom",

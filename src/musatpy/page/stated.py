@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
-from musatpy.listings.recorded import unit_named, value_of
+from musatpy.listings.recorded import value_of
 from musatpy.page.cells import UNITS, cell_text
 from musatpy.page.parts import Head, PageTable
 from musatpy.reports.fields import Field, Group
-from musatpy.reports.headings import PRINTED, named
-from musatpy.reports.origin import Mapped
+from musatpy.reports.headings import named
 from musatpy.reports.table import Choice, Column, Report, worst_first
 from musatpy.reports.values import at
 
@@ -29,12 +27,10 @@ class Shown:
     """A statement of the reports on a page: which of its rows stand there, the worst first, and what is added."""
 
     report: Report[Any]
-    badness: Callable[[Tables], FloatArray] | None = None  # of the rows of the table; None: as they stand there
     listed: int = LISTED
     folded: bool = True
     note: str = ""
     heads: Mapping[str, str] = field(default_factory=dict)  # heading of the listing -> that of the page
-    values: Mapping[str, Callable[[Row], Any]] = field(default_factory=dict)  # of columns that the record has not
 
     @property
     def title(self) -> str:
@@ -46,14 +42,12 @@ class Shown:
         if self.report.is_new:
             return self._new(tables)
         table = table_at(tables, self.report)
-        numbers = self._numbers(table)
-        if not len(numbers):
-            return None
-        rows = list(_rows(table, self._order(table, numbers), self.report))
+        count = len(next(iter(table.values()), ()))
+        rows = list(_rows(table, range(min(count, self.listed)), self.report))
         if not rows:
             return None
         columns = [column for column in _columns(self.report, system_of(tables)) if self._is_shown(column, rows[0])]
-        cells = _without_rounding(columns, [self._cells(column, rows) for column in columns])
+        cells = [self._cells(column, rows) for column in columns]
         kept = [
             n for n, (column, texts) in enumerate(zip(columns, cells, strict=True)) if column.is_id or any(texts)
         ]
@@ -63,7 +57,7 @@ class Shown:
             anchor=anchor_of(self.title),
             heads=[self._head(columns[n]) for n in kept],
             rows=list(zip(*(cells[n] for n in kept), strict=True)),
-            total=len(numbers) if not (self.report.nested or self.report.expand) else len(rows),
+            total=len(rows) if self.report.expand else count,
             note=self.note,
             folded=self.folded,
         )
@@ -100,28 +94,8 @@ class Shown:
         is_text = str(column.edit).startswith("A") or column.is_id
         return Head(text=words, unit=UNITS.get(unit, unit), is_id=column.is_id, is_text=is_text)
 
-    def _numbers(self, table: Mapping[str, Any]) -> list[int]:
-        """Return the rows of the table of the record that the statement prints."""
-        count = len(next(iter(table.values()), ()))
-        if not count:
-            return []
-        kept = [True] * count
-        for wanted, conditions in ((True, self.report.take), (False, self.report.leave)):
-            for name, values in conditions.items():
-                kept = [keep and (str(v) in values) is wanted for keep, v in zip(kept, table[name], strict=True)]
-        return [n for n, keep in enumerate(kept) if keep]
-
-    def _order(self, table: Mapping[str, Any], numbers: Sequence[int]) -> list[int]:
-        badness = np.zeros(0) if self.badness is None else self.badness(table)
-        if not len(badness):
-            return list(numbers[: self.listed])
-        worst = worst_first(badness[numbers])[: self.listed]
-        return [numbers[n] for n in worst.tolist()]
-
     def _is_shown(self, column: Column[Any], row: Row) -> bool:
         """Tell whether a record has what a column shows: those of earlier versions have less."""
-        if _heading(column) in self.values:
-            return True
         return column.origin is not None and column.origin.field.partition("[")[0] in row
 
     def _head(self, column: Column[Any]) -> Head:
@@ -131,9 +105,6 @@ class Shown:
         return Head(text=words, unit=UNITS.get(unit, unit), is_id=column.is_id, is_text=is_text)
 
     def _cells(self, column: Column[Any], rows: Sequence[Row]) -> list[str]:
-        own = self.values.get(_heading(column))
-        if own is not None:
-            return [cell_text(column.edit, UNITS.get(value := own(row), value)) for row in rows]
         return [cell_text(column.edit, self._value(column, row)) for row in rows]
 
     def _value(self, column: Column[Any], row: Row) -> Any:
@@ -142,20 +113,10 @@ class Shown:
         assert origin is not None
         value = value_of(origin, row)
         if isinstance(value, float | int) and not isinstance(value, bool):
-            return value / self._unit(column, row)
+            return value / column.unit
         if words := self.report.words.get(origin.field):
             return words.get(str(value), value)
-        return self.report.unnamed if column.is_id and not value else value
-
-    def _unit(self, column: Column[Any], row: Row) -> float:
-        origin = column.origin
-        assert origin is not None
-        if origin.unit_in:
-            unit = self.values[origin.unit_in](row)
-            return PRINTED.get(unit_named(str(unit)), 1.0)
-        if origin.angles and re.fullmatch(origin.angles, str(next(iter(row.values())))):
-            return PRINTED["arc sec"]
-        return column.unit
+        return value
 
 
 def _cell(edit: str, value: Any) -> str:
@@ -166,23 +127,6 @@ def _cell(edit: str, value: Any) -> str:
 
 def _plain(values: Any) -> list[Any]:
     return values.tolist() if isinstance(values, np.ndarray) else list(values)
-
-
-def _without_rounding(columns: Sequence[Column[Any]], cells: list[list[str]]) -> list[list[str]]:
-    """Return cells, blank those that name whose number it is where the number shows no digit but zeros.
-
-    Which one it is, is then rounding error, and another on each machine.
-    """
-    places = {_heading(column): n for n, column in enumerate(columns)}
-    others = [
-        places.get(column.origin.unless) if column.origin and column.origin.unless else None for column in columns
-    ]
-    return [
-        texts
-        if n is None
-        else [text if re.search("[1-9]", of) else "" for text, of in zip(texts, cells[n], strict=True)]
-        for texts, n in zip(cells, others, strict=True)
-    ]
 
 
 def tables_of(shown: Iterable[Shown], tables: Tables) -> Iterator[PageTable]:
@@ -234,11 +178,7 @@ def _taken(column: Any, numbers: Sequence[int]) -> Sequence[Any]:
 def _rows(table: Mapping[str, Any], numbers: Sequence[int], report: Report[Any]) -> Iterator[Row]:
     """Yield what a statement prints of rows: a line of each, or of each entry of a nested table or of lists."""
     for row in rows_at(table, numbers):
-        if report.nested:
-            inner = row[report.nested] or {}
-            for entry in rows_at(inner, range(len(next(iter(inner.values()), ())))):
-                yield {**row, **entry}
-        elif report.expand and report.table is not None:
+        if report.expand and report.table is not None:
             for n in range(len(row[report.expand[0]])):
                 yield {**row, **{name: row[name][n] for name in report.expand}}
         else:
@@ -266,30 +206,3 @@ def _heading(column: Column[Any]) -> str:
 def anchor_of(title: str) -> str:
     """Return the name by which links find a title."""
     return "-".join(re.findall(r"[a-z0-9]+", title.lower()))
-
-
-def labels_of(mapped: Mapped, tables: Tables) -> dict[str, list[Any]]:
-    """Return the labels of a section with their values in printed units, as far as the record has any."""
-    by_label: dict[str, list[Any]] = {}
-    for label, origin in mapped.columns.items():
-        if label.endswith("*"):
-            continue
-        unit = PRINTED.get(origin.unit, 1.0)
-        if origin.count:
-            values = [
-                _count(at(tables, origin.field), origin.where),
-                *(_count(at(tables, path), "") for path in origin.then),
-            ]
-        elif origin.sum:
-            values = [sum((at(tables, origin.field) or {}).values())]
-        else:
-            values = [at(tables, path) for path in (origin.field, *origin.then)]
-        by_label[label] = [v / unit if isinstance(v, float) else v for v in values if v is not None]
-    return {label: values for label, values in by_label.items() if values}
-
-
-def _count(table: Any, where: str) -> int:
-    if not isinstance(table, Mapping):
-        return len(table or ())
-    column = table.get(where) if where else next(iter(table.values()), ())
-    return sum(map(bool, column or ())) if where else len(column or ())

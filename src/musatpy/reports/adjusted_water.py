@@ -56,15 +56,7 @@ WAVES: Report[AdjustedWaves] = Report(
     title="Water: Adjusted Waves",
     table=quality_record.WAVES,
     path="adjusted_water.waves.waves",
-    columns=(
-        "wave",
-        "period",
-        "length",
-        "speed",
-        "height",
-        "azimuth",
-        "crest",
-    ),
+    columns=("wave", "period", "length", "speed", "height", "azimuth", "crest"),
 )
 
 
@@ -96,32 +88,20 @@ CORRELATIONS: Report[AdjustedWaves] = Report(
     table=quality_record.WAVE_CORRELATIONS,
     path="adjusted_water.waves.correlations",
     worst=lambda t: np.abs(t["correlation"]),
-    columns=(
-        "first",
-        "second",
-        "correlation",
-    ),
+    columns=("first", "second", "correlation"),
 )
 CONSIDERED: Report[Statistics] = Report(
     title="Water: Known With An Error",
     table=quality_record.CONSIDERED,
     path="adjusted_water.considered",
-    columns=(
-        "quantity",
-        "sigma",
-        "unit",
-    ),
+    columns=("quantity", "sigma", "unit"),
 )
 CORRECTIONS: Report[Statistics] = Report(
     title="Water: Corrections Of The Tides",
     table=quality_record.CORRECTIONS,
     path="adjusted_water.corrections",
     worst=lambda t: np.abs(t["correction"]),
-    columns=(
-        "group",
-        "correction",
-        "correction_sigma",
-    ),
+    columns=("group", "correction", "correction_sigma"),
 )
 
 

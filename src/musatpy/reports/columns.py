@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
-from musatpy.reports.origin import Origin
 from musatpy.reports.table import Choice, Column
 from musatpy.statistics import Statistics, metric_components
 
@@ -57,16 +55,13 @@ def attitude_columns(shows: str, decimals: int) -> Columns:
 
 
 def metric_columns(
-    shows: Origin | str, label: str = "", values: Values | None = None, *, edit: str = "F9.3", unit: str = "m"
+    shows: str, label: str = "", values: Values | None = None, *, edit: str = "F9.3", unit: str = "m"
 ) -> Choice[Statistics]:
     """Return the columns of what is along east, north, up (X, Y, Z in local jobs), behind a label, in metres."""
-    origin = Origin(field=shows) if isinstance(shows, str) else shows
 
     def component(names: tuple[str, str, str], axis: int) -> Column[Statistics]:
-        where = origin.where and f"{origin.where}[{axis}]"
         heading = f"{label}{names[axis]}" + (f"\n{unit}" if unit else "")
-        part = replace(origin, field=f"{origin.field}[{axis}]", where=where)
-        return Column(heading, edit, None if values is None else lambda s: values(s)[:, axis], part)
+        return Column(heading, edit, None if values is None else lambda s: values(s)[:, axis], f"{shows}[{axis}]")
 
     enu, xyz = (tuple(component(names, axis) for axis in range(3)) for names in _METRIC)
     return Choice(

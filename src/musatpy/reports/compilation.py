@@ -20,7 +20,7 @@ from musatpy.reports import (
 )
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import POSITION_UNIT, Each, Field, Group, Node, Schema, properties_of, same
+from musatpy.reports.fields import POSITION_UNIT, Each, Field, Group, Node, Schema, document_schema, same
 from musatpy.reports.headings import position
 from musatpy.reports.labels import Texts, sentences_at
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
@@ -193,13 +193,7 @@ def schema() -> Schema:
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings"),
     )
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "musatpy compilation",
-        "description": _ABOUT,
-        "type": "object",
-        **properties_of(nodes),
-    }
+    return document_schema("musatpy compilation", _ABOUT, nodes)
 
 
 def _options(compiled: Compiled) -> dict[str, str]:
@@ -273,34 +267,14 @@ MODEL_TABLE: Report[Any] = Report(
     title="Model Set-Up",
     table=MODELS,
     columns=(
-        "model",
-        "photos",
-        "mode",
-        "vertical",
-        "tide",
-        "rays",
-        "pointing",
-        "base",
-        "height",
-        "tides",
-        "points",
-        "y_parallax",
+        *("model", "photos", "mode", "vertical", "tide", "rays"),
+        *("pointing", "base", "height", "tides", "points", "y_parallax"),
     ),
 )
 MOVED_TABLE: Report[Any] = Report(
     title="Right Stages Corrected By Points Read Again",
     table=MOVED,
-    columns=(
-        "model",
-        "points",
-        "freedom",
-        "base",
-        "base_sigma",
-        "rotation",
-        "rotation_sigma",
-        "before",
-        "after",
-    ),
+    columns=("model", "points", "freedom", "base", "base_sigma", "rotation", "rotation_sigma", "before", "after"),
 )
 RECOVERED_TABLE: Report[Any] = Report(
     title="Recoverability: Points Read Again, Less What The Run Predicts",
@@ -322,13 +296,7 @@ RECOVERED_TABLE: Report[Any] = Report(
 SHORE_TABLE: Report[Any] = Report(
     title="Shoreline: Heights Over The Tide",
     table=SHORELINES,
-    columns=(
-        "model",
-        "points",
-        "mean",
-        "rms",
-        "largest",
-    ),
+    columns=("model", "points", "mean", "rms", "largest"),
 )
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
 STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)

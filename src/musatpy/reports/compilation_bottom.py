@@ -170,55 +170,23 @@ def _levels(bottoms: Bottoms, of: str) -> list[Level]:
 SURFACE_TABLE: Report[Any] = Report(
     title="Surfaces",
     table=SURFACES,
-    columns=(
-        "surface",
-        "of",
-        "points",
-        "merged",
-        "left_out",
-        "area",
-        "least",
-        "greatest",
-        "dropped",
-        "reason",
-    ),
+    columns=("surface", "of", "points", "merged", "left_out", "area", "least", "greatest", "dropped", "reason"),
 )
 GRID_TABLE: Report[Any] = Report(
     title="Grids Of Posts",
     table=GRIDS,
-    columns=(
-        "grid",
-        "spacing",
-        "posts",
-        "empty",
-        "least",
-        "greatest",
-    ),
+    columns=("grid", "spacing", "posts", "empty", "least", "greatest"),
 )
 COLLOCATED_TABLE: Report[Any] = Report(
     title="Grids By Collocation: Points Left Out And Predicted",
     table=GRIDS,
     which=lambda t: np.flatnonzero(t["collocated"]),
-    columns=(
-        "grid",
-        "left_out_rms",
-        "left_out_test",
-        "mean_sigma",
-    ),
+    columns=("grid", "left_out_rms", "left_out_test", "mean_sigma"),
 )
 EDGE_TABLE: Report[Any] = Report(
     title="Edge Match: The First Model Less The Second",
     table=EDGES,
-    columns=(
-        "models",
-        "of",
-        "points",
-        "mean",
-        "rms",
-        "expected",
-        "largest",
-        "point",
-    ),
+    columns=("models", "of", "points", "mean", "rms", "expected", "largest", "point"),
 )
 CONTOUR_TABLE: Report[Any] = Report(
     title="Contours",

@@ -97,26 +97,12 @@ POINT_TABLE: Report[Any] = Report(
     title="Point Compilation: True Coordinates",
     table=POINTS,
     worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
-    columns=(
-        "model",
-        "point",
-        "class",
-        "submerged",
-        "position",
-        "sigma",
-        "depth",
-        "depth_sigma",
-    ),
+    columns=("model", "point", "class", "submerged", "position", "sigma", "depth", "depth_sigma"),
 )
 APPARENT_TABLE: Report[Any] = Report(
     title="Point Compilation: Apparent Coordinates, And True Ones In The Model",
     table=POINTS,
-    columns=(
-        "model",
-        "point",
-        "apparent",
-        "model_position",
-    ),
+    columns=("model", "point", "apparent", "model_position"),
 )
 RAY_TABLE: Report[Any] = Report(
     title="Point Compilation: Water And Rays",

@@ -95,49 +95,18 @@ def _timed(part: CompiledProfile) -> int:
 PROFILE_TABLE: Report[Any] = Report(
     title="Profile Compilation",
     table=PROFILES,
-    columns=(
-        "model",
-        "profile",
-        "line",
-        "readings",
-        "spikes",
-        "needed",
-        "length",
-        "least",
-        "greatest",
-        "reason",
-    ),
+    columns=("model", "profile", "line", "readings", "spikes", "needed", "length", "least", "greatest", "reason"),
 )
 PACE_TABLE: Report[Any] = Report(
     title="Pace Of Profiles",
     table=PROFILES,
     which=lambda t: np.flatnonzero(t["timed"] > 0),
-    columns=(
-        "model",
-        "profile",
-        "line",
-        "timed",
-        "duration",
-        "speed",
-        "fastest",
-        "turns",
-    ),
+    columns=("model", "profile", "line", "timed", "duration", "speed", "fastest", "turns"),
 )
 SCAN_TABLE: Report[Any] = Report(
     title="Scans By Profiles Side By Side",
     table=SCANS,
-    columns=(
-        "model",
-        "profile",
-        "along",
-        "lines",
-        "spacing",
-        "readings",
-        "zigzag",
-        "lag",
-        "lag_sigma",
-        "lag_time",
-    ),
+    columns=("model", "profile", "along", "lines", "spacing", "readings", "zigzag", "lag", "lag_sigma", "lag_time"),
 )
 STATED = (PROFILE_TABLE, PACE_TABLE, SCAN_TABLE)
 

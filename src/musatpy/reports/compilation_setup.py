@@ -12,7 +12,7 @@ import numpy as np
 from musatpy.reports import compilation
 from musatpy.reports.compilation import INTERIOR, JOB, MODELS, MOVED, RECOVERED
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Node, Rows, Schema, properties_of, same
+from musatpy.reports.fields import Field, Node, Rows, Schema, document_schema, same
 from musatpy.reports.table import Report
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
@@ -98,13 +98,7 @@ def schema() -> Schema:
         *(JOB, INTERIOR, MODELS, MOVED, RECOVERED, RUN_POINTS, EXPECTED),
         Field("warnings", "* string", "what is odd about the models"),
     )
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "musatpy models set up",
-        "description": _ABOUT,
-        "type": "object",
-        **properties_of(nodes),
-    }
+    return document_schema("musatpy models set up", _ABOUT, nodes)
 
 
 def _of(setups: SetUps, name: str) -> Any:
@@ -160,39 +154,17 @@ AXES_TABLE: Report[Any] = Report(
 GEOMETRY_TABLE: Report[Any] = Report(
     title="Scales, And Origins In The System Of The Job",
     table=MODELS,
-    columns=(
-        "model",
-        "scale",
-        "base",
-        "height",
-        "origin_position",
-    ),
+    columns=("model", "scale", "base", "height", "origin_position"),
 )
 POINT_TABLE: Report[Any] = Report(
     title="Points Of The Run In The Model",
     table=RUN_POINTS,
-    columns=(
-        "model",
-        "point",
-        "submerged",
-        "predicted",
-        "difference",
-        "y_parallax",
-        "straight_y_parallax",
-    ),
+    columns=("model", "point", "submerged", "predicted", "difference", "y_parallax", "straight_y_parallax"),
 )
 EXPECTED_TABLE: Report[Any] = Report(
     title="Standard Errors To Expect",
     table=EXPECTED,
-    columns=(
-        "model",
-        "place",
-        "depth",
-        "sigma",
-        "depth_sigma",
-        "pointing_sigma",
-        "run_sigma",
-    ),
+    columns=("model", "place", "depth", "sigma", "depth_sigma", "pointing_sigma", "run_sigma"),
 )
 STATED = (GEOMETRY_TABLE, AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)
 

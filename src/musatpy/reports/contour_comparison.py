@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Each, Field, Node, Schema, properties_of
+from musatpy.reports.fields import Each, Field, Node, Schema, document_schema
 from musatpy.reports.pages import print_titled
 from musatpy.reports.table import Report
 
@@ -57,29 +57,14 @@ DISTANCE_TABLE: Report[Any] = Report(
     title="Comparison Of Contours: Distances And Depths By The Slope",
     table=DISTANCES,
     columns=(
-        "surface",
-        "depth",
-        "of",
-        "length",
-        "beyond",
-        "mean",
-        "rms",
-        "most",
-        "mean_depth",
-        "rms_depth",
-        "most_depth",
+        *("surface", "depth", "of", "length", "beyond", "mean"),
+        *("rms", "most", "mean_depth", "rms_depth", "most_depth"),
     ),
 )
 AREA_TABLE: Report[Any] = Report(
     title="Areas Between Contours",
     table=AREAS,
-    columns=(
-        "surface",
-        "depth",
-        "area",
-        "width",
-        "reason",
-    ),
+    columns=("surface", "depth", "area", "width", "reason"),
 )
 STATED = (DISTANCE_TABLE, AREA_TABLE)
 
@@ -92,13 +77,8 @@ def record_of(compared: Contoured) -> dict[str, Json]:
 def schema() -> Schema:
     """Return the JSON Schema of the record."""
     version: Field[Contoured] = Field("contour_comparison_version", "const", "of this schema", choices=(_VERSION,))
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "musatpy contour comparison",
-        "description": "Compiled contours beside those of another source, metres. What does not exist is null",
-        "type": "object",
-        **properties_of((version, *RECORD)),
-    }
+    about = "Compiled contours beside those of another source, metres. What does not exist is null"
+    return document_schema("musatpy contour comparison", about, (version, *RECORD))
 
 
 def listing_of(compared: Contoured, title: str, caution: str = "") -> str:

@@ -283,21 +283,6 @@ class Each(Tabled[Source, Item]):
         part: Any = next(field for field in self.fields if field.name == nested)
         return unnested(outer, [part.raw(item) for item in items], nested)
 
-    def of_path(self, path: str, source: Source, nested: str = "") -> list[Any]:
-        """Return the values of a field, or of one component of it (`rms[1]`), one per row.
-
-        With the name of a `nested` table there is one for each row of that, by its own field where it has one.
-        """
-        if not nested:
-            return [_value(self.fields, path, item) for item in self.of(source)]
-        part: Any = next(field for field in self.fields if field.name == nested)
-        inside = path.partition("[")[0] in {field.name for field in part.fields}
-        values: list[Any] = []
-        for item in self.of(source):
-            rows = list(part.of_path(path if inside else part.fields[0].name, item))
-            values += rows if inside else [_value(self.fields, path, item)] * len(rows)
-        return values
-
 
 def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
     """Return the field at a path; raises `KeyError` where there is none by that name."""
@@ -340,6 +325,17 @@ def properties_of(fields: Iterable[Node[Any]]) -> Schema:
     properties = {field.name: field.schema() for field in fields}
     required = [field.name for field in fields if not (_is_of_images(field) or is_seldom(field))]
     return {"additionalProperties": False, "required": required, "properties": properties}
+
+
+def document_schema(title: str, about: str, nodes: Iterable[Node[Any]]) -> Schema:
+    """Return the JSON Schema of a record of these fields and tables."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": title,
+        "description": about,
+        "type": "object",
+        **properties_of(nodes),
+    }
 
 
 def _schema(kind: str, choices: Iterable[Any]) -> Schema:

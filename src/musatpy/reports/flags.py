@@ -42,15 +42,7 @@ RECORD = (FLAGS,)
 TABLE: Report[Statistics] = Report(
     title=TITLE,
     table=FLAGS,
-    columns=(
-        "point",
-        "bathymetric",
-        "height",
-        "water",
-        "sigma",
-        "sigmas",
-        "other_height",
-    ),
+    columns=("point", "bathymetric", "height", "water", "sigma", "sigmas", "other_height"),
 )
 STATED = (TABLE,)
 

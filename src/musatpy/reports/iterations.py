@@ -14,27 +14,15 @@ ITERATIONS: Report[Statistics] = Report(
     title="Iterations",
     table=result_record.ITERATIONS,
     columns=(
-        "pass",
-        "number",
-        "rotation",
-        "rotation_photo",
-        "translation",
-        "translation_photo",
-        "sum_of_squares",
-        "damping",
+        *("pass", "number", "rotation", "rotation_photo"),
+        *("translation", "translation_photo", "sum_of_squares", "damping"),
     ),
 )
 PASSES: Report[Statistics] = Report(
     title="Passes Of The Water Point Correction: ",
     pattern=r"Passes Of The Water Point Correction: \d+",
     table=result_record.PASSES,
-    columns=(
-        "number",
-        "movement",
-        "point",
-        "rms_movement",
-        "rms_residual",
-    ),
+    columns=("number", "movement", "point", "rms_movement", "rms_residual"),
 )
 STATED = (ITERATIONS, PASSES)
 

@@ -14,7 +14,7 @@ from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.editing import number_text
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Group, Node, Rows, Schema, properties_of, same
+from musatpy.reports.fields import Field, Group, Node, Rows, Schema, document_schema, same
 from musatpy.reports.headings import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, position
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.table import Report
@@ -199,13 +199,7 @@ def record_of(answer: Answer) -> dict[str, Json]:
 def schema() -> Schema:
     """Return the JSON Schema of the record."""
     version: Field[Answer] = Field("orientation_version", "const", "of this schema", choices=(_VERSION,))
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "musatpy orientation",
-        "description": _ABOUT,
-        "type": "object",
-        **properties_of((version, *RECORD)),
-    }
+    return document_schema("musatpy orientation", _ABOUT, (version, *RECORD))
 
 
 def system_of(answer: Placement) -> str:
@@ -223,47 +217,22 @@ STATION_TABLE: Report[Any] = Report(
 ATTITUDE_TABLE: Report[Any] = Report(
     title="Exposure Stations: Attitudes",
     table=STATIONS,
-    columns=(
-        "photo",
-        "attitude",
-        "attitude_sigma",
-    ),
+    columns=("photo", "attitude", "attitude_sigma"),
 )
 POINT_TABLE: Report[Any] = Report(
     title="Points",
     table=POINTS,
-    columns=(
-        "point",
-        "submerged",
-        "control",
-        "rays",
-        "position",
-        "sigma",
-        "depth",
-        "outlier",
-    ),
+    columns=("point", "submerged", "control", "rays", "position", "sigma", "depth", "outlier"),
 )
 IMAGE_TABLE: Report[Any] = Report(
     title="Images: Residuals And Tests",
     table=IMAGES,
-    columns=(
-        "photo",
-        "point",
-        "residual",
-        "redundancy",
-        "test",
-    ),
+    columns=("photo", "point", "residual", "redundancy", "test"),
 )
 ROOT_TABLE: Report[Any] = Report(
     title="Other Exact Solutions",
     table=ROOTS,
-    columns=(
-        "root",
-        "photo",
-        "position",
-        "slope",
-        "level",
-    ),
+    columns=("root", "photo", "position", "slope", "level"),
 )
 LEFT_OUT_TABLE: Report[Any] = Report(
     title="Points That No Condition Can Use",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Group, Node, Rows, Schema, properties_of, same
+from musatpy.reports.fields import Field, Group, Node, Rows, Schema, document_schema, same
 from musatpy.reports.orientation import (
     ATTITUDE_TABLE,
     JOB,
@@ -166,13 +166,7 @@ def record_of(answer: StripAnswer) -> dict[str, Json]:
 def schema() -> Schema:
     """Return the JSON Schema of the record."""
     version: Field[Any] = Field("strip_version", "const", "of this schema", choices=(_VERSION,))
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "musatpy strip",
-        "description": _ABOUT,
-        "type": "object",
-        **properties_of((version, *RECORD)),
-    }
+    return document_schema("musatpy strip", _ABOUT, (version, *RECORD))
 
 
 # --- the listing ---
@@ -180,53 +174,25 @@ def schema() -> Schema:
 TRIPLET_TABLE: Report[Any] = Report(
     title="Triplets And Their Planes Of Water",
     table=TRIPLETS,
-    columns=(
-        "photo",
-        "points",
-        "redundancy",
-        "sigma0",
-        "slope",
-        "slope_sigma",
-        "level",
-        "level_sigma",
-        "share",
-    ),
+    columns=("photo", "points", "redundancy", "sigma0", "slope", "slope_sigma", "level", "level_sigma", "share"),
 )
 JOIN_TABLE: Report[Any] = Report(
     title="Joins Of The Triplets",
     table=JOINS,
     columns=(
-        "photo",
-        "last",
-        "points",
-        "left_out",
-        "scale",
-        "turn",
-        "residual",
-        "sigma0",
-        "slope",
-        "level",
-        "probability",
+        *("photo", "last", "points", "left_out", "scale", "turn"),
+        *("residual", "sigma0", "slope", "level", "probability"),
     ),
 )
 CONTROL_TABLE: Report[Any] = Report(
     title="Control Of The Strip",
     table=CONTROL,
-    columns=(
-        "point",
-        "residual",
-        "test",
-    ),
+    columns=("point", "residual", "test"),
 )
 AGAINST_TABLE: Report[Any] = Report(
     title="The Strip Less IIIA",
     table=AGAINST,
-    columns=(
-        "photo",
-        "position",
-        "sigmas",
-        "attitude",
-    ),
+    columns=("photo", "position", "sigmas", "attitude"),
 )
 STATED = (TRIPLET_TABLE, JOIN_TABLE, CONTROL_TABLE, AGAINST_TABLE)
 

@@ -25,7 +25,7 @@ from musatpy.reports import (
     waves_page,
 )
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Group, Node, Schema, is_seldom, properties_of, same, without_images
+from musatpy.reports.fields import Field, Group, Node, Schema, document_schema, is_seldom, same, without_images
 from musatpy.reports.record_text import encoded, laid_out, record_texts
 from musatpy.statistics import Statistics
 
@@ -160,11 +160,7 @@ def held_tables(statistics: Statistics, names: Container[str]) -> dict[str, Json
 def schema() -> Schema:
     """Return the JSON Schema of the record."""
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "musatpy record",
-        "description": _ABOUT,
-        "type": "object",
-        **properties_of(tables()),
+        **document_schema("musatpy record", _ABOUT, tables()),
         "$defs": {
             "factor": quality_record.FACTOR_DEFINITION.definition(),
             "analysis": result_record.ANALYSIS.definition(),

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.reports import analyses
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Each, Field, Rows, Schema, properties_of, same
+from musatpy.reports.fields import Each, Field, Rows, Schema, document_schema, same
 from musatpy.reports.pages import Section, print_titled
 from musatpy.reports.table import Report
 from musatpy.reports.text import labelled
@@ -60,16 +60,7 @@ RUN_TABLE: Report[Any] = Report(
     title="Comparison With The Run",
     table=RUN_POINTS,
     worst=lambda t: t["length"],
-    columns=(
-        "model",
-        "point",
-        "shared",
-        "difference",
-        "length",
-        "sigma",
-        "test",
-        "stages",
-    ),
+    columns=("model", "point", "shared", "difference", "length", "sigma", "test", "stages"),
 )
 STATED = (RUN_TABLE,)
 
@@ -91,13 +82,8 @@ def schema() -> Schema:
         Field[Any]("caution", "string?", "what is to be known of the run, on every page"),
         *RECORD,
     )
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "musatpy comparison of compiled points",
-        "description": "Compiled points beside those of the run, in metres and millimetres of the stages.",
-        "type": "object",
-        **properties_of(nodes),
-    }
+    about = "Compiled points beside those of the run, in metres and millimetres of the stages."
+    return document_schema("musatpy comparison of compiled points", about, nodes)
 
 
 def listing_of(compiled: Compiled, against: list[AgainstRun]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from musatpy.compilation.point_orders import order_names, orders_of_points
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, properties_of, same
+from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, document_schema, same
 from musatpy.reports.pages import Section, print_titled
 from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
@@ -140,27 +140,12 @@ RECORD: tuple[Node[Sounded], ...] = (MATCHING, SAMPLES, REGRESSION, SHARES, DIFF
 SAMPLE_TABLE: Report[Any] = Report(
     title="Comparison With Soundings: Compiled Less Sounded Depths",
     table=SAMPLES,
-    columns=(
-        "sample",
-        "size",
-        "sum",
-        "mean",
-        "rms",
-        "deviation",
-        "median",
-        "spread",
-        "maximum",
-        "maximum_id",
-    ),
+    columns=("sample", "size", "sum", "mean", "rms", "deviation", "median", "spread", "maximum", "maximum_id"),
 )
 SHARE_TABLE: Report[Any] = Report(
     title="Orders Of S-44 Met By The Differences",
     table=SHARES,
-    columns=(
-        "order",
-        "share",
-        "met",
-    ),
+    columns=("order", "share", "met"),
 )
 STATED = (SAMPLE_TABLE, SHARE_TABLE)
 
@@ -178,13 +163,8 @@ def schema() -> Schema:
     orders: Field[Sounded] = Field(
         "point_orders", "map", "compiled points by the order of S-44 that their sigmas meet; none of a raster"
     )
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "musatpy soundings",
-        "description": "Compiled less sounded depths, metres. A number that does not exist is null",
-        "type": "object",
-        **properties_of((version, *RECORD, orders)),
-    }
+    about = "Compiled less sounded depths, metres. A number that does not exist is null"
+    return document_schema("musatpy soundings", about, (version, *RECORD, orders))
 
 
 def point_orders(compiled: Compiled) -> dict[str, int]:

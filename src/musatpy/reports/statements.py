@@ -18,7 +18,7 @@ from musatpy.reports import (
     orientation_strip,
     soundings,
 )
-from musatpy.reports.origin import Mapped
+from musatpy.reports.labels import Labels, Texts
 from musatpy.reports.table import Report
 
 _OF_AS11 = (
@@ -33,7 +33,7 @@ _OF_AS11 = (
 
 
 @cache
-def statements() -> tuple[Report[Any] | Mapped, ...]:
+def statements() -> tuple[Report[Any] | Labels | Texts, ...]:
     """Return the tables of all pages, and what else has numbers of the record, the answer first."""
     return tuple(
         table

@@ -73,12 +73,7 @@ CHECKS: Report[Statistics] = Report(
     path="tests.check_points",
     which=lambda t: worst_first(-np.log10(np.maximum(t["probability"], _LEAST))),
     worst=lambda t: -t["probability"],
-    columns=(
-        "point",
-        "components",
-        "chi_square",
-        "probability",
-    ),
+    columns=("point", "components", "chi_square", "probability"),
 )
 HIDDEN_ERRORS: Report[Statistics] = Report(
     title=HIDDEN,
@@ -104,11 +99,7 @@ CORRELATIONS: Report[Statistics] = Report(
     which=lambda t: np.arange(t.count)[:_CORRELATIONS],
     worst=lambda t: np.abs(t["correlation"]),
     some=True,
-    columns=(
-        "first",
-        "second",
-        "correlation",
-    ),
+    columns=("first", "second", "correlation"),
 )
 STATION_INFLATION: Report[Statistics] = Report(
     title="Statistics: Variance Inflation Of Stations",

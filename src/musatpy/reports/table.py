@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate, chain
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -16,11 +16,12 @@ from musatpy.reports.characters import blank, strings
 from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
 from musatpy.reports.fields import Each, Field, Group, Rows
 from musatpy.reports.headings import PRINTED, SEXAGESIMAL, with_unit
-from musatpy.reports.origin import Layout, Origin
+from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Cells, Section
 from musatpy.reports.values import Values, array_of, at, in_rows, nothing, unnested
 
 Source = TypeVar("Source")
+Layout = Literal["rows", "across", "xyz", "texts"]
 
 _GAP = "  "  # between columns
 _ROWS = 20_000  # that are edited at a time
@@ -54,8 +55,7 @@ class Column(Generic[Source]):
     @property
     def unit(self) -> float:
         """What one of its printed unit is in units of the record."""
-        origin = self.origin
-        return PRINTED.get((origin.unit if origin else "") or self.heading.split("\n")[-1], 1.0)
+        return PRINTED.get(self.heading.split("\n")[-1], 1.0)
 
     @property
     def named(self) -> tuple[str, str]:
@@ -170,14 +170,10 @@ class Report(Generic[Source]):
     which: Callable[[Values], IntArray] | None = None  # rows that are printed, in their order; None: all
     worst: Callable[[Values], FloatArray] | None = None  # how bad these are
     layout: Layout = "rows"
-    # as of `Mapped`:
     nested: str = ""
     expand: Sequence[str] = ()
-    take: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    leave: Mapping[str, Sequence[str]] = field(default_factory=dict)
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     some: bool = False
-    unnamed: str = ""
 
     @property
     def place(self) -> str:
@@ -331,40 +327,20 @@ class Report(Generic[Source]):
         if origin is None or self.table is None:
             raise ValueError(f"the column {column.heading} has neither values nor a field of the record")
         values = self._listed(origin.field, source)
-        if origin.minus:
-            values = values - self._listed(origin.minus, source)
-        if origin.count:
-            return [len(entries) for entries in values]
-        if origin.norm:
-            return np.linalg.norm(values, axis=1)
-        if origin.where:
-            return np.where(self._listed(origin.where, source), values, np.nan)
-        if origin.unless:
-            zero = self._zeros(origin.unless, source)
-            return ["" if nothing else value for value, nothing in zip(values, zero, strict=True)]
         if origin.true or origin.false:
             return np.where(values, origin.true, origin.false)
         if words := self.words.get(origin.field):
             return [words.get(str(value), value) for value in values]
-        if self.unnamed and column.is_id:
-            return [value or self.unnamed for value in values]
         return ["" if value is None else value for value in values] if isinstance(values, list) else values
 
     def _listed(self, path: str, source: Source) -> Any:
         """Return the values of a field of the record in the rows that are printed."""
-        assert self.table is not None
-        nested = [self.nested] if isinstance(self.table, Each) else []
-        values: Any = self.table.of_path(path, source, *nested)
+        table: Any = self.table
+        values: Any = table.of_path(path, source)
         if self.rows is None:
             return values
         rows = self.rows(source)
         return values[rows] if isinstance(values, np.ndarray) else [values[row] for row in rows.tolist()]
-
-    def _zeros(self, heading: str, source: Source) -> list[bool]:
-        """Return where the numbers under a heading print as zero."""
-        columns = self._chosen(lambda choice: choice.of(source))
-        column = next(column for column in columns if column.heading.split("\n")[0] == heading)
-        return [prints_as_zero(column.edit, value) for value in self._values(column, source)]
 
 
 def _plain(values: Any) -> list[Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import musatpy
 from musatpy.model import (
@@ -17,7 +17,7 @@ from musatpy.model import (
 )
 from musatpy.reports import stated
 from musatpy.reports.editing import number_text
-from musatpy.reports.origin import Mapped, Origin
+from musatpy.reports.labels import Content, Labels, count_at, numbers_at
 from musatpy.reports.pages import Section
 from musatpy.reports.text import labelled, wrapped
 from musatpy.statistics import Statistics
@@ -57,38 +57,54 @@ WEIGHTS = {
     Weights.EQUAL: "one weight for each kind of condition",
 }
 
-_LIMITS = {
-    "Iterations, at most": Origin(field="options.max_iterations"),
-    "Passes of the water point correction, at most": Origin(field="options.max_passes"),
-    "Rotation limit": Origin(field="options.rotation_limit", unit="arc sec"),
-    "Translation limit": Origin(field="options.translation_limit"),
-    "Limit of movement of submerged points": Origin(field="options.water_limit"),
-    "Sigma of plate coordinates": Origin(field="options.plate_sigma", unit="um"),
-    "Factor on it for submerged points": Origin(field="options.submerged_factor"),
-    "Sigma0 from which a run is rejected": Origin(field="options.sigma0_limit"),
-    "Flying heights from given stations, doubtful from": Origin(field="options.station_limit"),
-    "Refractive index of water": Origin(field="water.index", then=("water.sigma",)),
-}
-_COUNTS: dict[str, tuple[Origin, Callable[[Block], int]]] = {  # in the record, and in a block
-    "Cameras": (Origin(count=True, field="cameras"), lambda b: b.cameras.count),
-    "Photos": (Origin(count=True, field="stations"), lambda b: b.photos.count),
-    "Ground points": (Origin(count=True, field="points"), lambda b: b.points.count),
-    "Submerged points": (
-        Origin(count=True, field="points", where="bathymetric"),
-        lambda b: int(b.points.bathymetric.sum()),
-    ),
-    "Plate measurements": (Origin(count=True, field="plates"), lambda b: b.plates.count),
-    "Control points, check points included": (Origin(count=True, field="control"), lambda b: b.control.count),
-    "Equal elevation groups": (Origin(count=True, field="equal_elevations"), lambda b: b.equal_elevations.count),
-    "Air bases": (Origin(count=True, field="air_bases"), lambda b: b.air_bases.count),
-    "Distances": (Origin(count=True, field="distances"), lambda b: b.distances.count),
-    "Height differences": (Origin(count=True, field="height_differences"), lambda b: b.height_differences.count),
+
+def _limits(content: Content) -> dict[str, Sequence[float | None]]:
+    """Return the numbers of the options by their labels, as a record has them."""
+    paths = {
+        "Iterations, at most": ("max_iterations", 1.0),
+        "Passes of the water point correction, at most": ("max_passes", 1.0),
+        "Rotation limit": ("rotation_limit", ARC_SECOND),
+        "Translation limit": ("translation_limit", 1.0),
+        "Limit of movement of submerged points": ("water_limit", 1.0),
+        "Sigma of plate coordinates": ("plate_sigma", MICROMETRE),
+        "Factor on it for submerged points": ("submerged_factor", 1.0),
+        "Sigma0 from which a run is rejected": ("sigma0_limit", 1.0),
+        "Flying heights from given stations, doubtful from": ("station_limit", 1.0),
+    }
+    labels: dict[str, Sequence[float | None]] = {
+        label: numbers_at(content, f"options.{name}", unit=unit) for label, (name, unit) in paths.items()
+    }
+    return labels | {"Refractive index of water": numbers_at(content, "water.index", "water.sigma")}
+
+
+_COUNTS: dict[str, tuple[str, Callable[[Block], int]]] = {  # table of the record, and rows in a block
+    "Cameras": ("cameras", lambda b: b.cameras.count),
+    "Photos": ("stations", lambda b: b.photos.count),
+    "Ground points": ("points", lambda b: b.points.count),
+    "Submerged points": ("points.bathymetric", lambda b: int(b.points.bathymetric.sum())),
+    "Plate measurements": ("plates", lambda b: b.plates.count),
+    "Control points, check points included": ("control", lambda b: b.control.count),
+    "Equal elevation groups": ("equal_elevations", lambda b: b.equal_elevations.count),
+    "Air bases": ("air_bases", lambda b: b.air_bases.count),
+    "Distances": ("distances", lambda b: b.distances.count),
+    "Height differences": ("height_differences", lambda b: b.height_differences.count),
 }
 _LEFT_OUT = ("Distances", "Height differences")  # where there are none
-SIZE = Mapped(
-    title="Size Of The Job", layout="labels", columns={label: origin for label, (origin, _) in _COUNTS.items()}
-)
-STATED = (Mapped(title="Options", layout="labels", columns=_LIMITS), SIZE)
+
+
+def _counts(content: Content) -> dict[str, Sequence[float | None]]:
+    """Return the sizes of the tables by their labels, as a record has them."""
+    left_out = {"plates"} if content.get("content") == "tables" else set()
+    places = {label: path.partition(".") for label, (path, _) in _COUNTS.items()}
+    return {
+        label: [count_at(content, table, flag)]
+        for label, (table, _, flag) in places.items()
+        if table not in left_out
+    }
+
+
+SIZE = Labels("Size Of The Job", _counts)
+STATED = (Labels("Options", _limits), SIZE)
 
 
 def sections(statistics: Statistics) -> list[Section]:

@@ -70,17 +70,8 @@ SEA: Report[Statistics] = Report(
     title="Waves On The Water",
     table=WAVES,
     columns=(
-        "wave",
-        "shape",
-        "depth",
-        "period",
-        "length",
-        "speed",
-        "group_speed",
-        "height",
-        "breaking_height",
-        "azimuth",
-        "crest",
+        *("wave", "shape", "depth", "period", "length", "speed"),
+        *("group_speed", "height", "breaking_height", "azimuth", "crest"),
     ),
 )
 STATED = (SEA,)
