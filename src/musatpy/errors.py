@@ -111,18 +111,28 @@ class NumericalError(AdjustmentError):
 
 @contextmanager
 def numerics(what: str) -> Iterator[None]:
-    """Turn what arithmetic and LAPACK's callers raise into a `NumericalError` that says `what` cannot be computed.
-
-    numpy's error goes by its name, for numpy is not loaded where nothing is computed; scipy's has only its text.
-    """
+    """Turn what arithmetic and LAPACK's callers raise into a `NumericalError`: `what` cannot be computed."""
     try:
         yield
     except (ArithmeticError, ValueError) as error:
-        refused = type(error).__name__ == "LinAlgError" or "infs or NaNs" in str(error)
-        if not refused and not isinstance(error, ArithmeticError):
+        refused = numerical(error, what)
+        if refused is None:
             raise
-        why = "points or stations have run away, as gross errors make them"
-        raise NumericalError([Problem(message=f"{what} cannot be computed: {why}")]) from error
+        raise refused from error
+
+
+def numerical(error: Exception, what: str) -> NumericalError | None:
+    """Return the error of arithmetic or of LAPACK's callers as a `NumericalError`, None where it is another one.
+
+    numpy's error goes by its name, for numpy is not loaded where nothing is computed; scipy's has only its text.
+    """
+    if isinstance(error, NumericalError):
+        return error
+    refused = type(error).__name__ == "LinAlgError" or "infs or NaNs" in str(error)
+    if not refused and not isinstance(error, ArithmeticError):
+        return None
+    why = "points or stations have run away, as gross errors make them"
+    return NumericalError([Problem(message=f"{what} cannot be computed: {why}")])
 
 
 class CardFormatError(MusatError):

@@ -15,8 +15,7 @@ from musatpy import adjust, verdict
 from musatpy.adjustment.iteration import State, stated_partials, with_turned_axes
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, UNKNOWNS, direct_rows, direct_squares, state_after
-from musatpy.adjustment.kinds.measured import kept_axes
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.network import Network, kept_axes
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.formats.musat import read_deck
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix

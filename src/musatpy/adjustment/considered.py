@@ -18,7 +18,7 @@ import numpy as np
 
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import State, WaterKnowledge
-from musatpy.adjustment.kinds import UNKNOWNS
+from musatpy.adjustment.kinds import global_unknowns
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors, Factor
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
@@ -128,7 +128,7 @@ def extended(block: Block, network: Network, state: State) -> Extended:
         sea = sea.unknown
         state = replace(state, waves=sea.waves)
         waves = np.asarray(sea.sea.sigma)[sea.sea.unknown]
-    columns = {kind.observed: tuple(kind.names(block, knowledge, sea.sea if sea else None)) for kind in UNKNOWNS}
+    columns = global_unknowns(block, knowledge, sea.sea if sea else None)
     wide = replace(border, columns=columns if len(waves) else columns | {_WAVE: border.columns[_WAVE]})
     names: list[str] = []
     units: list[str] = []

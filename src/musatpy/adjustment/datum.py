@@ -18,8 +18,7 @@ from musatpy.adjustment.collinear import Elimination, eliminate
 from musatpy.adjustment.ground import point_normals
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds import UNKNOWNS
-from musatpy.adjustment.kinds.measured import kept_axes
-from musatpy.adjustment.network import Network, PointGroup, unknown_name
+from musatpy.adjustment.network import Network, PointGroup, kept_axes, unknown_name
 from musatpy.adjustment.normals import Cofactors, Factor, NormalMatrix, weak_directions
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.collinearity import attitude_from_matrix, skew, wrapped

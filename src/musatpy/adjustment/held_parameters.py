@@ -26,8 +26,7 @@ from musatpy.adjustment.iteration import State, tide_groups
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.kinds.kind import Rows
-from musatpy.adjustment.kinds.measured import kept_axes
-from musatpy.adjustment.network import RAYS, Network, Participation, parts_of, together
+from musatpy.adjustment.network import RAYS, Network, Participation, kept_axes, parts_of, together
 from musatpy.adjustment.precision import Precision, left_out
 from musatpy.adjustment.propagation import PointRows, point_rows
 from musatpy.adjustment.sightings import residuals

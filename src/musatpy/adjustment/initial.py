@@ -18,7 +18,6 @@ from musatpy.adjustment.refinement import refined_stations
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.geometry import collinearity
-from musatpy.geometry.collinearity import attitude_from_matrix
 from musatpy.geometry.geodesy import Frame
 from musatpy.geometry.similarity import Similarity
 from musatpy.model import Block, CoordinateSystem, Datum, Initial, Photos, Program
@@ -146,7 +145,7 @@ def initial_photos(block: Block) -> InitialValues:
     position, attitude = np.array(photos.position), np.array(photos.attitude)
     moved = new & ~(np.isfinite(photos.position_sigma).any(axis=1) & finite_rows(photos.position))
     position[moved] = place.frame.system(place.C[moved])
-    there = attitude_from_matrix(place.M[new] @ np.swapaxes(place.frame.axes(place.C[new]), 1, 2))
+    there = collinearity.attitude_from_matrix(place.M[new] @ np.swapaxes(place.frame.axes(place.C[new]), 1, 2))
     observed = np.isfinite(photos.attitude_sigma) & np.isfinite(photos.attitude)
     attitude[new] = np.where(observed[new], attitude[new], there)
     found = np.where(new, place.found, np.where(given, GIVEN, NOT_FOUND))

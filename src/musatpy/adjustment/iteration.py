@@ -425,3 +425,12 @@ def water_over(network: Network, state: State) -> FloatArray:
         photo, ground = network.photo[rays], state.ground[network.point[rays]]
         water[rays] += network.sea.at(state.waves).elevations(photo, ground)
     return water
+
+
+def level_corrections(network: Network, state: State) -> FloatArray:
+    """Return the corrections (c,) m that the tides of groups of photos have received."""
+    water = network.water
+    out = np.zeros(len(water.ids))
+    belongs = water.group >= 0
+    out[water.group[belongs]] = (state.tide - water.tide)[belongs]
+    return out

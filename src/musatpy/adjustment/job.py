@@ -27,7 +27,7 @@ from musatpy.adjustment.iteration import (
     with_turned_axes,
 )
 from musatpy.adjustment.kernels import loops_of
-from musatpy.adjustment.kinds import MEASURED, UNKNOWNS, kept_movement, largest_movements
+from musatpy.adjustment.kinds import UNKNOWNS, global_unknowns, kept_movement, largest_movements, measured_in
 from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.misfits import most_at_odds, unrest_of_water
 from musatpy.adjustment.network import (
@@ -46,7 +46,7 @@ from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.precision import left_out
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerics
+from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerical, numerics
 from musatpy.geometry.geodesy import Frame
 from musatpy.model import (
     Block,
@@ -84,15 +84,17 @@ def adjust(block: Block, progress: Progress | None = None, sea: Sea | None = Non
     else:
         from musatpy.adjustment.musat2a import adjust as program
     try:
-        with numerics("the adjustment"):
-            if block.options.plate_sigma_is is PlateSigma.KNOWN:
-                solution = program(block, progress, sea)
-            else:
-                solution = estimated(block, lambda weighted: program(weighted, progress, sea))
-            return replace(solution, cards=block.photos.position)
-    except NumericalError as error:
+        if block.options.plate_sigma_is is PlateSigma.KNOWN:
+            solution = program(block, progress, sea)
+        else:
+            solution = estimated(block, lambda weighted: program(weighted, progress, sea))
+        return replace(solution, cards=block.photos.position)
+    except (NumericalError, ArithmeticError, ValueError) as error:
+        refused = numerical(error, "the adjustment")
+        if refused is None:
+            raise
         advice = "OP2 editing EDIT looks for gross errors and takes them out"
-        raise NumericalError(and_warnings(error.problems, (*_suspicions(block, sea), advice))) from error
+        raise NumericalError(and_warnings(refused.problems, (*_suspicions(block, sea), advice))) from error
 
 
 def _suspicions(block: Block, sea: Sea | None) -> tuple[str, ...]:
@@ -177,9 +179,11 @@ class Job:
             if self.progress:
                 self.progress(iteration)
 
-        begin(self.progress, f"pass {outer_pass}, iteration", 1, self.block.options.max_iterations)
+        most = self.block.options.max_iterations
+        if self.progress:
+            begin(self.progress, f"pass {outer_pass}, iteration", 1, most)
         try:
-            return iterate(problem, state, self.block.options.max_iterations, report)
+            return iterate(problem, state, most, report)
         except SingularNormalsError as error:
             # eigenvalues come with rounding of their own: look a little above the limit for the culprits
             reasons = describe_weakness(network, state, error.matrix, 100.0 * SINGULAR, self.block)
@@ -224,10 +228,9 @@ class Job:
     def reason(self, network: Network, outcome: Outcome, passes: tuple[WaterPass, ...]) -> str:
         """Return why the run has not converged and what is most at odds, empty if it has."""
         reason = self._failure(network, outcome) if outcome.failure else ""
-        unrest = unrest_of_water(self.block, passes[-1]) if passes and not reason else ""
-        if unrest:
+        if not reason and passes and not at_rest(self.block, passes[-1]):
             number = "1 pass" if len(passes) == 1 else f"{len(passes)} passes"
-            reason = f"water points not at rest in {number}: {unrest}"
+            reason = f"water points not at rest in {number}: {unrest_of_water(self.block, passes[-1])}"
         worst = most_at_odds(self.block, network, outcome.state) if reason else ()
         return reason + (f"; most at odds: {', '.join(worst)}" if worst else "")
 
@@ -279,13 +282,19 @@ class Job:
         return f"{outcome.failure}: {', '.join(above)}" if above else outcome.failure
 
 
+def at_rest(block: Block, last: WaterPass) -> bool:
+    """Return whether the last pass of the water point correction has moved no point, ray or image any more."""
+    return last.movement < block.options.water_limit and last.turning < 0 and last.image_change < AT_REST
+
+
 def prepared(block: Block, progress: Progress | None, sea: Sea | None = None) -> tuple[Job, State]:
     """Return the job of a block and its first state, points intersected from the given stations.
 
     Raises `AdjustmentError` with every reason where the block cannot be adjusted.
     """
     notes: tuple[str, ...] = ()
-    begin(progress, "first values")
+    if progress:
+        begin(progress, "first values")
     if block.options.initial is not Initial.GIVEN:
         from musatpy.adjustment.initial import started  # costs the start of every run else
 
@@ -360,7 +369,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
     enters = part.status == PointStatus.TRIANGULATED
     priors = _ground_priors(block, frame, enters)
     by_collinearity = priors.known.any(axis=1) | (priors.group >= 0)
-    measured = {kind.observed: kind.measured(block, enters) for kind in MEASURED}
+    measured = measured_in(block, enters)
     kept = np.unique(np.concatenate([of.point.reshape(-1) for of in measured.values()]))
     eliminated = enters.copy()
     eliminated[kept] = False
@@ -392,9 +401,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         weight=inverse_squares(block.plate_sigmas),
         refracted=np.zeros(len(plates.photo), dtype=bool),
         priors=priors,
-        border=Border(
-            columns={kind.observed: tuple(kind.names(block, water, sea)) for kind in UNKNOWNS}, kept=kept
-        ),
+        border=Border(columns=global_unknowns(block, water, sea), kept=kept),
         pass_groups=pass_groups,
         control_groups=control_groups,
         kept_groups=tuple(replace(group, kept=True, known=True) for group in kept_groups),

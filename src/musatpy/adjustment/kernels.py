@@ -16,11 +16,10 @@ from musatpy.errors import AdjustmentError, Problem
 
 if TYPE_CHECKING:  # these have loops over points themselves
     from musatpy.adjustment.collinear import Follow
-    from musatpy.adjustment.dependence import Diagonal
     from musatpy.adjustment.iteration import State
     from musatpy.adjustment.network import Network, PointGroup
     from musatpy.adjustment.normals import Cofactors, NormalEquations
-    from musatpy.adjustment.propagation import Part, PointRows
+    from musatpy.adjustment.propagation import Diagonal, Part, PointRows
     from musatpy.arrays import FloatArray
 
 VARIABLE = "MUSAT_KERNELS"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from musatpy.adjustment import sightings
-from musatpy.adjustment.iteration import AT_REST, State
+from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds import SEARCHED
 from musatpy.adjustment.kinds.kind import in_digits
 from musatpy.adjustment.network import Network
@@ -71,14 +71,12 @@ def _sigmas(off: FloatArray, weight: FloatArray, row: int) -> float:
 
 
 def unrest_of_water(block: Block, last: WaterPass) -> str:
-    """Return what still moves after the last pass of the water point correction, empty where all is at rest."""
+    """Return what still moves after the last pass of the water point correction, which is not at rest."""
     points = block.points.ids
     if last.movement >= block.options.water_limit:
         return f"point {points[last.point]} still moves {in_digits(last.movement, 4)} m"
     if last.turning >= 0:
         return f"rays of point {points[last.turning]} still change between wet and dry"
-    if last.image_change >= AT_REST:
-        point, photo = points[block.plates.point[last.image]], block.photos.ids[block.plates.photo[last.image]]
-        change = in_digits(last.image_change, 2)
-        return f"the corrected image of point {point} on photo {photo} still changes by {change} sigmas"
-    return ""
+    point, photo = points[block.plates.point[last.image]], block.photos.ids[block.plates.photo[last.image]]
+    change = in_digits(last.image_change, 2)
+    return f"the corrected image of point {point} on photo {photo} still changes by {change} sigmas"

@@ -17,10 +17,9 @@ from musatpy.adjustment import result, sightings
 from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation, Outcome, State
-from musatpy.adjustment.job import Job, prepared
+from musatpy.adjustment.job import Job, at_rest, prepared
 from musatpy.adjustment.kernels import Loops, loops_of
 from musatpy.adjustment.kinds import add_direct, direct_squares, largest_movements, redundancy, state_after
-from musatpy.adjustment.misfits import unrest_of_water
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, Sums, summed, upper
 from musatpy.adjustment.sightings import residuals
@@ -72,7 +71,8 @@ class _Run:
         if outcome is not straight and straight.failure:
             warnings += (f"the triangulation without refraction did not converge: {straight.failure}",)
         reason = self.job.reason(network, outcome, passes)
-        begin(self.job.progress, "covariances")
+        if self.job.progress:
+            begin(self.job.progress, "covariances")
         return result.solution(
             job=self.job,
             network=network,
@@ -97,7 +97,8 @@ class _Run:
         fails is started again from what the simultaneous adjustment finds, whose points need not be settled.
         """
         measured, iterations = self.job.network, self.job.iterations
-        begin(self.job.progress, "first triangulation")
+        if self.job.progress:
+            begin(self.job.progress, "first triangulation")
         outcome = self.triangulate(measured, state, 0)
         if not outcome.failure:
             return outcome, ()
@@ -173,7 +174,7 @@ class _Run:
             turning = np.flatnonzero(line.wet != last.wet)
             passes.append(self.water_pass(number, network, state, ground, xy, measured.point[turning]))
             short = short + 1 if outcome.failure else 0
-            if outcome.lost or short == SHORT or not unrest_of_water(self.job.block, passes[-1]):
+            if outcome.lost or short == SHORT or at_rest(self.job.block, passes[-1]):
                 break
         return network, straightened, outcome, tuple(passes)
 

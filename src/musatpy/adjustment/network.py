@@ -77,6 +77,10 @@ class Measured:
     weight: FloatArray  # (d,)
 
 
+_NONE, _NO_ENDS = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.int64)
+NOTHING = Measured(row=_NONE, photo=_NO_ENDS, point=_NO_ENDS, value=np.zeros(0), weight=np.zeros(0))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Border:
     """The global unknowns: those of each kind, in the order of `kinds.UNKNOWNS`, then the kept points."""
@@ -175,6 +179,10 @@ class Network:
     def groups(self) -> tuple[PointGroup, ...]:
         """All points of the solution."""
         return (*self.pass_groups, *self.control_groups, *self.kept_groups)
+
+    def unknown(self, kind: ObservationKind) -> bool:
+        """Return whether there are unknowns of a kind, in the border or with those of photos."""
+        return self.border.count(kind) > 0 or (kind is ObservationKind.WATER_LEVEL and self.water.per_photo)
 
     def unknowns(self, group: PointGroup, columns: IntArray) -> IntArray:
         """Return the unknowns (k, m q + X) of the photos of points, and in the `columns` (k, X) of the border."""
@@ -372,3 +380,9 @@ def unknown_name(network: Network, block: Block) -> Callable[[int], str]:
         return rest[unknown - split]
 
     return name
+
+
+def kept_axes(network: Network, ground: FloatArray) -> FloatArray:
+    """Return the axes (..., 3, 3) along which the coordinates of kept points (..., 3) are unknown."""
+    axes = np.asarray(network.frame.axes(ground.reshape(-1, 3))) if ground.size else np.zeros(0)
+    return axes.reshape(*ground.shape, 3)

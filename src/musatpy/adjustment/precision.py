@@ -1,39 +1,43 @@
 """How well a solution is known: covariances of stations, water, points and depths, and the observations' checks.
 
 Covariances are those of the estimates, scaled by the variance of unit weight, and what comes to them from
-considered parameters, which is not (`considered`).
+considered parameters, which is not (`considered`). Of points whose rays, and of water of which the images, do not
+determine it, no number is stated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from musatpy.adjustment import propagation
-from musatpy.adjustment.dependence import Diagonal
+from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.iteration import LEVEL, State, is_considered, stated
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
-from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
-from musatpy.arrays import FloatArray
+from musatpy.adjustment.propagation import Diagonal, depth_cofactors, pieces, point_covariances
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem
 from musatpy.model import (
     Block,
     ConsideredWater,
+    Dependence,
     LevelPairs,
     Observations,
     PointStatus,
     Program,
     StationPairs,
+    Treatment,
     WaterPrecision,
     Weights,
 )
-from musatpy.model.tables import finite_rows
+from musatpy.model.tables import falling, finite_rows
+from musatpy.model.water import index_range
 
 if TYPE_CHECKING:
     from musatpy.adjustment.considered import Considered
@@ -41,6 +45,10 @@ if TYPE_CHECKING:
 
 
 NOTHING_HELD = np.zeros(0, dtype=np.int64)
+_DECIMALS = 4  # of correlations, as they are printed
+CORRELATED = 0.95  # correlations from here on are listed
+PART_OF_HEIGHT = 0.1  # of the flying height: a place or a level with a larger sigma is not known
+FARTHEST = 100.0  # flying heights: a point of the adjustment that is farther has run away, and is rejected
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -285,3 +293,142 @@ def _held(
 
     held, inner = factor.cofactors().holding(free.held), inner_constraints(network, state, factor, free)
     return held, inner, inner.cofactors(held)
+
+
+def dependence(
+    network: Network,
+    diagonal: Diagonal,
+    cofactors: Cofactors,
+    covariances: Cofactors,
+    name: Callable[[int], str],
+) -> Dependence:
+    """Return variance inflation and correlations; `name` names the unknowns of the normal equations."""
+    n, q = network.photos, network.pattern.size
+    variances = cofactors.diagonal()
+    photo, border = variances[: n * q].reshape(n, q), variances[n * q :]
+    first, second, value = _correlated(cofactors, photo.reshape(-1), border)
+    with np.errstate(invalid="ignore"):
+        inflation = np.where(photo > 0.0, photo * diagonal.stations, np.nan)
+    # the water levels of single photos stand with the six unknowns of their photos
+    level = np.arange(n * q).reshape(n, q)[:, 6:][np.isfinite(inflation[:, 6:])]
+    numbers = np.concatenate([level, n * q + np.arange(network.border.size)])
+    factors = np.concatenate([inflation.reshape(-1)[level], border * diagonal.border])
+    return Dependence(
+        station_inflation=inflation[:, :6],
+        names=np.array([name(int(i)) for i in numbers], dtype=str),
+        sigma=np.where(factors > 0.0, np.sqrt(np.maximum(covariances.diagonal()[numbers], 0.0)), np.nan),
+        inflation=np.where(factors > 0.0, factors, np.nan),  # 0 is of what no observation touches
+        first=np.array([name(int(i)) for i in first], dtype=str),
+        second=np.array([name(int(i)) for i in second], dtype=str),
+        correlation=value,
+    )
+
+
+def _correlated(
+    cofactors: Cofactors, photo: FloatArray, border: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return numbers (c,), (c,) of unknowns and their correlations, the strongest first."""
+    q, split = cofactors.pattern.size, len(photo)
+    scale = np.sqrt(np.where(photo > 0.0, photo, np.inf)), np.sqrt(np.where(border > 0.0, border, np.inf))
+    per_photo = scale[0].reshape(-1, q)
+    i, j = cofactors.pattern.pairs.T
+    blocks = cofactors.blocks / (per_photo[i][:, :, None] * per_photo[j][:, None, :])
+    lower = (i == j)[:, None, None] & (np.arange(q)[:, None] >= np.arange(q))
+    pair, row, column = np.nonzero((np.abs(blocks) >= CORRELATED) & ~lower)
+    edge = cofactors.border / (scale[0][:, None] * scale[1])
+    edge_row, edge_column = np.nonzero(np.abs(edge) >= CORRELATED)
+    corner = np.triu(cofactors.corner / (scale[1][:, None] * scale[1]), 1)
+    corner_row, corner_column = np.nonzero(np.abs(corner) >= CORRELATED)
+    first = np.concatenate([i[pair] * q + row, edge_row, split + corner_row])
+    second = np.concatenate([j[pair] * q + column, split + edge_column, split + corner_column])
+    value = np.concatenate(
+        [blocks[pair, row, column], edge[edge_row, edge_column], corner[corner_row, corner_column]]
+    )
+    order = np.lexsort((second, first))
+    order = order[falling(np.abs(value[order]), _DECIMALS)]
+    return first[order], second[order], np.clip(value[order], -1.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reach:
+    """Lengths of rays: the `nearest` (p,) m of each point, and the flying height, which is their median."""
+
+    nearest: FloatArray
+    height: float
+
+
+def reach_of(network: Network, state: State, part: Participation) -> Reach:
+    """Return the lengths of the rays at `state`."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        rays = np.linalg.norm(state.ground[network.point] - state.position[network.photo], axis=1)
+    nearest = np.full(network.points, np.inf)
+    np.fmin.at(nearest, network.point, rays)
+    rays = rays[part.used & np.isfinite(rays)]
+    return Reach(nearest=nearest, height=float(np.median(rays)) if len(rays) else np.inf)
+
+
+def undetermined_points(
+    network: Network, state: State, reach: Reach, covariance: FloatArray, kept_out: tuple[PointGroup, ...]
+) -> dict[int, str]:
+    """Return the points that their rays do not determine, with the reason: points with `covariance` (p, 3, 3) m2.
+
+    The largest axis of their ellipsoid is above a tenth of the flying height, and that of the one by their rays
+    and priors alone too, as if the stations were known: a weak datum is another matter.
+    """
+    limit = PART_OF_HEIGHT * reach.height
+    wide = np.einsum("kii->k", covariance) > limit**2  # the sum of squares of the axes; NaN is not
+    reasons = {}
+    for group, taken in (*((group, True) for group in network.groups), *((group, False) for group in kept_out)):
+        rows = wide[group.point]
+        if not rows.any():
+            continue
+        inside = group.part(rows)
+        with np.errstate(all="ignore"):
+            by_rays = eliminate(network, state, inside).free_inverse
+        for point, cofactor in zip(inside.point.tolist(), by_rays, strict=True):
+            sizes = [_largest_axis(of) for of in (covariance[point], cofactor)]
+            if min(sizes) > limit and not (taken and reach.nearest[point] > FARTHEST * reach.height):
+                reasons[point] = f"its rays do not determine it: its ellipsoid is {sizes[0]:.0f} m long"
+    return reasons
+
+
+def _largest_axis(covariance: FloatArray) -> float:
+    """Return the largest standard deviation in any direction, infinite where there is none."""
+    if not np.isfinite(covariance).all():
+        return np.inf
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
+
+
+def limits_of_water(block: Block, height: float) -> dict[str, float]:
+    """Return the sigmas beyond which water is not determined, for rays of a `height`.
+
+    Of a level a part of it, of a tilt that a flying height away, of an index the range that the liquid can have.
+    """
+    index = 0.0
+    if block.water and block.options.water_index is Treatment.ADJUST:
+        low, high = index_range(block.water.liquid)
+        index = high - low
+    return {"level": PART_OF_HEIGHT * height, "tilt": PART_OF_HEIGHT, "index": index}
+
+
+def undetermined_water(
+    block: Block, network: Network, part: Participation, loose: BoolArray, sigmas: dict[str, FloatArray]
+) -> dict[str, bool]:
+    """Return the names of what is not determined, `loose` levels (c,) and whatever has no sigma, in words.
+
+    With each, whether images depend on it: those of flagged points, on photos whose tide is known.
+    """
+    flagged = part.used & block.points.bathymetric[network.point]
+    groups = network.water.group[network.photo[flagged]]
+    seen = np.isin(np.arange(len(loose)), groups)
+    noun = "photo " if network.water.per_photo else ""
+    names = {
+        f"the level of the water{f' of {noun}{network.water.ids[row]}' if network.water.ids[row] else ''}": bool(
+            seen[row]
+        )
+        for row in np.flatnonzero(loose).tolist()
+    }
+    for name, of in (("the tilt of the water", "tilt"), ("the refractive index", "index")):
+        if np.isnan(sigmas[of]).any():
+            names[name] = bool(flagged.any())
+    return names

@@ -159,7 +159,7 @@ def priors(piece: Piece, block: Block) -> Iterator[Part]:
     a, b = prior_partials(piece)
     components = np.broadcast_to(np.arange(3), (k, 3))
     for kind in PRIORS:
-        row, part = first_rows(kind.points(block), len(block.points.ids)), kind.part
+        row, part = first_rows(getattr(block, kind.observed.attribute).point, len(block.points.ids)), kind.part
         rows = np.repeat(row[piece.group.point][:, None], part.stop - part.start, axis=1)
         weight = known.weight[:, part] * np.pad(known.free, ((0, 0), (0, 1)), constant_values=True)[:, part]
         yield _part(
@@ -357,3 +357,36 @@ def point_rows(network: Network, state: State, group: PointGroup) -> PointRows:
         index=E.extras.index,
         extra=extra * root[..., None],
     )
+
+
+class Diagonal:
+    """The diagonal of the normal matrix before any point is eliminated, added up piece by piece."""
+
+    def __init__(self, network: Network) -> None:
+        self.stations = np.zeros((network.photos, network.pattern.size))
+        self.border = np.zeros(network.border.size)
+
+    def add(self, network: Network, piece: Piece) -> None:
+        """Add the points of a piece."""
+        group, E = piece.group, piece.E
+        W = network.weight[group.rays]
+        by_station = np.einsum("kmai,kma->kmi", np.square(E.normals.images.by_station), W)
+        np.add.at(self.stations, network.photo[group.rays], by_station)
+        if E.extras.index.shape[1]:
+            # columns that stand for one unknown several times add before they are squared
+            rows = E.extras.images.reshape(*W.reshape(len(W), -1).shape, -1)
+            weights = W.reshape(len(W), -1)
+            if E.normals.priors is not None:
+                rows = np.concatenate([rows, E.extras.priors], axis=1)
+                weights = np.concatenate([weights, E.normals.priors.weight], axis=1)
+            same = E.extras.index[:, :, None] == E.extras.index[:, None, :]
+            squares = np.einsum("kre,kr,krf,kef->ke", rows, weights, rows, same)
+            np.add.at(self.border, E.extras.index, squares)
+
+    def add_direct(self, network: Network, state: State) -> None:
+        """Add the observations that concern no image."""
+        split = self.stations.size
+        for _, rows in direct_rows(network, state):
+            squares, of_photo = np.square(rows.partials) * rows.weight[:, None], rows.index < split
+            np.add.at(self.stations.reshape(-1), rows.index[of_photo], squares[of_photo])
+            np.add.at(self.border, rows.index[~of_photo] - split, squares[~of_photo])

@@ -10,30 +10,43 @@ import numpy as np
 
 from musatpy.adjustment import kernels
 from musatpy.adjustment.datum import describe_weakness
-from musatpy.adjustment.dependence import (
+from musatpy.adjustment.ground import PARALLEL, all_residuals, point_squares, settle_group
+from musatpy.adjustment.held_parameters import held_parameters
+from musatpy.adjustment.iteration import (
+    LEVEL,
+    LeastSquares,
+    State,
+    attitude_in,
+    heights_and_water,
+    level_corrections,
+    water_over,
+)
+from musatpy.adjustment.job import Job
+from musatpy.adjustment.kinds import count, measured_values
+from musatpy.adjustment.network import Network, Participation, PointGroup, unknown_name
+from musatpy.adjustment.normals import ILL_DETERMINED
+from musatpy.adjustment.precision import (
+    Precision,
     Reach,
-    adjusted_waves,
     dependence,
+    factor_of,
+    left_out,
     limits_of_water,
+    precision,
     reach_of,
     undetermined_points,
     undetermined_water,
 )
-from musatpy.adjustment.ground import all_residuals, point_squares
-from musatpy.adjustment.held_parameters import held_parameters
-from musatpy.adjustment.iteration import LEVEL, LeastSquares, State, attitude_in, heights_and_water, water_over
-from musatpy.adjustment.job import Job
-from musatpy.adjustment.kinds import MEASURED, count
-from musatpy.adjustment.kinds.water import level_corrections
-from musatpy.adjustment.network import Network, Participation, PointGroup, unknown_name
-from musatpy.adjustment.normals import ILL_DETERMINED
-from musatpy.adjustment.precision import Precision, factor_of, left_out, precision
-from musatpy.adjustment.watpt import bathymetric_points, refraction_displacement, with_departure
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.adjustment.sightings import straight_rays
+from musatpy.adjustment.watpt import refraction_displacement, with_departure
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.geometry.collinearity import nearest_point, widest_angle
+from musatpy.geometry.geodesy import surface, water_heights
 from musatpy.model import (
     AdjustedStations,
     AdjustedWater,
     AdjustedWaves,
+    BathymetricPoints,
     Block,
     GroundPoints,
     ObservationKind,
@@ -86,7 +99,7 @@ def solution(
     reach = reach_of(network, state, part)
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
-    waves = adjusted_waves(refracted, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
+    waves = _waves(refracted, state, known, name, crests)
     level_sigmas = known.border_sigma[network.border.at(ObservationKind.EQUAL_ELEVATION)]
     found = Solution(
         block=block,
@@ -106,7 +119,7 @@ def solution(
         bathymetric=bathymetric_points(block, measured, stated, measured.groups + kept_out, np.sqrt(known.depths)),
         levels=state.levels,
         level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
-        measured={kind.observed: kind.values(block, network, state) for kind in MEASURED},
+        measured=measured_values(block, network, state),
         water=_water(block, refracted, state, part, known, reach.height, waves),
         observed=known.observed,
         pairs=known.pairs,
@@ -117,7 +130,7 @@ def solution(
         dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
-    return with_departure(found, network, refracted, bent, factor, state, kept_out)
+    return found if refracted is network else with_departure(found, refracted, bent, factor, state, kept_out)
 
 
 def _without_unmet(
@@ -141,6 +154,17 @@ def _without(state: State, points: Iterable[int]) -> State:
     ground = state.ground.copy()
     ground[list(points)] = np.nan
     return replace(state, ground=ground)
+
+
+def _waves(
+    network: Network, state: State, known: Precision, name: Callable[[int], str], crests: OtherCrests | None
+) -> AdjustedWaves | None:
+    """Return the unknown waves, None without any."""
+    if not network.border.count(ObservationKind.WAVE):
+        return None
+    from musatpy.adjustment.adjusted_waves import adjusted_waves  # most jobs have none
+
+    return adjusted_waves(network, state, known.diagonal, known.cofactors, known.unknowns, name, crests)
 
 
 def _water(
@@ -291,6 +315,108 @@ def _plate_residuals(network: Network, measured: Network, state: State, part: Pa
     residual = all_residuals(network, state, known)
     correction = network.xy - measured.xy
     bent = np.flatnonzero(known & network.refracted)
-    wet = np.ones(len(bent), dtype=bool)
-    correction[bent] = refraction_displacement(network, state, bent, state.ground[network.point[bent]], wet)[1]
+    if len(bent):
+        wet = np.ones(len(bent), dtype=bool)
+        correction[bent] = refraction_displacement(network, state, bent, state.ground[network.point[bent]], wet)[1]
     return PlateResiduals(residual=residual, triangulated=part.used, correction=correction)
+
+
+def bathymetric_points(
+    block: Block, measured: Network, state: State, groups: Iterable[PointGroup], depth_sigma: FloatArray
+) -> BathymetricPoints:
+    """Return the submerged points of a block at `state`.
+
+    `measured` is the network with the images as they were measured, its rays straight; `groups` are all points with
+    the rays that give their positions; `depth_sigma` (p,) m of all points.
+    """
+    chosen, submerged = np.flatnonzero(block.points.bathymetric), block.points.bathymetric
+    known = submerged & finite_rows(state.ground)
+    wet = [part for group in groups for part in (group.part(known[group.point]),) if len(part.point)]
+    apparent = _straight_intersections(measured, state, wet)
+    level = _water_levels(measured, state, submerged, wet)
+    depth = level - _where_known(measured.frame.height, apparent)
+    # a dry point stays where it is; without a WTR card there is no index to predict by
+    factor = np.where(depth > 0.0, state.index if block.water else np.nan, 1.0)
+    predicted_depth = depth * factor
+    predicted = _at_heights(measured, apparent, level - predicted_depth)
+    return BathymetricPoints(
+        point=chosen,
+        apparent=_where_known(measured.frame.system, apparent)[chosen],
+        predicted=_where_known(measured.frame.system, predicted)[chosen],
+        water_level=level[chosen],
+        incidence=_incidence(measured, state, wet)[chosen],
+        apparent_depth=depth[chosen],
+        predicted_depth=predicted_depth[chosen],
+        depth=(level - _where_known(measured.frame.height, state.ground))[chosen],
+        depth_sigma=depth_sigma[chosen],
+    )
+
+
+def _straight_intersections(measured: Network, state: State, groups: Iterable[PointGroup]) -> FloatArray:
+    """Return where straight rays meet best (p, 3), working; nothing else known of the points enters.
+
+    NaN where there are not two rays, these are parallel, or meet behind a camera.
+    """
+    ground = np.full((measured.points, 3), np.nan)
+    for group in groups:
+        origin, direction = straight_rays(measured, state, group.rays)
+        meets = widest_angle(direction) >= PARALLEL
+        part = replace(group.part(meets), known=False)  # nothing else enters
+        if len(part.point):
+            start = nearest_point(origin[meets], direction[meets])
+            X, squares = settle_group(measured, state, part, start)
+            ground[part.point] = np.where(np.isfinite(squares)[:, None], X, np.nan)
+    return ground
+
+
+def _incidence(measured: Network, state: State, groups: Iterable[PointGroup]) -> FloatArray:
+    """Return the mean angle (p,) rad, in air, between the rays of a point and the normal of the water over it.
+
+    The water is the level or tilted surface of the adjustment, without its waves.
+    """
+    angle = np.full(measured.points, np.nan)
+    for group in groups:
+        _, direction = straight_rays(measured, state, group.rays)
+        ground = np.broadcast_to(state.ground[group.point][:, None], direction.shape)
+        over = surface(measured.frame, measured.slope(state.tilt), state.tide[measured.photo[group.rays]], ground)
+        down = -np.einsum("kmi,kmi->km", over.normal, direction)
+        angle[group.point] = np.arccos(np.clip(down, -1.0, 1.0)).mean(axis=1)
+    return angle
+
+
+def _water_levels(
+    measured: Network, state: State, submerged: BoolArray, groups: Iterable[PointGroup]
+) -> FloatArray:
+    """Return the mean height (p,) m of the water at submerged points, over the photos that give them.
+
+    That of a point without a position is over all photos that show it.
+    """
+    lost, giving = submerged.copy(), np.zeros(len(measured.point), dtype=bool)
+    for group in groups:
+        lost[group.point], giving[group.rays] = False, True
+    rays = np.flatnonzero(giving | lost[measured.point])
+    point = measured.point[rays]
+    water = water_heights(measured.slope(state.tilt), state.tide[measured.photo[rays]], state.ground[point])
+    number = np.bincount(point, minlength=measured.points)
+    total = np.bincount(point, weights=water, minlength=measured.points)
+    return np.divide(total, number, out=np.full(measured.points, np.nan), where=number > 0)
+
+
+def _where_known(convert: Callable[[FloatArray], FloatArray], working: FloatArray) -> FloatArray:
+    """Return what becomes of points (p, 3), NaN for those without a position."""
+    known = finite_rows(working)
+    of_known = convert(working[known])
+    out = np.full((len(working), *of_known.shape[1:]), np.nan)
+    out[known] = of_known
+    return out
+
+
+def _at_heights(network: Network, working: FloatArray, height: FloatArray) -> FloatArray:
+    """Return points moved along their local verticals to heights (p,), NaN where either is unknown."""
+    moved = np.full(working.shape, np.nan)
+    known = np.isfinite(height) & finite_rows(working)
+    # along the local vertical, not along geocentric Z as in Table 6.9
+    level = network.frame.level(working[known])
+    level[:, 2] = height[known]
+    moved[known] = network.frame.from_level(level)
+    return moved

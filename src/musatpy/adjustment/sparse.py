@@ -137,11 +137,7 @@ def _handed_down(above: FloatArray, runs: Runs, child: Front) -> FloatArray:
 
 
 Piece = TypeVar("Piece")
-
-
 Result = TypeVar("Result")
-
-
 _here = threading.local()
 
 

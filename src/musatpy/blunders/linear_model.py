@@ -17,8 +17,7 @@ from musatpy.adjustment import propagation
 from musatpy.adjustment.ground import nearest_ground, point_squares, settle_group
 from musatpy.adjustment.iteration import SingularNormalsError, State
 from musatpy.adjustment.kinds import state_after, station_rows
-from musatpy.adjustment.kinds.measured import kept_axes
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.network import Network, kept_axes
 from musatpy.adjustment.normals import Cofactors, Factor, factorised
 from musatpy.adjustment.propagation import Piece, pieces
 from musatpy.arrays import BoolArray, FloatArray, IntArray

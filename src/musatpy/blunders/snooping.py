@@ -13,8 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from musatpy.adjustment.iteration import SingularNormalsError, State
-from musatpy.adjustment.kinds.water import level_corrections
+from musatpy.adjustment.iteration import SingularNormalsError, State, level_corrections
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, factorised
 from musatpy.adjustment.precision import Errors, spread_to_observations
 from musatpy.arrays import BoolArray, FloatArray, IntArray

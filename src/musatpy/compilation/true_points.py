@@ -17,9 +17,9 @@ from musatpy.adjustment.iteration import State, initial_state
 from musatpy.adjustment.job import build_network
 from musatpy.adjustment.network import Network, PointGroup, group_points, participation
 from musatpy.adjustment.propagation import depth_cofactors, pieces, point_covariances
+from musatpy.adjustment.result import bathymetric_points
 from musatpy.adjustment.sightings import residuals, straight_rays
 from musatpy.adjustment.waterline import WaterLine, best_line, refracted, water_line
-from musatpy.adjustment.watpt import bathymetric_points
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.errors_of_pairs import joint_covariances, y_parallax
 from musatpy.compilation.pair_errors import PairErrors

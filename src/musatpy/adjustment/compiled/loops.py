@@ -12,14 +12,13 @@ import numpy as np
 from musatpy.adjustment.collinear import Follow
 from musatpy.adjustment.compiled import points as compiled
 from musatpy.adjustment.compiled.points import Known, Measured, Pairs, Points, Stations, Water
-from musatpy.adjustment.dependence import Diagonal
 from musatpy.adjustment.ground import RIDGE, hold, prior_rows, steps_to_best
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kernels import Loops
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
-from musatpy.adjustment.propagation import Part, PointRows
+from musatpy.adjustment.propagation import Diagonal, Part, PointRows
 from musatpy.adjustment.sparse import side_by_side
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.geodesy import surface

@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from musatpy.adjustment.iteration import State
-from musatpy.adjustment.kinds.kind import Kind, OfWater, Prior, Rows, Unknown
+from musatpy.adjustment.iteration import State, WaterKnowledge
+from musatpy.adjustment.kinds.kind import Kind, OfWater, Prior, Rows, StationKind, Unknown
 from musatpy.adjustment.kinds.measured import MeasuredKind
-from musatpy.adjustment.network import Network
+from musatpy.adjustment.network import NOTHING, Measured, Network
 from musatpy.adjustment.normals import NormalEquations
+from musatpy.adjustment.wavy_water import Sea
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.model import ObservationKind
+from musatpy.model import Block, ObservationKind
 
 
 def _all() -> list[Kind]:
@@ -47,7 +48,8 @@ def state_after(network: Network, state: State, step: FloatArray) -> State:
         attitude=state.attitude + stations[:, 3:6],
     )
     for kind in UNKNOWNS:
-        state = kind.state_after(network, step, state)
+        if network.unknown(kind.observed):
+            state = kind.state_after(network, step, state)
     return state
 
 
@@ -70,8 +72,37 @@ def kept_movement(step: FloatArray, network: Network) -> float:
 def direct_rows(network: Network, state: State) -> Iterator[tuple[Kind, Rows]]:
     """Yield the observations of every kind that has any."""
     for kind in DIRECT:
-        if kind.takes_part(network) and len((rows := kind.rows(network, state)).row):
+        if takes_part(kind, network) and len((rows := kind.rows(network, state)).row):
             yield kind, rows
+
+
+def takes_part(kind: Kind, network: Network) -> bool:
+    """Return whether there may be observations of a kind that have a weight: of those without, nothing is asked."""
+    if isinstance(kind, StationKind):
+        return bool(getattr(network, kind.attribute).any())
+    if isinstance(kind, MeasuredKind):
+        return len(network.measured[kind.observed].row) > 0
+    return not isinstance(kind, Unknown) or network.unknown(kind.observed)
+
+
+def measured_in(block: Block, enters: BoolArray) -> dict[ObservationKind, Measured]:
+    """Return what takes part of the tables of observations between places; points that enter (p,) may be kept."""
+    return {
+        kind.observed: kind.measured(block, enters) if getattr(block, kind.observed.attribute).count else NOTHING
+        for kind in MEASURED
+    }
+
+
+def measured_values(block: Block, network: Network, state: State) -> dict[ObservationKind, FloatArray]:
+    """Return what was measured between places as it is at `state`, NaN where an end has no position."""
+    some = {kind: getattr(block, kind.observed.attribute).count > 0 for kind in MEASURED}
+    return {kind.observed: kind.values(block, network, state) if some[kind] else np.zeros(0) for kind in MEASURED}
+
+
+def global_unknowns(block: Block, water: WaterKnowledge, sea: Sea | None) -> dict[ObservationKind, tuple[str, ...]]:
+    """Return the names of the global unknowns of each kind; most jobs have none."""
+    some = water.unknown or sea is not None or block.equal_elevations.count > 0
+    return {kind.observed: tuple(kind.names(block, water, sea)) if some else () for kind in UNKNOWNS}
 
 
 def station_rows(network: Network, state: State) -> tuple[FloatArray, FloatArray]:
@@ -123,9 +154,10 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
     grouped = known[priors.group[known] >= 0]
     points = sum(len(g.point) for g in network.groups)
     wet = any(network.refracted[group.rays].any() for group in network.groups)
+    unknown_water = [kind for kind in WATER if network.unknown(kind.observed)]
     of_water = sum(
         network.border.count(kind.observed)
-        for kind in WATER
+        for kind in unknown_water
         if kind.observed is not ObservationKind.WATER_LEVEL and (wet or kind.weight(network).any())
     )
     levels = int(np.count_nonzero(_sees_water(network) | (water.level_weight > 0.0)))
@@ -144,7 +176,7 @@ def count(network: Network, unobserved_photos: int, free_motions: int) -> Counts
         "levels": len(np.unique(priors.group[grouped])),
     }
     further = {kind.noun: len(measured.row) for kind, measured in network.measured.items()}
-    further["water"] = sum(int(np.count_nonzero(kind.weight(network))) for kind in WATER)
+    further["water"] = sum(int(np.count_nonzero(kind.weight(network))) for kind in unknown_water)
     further["inner constraints"] = free_motions
     observations |= {kind: number for kind, number in further.items() if number}
     if levels + of_water:

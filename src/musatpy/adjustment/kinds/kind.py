@@ -67,10 +67,6 @@ class Kind:
     direct = True
     searched = True  # the search for blunders can take single observations out
 
-    def takes_part(self, network: Network) -> bool:
-        """Return whether there may be observations in `rows` that have a weight."""
-        return True
-
     def rows(self, network: Network, state: State) -> Rows:
         """Return the observations that take part."""
         raise NotImplementedError
@@ -174,10 +170,6 @@ class StationKind(Kind):
     def deviation(self, network: Network, state: State) -> FloatArray:
         """Return adjusted minus given (n, 3)."""
         raise NotImplementedError
-
-    def takes_part(self, network: Network) -> bool:
-        """Return whether any station is observed."""
-        return bool(getattr(network, self.attribute).any())
 
     def rows(self, network: Network, state: State) -> Rows:
         """Return the observations of all photos."""

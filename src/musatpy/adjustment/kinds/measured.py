@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kinds.kind import Kind, Rows
-from musatpy.adjustment.network import Measured, Network, inverse_squares
+from musatpy.adjustment.network import Measured, Network, inverse_squares, kept_axes
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.model import Block, CauseKind, ObservationKind, Program
 from musatpy.model.tables import taken
@@ -62,10 +62,6 @@ class MeasuredKind(Kind):
         out, known = np.full(len(ends), np.nan), np.isfinite(ends).all(axis=(1, 2))
         out[known] = self.model(network, ends[known], np.zeros((*ends[known].shape, 3)))[0]
         return out
-
-    def takes_part(self, network: Network) -> bool:
-        """Return whether any of the table takes part."""
-        return len(network.measured[self.observed].row) > 0
 
     def rows(self, network: Network, state: State) -> Rows:
         """Return the observations that take part."""
@@ -160,12 +156,6 @@ def straight_length(ends: FloatArray, axes: FloatArray) -> tuple[FloatArray, Flo
     length = np.linalg.norm(between, axis=1)
     unit = between / length[:, None]
     return length, np.einsum("deij,dej->dei", axes, np.stack([-unit, unit], axis=1))
-
-
-def kept_axes(network: Network, ground: FloatArray) -> FloatArray:
-    """Return the axes (..., 3, 3) along which the coordinates of kept points (..., 3) are unknown."""
-    axes = np.asarray(network.frame.axes(ground.reshape(-1, 3))) if ground.size else np.zeros(0)
-    return axes.reshape(*ground.shape, 3)
 
 
 KINDS = (AirBase(), Distance(), HeightDifference())

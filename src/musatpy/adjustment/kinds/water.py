@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from musatpy.adjustment.iteration import LEVEL, State, WaterKnowledge
+from musatpy.adjustment.iteration import LEVEL, State, WaterKnowledge, level_corrections
 from musatpy.adjustment.kinds.kind import OfWater, Rows, of_unknowns
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.wavy_water import AZIMUTH, CREST, HEIGHT, LENGTH, Sea, wave_names
@@ -116,25 +116,12 @@ class WaterLevel(OfWater):
         return network.pattern.order + network.border.numbers(self.observed)
 
 
-def level_corrections(network: Network, state: State) -> FloatArray:
-    """Return the corrections (c,) m that the tides of groups of photos have received."""
-    water = network.water
-    out = np.zeros(len(water.ids))
-    belongs = water.group >= 0
-    out[water.group[belongs]] = (state.tide - water.tide)[belongs]
-    return out
-
-
 class Parameter(OfWater):
     """Parameters of the water on which all refracted images depend alike."""
 
     searched = False  # no card of one photo or point is to blame
     part: slice  # of the partials by the water
     attribute: str  # of states, and of what is known of the water
-
-    def takes_part(self, network: Network) -> bool:
-        """Return whether any of them is unknown."""
-        return network.border.count(self.observed) > 0
 
     def values(self, network: Network, state: State) -> tuple[FloatArray, FloatArray]:
         """Return the unknown parameters (X,) at `state`, and as they were given."""
