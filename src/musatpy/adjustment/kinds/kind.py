@@ -77,9 +77,10 @@ class Kind:
 
     def residuals(self, network: Network, block: Block, state: State) -> FloatArray:
         """Return the residuals of the table, 0 for what takes no part."""
-        rows, shape = self.rows(network, state), self.weights(network, block).shape
-        out = np.zeros(shape)
-        out[rows.row, rows.component] = rows.residual
+        out = np.zeros(self.weights(network, block).shape)
+        if out.size:
+            rows = self.rows(network, state)
+            out[rows.row, rows.component] = rows.residual
         return out
 
     def weighted(self, network: Network, block: Block, factor: FloatArray) -> Network:
