@@ -7,6 +7,7 @@ there does A'(GQG')^-1 A equal the reduced normal matrix of the bundle (docs/the
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,7 +16,8 @@ import numpy as np
 from musatpy.adjustment import sightings
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.kernels import loops_of
-from musatpy.adjustment.network import Network, PointGroup, together
+from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
+from musatpy.adjustment.sparse import side_by_side
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind
@@ -85,13 +87,15 @@ def start_ground(network: Network, state: State, parallel: BoolArray | None = No
     """
     ground, heights = state.ground.copy(), network.priors.given[:, 2]
     mean_height = float(np.nanmean(heights)) if np.isfinite(heights).any() else 0.0
-    for group in network.groups:
+
+    def meet(group: PointGroup) -> None:
         origin, direction = sightings.straight_rays(network, state, group.rays)
         ground[group.point] = _nearest(network, group, origin, direction, mean_height)
-        if parallel is None or group.known:
-            continue
-        near = np.linalg.norm(direction - direction[:, :1], axis=2).max(axis=1) < PARALLEL  # the others are not
-        parallel[group.point[near]] = collinearity.widest_angle(direction[near]) < PARALLEL
+        if parallel is not None and not group.known:
+            near = np.linalg.norm(direction - direction[:, :1], axis=2).max(axis=1) < PARALLEL  # the others are not
+            parallel[group.point[near]] = collinearity.widest_angle(direction[near]) < PARALLEL
+
+    _for_all(network, meet)
     members = np.flatnonzero(network.priors.group >= 0)
     heights = network.frame.height(ground[members])
     number = network.border.count(ObservationKind.EQUAL_ELEVATION)
@@ -113,12 +117,20 @@ def level_start(network: Network, state: State) -> State:
         heights = network.frame.height(state.ground[known])
     height = float(np.nanmedian(heights))
     ground = state.ground.copy()
-    for group in network.groups:
+
+    def reach(group: PointGroup) -> None:
         straight = sightings.straight_rays(network, state, group.rays)
         origin, direction = (vectors.reshape(-1, 3) for vectors in straight)
         cut = _cut(network, origin, _bent_down(network, origin, direction), height)
         ground[group.point] = _put_in(network, group, cut.reshape(*group.rays.shape, 3).mean(axis=1))
+
+    _for_all(network, reach)
     return replace(state, ground=ground)
+
+
+def _for_all(network: Network, work: Callable[[PointGroup], None]) -> None:
+    """Do some work for all points of a network, parts of the groups side by side."""
+    deque(side_by_side(work, parts_of(network.groups, RAYS), len(network.photo)), maxlen=0)
 
 
 def _put_in(network: Network, group: PointGroup, X: FloatArray) -> FloatArray:
