@@ -14,8 +14,10 @@ from cli.commands import musat
 from json_schema import load_schema, violations
 from musatpy.cli.main import main
 from musatpy.cli.options import columns_of
+from musatpy.reports.record import SCHEMA_VERSION
 from musatpy.sea.stereo import surface_file
 from musatpy.sea.stereo.grid import GridSurface
+from record_rows import table_of
 
 SEA = sea_fixtures.SEA
 SCHEMA = Path(surface_file.__file__).with_name("surface.schema.json")
@@ -229,9 +231,9 @@ def test_the_record_of_a_run_is_read(tmp_path: Path) -> None:
     path = tmp_path / "job.json"
     fixed = {**points[0], "point": "W998", "covariance": np.zeros((3, 3)).tolist()}
     record = {
-        "schema_version": "1.6",
+        "schema_version": SCHEMA_VERSION,
         "options": {"system": "LOCL"},
-        "points": [*points, lost, fixed, {**points[0], "point": "LAND"}],
+        "points": table_of([*points, lost, fixed, {**points[0], "point": "LAND"}]),
     }
     path.write_text(json.dumps(record))
     assert musat("sea", "fit", path, "--only", "W*").exit_code == 0

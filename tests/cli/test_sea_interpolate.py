@@ -10,7 +10,9 @@ import pytest
 
 from cli import commands
 from depth import restated
+from musatpy.reports.record import SCHEMA_VERSION
 from musatpy.sea.interpolation import mapped_points as points_module
+from record_rows import table_of
 
 musat = partial(commands.musat, "sea", "interpolate")
 
@@ -263,7 +265,8 @@ def record(job: Path, system: str = "LOCL") -> Path:
         for no in range(65)
     ]
     path = job / f"run_{system}.json"
-    run = {"schema_version": "1.6", "options": {"system": system}, "points": points, "control": control}
+    tables = {"points": table_of(points), "control": table_of(control)}
+    run = {"schema_version": SCHEMA_VERSION, "options": {"system": system}, **tables}
     path.write_text(json.dumps(run))
     return path
 
@@ -288,7 +291,7 @@ def test_records_that_cannot_be_used(job: Path) -> None:
     (job / "broken.json").write_text("{")
     assert "is no JSON: Expecting" in musat(job / "broken.json", job / "dz.csv", "-o", job / "out.csv").output
     run = record(job)
-    bare = json.loads(run.read_text()) | {"control": []}
+    bare = json.loads(run.read_text()) | {"control": table_of([], "point", "kind", "given_position", "given_sigma")}
     run.write_text(json.dumps(bare))
     assert "no check point under water has a height" in musat(run, run, "-o", job / "out.csv").output
 

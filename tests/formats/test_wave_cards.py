@@ -184,7 +184,7 @@ def test_listing_and_record_say_what_was_used(tmp_path: Path) -> None:
         and "Waves On The Water" in text
     )
     assert "SW    sinusoidal     12.00    10.000     99.707     9.971" in text
-    assert "838           -.3000                12.500\n" in text
+    assert "838              -.3000         12.500\n" in text
     assert max(len(line) for line in text.splitlines()) <= 132
     record = read_rows(tmp_path / "job.json")
     assert not list(violations(with_columns(record, load_schema()), load_schema(), load_schema()))

@@ -248,7 +248,7 @@ def rows_of(folder, name):
     [
         ("adjusted_ground_points", "points", {"Latitude (rad)": ("position", 0), "Sigma Up (m)": ("sigma", 2)}),
         ("adjusted_exposure_stations_attitudes", "stations", {"Heading (rad)": ("attitude", 2)}),
-        ("input_plate_measurements", "plates", {"x (mm)": ("xy", 0), "sigma y (mm)": ("sigma", 1)}),
+        ("input_plate_measurement_plt", "plates", {"x (mm)": ("xy", 0), "y (mm)": ("xy", 1)}),
         ("residuals_of_plate_measurements_adjusted_minus_measured", "plates", {"Resid. x (mm)": ("residual", 0)}),
     ],
 )
@@ -277,7 +277,8 @@ def test_ids_stand_first_and_heads_are_different(run):
     for path in (run / "st_thomas_tables").iterdir():
         heads = path.read_text().splitlines()[0]
         assert len(set(next(csv.reader([heads])))) == len(next(csv.reader([heads]))), path
-    assert list(rows_of(run, "input_equal_elevations")[0]) == ["Group", "Point", "Sigma (m)"]
+    heads = ["Group", "Point 1", "Point 2", "Point 3", "Sigma (m)"]
+    assert list(rows_of(run, "input_equal_elevation_group_eql")[0]) == heads
 
 
 @pytest.mark.parametrize("system", CoordinateSystem)
@@ -285,8 +286,11 @@ def test_ids_stand_first_and_heads_are_different(run):
 def test_every_system_has_its_tables(system, refraction):
     statistics = Statistics(sample_solution(system, refraction))
     files = {path.name: data.decode() for path, data in csv_files(sections_of(statistics), Path("job.lst")).items()}
-    rows = list(csv.reader(files["input_control.csv"].splitlines()))
-    x = rows[0].index("Latitude (rad)" if system is CoordinateSystem.GEOGRAPHIC else "X (m)")
+    card, head = "rectangular_ctx", "x (m)"
+    if system is CoordinateSystem.GEOGRAPHIC:
+        card, head = "geographic_ctg", "Latitude (rad)"
+    rows = list(csv.reader(files[f"input_control_point_{card}.csv"].splitlines()))
+    x = rows[0].index(head)
     recorded = [position[0] for position in record_of(statistics, {"control"})["control"]["given_position"]]
     np.testing.assert_array_equal([float(row[x] or "nan") for row in rows[1:]], np.array(recorded, dtype=float))
 
