@@ -308,12 +308,9 @@ def test_a_record_on_the_ellipsoid_is_corrected_as_a_local_one(job: Path) -> Non
     run = json.loads(local.read_text())
     run["options"]["system"] = "GEOG"
     run["ellipsoid"] = {"name": "WGS84", "semi_major_axis": None, "inverse_flattening": None}
-    for row, key in [
-        *((row, "position") for row in run["points"]),
-        *((row, "given_position") for row in run["control"]),
-    ]:
-        if row[key][0] is not None:
-            row[key] = restated.geographic(np.array(row[key])).tolist()
+    for name, key in (("points", "position"), ("control", "given_position")):
+        places = run[name][key]
+        run[name][key] = [one if one[0] is None else restated.geographic(np.array(one)).tolist() for one in places]
     path = job / "geographic.json"
     path.write_text(json.dumps(run))
     result = musat(path, path, "-o", job / "out.csv", *FAST)

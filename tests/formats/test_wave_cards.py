@@ -167,7 +167,7 @@ def test_the_origin_stands_in_the_system_of_the_deck() -> None:
     punched = result(solution, PunchedPoints.ALL, ControlKind.FULL)[0]
     assert musat.deck_bytes(punched).decode().splitlines()[8].startswith(place)
     echoed = listing(adjust(musat.read_deck("\n".join(lines).encode())))
-    assert "    468317.7465     2133904.6176            .0000\n" in echoed
+    assert "      468317.7465       2133904.6176             .0000\n" in echoed
     lines[8] = "WOX             999999999.0000 99999999.000       0.0000".ljust(80)
     block, problems = musat.check_deck("\n".join(lines).encode())
     assert block is None and [problem.card for problem in problems] == ["WOX"]
