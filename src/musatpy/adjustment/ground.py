@@ -129,7 +129,7 @@ def level_start(network: Network, state: State) -> State:
 
 
 def _for_all(network: Network, work: Callable[[PointGroup], None]) -> None:
-    """Do some work for all points of a network, parts of the groups side by side."""
+    """Work at all points of a network, parts of the groups side by side: each part sets its own points alone."""
     deque(side_by_side(work, parts_of(network.groups, RAYS), len(network.photo)), maxlen=0)
 
 
