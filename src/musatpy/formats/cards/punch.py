@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, ByteArray, FloatArray, IntArray, TextArray
 from musatpy.errors import Problem
-from musatpy.formats.cards.codec import FEW, ByteMatrix, Column, Mask
+from musatpy.formats.cards.codec import FEW, Column
 from musatpy.formats.cards.spec import CARD_WIDTH, DATA_COLUMNS, CardSpec, FieldSpec
 from musatpy.fortran import FieldError
 
@@ -48,7 +48,7 @@ def encode_cards(
     return cards.tobytes(), problems
 
 
-def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix) -> Iterator[tuple[int, FieldError]]:
+def _encode_column(field: FieldSpec, values: Column, cards: ByteArray) -> Iterator[tuple[int, FieldError]]:
     """Write one field of the cards (k, 81); yield the rows that cannot be written, and why."""
     target = cards[:, field.first - 1 : field.last]
     if field.edit.letter == "A" and len(values) > FEW:
@@ -68,7 +68,7 @@ def _encode_column(field: FieldSpec, values: Column, cards: ByteMatrix) -> Itera
             yield row, error
 
 
-def _write_digits(numbers: IntArray, target: ByteMatrix) -> None:
+def _write_digits(numbers: IntArray, target: ByteArray) -> None:
     """Write non-negative `numbers` (k,) into `target` (k, w), with leading zeros."""
     for column in range(target.shape[1] - 1, -1, -1):
         rest = numbers // 10
@@ -76,14 +76,14 @@ def _write_digits(numbers: IntArray, target: ByteMatrix) -> None:
         numbers = rest
 
 
-def _write_texts(field: FieldSpec, values: TextArray, target: ByteMatrix) -> Mask:
+def _write_texts(field: FieldSpec, values: TextArray, target: ByteArray) -> BoolArray:
     """Write the texts that are plain, and return where they are."""
     width = field.edit.width
     letters = np.ascontiguousarray(values.astype(f"U{width}")).view(np.uint32).reshape(len(values), width)
     inside = np.arange(width) < np.char.str_len(values)[:, None]
     # Of characters above the blank only: outer blanks, and what is not ASCII, are left to the definition.
     plain = ((letters > _BLANK) & (letters < 127)) | ~inside
-    written: Mask = plain.all(axis=1) & (np.char.str_len(values) <= width)
+    written: BoolArray = plain.all(axis=1) & (np.char.str_len(values) <= width)
     if field.allowed:
         written &= np.isin(values, ["", *field.allowed])
     if field.blank == "error":
@@ -92,7 +92,7 @@ def _write_texts(field: FieldSpec, values: TextArray, target: ByteMatrix) -> Mas
     return written
 
 
-def _write_numbers(field: FieldSpec, values: FloatArray, target: ByteMatrix) -> Mask:
+def _write_numbers(field: FieldSpec, values: FloatArray, target: ByteArray) -> BoolArray:
     """Write the numbers whose rounding is certain and that fit with all decimals, and return where they are."""
     decimals, width = field.edit.decimals, field.edit.width
     # Ties between two integers are floats, and the rounding of the product is monotonic: it may put a value on a
@@ -113,7 +113,7 @@ def _write_numbers(field: FieldSpec, values: FloatArray, target: ByteMatrix) -> 
         _write_digits(ticks - whole * 10**decimals, target[:, whole_width + 1 :])
         target[:, whole_width] = _POINT
         ticks = whole
-    written: Mask = certain & _write_whole(ticks, negative, target[:, :whole_width])
+    written: BoolArray = certain & _write_whole(ticks, negative, target[:, :whole_width])
     if field.blank == "missing":
         missing = np.isnan(values)
         target[missing] = _BLANK
@@ -121,14 +121,14 @@ def _write_numbers(field: FieldSpec, values: FloatArray, target: ByteMatrix) -> 
     return written
 
 
-def _shortened(field: FieldSpec, values: FloatArray) -> Mask:
+def _shortened(field: FieldSpec, values: FloatArray) -> BoolArray:
     """Return the numbers (k,) of which the decimals of a field do not tell twelve digits."""
     with np.errstate(over="ignore", invalid="ignore"):
         told = np.round(values, field.edit.decimals)
         return np.asarray(np.abs(told - values) > 1e-12 * np.abs(values))
 
 
-def _write_whole(numbers: IntArray, negative: Mask, target: ByteMatrix) -> Mask:
+def _write_whole(numbers: IntArray, negative: BoolArray, target: ByteArray) -> BoolArray:
     """Write what stands before the point: blanks, sign, digits; return the rows in which it fits."""
     width = target.shape[1]
     digits = np.ones(len(numbers), dtype=np.int64)
@@ -138,5 +138,5 @@ def _write_whole(numbers: IntArray, negative: Mask, target: ByteMatrix) -> Mask:
     places = np.arange(width, 0, -1)  # of digits, from the right
     target[places > digits[:, None]] = _BLANK
     target[(places == digits[:, None] + 1) & negative[:, None]] = _MINUS
-    fits: Mask = digits + negative <= width
+    fits: BoolArray = digits + negative <= width
     return fits
