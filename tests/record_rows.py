@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from json_schema import load_schema
-from musatpy.listings.json_tables import rows_in
+from musatpy.listings.records import rows_in
 
 
 def read_rows(path: Path) -> Any:

@@ -1,298 +1,222 @@
-"""Two listings, number by number: sections and rows find each other, then the fields of each pair are weighed."""
+"""Two files, section by section: rows find each other by their names, then the fields of each pair are weighed."""
 
 from __future__ import annotations
 
-import re
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
-from musatpy.listings.align import align
-from musatpy.listings.findings import Difference, Place, Tally
-from musatpy.listings.judge import Field, Judge, RuleSet, Spot, read_angles, still_open
-from musatpy.listings.lines import Line, paper_of
-from musatpy.listings.rules import Rules
-from musatpy.listings.sections import PHOTO, POINT, Column, Row, Section, numbered, sections_of, squeezed
-from musatpy.listings.tokens import Placed, Token
-from musatpy.listings.weighing import Comparison, RowPair, Where
+from musatpy.listings.findings import Finding, FindingKind, Place, RuleUse, Tally
+from musatpy.listings.judge import (
+    Field,
+    RuleSet,
+    Spot,
+    allows,
+    decider,
+    of_row,
+    of_section,
+    still_open,
+    touch_rows,
+    weighed,
+)
+from musatpy.listings.tokens import Token
 
-_OVERFLOW = re.compile(r"\*{2,}")
-_NO_FIELD = Field(-1, 0, "")
-_Cell = tuple[Field, str, Sequence[Placed], Sequence[Placed]]  # with its unit, and what A and B have there
-
-
-_DIGITS = re.compile(r"\d+")
-
-
-def compare_listings(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
-    """Return what differs between the texts of two listings."""
-    judge = Judge(rules)
-    both = [sections_of(paper_of(text, rules.layout), rules.layout) for text in (a, b)]
-    tallies = [compare_sections(judge, *pair) for pair in _pairs_of_sections(both[0], both[1])]
-    return Difference.of(names, tallies, judge.rules, overflows(tallies))
+Texts = tuple[str | None, str | None]  # of A and of B
+NOWHERE = Place()
+Key = tuple[Hashable, str]  # what a row is about, false where nothing says so; its text
 
 
-def overflows(tallies: Sequence[Tally]) -> list[str]:
-    """Return what is to be said of sections with asterisks in both files."""
-    counts = [(tally.title, tally.overflowed) for tally in tallies if tally.overflowed]
-    return [
-        f"{title}: {count} field{'s' * (count > 1)} of asterisks in both, whose numbers are not known"
-        for title, count in counts
-    ]
+class Pair(NamedTuple):
+    """Two rows that belong together, or one alone: their name and places, and the rules that select them."""
+
+    name: str = ""
+    a: Place = NOWHERE
+    b: Place = NOWHERE
+    spot: Spot = Spot()
+    among: RuleSet = ()
 
 
-def _pairs_of_sections(
-    a: Sequence[Section], b: Sequence[Section]
-) -> Iterator[tuple[Section | None, Section | None, bool]]:
-    """Yield the sections of one title, in their order, whether they stand elsewhere, and those of one file only."""
-    titles = [[_DIGITS.sub("#", section.title) or " " for section in sections] for sections in (a, b)]
-    for n, other, moved in align((titles[0], titles[1]), (titles[0], titles[1]), strict=True):
-        yield None if n is None else a[n], None if other is None else b[other], moved
+class Comparison:
+    """A section of A and of B, or of one only: its rules, and what was found; `rows` are those of both."""
 
+    counts_digits = True  # numbers have a last digit
+    rows: tuple[Sequence[Any], Sequence[Any]]
 
-def compare_sections(judge: Judge, a: Section | None, b: Section | None, moved: bool = False) -> Tally:
-    """Return what differs between two sections, or what is to be said of a section of one file only."""
-    return _Sections(judge, a, b).tally(moved=moved)
-
-
-class _Sections(Comparison):
-    """One section of both listings, or of one only."""
-
-    def __init__(self, judge: Judge, a: Section | None, b: Section | None) -> None:
-        self.alone = "A" if b is None else "B" if a is None else ""
-        self.a, self.b = a or Section(""), b or Section("")
-        title = (a or self.b).title
-        super().__init__(
-            judge, title or "(before the first title)", [section.title for section in (a, b) if section]
-        )
+    def __init__(self, rules: RuleSet, title: str, titles: Sequence[str]) -> None:
+        self.result = Tally(title)
+        self.rules = of_section(rules, titles)
         self.pending = still_open(self.rules)
-        self.columns, self.lonely_columns = _pairs_of_columns(self.a.columns, self.b.columns)
 
-    def tally(self, *, moved: bool) -> Tally:
-        """Compare, and return what was found."""
-        if self.alone:
-            self.only_here(self.a if self.alone == "A" else self.b)
-        else:
-            self.around_rows(moved=moved)
-            self.all_rows()
-        return self.result
+    def name_of(self, row: Any) -> str:
+        """Return what a row is called."""
+        raise NotImplementedError
 
-    def around_rows(self, *, moved: bool) -> None:
-        """Compare titles and headings, and where the sections stand."""
-        if moved and not self.allows(spot_of(self.a), "order"):
-            places = [
-                place_of(section.titles or [line for line, _ in section.lines[:1]]) for section in (self.a, self.b)
-            ]
-            self.finding("order", Where("(the section)", *places))
-        rows = [[Row(line, ("(title)",), -1) for line in section.titles] for section in (self.a, self.b)]
-        for a, b in zip(*rows, strict=False):
-            self.rows(a, b, False)
-        common = min(map(len, rows))
-        for side, titles in zip("AB", rows, strict=True):
-            for row in titles[common:]:
-                self.only(row, side)
-        for side, columns in zip("AB", self.lonely_columns, strict=True):
-            self.only_columns(side, columns)
+    def place_of(self, row: Any) -> Place:
+        """Return where a row stands."""
+        raise NotImplementedError
 
-    def all_rows(self) -> None:
-        """Compare the rows, each with its partner."""
-        rows = self.a.rows, self.b.rows
-        ids = [[row.ids if any(row.ids) else () for row in side] for side in rows]
-        texts = [[row.line.text for row in side] for side in rows]
-        strict = self.a.grouped and self.b.grouped
-        for n, other, moved in align((ids[0], ids[1]), (texts[0], texts[1]), strict=strict):
+    def text_of(self, row: Any) -> str:
+        """Return a row as it is shown where it is alone."""
+        raise NotImplementedError
+
+    def spot_of(self, row: Any, side: int, other: Any = None) -> Spot:
+        """Return a row of A (side 0) or B, or two that belong together, as rules see them."""
+        raise NotImplementedError
+
+    def are_same(self, a: Any, b: Any) -> bool:
+        """Tell whether two rows have nothing that could differ."""
+        raise NotImplementedError
+
+    def weigh_fields(self, a: Any, b: Any, pair: Pair) -> None:
+        """Weigh the fields of two rows that differ."""
+        raise NotImplementedError
+
+    def fields_of(self, row: Any, pair: Pair) -> Iterator[tuple[Field, Token | None]]:
+        """Yield every field of a row of A with its token, whether it differs or not."""
+        raise NotImplementedError
+
+    def compare_rows(self, keys: tuple[Sequence[Key], Sequence[Key]], *, strict: bool) -> None:
+        """Compare the rows, each with its partner by their keys (see `aligned`)."""
+        a, b = self.rows
+        for n, other, moved in aligned(*keys, strict=strict):
             if n is not None and other is not None:
-                self.rows(rows[0][n], rows[1][other], moved)
-            elif n is not None:
-                self.only(rows[0][n], "A")
-            elif other is not None:
-                self.only(rows[1][other], "B")
+                self.pair_of_rows(a[n], b[other], moved)
+            else:
+                self.lonely_row(a[n] if n is not None else b[other or 0], int(n is None))
 
-    def only_here(self, section: Section) -> None:
-        """Take a section that the other listing has not: one finding, unless rules allow it."""
-        if not self.allows(spot_of(section), self.alone):
-            text = "1 row" if len(section.lines) == 1 else f"{len(section.lines)} rows"
-            where = Where(a=place_of(section.titles or [section.lines[0][0]]))
-            self.lonely("section", self.alone, text, where)
-
-    def only_columns(self, side: str, columns: Sequence[Column]) -> None:
-        """Report columns that only one listing has, once."""
-        section = self.a if side == "A" else self.b
-        for column in columns:
-            both = self.pair(Where(), spot_of(section))
-            field = Field(0, section.columns.index(column) + 1, column.name)
-            decider = self.rule(both, field, None, None)
-            if decider is None or not decider.rule.skip:
-                where = Where("(headings)", place_of(section.head[:1]))
-                self.lonely("column", side, f"only in {side}", where, column.name)
-
-    def only(self, row: Row, side: str) -> None:
-        """Take a row that the other listing has not."""
-        spot = spot_of(self.a if side == "A" else self.b, row)
-        self.only_row(spot, side, squeezed(row.line.text), Where(name_of(row), place_of([row.line])))
-
-    def rows(self, a: Row, b: Row, moved: bool) -> None:
+    def pair_of_rows(self, a: Any, b: Any, moved: bool) -> None:
         """Compare two rows that belong together."""
         self.result.rows += 1
-        texts = a.line.text, b.line.text
-        if "**" in texts[0] and "**" in texts[1]:
-            self.result.overflowed += _overflows_in_both(self.a, a, b)
-        same = texts[0] == texts[1]
-        if not same and not (self.a.columns and self.b.columns):
-            same = texts[0].split() == texts[1].split()
+        same = self.are_same(a, b)
         if same and not moved and not self.pending:
             return
-        where = Where(name_of(a), place_of([a.line]), place_of([b.line]))
-        both = self.pair(where, spot_of(self.a, a, b)) if self.rules else RowPair(where)
-        if moved:
-            self.elsewhere(both)
+        spot = self.spot_of(a, 0, b) if self.rules else Spot()
+        pair = Pair(self.name_of(a), self.place_of(a), self.place_of(b), spot, self.judged(spot))
+        if moved and not allows(pair.among, pair.spot, "order"):
+            self.found("order", pair)
         if not same:
-            for field, unit, fields_a, fields_b in self.cells(a, b, both.among):
-                self.cell(field, unit, fields_a, fields_b, both)
-        elif still_open(both.among):
-            self.touch(a, both)
-            self.pending = still_open(self.pending)
+            self.weigh_fields(a, b, pair)
+        if waiting := still_open(pair.among):  # that rules decide about values is known, though these do not differ
+            for field, token in self.fields_of(a, pair):
+                decider(pair.among, pair.spot, field, token, token)
+            touch_rows(waiting, pair.spot)
+        self.pending = still_open(self.pending)
 
-    def touch(self, row: Row, both: RowPair) -> None:
-        """Let the rules of a row that does not differ decide about its values, so that it is known that they do."""
-        for column, placed in self.a.cells(row.line.text, angles=self.reads_angles(row, both.among)):
-            field = Field(column, column + 1, self.a.columns[column].name if column >= 0 else "")
-            for n, piece in enumerate(placed, start=1):
-                self.rule(both, _spanning(field, [piece], n), piece.token, piece.token)
-        self.judge.touch_rows(both.among, both.spot)
+    def lonely_row(self, row: Any, side: int) -> None:
+        """Take a row that the other file has not, unless rules allow it."""
+        if not self.allowed(self.spot_of(row, side), "AB"[side]):
+            kind: FindingKind = "only in B" if side else "only in A"
+            self.lonely(kind, side, self.text_of(row), self.name_of(row), self.place_of(row))
 
-    def reads_angles(self, row: Row, among: RuleSet) -> bool:
-        """Tell whether degrees, minutes and seconds of a row are read as one."""
-        return row.block >= 0 and (self.a.angles or self.b.angles or read_angles(among))
+    def lonely(
+        self, kind: FindingKind, side: int, text: str, name: str = "", place: Place = NOWHERE, column: str = ""
+    ) -> None:
+        """Take what only one file has."""
+        pair = Pair(name, b=place) if side else Pair(name, place)
+        self.found(kind, pair, (None, text) if side else (text, None), column)
 
-    def cells(self, a: Row, b: Row, among: RuleSet) -> Iterator[_Cell]:
-        """Yield the cells of two rows: by columns where both have some, else the whole rows as one."""
-        angles = self.reads_angles(a, among)
-        sides = [section.cells(row.line.text, angles=angles) for section, row in ((self.a, a), (self.b, b))]
-        if not (self.a.columns and self.b.columns) or a.block < 0:
-            fields_a, fields_b = ([placed for _, inside in cells for placed in inside] for cells in sides)
-            yield _NO_FIELD, "", fields_a, fields_b
+    def allowed(self, spot: Spot, side: str) -> bool:
+        """Tell whether a rule allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
+        return allows(self.judged(spot), spot, side)
+
+    def judged(self, spot: Spot) -> RuleSet:
+        """Return the rules that select something in a row."""
+        return of_row(self.rules, spot)
+
+    def rule(self, pair: Pair, field: Field, a: Token | None = None, b: Token | None = None) -> RuleUse | None:
+        """Return the rule that decides about two values of a field, None for exactly equal."""
+        return decider(pair.among, pair.spot, field, a, b) if pair.among else None
+
+    def unpaired(self, pair: Pair, field: Field, texts: Texts) -> None:
+        """Take a field whose values cannot be paired, unless rules leave it out."""
+        use = self.rule(pair, field)
+        if use is None or not use.rule.skip:
+            self.found("text", pair, texts, field.name, rule=use.name if use else "exact")
+
+    def weigh(self, pair: Pair, field: Field, unit: str, a: Token, b: Token, sigmas: float | None = None) -> None:
+        """Weigh two tokens of a field, and take their difference where there is one."""
+        verdict = weighed(self.rule(pair, field, a, b), a, b, sigmas)
+        if verdict.skipped or (verdict.passes and not verdict.difference):
             return
-        cells = dict(sides[0]), dict(sides[1])
-        yield _NO_FIELD, "", cells[0].get(-1, []), cells[1].get(-1, [])
-        for n, other in self.columns:
-            column = self.a.columns[n]
-            yield Field(n, n + 1, column.name), column.unit, cells[0].get(n, []), cells[1].get(other, [])
+        kind: FindingKind = "angle" if a.kind == "angle" else "number"
+        more: dict[str, Any] = {"difference": verdict.difference, "unit": verdict.unit or unit}
+        if verdict.difference is None:
+            kind = "overflow" if "overflow" in (a.kind, b.kind) else "text"
+            more = {}
+        elif self.counts_digits:
+            more["last_digits"] = verdict.last_digits
+        texts = a.text or None, b.text or None
+        self.found(kind, pair, texts, field.name, passes=verdict.passes, rule=verdict.rule, sigmas=sigmas, **more)
 
-    def cell(self, field: Field, unit: str, a: Sequence[Placed], b: Sequence[Placed], both: RowPair) -> None:
-        """Weigh the tokens of one cell; in no column, every token is a field of its own."""
-        if len(a) != len(b):
-            self.unequal(field, a, b, both)
-            return
-        for n, (of_a, of_b) in enumerate(_pairs_of_fields(a, b), start=1):
-            if of_a.token.text != of_b.token.text:
-                self.weigh(both, _spanning(field, [of_a, of_b], n), unit, of_a.token, of_b.token)
-
-    def unequal(self, field: Field, a: Sequence[Placed], b: Sequence[Placed], both: RowPair) -> None:
-        """Take a cell with more tokens in one listing: what is left of it without those equal at both ends."""
-        start, ends = 0, [len(a), len(b)]
-        while start < min(ends) and a[start].token.text == b[start].token.text:
-            start += 1
-        while min(ends) > start and a[ends[0] - 1].token.text == b[ends[1] - 1].token.text:
-            ends = [end - 1 for end in ends]
-        rest = a[start : ends[0]], b[start : ends[1]]
-        text_a, text_b = (" ".join(placed.token.text for placed in part) or None for part in rest)
-        self.unpaired(both, _spanning(field, [*rest[0], *rest[1]], start + 1), (text_a, text_b))
-
-    def name_of(self, field: Field) -> str:
-        """Return the heading of a field, or its number in the row."""
-        return field.heading or (f"field {field.number}" if field.number else "")
+    def found(
+        self,
+        kind: FindingKind,
+        pair: Pair,
+        texts: Texts = (None, None),
+        column: str = "",
+        *,
+        passes: bool = False,
+        **more: Any,
+    ) -> None:
+        """Take a finding, with the `texts` of A and of B."""
+        section, (a, b) = self.result.title, texts
+        finding = Finding(kind, section, pair.name, column, a, b, place_a=pair.a, place_b=pair.b, **more)
+        self.result.add(finding, passes=passes)
 
 
-def _pairs_of_columns(
-    a: Sequence[Column], b: Sequence[Column]
-) -> tuple[list[tuple[int, int]], tuple[list[Column], list[Column]]]:
-    """Return the pairs of columns of one heading, and those of one table only; none where one has no headings."""
-    if not (a and b):
-        return [], ([], [])
-    keys = [numbered([column.name for column in columns]) for columns in (a, b)]
-    places = {key: n for n, key in enumerate(keys[1])}
-    pairs = [(n, places[key]) for n, key in enumerate(keys[0]) if key in places]
-    only = [
-        [column for column, key in zip(columns, keys_here, strict=True) if key not in others]
-        for columns, keys_here, others in ((a, keys[0], keys[1]), (b, keys[1], keys[0]))
-    ]
-    return pairs, (only[0], only[1])
+def aligned(a: Sequence[Key], b: Sequence[Key], *, strict: bool) -> Iterator[tuple[int | None, int | None, bool]]:
+    """Yield the rows of A, each with its partner in B, and whether that stands elsewhere; between them rows of B.
 
-
-def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
-    """Return a field with its columns of print; in no column its number counts the fields of the row."""
-    start, end = min(field.start for field in placed), max(field.end for field in placed)
-    return Field(field.column, field.number if field.column >= 0 else number, field.heading, start, end)
-
-
-def _pairs_of_fields(a: Sequence[Placed], b: Sequence[Placed]) -> list[tuple[Placed, Placed]]:
-    """Return tokens in pairs, words that differ one after the other put together."""
-    pairs: list[tuple[Placed, Placed]] = []
-    joins = False  # the pair before is of words that differ
-    for of_a, of_b in zip(a, b, strict=True):
-        differ = of_a.token.kind == of_b.token.kind == "word" and of_a.token.text != of_b.token.text
-        if differ and joins:
-            pairs[-1] = _joined(pairs[-1][0], of_a), _joined(pairs[-1][1], of_b)
-        else:
-            pairs.append((of_a, of_b))
-        joins = differ
-    return pairs
-
-
-def _joined(first: Placed, second: Placed) -> Placed:
-    gap = " " if second.start > first.end else ""
-    return Placed(Token("word", f"{first.token.text}{gap}{second.token.text}"), first.start, second.end)
-
-
-def _overflows_in_both(section: Section, a: Row, b: Row) -> int:
-    """Return how many numbers of a row did not fit their fields in both listings, so that nobody can compare them.
-
-    Asterisks at the beginning of a line draw attention to it, and those of a row of marks across the columns of a
-    table (the frame with the largest residuals) mark these.
+    A row goes by its name, or without one by its text; the second of a key is another than the first. As many rows
+    of A as of B between two pairs are taken for each other one by one; with `strict` only those without names are.
     """
-    marks = bool(section.columns) and not section.grouped and not any(map(str.isdigit, a.line.text))
-    if marks or a.block < 0 or a.line.text.lstrip().startswith("*"):
-        return 0
-    fields = [Counter(_OVERFLOW.findall(row.line.text)) for row in (a, b)]
-    return (fields[0] & fields[1]).total()
+    counted_a, counted_b = _counted(a), _counted(b)
+    places = {key: n for n, key in enumerate(counted_b)}
+    partners = {n: places[key] for n, key in enumerate(counted_a) if key in places}
+    kept = _in_order(list(partners.items()))
+    taken = set(partners.values())
+    for (a0, b0), (a1, b1) in zip([(-1, -1), *kept], [*kept, (len(a), len(b))], strict=True):
+        rows = [n for n in range(a0 + 1, a1) if n not in partners]
+        others = [m for m in range(b0 + 1, b1) if m not in taken]
+        alike: dict[int, int] = {}
+        if len(rows) == len(others):
+            pairs = zip(rows, others, strict=True)
+            alike = {n: m for n, m in pairs if not (strict and (a[n][0] or b[m][0]))}
+        for n in range(a0 + 1, a1):
+            yield n, partners.get(n, alike.get(n)), n in partners
+        paired = set(alike.values())
+        yield from ((None, m, False) for m in others if m not in paired)
+        if a1 < len(a):
+            yield a1, b1, False
 
 
-def place_of(lines: Sequence[Line]) -> Place:
-    """Return where the first of some lines stands."""
-    return Place(page=lines[0].page, line=lines[0].number) if lines else Place()
+def _counted(keys: Iterable[Key]) -> list[Hashable]:
+    """Return the name of each row, or else its words, with how many of the same stand before."""
+    counts: Counter[Hashable] = Counter()
+    counted: list[Hashable] = []
+    for name, text in keys:
+        key = name or (" ".join(text.split()),)
+        counted.append((key, counts[key]))
+        counts[key] += 1
+    return counted
 
 
-def name_of(row: Row) -> str:
-    """Return what a row is called: its ids, or how it begins."""
-    return " ".join([name for name in row.ids if name]) or squeezed(row.line.text)[:40]
+def _in_order(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return the longest run of pairs, sorted by the first numbers, whose second ones grow (patience sorting).
 
-
-def spot_of(section: Section, row: Row | None = None, other: Row | None = None) -> Spot:
-    """Return a row, or two that belong together, as rules see it; without a row it is the section itself."""
-    if row is None:
-        lines = section.titles or [line for line, _ in section.lines[:1]]
-        return Spot(pages=tuple(line.page for line in lines[:1]))
-    texts = (row.line.text,) if other is None else (row.line.text, other.line.text)
-    return Spot(
-        pages=(row.line.page,),
-        texts=texts,
-        ids=_with_parts(row.ids),
-        photos=lambda column: _about(section, row, column, PHOTO),
-        points=lambda column: _about(section, row, column, POINT),
-        by_row=section.by_row,
-    )
-
-
-def _about(section: Section, row: Row, column: int, pattern: re.Pattern[str]) -> tuple[str, ...]:
-    """Return the photos, or the points, that a field of a row is about."""
-    if section.grouped:
-        return _with_parts([row.ids[place] for place in section.named_ids[pattern] if place < len(row.ids)])
-    if not pattern.match(section.label_heading):  # which says what the headings of columns, or the labels, name
-        return ()
-    across = column >= 0 and section.columns[column].name
-    return (across,) if across and across.split()[0].isalnum() and len(row.ids) == 1 else row.ids[:1]
-
-
-def _with_parts(ids: Sequence[str]) -> tuple[str, ...]:
-    """Return ids, and the parts of those of several words."""
-    return (*ids, *(part for name in ids if " " in name for part in name.split()))
+    `difflib` takes the square of rows for it: 54 s for 20,000 of which every two stand the other way round.
+    """
+    tails: list[int] = []
+    ends: list[int] = []  # the pair that ends the best run of each length
+    before: list[int] = []
+    for n, (_, b) in enumerate(pairs):
+        length = bisect_left(tails, b)
+        before.append(ends[length - 1] if length else -1)
+        tails[length : length + 1], ends[length : length + 1] = [b], [n]
+    longest = []
+    n = ends[-1] if ends else -1
+    while n >= 0:
+        longest.append(pairs[n])
+        n = before[n]
+    return longest[::-1]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from decimal import localcontext
 from pathlib import Path
 
-from musatpy.listings.compare import compare_listings
 from musatpy.listings.findings import Difference
 from musatpy.listings.judge import EXACTLY
 from musatpy.listings.lines import text_of
+from musatpy.listings.listing import compare_listings
 from musatpy.listings.rules import Rules, load_rules
 
 

@@ -6,10 +6,10 @@ import re
 from collections.abc import Callable, Sequence
 from decimal import Context, Decimal
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from musatpy.listings.findings import RuleUse
-from musatpy.listings.rules import ARC_SECONDS, Rule, Rules
+from musatpy.listings.rules import ARC_SECONDS, Rule
 from musatpy.listings.tokens import Token
 
 CIRCLE = Decimal(1296000)  # arc seconds
@@ -17,10 +17,8 @@ CIRCLE = Decimal(1296000)  # arc seconds
 # run in this context: operators are several times quicker than methods of a context.
 EXACTLY = Context(prec=400)
 _LARGEST_ANGLE = Decimal("1e20")
-
-
-def _nothing(column: int) -> tuple[str, ...]:
-    return ()
+RuleSet = Sequence[RuleUse]  # in the order of their file
+Named = Callable[[int], tuple[str, ...]]  # column -> the photos, or points, that its field is about
 
 
 class Spot(NamedTuple):
@@ -29,25 +27,24 @@ class Spot(NamedTuple):
     pages: tuple[int, ...] = ()
     texts: tuple[str, ...] = ()  # the row as printed, in one or both files
     ids: tuple[str, ...] = ()  # what it is about
-    photos: Callable[[int], tuple[str, ...]] = _nothing  # that the field in a column is about
-    points: Callable[[int], tuple[str, ...]] = _nothing
+    photos: Named = lambda column: ()
+    points: Named = lambda column: ()
     by_row: bool = True  # photos and points are the same in all columns
-
-
-NO_SPOT = Spot()
 
 
 class Field(NamedTuple):
     """One field of a row, as rules see it."""
 
-    column: int  # -1: in no column
-    number: int  # of the column, or of the field where there are no columns, from 1
-    heading: str
+    column: int = -1  # -1: in no column
+    number: int = 0  # of the column, or of the field where there are no columns, from 1
+    heading: str = ""
     start: int = 0  # columns of print, from 0; the end not included
     end: int = 0
 
-
-_WHOLE_ROW = Field(-1, 0, "")
+    @property
+    def name(self) -> str:
+        """What findings call it: its heading, or its number in the row."""
+        return self.heading or (f"field {self.number}" if self.number else "")
 
 
 class Verdict(NamedTuple):
@@ -61,91 +58,82 @@ class Verdict(NamedTuple):
     unit: str = ""
 
 
-RuleSet = Sequence[RuleUse]  # in the order of their file
+def of_section(rules: RuleSet, titles: Sequence[str]) -> RuleSet:
+    """Return the rules that select something in a section with these titles in A and B."""
+    return [use for use in rules if use.rule.section is None or any(map(use.rule.section.search, titles))]
 
 
-class Judge:
-    """All rules of a comparison, and what was used of them."""
-
-    def __init__(self, rules: Rules) -> None:
-        self.rules: RuleSet = [RuleUse(rule) for rule in rules.rules]
-
-    def of_section(self, titles: Sequence[str]) -> RuleSet:
-        """Return the rules that select something in a section."""
-        return [
-            use
-            for use in self.rules
-            if use.rule.section is None or any(use.rule.section.search(title) for title in titles)
-        ]
-
-    def of_row(self, among: RuleSet, spot: Spot) -> RuleSet:
-        """Return the rules among those of a section that select something in a row."""
-        return [use for use in among if _selects_row(use.rule, spot)]
-
-    def of_field(self, among: RuleSet, spot: Spot, field: Field) -> RuleSet:
-        """Return the rules among those of a row that select a field."""
-        return [use for use in among if _selects_field(use.rule, spot, field)]
-
-    def allows(self, among: RuleSet, spot: Spot, side: str) -> bool:
-        """Tell whether rules allow a row in one file only (`A`, `B`), or elsewhere (`order`): the last decides."""
-        allowed = False
-        for use in self.of_field(among, spot, _WHOLE_ROW):
-            rule = use.rule
-            if rule.skip or (rule.order if side == "order" else rule.only):
-                use.matched = use.applied = True
-                allowed = rule.skip or side == "order" or rule.only in (side, "either")
-                use.passed += allowed
-        return allowed
-
-    def about_value(self, among: RuleSet, a: Token | None, b: Token | None) -> RuleUse | None:
-        """Return the last of the rules of a field that decides about two tokens, None for exactly equal."""
-        last = None
-        for use in among:
-            if use.rule.decides_values and _fits(use.rule, a, b):
-                use.matched, last = True, use
-        if last:
-            last.applied = True
-        return last
-
-    def touch_rows(self, among: RuleSet, spot: Spot) -> None:
-        """Mark the rules about order, and rows in one only, that speak of a row."""
-        for use in self.of_field(among, spot, _WHOLE_ROW):
-            if use.rule.order or use.rule.only:
-                use.matched = use.applied = True
-
-    def weigh(self, decider: RuleUse | None, a: Token, b: Token, sigma: float | None = None) -> Verdict:
-        """Return the verdict on two tokens of different texts; within the context `EXACTLY`."""
-        rule = decider.rule if decider else None
-        name = rule.name if rule else "exact"
-        if rule and rule.skip:
-            return Verdict(True, name, True)
-        if a.value is None or b.value is None or a.kind != b.kind:
-            return Verdict(a.text == b.text, name)
-        difference, unit, step = b.value - a.value, "", max(a.step, b.step)
-        last: Decimal | None = difference.scaleb(-step)
-        if a.kind == "angle":
-            unit, difference = "arc sec", _around(difference)
-            last = difference.scaleb(-step)
-        elif rule and rule.arcsec is not None and rule.angle != "dms":
-            unit, difference = "arc sec", _around(difference * ARC_SECONDS[rule.angle])
-            last = None
-        same = not difference and (a.kind == "angle" or a.negative_degrees == b.negative_degrees)
-        passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigma))
-        if passes and not same and decider:
-            decider.passed += 1
-        if not passes and not difference:  # `-0` are degrees: their sign is that of what stands behind them
-            return Verdict(False, name)
-        return Verdict(passes, name, False, difference, last, unit)
+def of_row(rules: RuleSet, spot: Spot) -> RuleSet:
+    """Return the rules that select something in a row."""
+    return [use for use in rules if _selects_row(use.rule, spot)]
 
 
-def still_open(among: RuleSet) -> RuleSet:
+def decider(rules: RuleSet, spot: Spot, field: Field, a: Token | None, b: Token | None) -> RuleUse | None:
+    """Return the last of the rules of a row that decides about two tokens of a field, None for exactly equal."""
+    last = None
+    for use in rules:
+        if use.rule.decides_values and _selects_field(use.rule, spot, field) and _fits(use.rule, a, b):
+            use.matched, last = True, use
+    if last:
+        last.applied = True
+    return last
+
+
+def allows(rules: RuleSet, spot: Spot, side: str) -> bool:
+    """Tell whether rules allow a row in one file only (`A`, `B`), or elsewhere (`order`): the last decides."""
+    allowed = False
+    for use in rules:
+        rule = use.rule
+        if (rule.skip or (rule.order if side == "order" else rule.only)) and _selects_field(rule, spot, Field()):
+            use.matched = use.applied = True
+            allowed = rule.skip or side == "order" or rule.only in (side, "either")
+            use.passed += allowed
+    return allowed
+
+
+def touch_rows(rules: RuleSet, spot: Spot) -> None:
+    """Mark the rules about order, and rows in one only, that speak of a row."""
+    for use in rules:
+        if (use.rule.order or use.rule.only) and _selects_field(use.rule, spot, Field()):
+            use.matched = use.applied = True
+
+
+def still_open(rules: RuleSet) -> RuleSet:
     """Return the rules of which it is not known yet that they match, and decide about something."""
-    return [use for use in among if not (use.matched and use.applied)]
+    return [use for use in rules if not (use.matched and use.applied)]
 
 
-def read_angles(among: RuleSet) -> bool:
+def read_angles(rules: RuleSet) -> bool:
     """Tell whether rules are about degrees, minutes and seconds."""
-    return any(use.rule.arcsec is not None and use.rule.angle == "dms" for use in among)
+    return any(use.rule.arcsec is not None and use.rule.angle == "dms" for use in rules)
+
+
+def weighed(use: RuleUse | None, a: Token, b: Token, sigmas: float | None = None) -> Verdict:
+    """Return the verdict of a rule on two tokens of different texts; within the context `EXACTLY`.
+
+    `sigmas` is their difference in sigmas, where it is known.
+    """
+    rule = use.rule if use else None
+    name = rule.name if rule else "exact"
+    if rule and rule.skip:
+        return Verdict(True, name, True)
+    if a.value is None or b.value is None or a.kind != b.kind:
+        return Verdict(a.text == b.text, name)
+    difference, unit, step = b.value - a.value, "", max(a.step, b.step)
+    last: Decimal | None = difference.scaleb(-step)
+    if a.kind == "angle":
+        unit, difference = "arc sec", _around(difference)
+        last = difference.scaleb(-step)
+    elif rule and rule.arcsec is not None and rule.angle != "dms":
+        unit, difference = "arc sec", _around(difference * ARC_SECONDS[rule.angle])
+        last = None
+    same = not difference and (a.kind == "angle" or a.negative_degrees == b.negative_degrees)
+    passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigmas))
+    if passes and not same and use:
+        use.passed += 1
+    if not passes and not difference:  # `-0` are degrees: their sign is that of what stands behind them
+        return Verdict(False, name)
+    return Verdict(passes, name, False, difference, last, unit)
 
 
 def _selects_row(rule: Rule, spot: Spot) -> bool:
@@ -153,7 +141,7 @@ def _selects_row(rule: Rule, spot: Spot) -> bool:
         (rule.pages is None or any(rule.pages[0] <= page <= rule.pages[1] for page in spot.pages))
         and _names(rule.id, spot.ids)
         and (not spot.by_row or _is_about(rule, spot, -1))
-        and (rule.row is None or any(rule.row.search(text) for text in spot.texts))
+        and (rule.row is None or any(map(rule.row.search, spot.texts)))
     )
 
 
@@ -200,21 +188,18 @@ def _fits(rule: Rule, a: Token | None, b: Token | None) -> bool:
     return rule.arcsec is None or rule.angle != "dms" or any(limit is not None for limit in others)
 
 
-def _within(rule: Rule, a: Token, b: Token, difference: Decimal, last: Decimal | None, sigma: float | None) -> bool:
+def _within(
+    rule: Rule, a: Token, b: Token, difference: Decimal, last: Decimal | None, sigmas: float | None
+) -> bool:
     """Tell whether a difference is within one of the limits of a rule."""
     is_angle = a.kind == "angle"
-    if rule.last_digits is not None and last is not None and abs(last) <= rule.last_digits:
-        return True
-    if rule.arcsec is not None and (is_angle or rule.angle != "dms") and abs(difference) <= rule.arcsec:
-        return True
-    if rule.sigmas is not None and sigma is not None and abs(sigma) <= rule.sigmas:
-        return True
-    if is_angle or a.value is None or b.value is None:
-        return False
-    plain = abs(b.value - a.value)
-    if rule.absolute is not None and plain <= rule.absolute:
-        return True
-    return rule.relative is not None and plain <= rule.relative * max(abs(a.value), abs(b.value))
+    sizes: list[tuple[Decimal | None, Any]] = [(rule.last_digits, last), (rule.sigmas, sigmas)]
+    if is_angle or rule.angle != "dms":
+        sizes.append((rule.arcsec, difference))
+    if not is_angle and a.value is not None and b.value is not None:
+        plain, largest = b.value - a.value, max(abs(a.value), abs(b.value))
+        sizes += [(rule.absolute, plain), (None if rule.relative is None else rule.relative * largest, plain)]
+    return any(limit is not None and size is not None and abs(size) <= limit for limit, size in sizes)
 
 
 def _around(angle: Decimal) -> Decimal:

@@ -20,12 +20,11 @@ import numpy as np
 
 from musatpy.errors import Problem
 from musatpy.image_observations import are_apart, with_images
-from musatpy.listings.compare import compare_sections, overflows
-from musatpy.listings.findings import Difference
-from musatpy.listings.json_tables import read_json
-from musatpy.listings.judge import Judge
+from musatpy.listings.findings import Difference, RuleUse
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
+from musatpy.listings.listing import compare_sections, overflows
 from musatpy.listings.recorded import Mapped, entries_of, id_text, mapped_of, value_of
+from musatpy.listings.records import read_json
 from musatpy.listings.rules import Rules
 from musatpy.listings.sections import Row, Section, columns_of, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, tokens_of
@@ -47,7 +46,7 @@ Shown = Mapping[int, tuple[Any, str, bool]]  # by column: value, printed unit, m
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
     """Return what differs between a listing and a record; `listing` says which of the two is the listing."""
-    judge, texts, name = Judge(rules), (a, b), names[1 - listing]
+    uses, texts, name = [RuleUse(rule) for rule in rules.rules], (a, b), names[1 - listing]
     content = read_json(texts[1 - listing], name)
     if not isinstance(content, dict):
         message = "is no record of a run, and cannot be held against a listing"
@@ -63,13 +62,13 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
             continue
         printed = _Printed(section, mapped, content)
         both = printed.sections()
-        tallies.append(compare_sections(judge, *(both if listing == 0 else both[::-1])))
+        tallies.append(compare_sections(uses, *(both if listing == 0 else both[::-1])))
         if printed.unknown:
             kinds = [f"{what} ({count} rows)" if count > 1 else what for what, count in printed.unknown.items()]
             notes.append(f"{section.title}: {', '.join(kinds)}")
     if not tallies:
         raise CannotCompareError([Problem(file=names[listing], message="has no section with numbers of a record")])
-    return Difference.of(names, tallies, judge.rules, [*notes, *overflows(tallies)])
+    return Difference.of(names, tallies, uses, [*notes, *overflows(tallies)])
 
 
 def _refuse_other_schema(content: Record, name: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from musatpy.listings.json_tables import number_of, rows_in
+from musatpy.listings.records import number_of, rows_in
 from musatpy.listings.sections import columns_of, numbered
 from musatpy.reports.origin import Origin
 from musatpy.reports.table import Report, Table

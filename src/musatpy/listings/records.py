@@ -1,47 +1,52 @@
-"""Two JSON files, field by field at full precision; in sigmas where a record has them."""
+"""Two JSON files as tables, field by field at full precision; in sigmas where a record has them."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import cache
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
-from musatpy.listings.align import align
-from musatpy.listings.findings import Difference, Tally
-from musatpy.listings.json_tables import (
-    TOP,
-    NamedRows,
-    Row,
-    leaves,
-    number_of,
-    read_json,
-    tables_of,
-    texts_of,
-)
-from musatpy.listings.judge import Field, Judge, Spot, still_open
+from musatpy.listings.compare import Comparison, Key, Pair
+from musatpy.listings.findings import Difference, Place, RuleUse
+from musatpy.listings.judge import Field, RuleSet, Spot
 from musatpy.listings.lines import CannotCompareError
 from musatpy.listings.rules import Rules
 from musatpy.listings.tokens import Token
-from musatpy.listings.weighing import Comparison, RowPair, Where
 from musatpy.reports.values import at
 
+TOP = "(top)"
+# Fields that may name what a row is about: as many of them, in this order, as tell all rows of a table apart.
+_ID_FIELDS = (
+    "id", "ids", "name", "pass", "number", "photo", "point", "camera", "mark", "group", "photos", "points",
+    "unknown", "first", "second", "kind", "of", "component", "wave", "parameter", "quantity", "marks", "cross",
+    "model", "root", "sounding",
+)  # fmt: skip
 _PLAIN_SIGMA = frozenset({"position", "xy", "residual", "value", "coordinates"})  # whose sigma is called `sigma`
 # Others (NaN, infinity) are words.
 _NUMBER = re.compile(r"-?\d+(?:\.(\d+))?(?:[eE]([+-]?\d{1,4}))?", re.ASCII)
-_INDICES = re.compile(r"\[(\d+)\]")
+_INDEX = re.compile(r"\[\d+\]")
 _GEOGRAPHIC = " (GEOG) or "  # `rad, rad, m (GEOG) or m`
 _OF_ROW = "the row's"  # unit, of which the row has a field
 _UNIT = re.compile(r"\w+(?:/\w+)?")  # not `that of the coordinates`
+_ABSENT = object()  # what a row has in a field that only the other row has
+
+
+class Row(NamedTuple):
+    """One row of a table: what it is called, the texts of its ids, its fields."""
+
+    name: str
+    ids: tuple[str, ...]
+    fields: Mapping[str, Any]
 
 
 def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
     """Return what differs between two JSON texts; raises `CannotCompareError` for records of different schemas."""
-    judge = Judge(rules)
+    uses = [RuleUse(rule) for rule in rules.rules]
     contents = [read_json(text, name) for text, name in zip((a, b), names, strict=True)]
     schemas = [str(at(content, "schema_version")) for content in contents]
     if len({schema.partition(".")[0] for schema in schemas}) > 1:
@@ -50,184 +55,215 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     tables = [tables_of(content) for content in contents]
     geographic = all(at(content, "options.system") == "GEOG" for content in contents)
     axes = _axes_of(contents[1]) if geographic else None
-    titles = dict.fromkeys([*tables[0], *tables[1]])
-    none = NamedRows([], ())
-    tallies = [
-        _Tables(
-            judge, title, [side.get(title, none) for side in tables], titles, _Statements(title, geographic, axes)
-        ).tally()
-        for title in titles
-    ]
-    return Difference.of(names, tallies, judge.rules)
+    tallies = []
+    for title in (titles := tables[0] | tables[1]):
+        comparison = _Tables(uses, title, [side.get(title, []) for side in tables], titles)
+        comparison.geographic, comparison.axes = geographic, axes
+        comparison.compare()
+        tallies.append(comparison.result)
+    return Difference.of(names, tallies, uses)
 
 
-def _axes_of(content: Any) -> tuple[float, float] | None:
-    """Return the axes (m) of the ellipsoid of a record, None where it does not say."""
-    from musatpy.geometry.geodesy import Ellipsoid  # most comparisons need none
-
-    name, *sizes = (at(content, f"ellipsoid.{part}") for part in ("name", "semi_major_axis", "inverse_flattening"))
+def read_json(text: str, name: str) -> Any:
+    """Return the content of a JSON text; raises `CannotCompareError`."""
     try:
-        return Ellipsoid(str(name or ""), *(number_of(size) for size in sizes)).axes
-    except (ValueError, RuntimeError):  # no name that PROJ knows, no size
+        return json.loads(text)
+    except RecursionError as error:
+        raise CannotCompareError([Problem(file=name, message="is nested too deep")]) from error
+    except ValueError as error:  # a number of more digits than Python reads has no line
+        line = getattr(error, "lineno", 0)
+        message = f"is not JSON: {getattr(error, 'msg', error)}"
+        raise CannotCompareError([Problem(file=name, line=line, message=message)]) from error
+
+
+def tables_of(content: Any) -> dict[str, list[Row]]:
+    """Return the tables of a file by their paths, in their order; but not what depends on the machine alone."""
+    tables: dict[str, list[Mapping[str, Any]]] = {}
+    for path, rows in _tables(content, ""):
+        tables.setdefault(path or TOP, []).extend(rows)
+    return {path: _named(rows) for path, rows in tables.items()}
+
+
+def _tables(value: Any, path: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Yield tables with their paths: lists of objects, objects of columns, of others what is no table itself."""
+    rows = rows_in(value)
+    if rows is not None:
+        yield path, rows
+    elif not isinstance(value, dict):
+        yield path, [{"value": value}]
+    else:
+        inside = {key for key, entry in value.items() if isinstance(entry, dict) or _is_list_of_objects(entry)}
+        if inside != value.keys() or not value:
+            is_ours = path == "program"
+            yield (
+                path,
+                [{key: value[key] for key in value if key not in inside and not (is_ours and key == "kernels")}],
+            )
+        for key in value:
+            if key in inside:
+                yield from _tables(value[key], f"{path}.{key}" if path else key)
+
+
+def rows_in(value: Any) -> list[dict[str, Any]] | None:
+    """Return the rows of a table, which is a list of objects, or an object of columns; None of what is neither.
+
+    Columns are lists of one length, of which one names the rows.
+    """
+    if _is_list_of_objects(value):
+        return list(value)
+    if not isinstance(value, dict) or not all(isinstance(column, list) for column in value.values()):
         return None
+    has_objects = any(isinstance(column[0], dict) for column in value.values() if column)
+    if len(set(map(len, value.values()))) != 1 or has_objects or value.keys().isdisjoint(_ID_FIELDS):
+        return None
+    return [dict(zip(value, row, strict=True)) for row in zip(*value.values(), strict=True)]
+
+
+def _is_list_of_objects(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
+
+
+def _named(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
+    """Return the rows of a table with the fields that tell them apart, as far as any do."""
+    names: list[str] = []
+    everywhere = set.intersection(*map(set, rows)) if rows else ()
+    for name in _ID_FIELDS:
+        if name in everywhere:
+            names.append(name)
+            if len({repr([row[name] for name in names]) for row in rows}) == len(rows):
+                break
+    named = []
+    for n, row in enumerate(rows, start=1):
+        ids = [(name, _texts(row[name])) for name in names]
+        label = " ".join(f"{name} {' '.join(texts)}" for name, texts in ids)
+        label = label or (f"row {n}" if len(rows) > 1 else "values")
+        named.append(Row(label, tuple([text for _, texts in ids for text in texts]), row))
+    return named
+
+
+def _texts(value: Any) -> list[str]:
+    return [str(entry) for entry in value] if isinstance(value, list) else [str(value)]
+
+
+def _leaves(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return every field of a row by its path: `position[1]`, `a.b`; an empty list or object is one itself."""
+    fields: dict[str, Any] = {}
+    waiting = list(row.items())[::-1]  # the next one last; however deep a record is nested
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, dict) and value:
+            waiting += [(f"{path}.{key}", entry) for key, entry in reversed(value.items())]
+        elif isinstance(value, list) and value:
+            waiting += [(f"{path}[{n}]", entry) for n, entry in enumerate(value)][::-1]
+        else:
+            fields[path] = value
+    return fields
 
 
 class _Tables(Comparison):
     """One table of both records."""
 
     counts_digits = False
+    geographic = False
+    axes: tuple[float, float] | None = None  # of the ellipsoid of geographic positions, m
 
     def __init__(
-        self,
-        judge: Judge,
-        title: str,
-        tables: Sequence[NamedRows],
-        titles: Collection[str],
-        statements: _Statements,
+        self, rules: RuleSet, title: str, tables: Sequence[Sequence[Row]], titles: Mapping[str, Any]
     ) -> None:
-        super().__init__(judge, title, [title])
-        self.a, self.b = tables
+        super().__init__(rules, title, [title])
+        self.rows = tables[0], tables[1]
         self.titles = titles  # of all tables
-        self.statements = statements
 
-    def tally(self) -> Tally:
-        """Compare, and return what was found."""
-        if not self.a.rows or not self.b.rows:
-            self.only_here(self.a if self.a.rows else self.b, "A" if self.a.rows else "B")
-            return self.result
-        ids = self.a.ids(), self.b.ids()
-        if len(self.a.rows) == len(self.b.rows) == 1:
-            ids = [("",)], [("",)]
-        texts = [
-            [""] * len(names) if all(names) else list(map(json.dumps, table.rows))
-            for names, table in zip(ids, (self.a, self.b), strict=True)
-        ]
-        for n, other, moved in align(ids, (texts[0], texts[1]), strict=any(map(any, ids[0]))):
-            if n is not None and other is not None:
-                self.rows(n, other, moved)
-            elif n is not None:
-                self.only(self.a, n, "A")
-            elif other is not None:
-                self.only(self.b, other, "B")
-        return self.result
+    def name_of(self, row: Row) -> str:
+        return row.name
 
-    def only_here(self, table: NamedRows, side: str) -> None:
-        """Take a table that the other record has not: one finding, unless it is empty or rules allow it."""
-        fields = [field for row in table.rows for field in leaves(row).items()]
-        if all(self.is_empty_table(path, value) for path, value in fields):
+    def place_of(self, row: Row) -> Place:
+        return Place()
+
+    def text_of(self, row: Row) -> str:
+        return json.dumps(row.fields)
+
+    def spot_of(self, row: Row, side: int, other: Row | None = None) -> Spot:
+        def named(*keys: str) -> tuple[str, ...]:
+            return tuple([text for key in keys if key in row.fields for text in _texts(row.fields[key])])
+
+        return Spot(
+            (), (row.name,), row.ids, lambda n: named("photo", "photos"), lambda n: named("point", "points")
+        )
+
+    def are_same(self, a: Row, b: Row) -> bool:
+        return a.fields == b.fields
+
+    def compare(self) -> None:
+        """Compare the tables; one that the other record has not is one finding, unless it is empty."""
+        side = int(not self.rows[0])
+        if all(self.rows):
+            single = all(len(rows) == 1 for rows in self.rows)
+            keys: list[list[Key]] = [
+                [((), "")] if single else [(row.ids, "" if row.ids else json.dumps(row.fields)) for row in rows]
+                for rows in self.rows
+            ]
+            self.compare_rows((keys[0], keys[1]), strict=not single and bool(self.rows[0][0].ids))
             return
-        if not self.allows(Spot(), side):
-            self.lonely("section", side, f"{len(table.rows)} rows", Where())
+        fields = [field for row in self.rows[side] for field in _leaves(row.fields).items()]
+        is_empty = all(self.is_empty_table(path, value) for path, value in fields)
+        if not is_empty and not self.allowed(Spot(), "AB"[side]):
+            self.lonely("section", side, f"{len(self.rows[side])} rows")
 
-    def only(self, table: NamedRows, n: int, side: str) -> None:
-        """Take a row that the other record has not."""
-        self.only_row(_spot(table, n), side, json.dumps(table.rows[n]), Where(table.label(n)))
-
-    def rows(self, n: int, other: int, moved: bool) -> None:
-        """Compare two rows that belong together."""
-        self.result.rows += 1
-        a, b = self.a.rows[n], self.b.rows[other]
-        if a == b and not moved and not still_open(self.rules):
-            return
-        both = self.pair(Where(self.a.label(n)), _spot(self.a, n))
-        if moved:
-            self.elsewhere(both)
-        unused = still_open(both.among)
-        if a == b and not unused:
-            return
-        if not unused and not any(isinstance(use.rule.column, int) for use in both.among):
-            differing = [key for key in dict.fromkeys([*a, *b]) if a.get(key, _ABSENT) != b.get(key, _ABSENT)]
-            parts = [{key: row[key] for key in differing if key in row} for row in (a, b)]
-            fields = leaves(parts[0]), leaves(parts[1])
-        else:  # rules wait for a field, or count them
-            fields = leaves(a), leaves(b)
-        for number, path in enumerate(fields[0] | fields[1], start=1):
-            field = Field(-1, number, path)
-            values = tuple(side.get(path, _ABSENT) for side in fields)
-            if values[0] != values[1]:
-                self.field(both, field, values, (a, b))
-            elif unused:
-                self.rule(both, field, *map(_token, values))
-        if unused:
-            self.judge.touch_rows(unused, both.spot)
-
-    def field(self, both: RowPair, field: Field, values: Sequence[Any], rows: tuple[Row, Row]) -> None:
-        """Weigh a field that differs, or that one row has not."""
-        a, b = map(_token, values)
-        path = field.heading
-        if a is None or b is None:
-            if self.is_empty_table(path, values[a is None]):
-                self.rule(both, field, a, b)  # of use, though there is nothing to decide
+    def weigh_fields(self, a: Row, b: Row, pair: Pair) -> None:
+        first, second = _leaves(a.fields), _leaves(b.fields)
+        for number, path in enumerate(first | second, start=1):
+            values = first.get(path, _ABSENT), second.get(path, _ABSENT)
+            if values[0] == values[1]:
+                continue
+            field, (of_a, of_b) = Field(-1, number, path), map(_token, values)
+            if of_a is not None and of_b is not None:
+                sigmas = None
+                if of_a.value is not None and of_b.value is not None:
+                    sigmas = self.in_sigmas(path, of_b.value - of_a.value, (b.fields, a.fields))
+                self.weigh(pair, field, self.unit_of(path, a.fields), of_a, of_b, sigmas)
+            elif self.is_empty_table(path, values[of_a is None]):
+                self.rule(pair, field, of_a, of_b)  # of use, though there is nothing to decide
             else:
-                self.unpaired(both, field, (a and a.text, b and b.text))
-            return
-        sigmas = None
-        if a.value is not None and b.value is not None:
-            sigmas = self.statements.in_sigmas(path, b.value - a.value, rows)
-        self.weigh(both, field, self.statements.unit_of(path, rows[0]), a, b, sigmas)
+                self.unpaired(pair, field, (of_a and of_a.text, of_b and of_b.text))
+
+    def fields_of(self, row: Row, pair: Pair) -> Iterator[tuple[Field, Token | None]]:
+        for number, (path, value) in enumerate(_leaves(row.fields).items(), start=1):
+            yield Field(-1, number, path), _token(value)
 
     def is_empty_table(self, path: str, value: Any) -> bool:
         """Tell whether a field is the empty list of a table of the other record, which is a finding of its own."""
-        name = path if self.result.title == TOP else f"{self.result.title}.{path}"
-        return value == [] and name in self.titles
+        return value == [] and (path if self.result.title == TOP else f"{self.result.title}.{path}") in self.titles
 
+    def stated_unit(self, path: str) -> str:
+        """Return what the reports state of the unit of a field."""
+        title = self.result.title
+        return _stated_units().get(_INDEX.sub("", path if title == TOP else f"{title}.{path}"), "")
 
-_ABSENT = object()  # what a row has in a field that only the other row has
-
-
-def _spot(table: NamedRows, n: int) -> Spot:
-    """Return a row as rules see it."""
-    row, label = table.rows[n], table.label(n)
-
-    def named(*keys: str) -> tuple[str, ...]:
-        return tuple(name for key in keys if key in row for name in texts_of(row[key]))
-
-    ids = tuple(text for name in table.id_fields for text in texts_of(row[name]))
-    return Spot((), (label,), ids, lambda column: named("photo", "photos"), lambda column: named("point", "points"))
-
-
-def _token(value: Any) -> Token | None:
-    """Return the token of what stands in a field; None where the row has no such field."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        text = str(value)
-        if (number := _NUMBER.fullmatch(text)) is None:
-            return Token("word", text)
-        decimals, exponent = number.groups(default="")
-        return Token("number", text, Decimal(text), int(exponent or 0) - len(decimals))
-    if isinstance(value, str):
-        return Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value)
-    return None if value is _ABSENT else Token("word", json.dumps(value))
-
-
-class _Statements(NamedTuple):
-    """What the reports state of the fields of a table: their units; and where their sigmas stand."""
-
-    title: str
-    geographic: bool
-    axes: tuple[float, float] | None  # of the ellipsoid of geographic positions, m
-
-    def unit_of(self, path: str, row: Row) -> str:
+    def unit_of(self, path: str, row: Mapping[str, Any]) -> str:
         """Return the unit of a field, nothing where the reports state none for it alone."""
-        text, index = _unit_text(self.title, path), _INDICES.findall(path)
+        text, index = self.stated_unit(path), _INDEX.findall(path)
         if text == _OF_ROW:
             return str(row.get("unit", ""))
         geographic, _, plane = text.partition(_GEOGRAPHIC)
         parts = (geographic if self.geographic else plane or text).split(", ")
         if len(parts) > 1:
-            parts = [parts[int(index[0])]] if len(index) == 1 and int(index[0]) < len(parts) else [""]
+            number = int(index[0][1:-1]) if len(index) == 1 else len(parts)
+            parts = [*parts, *[""] * number][number : number + 1]
         return parts[0] if _UNIT.fullmatch(parts[0]) else ""
 
-    def in_sigmas(self, path: str, difference: Decimal, rows: tuple[Row, Row]) -> float | None:
-        """Return B minus A of a field in sigmas of B (of A where B has none); None without sigmas."""
-        base, index, scale = *_split(path), 1.0
-        if self.geographic and index in ("[0]", "[1]") and _GEOGRAPHIC in _unit_text(self.title, path):
-            latitude = number_of(at(rows[1], f"{base}[0]"))
+    def in_sigmas(self, path: str, difference: Decimal, rows: Sequence[Mapping[str, Any]]) -> float | None:
+        """Return a difference of a field in sigmas of the first of the rows that has some; None without sigmas."""
+        base = path.rstrip("[]0123456789") if path.endswith("]") else path
+        index, scale = path[len(base) :], 1.0
+        if self.geographic and index in ("[0]", "[1]") and _GEOGRAPHIC in self.stated_unit(path):
+            latitude = number_of(at(rows[0], f"{base}[0]"))
             if self.axes is None or latitude is None or not math.isfinite(latitude):
                 return None
             scale = _metres_per_radian(*self.axes, latitude, along_meridian=index == "[0]")
             index = "[1]" if index == "[0]" else "[0]"  # sigmas are those of east, north, up
         plain = [f"sigma{index}"] if base in _PLAIN_SIGMA else []
-        for row in (rows[1], rows[0]):
+        for row in rows:
             for name in (f"{base}_sigma{index}", f"sigma_{base}{index}", *plain):
                 sigma = number_of(at(row, name))
                 if sigma is not None and sigma > 0.0:
@@ -235,15 +271,22 @@ class _Statements(NamedTuple):
         return None
 
 
-def _split(path: str) -> tuple[str, str]:
-    """Return a path without the indices at its end, and these."""
-    base = path.rstrip("[]0123456789") if path.endswith("]") else path
-    return base, path[len(base) :]
+def number_of(value: Any) -> float | None:
+    """Return the number in a field, None where it has none."""
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
-def _unit_text(title: str, path: str) -> str:
-    """Return what the reports state of the unit of a field."""
-    return _stated_units().get(_INDICES.sub("", path if title == TOP else f"{title}.{path}"), "")
+def _token(value: Any) -> Token | None:
+    """Return the token of what stands in a field; None where the row has no such field."""
+    if (number := number_of(value)) is not None:
+        text = str(number)
+        if (parts := _NUMBER.fullmatch(text)) is None:
+            return Token("word", text)
+        decimals, exponent = parts.groups(default="")
+        return Token("number", text, Decimal(text), int(exponent or 0) - len(decimals))
+    if isinstance(value, str):
+        return Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value)
+    return None if value is _ABSENT else Token("word", json.dumps(value))
 
 
 @cache
@@ -263,6 +306,17 @@ def _stated_units() -> dict[str, str]:
             yield from units(node["items"], path)
 
     return dict(units(whole, ""))
+
+
+def _axes_of(content: Any) -> tuple[float, float] | None:
+    """Return the axes (m) of the ellipsoid of a record, None where it does not say."""
+    from musatpy.geometry.geodesy import Ellipsoid  # most comparisons need none
+
+    name, *sizes = (at(content, f"ellipsoid.{part}") for part in ("name", "semi_major_axis", "inverse_flattening"))
+    try:
+        return Ellipsoid(str(name or ""), *map(number_of, sizes)).axes
+    except (ValueError, RuntimeError):  # no name that PROJ knows, no size
+        return None
 
 
 def _metres_per_radian(a: float, b: float, latitude: float, *, along_meridian: bool) -> float:
