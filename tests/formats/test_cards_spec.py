@@ -420,15 +420,15 @@ def test_another_layout_of_the_same_cards_reads_and_writes_decks(tmp_path: Path)
     ("card", "old", "new", "message"),
     [
         ("stg", '"stages.xy[0]"', '"nonsense.nowhere"',
-         "STG.x_left: target: 'nonsense.nowhere' is not in a compilation; expected one of models, stages"),
+         "STG.x_left: target: 'nonsense.nowhere' is not in the model; expected one of "),
         ("stg", '"stages.xy[0]"', '"stages.yx[0]"',
-         "'stages.yx[0]' is not in a compilation; expected one of stages.model, stages.ids"),
-        ("stg", 'unit = "mm"\ntarget = "stages.xy[1]"', 'unit = "um"\ntarget = "stages.xy[1]"',
-         "STG.y_left: unit: 'um', expected 'mm'"),
-        ("mdl", 'unit = "um"\ntarget = "models.limit"', 'unit = "mm"\ntarget = "models.limit"',
-         "MDL.limit: unit: 'mm', expected 'um'"),
-        ("mpt", 'unit = "m"\ntarget = "stages.place[2]"', 'target = "stages.place[2]"',
-         "MPT.z: unit: '', expected 'm'"),
+         "'stages.yx[0]' is not in the model; expected one of stages.model, stages.ids"),
+        ("stg", 'unit = "mm"\ntarget = "stages.xy[1]"', 'unit = "deg"\ntarget = "stages.xy[1]"',
+         "STG.y_left: unit: 'deg', expected mm or um"),
+        ("mpt", 'unit = "m"\ntarget = "stages.place[2]"', 'unit = "um"\ntarget = "stages.place[2]"',
+         "MPT.z: unit: 'um', expected m or "),
+        ("ptm", '"profile_times.time[4]"', '"profile_times.time[5]"',
+         "target profile_times.time: components [0, 1, 2, 3, 5] do not count from 0"),
     ],
 )  # fmt: skip
 def test_a_target_or_unit_that_is_not_of_a_compilation_is_refused(

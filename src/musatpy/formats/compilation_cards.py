@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -13,13 +12,11 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
-from musatpy.errors import CardFormatError, Problem
-from musatpy.formats import raw_stages
+from musatpy.errors import Problem
+from musatpy.formats import mapping, raw_stages
 from musatpy.formats.cards.deck import CardDeck, CardTable
-from musatpy.formats.cards.spec import CardSpec, Family, card_formats_folder, load_family
+from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.musat import card_family
-from musatpy.model import compilation
-from musatpy.model.tables import columns
 
 OF_RUN = ("ELL", "WTR")  # cards that say again what the run says, and must agree
 _SHARED = ("TTL", "END", *OF_RUN, *raw_stages.CARDS)  # cards of triangulation decks that these have too
@@ -28,14 +25,6 @@ PLACE = ("x", "y", "z")
 READINGS = ("STG", "MPT")
 CORNERS = ("first_1", "first_2", "second_1", "second_2")
 LEVELS = tuple(f"level_{number}" for number in range(1, 9))
-_TABLES = {
-    "models": compilation.StereomodelSpecs, "stages": compilation.StageReadings,
-    "profiles": compilation.ProfileSpecs, "grids": compilation.GridSpecs,
-    "datum": compilation.SoundingDatum, "contours": compilation.ContourSpec,
-}  # fmt: skip
-_CHOICES = ("contours.of", "contours.listed_of", "stages.first")  # of which contours or readings a card speaks
-_MICRONS = ("models.pointing", "models.limit", "stages.sigma", "stages.parallax")
-_TARGET = re.compile(r"(\w+)\.(\w+)((?:\[\d\])*)", re.ASCII)
 TIMES = tuple(f"time_{number}" for number in range(1, 6))
 
 
@@ -43,31 +32,13 @@ TIMES = tuple(f"time_{number}" for number in range(1, 6))
 def compilation_family(folder: Path | None = None) -> Family:
     """Return the cards of compilation decks, or those of another folder of their formats.
 
-    Raises `CardFormatError` for formats that are wrong, or whose targets and units are not those of a compilation.
+    Raises `CardFormatError` for formats that are wrong, or whose targets and units are not those of the model.
     """
-    cards = {**load_family(folder or card_formats_folder() / "as11").cards}
-    for card in cards.values():
-        _check_targets(card)
-    cards |= {name: card for name, card in card_family().cards.items() if name in _SHARED}
+    family = load_family(folder or card_formats_folder() / "as11")
+    mapping.check_targets(family)
+    cards = {**family.cards, **{name: card for name, card in card_family().cards.items() if name in _SHARED}}
     ordered = sorted(cards.values(), key=lambda card: (card.order, card.mnemonic))
-    return Family(name="as11", cards=MappingProxyType({card.mnemonic: card for card in ordered}))
-
-
-def _check_targets(card: CardSpec) -> None:
-    """Raise `CardFormatError` for a target that a compilation does not have, and for a unit that is not its."""
-    for field in card.fields:
-        where = f"{card.file}: {card.mnemonic}.{field.name}"
-        match = _TARGET.fullmatch(field.target)
-        table, name = (match[1], match[2]) if match else ("", "")
-        known = columns(_TABLES[table]) if table in _TABLES else {}
-        if name not in known and field.target not in _CHOICES:
-            expected = ", ".join(f"{table}.{name}" for name in known) or ", ".join(_TABLES)
-            message = f"{where}: target: '{field.target}' is not in a compilation; expected one of {expected}"
-            raise CardFormatError(message)
-        unit = known[name].unit if name in known else ""
-        unit = "um" if field.target in _MICRONS else {"s": "sec"}.get(unit, unit)
-        if field.unit != unit:
-            raise CardFormatError(f"{where}: unit: '{field.unit}', expected '{unit}'")
+    return replace(family, cards=MappingProxyType({card.mnemonic: card for card in ordered}))
 
 
 def cards_of(deck: CardDeck, mnemonic: str) -> CardTable:

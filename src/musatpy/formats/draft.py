@@ -33,7 +33,7 @@ def _roles() -> Iterator[tuple[str, str]]:
     """
     yield from (("titles", "titles"), ("options", "options.program"), ("more_options", "options.initial"))
     first = ("ellipsoid", "water", "water_conditions", "waves", "wave_origin")
-    for table in dict.fromkeys((*first, *mapping.TABLES)):
+    for table in dict.fromkeys((*first, *mapping.JOB_TABLES)):
         if table in ("options", "points"):
             continue
         meanings = columns(mapping.TABLES[table])

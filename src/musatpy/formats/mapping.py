@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from musatpy import model, units
 from musatpy.errors import CardFormatError
-from musatpy.formats import system_rows
+from musatpy.formats import compilation_rows, system_rows
 from musatpy.formats.cards.spec import STATED_UNIT, CardSpec, Family, FieldSpec
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Codes, Table, columns, no_rows
@@ -55,14 +55,16 @@ _PARTS = ("deg", "min", "sec")
 _LAST = 8  # component that an attribute may have: a matrix, row by row
 _TARGET = re.compile(r"(?P<path>\w+(?:\.\w+)?)(?:\[(?P<component>\d+)\])?(?::(?P<part>deg|min|sec))?", re.ASCII)
 
-# The tables of a block, and what else the cards of a deck fill, by the first word of a target.
-TABLES: Mapping[str, type[Any]] = {
+# The tables of a block, and what else the cards of a job fill, by the first word of a target.
+JOB_TABLES: Mapping[str, type[Any]] = {
     **parts_of_block(),
     "water_conditions": model.WaterConditions,
     **system_rows.TABLES,
 }
+TABLES = {**JOB_TABLES, **compilation_rows.TABLES}
 
-# What the letters of a deck stand for: attribute -> text -> value. The first text of each is that of a blank field.
+# What the letters of a deck stand for: attribute -> text -> value, with the text of a blank field among them. Of
+# several texts with one value the last is written.
 CODES: Mapping[str, Codes] = {
     f"{table}.{name}": about.codes
     for table, kind in TABLES.items()

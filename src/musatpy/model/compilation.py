@@ -39,20 +39,22 @@ class StereomodelSpecs(Table):
     rays: TextArray = per_row(blank="")  # (m,) OWN, SHARED
     pointing: FloatArray = per_row(unit="mm", blank=np.nan)  # (m,)
     limit: FloatArray = per_row(unit="mm", blank=np.nan)  # (m,)
-    adjust: BoolArray = per_row(blank=False)  # (m,) the right stage is corrected by points read again
+    # (m,) the right stage is corrected by points read again
+    adjust: BoolArray = per_row(blank=False, codes={"": False, "A": True})
     # (m,) the mark of the plotter was the true point, not where straight rays meet
-    true_marks: BoolArray = per_row(blank=False)
+    true_marks: BoolArray = per_row(blank=False, codes={"A": False, "": False, "T": True})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageReadings(Table):
     """k points read in a model, in the order of the deck: on its stages, or as model points (`place` is known)."""
 
-    model: IntArray = per_row()  # (k,) link to the models
+    model: IntArray = per_row(link="models")  # (k,)
     ids: TextArray = per_row()  # (k,)
-    kind: TextArray = per_row()  # (k,) G, P, S, R
-    submerged: BoolArray = per_row()  # (k,)
-    xy: FloatArray = per_row(2, 2, unit="mm")  # (k, 2, 2) left and right, x and y; NaN of model points
+    kind: TextArray = per_row(codes={"": "G", "G": "G", "P": "P", "S": "S", "R": "R"})  # (k,)
+    submerged: BoolArray = per_row(codes={"": False, "B": True})  # (k,)
+    # (k, 2, 2) left and right, x and y; NaN of model points
+    xy: FloatArray = per_row(2, 2, unit="mm", blank=np.nan)
     sigma: FloatArray = per_row(unit="mm", blank=np.nan)  # (k,) NaN: the pointing of the model
     # (k, 3) in the model, of the mark; NaN of readings on the stages
     place: FloatArray = per_row(3, unit="m", blank=np.nan)
@@ -84,16 +86,19 @@ class ProfileSpecs(Table):
     """
 
     ids: TextArray = per_row()  # (q,)
-    model: IntArray = per_row()  # (q,) link to the models
+    model: IntArray = per_row(link="models")  # (q,)
     start: TextArray = per_row()  # (q,) ids of readings; empty: `places` has the ends
     end: TextArray = per_row()
     places: FloatArray = per_row(2, 2, blank=np.nan)  # (q, 2, 2) start and end, NaN where points are
-    system: TextArray = per_row(blank="")  # (q,) of these: M model, J job (degrees, or m); empty where points are
+    # (q,) of these: M model, J job (degrees, or m); empty where points are
+    system: TextArray = per_row(blank="", codes={"": "M", "M": "M", "J": "J"})
     step: FloatArray = per_row(unit="m")  # (q,)
     spike: FloatArray = per_row(unit="m", blank=np.nan)  # (q,) NaN: nothing is a spike
     tolerance: FloatArray = per_row(unit="m", blank=0.0)  # (q,) 0: all readings are needed
-    scan: TextArray = per_row(blank="L")  # (q,) L one line, X, Y lines along this axis of the model
-    zigzag: BoolArray = per_row(blank=False)  # (q,) every other line of a scan was read from its end
+    # (q,) L one line, X, Y lines along this axis of the model
+    scan: TextArray = per_row(blank="L", codes={"L": "L", "": "L", "X": "X", "Y": "Y"})
+    # (q,) every other line of a scan was read from its end
+    zigzag: BoolArray = per_row(blank=False, codes={"": False, "Z": True})
     spacing: FloatArray = per_row(unit="m", blank=np.nan)  # (q,) of the lines of a scan
 
 
@@ -102,7 +107,8 @@ class GridSpecs(Table):
     """g grids of posts, in the order of the deck."""
 
     ids: TextArray = per_row()  # (g,)
-    collocated: BoolArray = per_row()  # (g,) predicted by collocation, not read off the triangles
+    # (g,) predicted by collocation, not read off the triangles
+    collocated: BoolArray = per_row(codes={"T": False, "": False, "C": True})
     spacing: FloatArray = per_row(unit="m")  # (g,)
     first: FloatArray = per_row(2)  # (g, 2) corner, degrees or m as the job's coordinates; NaN: all of the bottom
     second: FloatArray = per_row(2)  # (g, 2) opposite corner
