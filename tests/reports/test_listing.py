@@ -4,16 +4,18 @@ import dataclasses
 import datetime
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from asa_printer import played
-from musatpy import model
+from musatpy import adjust, model, read_deck
 from musatpy.reports.listing import listing
 from musatpy.reports.pages import PAGE_LINES, PAGE_WIDTH
 from sample_solutions import sample_solution
 
+ST_THOMAS = Path(__file__).parents[2] / "fixtures" / "st_thomas" / "st_thomas.crd"
 CASES = [(system, refraction) for system in model.CoordinateSystem for refraction in model.Refraction]
 
 
@@ -305,3 +307,17 @@ def test_a_run_without_refraction_prints_no_refracted_points(refraction):
     depths = section(text, "Depths Of Bathymetric Points")[0]
     assert ("  Refraction" in head.replace("No Refraction", "")) == (refraction is not model.Refraction.NONE)
     assert ("Depth, refraction" in depths) == (refraction is not model.Refraction.NONE)
+
+
+def test_the_echo_has_all_decimals_of_a_card(tmp_path):
+    """Those of its edit at least; of angles those of the seconds; no more than there are."""
+    text = ST_THOMAS.read_text().replace("TID 21           0.1200", "TID 21          0.12345")
+    text = text.replace("   5.00 ", "  2.125 ", 1).replace("  0.43702 ", " 0.437025 ", 1)
+    (tmp_path / "deck.crd").write_text(text)
+    echoed = listing(adjust(read_deck(tmp_path / "deck.crd")))
+    assert "2.125" in section(echoed, "Input: Options (OPT)")[-1].split()
+    tides = [line.split() for line in section(echoed, "Input: Tide (TID)")[-3:]]
+    assert tides == [["21", ".12345"], ["22", ".31000"], ["23", "-.08000"]]
+    stations = [line.split() for line in section(echoed, "Input: Exposure station, geographic (STA)")[-3:]]
+    assert [row[4] for row in stations] == ["21.71281", "24.29574", "24.46428"]
+    assert [row[7] for row in stations] == ["36.948780", "47.862690", ".437025"]

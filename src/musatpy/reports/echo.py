@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from dataclasses import replace
 from enum import IntEnum
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.spec import STATED_UNIT, CardSpec
 from musatpy.formats.musat import card_family
 from musatpy.model.block import parts_of_block
-from musatpy.model.tables import columns
-from musatpy.reports import brevity, job_record, result_record
-from musatpy.reports.columns import vector
+from musatpy.model.tables import Table, columns
+from musatpy.reports import brevity, job_record, result_record, waves_page
 from musatpy.reports.editing import field_width
+from musatpy.reports.fields import Field, Group, Rows, same
 from musatpy.reports.headings import SEXAGESIMAL
-from musatpy.reports.origin import Origin
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Choice, Column, Report, key
+from musatpy.reports.table import Report
+from musatpy.reports.values import Values
+from musatpy.reports.wording import of_job
 from musatpy.statistics import Statistics
 from musatpy.units import AngleUnit
-
-Cards = Mapping[str, NDArray[Any]]  # what the cards of one kind say, by field, in the unit that is printed
 
 # What headings call a unit, where not as the card does; angles of a stated deck are in that of its SYS card.
 _UNITS = {"arcsec": "arc sec", "deg": "degrees", "sec": "s"}
@@ -42,12 +40,12 @@ REFINED: Report[Statistics] = Report(
     title="Input: Plate Measurements, Refined",
     table=result_record.PLATES,
     columns=(
-        key("Photo", "A8", "photo"),
-        key("Point", "A8", "point"),
-        *vector(("x\nmm", "y\nmm"), ("F12.7", "F12.7"), shows="xy"),
-        *vector(("sigma x\num", "sigma y\num"), ("F7.2", "F7.2"), shows="sigma"),
-        Column("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point]),
-        Column("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
+        "photo",
+        "point",
+        result_record.PLATES.column("xy", ("x\nmm", "y\nmm"), "F12.7"),
+        result_record.PLATES.column("sigma", ("sigma x\num", "sigma y\num"), "F7.2"),
+        of_job("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point]),
+        of_job("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
     ),
 )
 brief = brevity.note
@@ -62,7 +60,7 @@ def sections(statistics: Statistics) -> list[Section]:
         report = report_of(spec, unit, readings=raw and _table(spec) in _READ)
         is_stated = given_in is not None and _table(spec) in _STATED
         title = f"{report.title}, As Stated" if is_stated else report.title
-        echoed += [report.section(_printed(spec, values, angle), title=title, new_page=not echoed)]
+        echoed += [report.section_of(_said(spec, values, angle), title=title, new_page=not echoed)]
     return [*echoed, REFINED.section(statistics)] if raw else echoed
 
 
@@ -86,54 +84,59 @@ def _table(spec: CardSpec) -> str:
     return mapping.slots(spec)[0].path.partition(".")[0] if spec.fields else ""
 
 
-def _printed(spec: CardSpec, values: mapping.Values, angle: float) -> Cards:
-    """Return what cards say, by field: angles in degrees, minutes and seconds together, in rad."""
-    fields = mapping.scatter(spec, values, angle)
-    return {
-        slot.name: values[slot.path][:, slot.component] if slot.is_sexagesimal else fields[slot.fields[0].name]
-        for slot in mapping.slots(spec)
+def _said(spec: CardSpec, values: mapping.Values, angle: float) -> Values:
+    """Return what cards say as columns of the record: letters as they are there, numbers in its units."""
+    letters = mapping.scatter(spec, values, angle)
+    said = {
+        _called(slot): letters[slot.fields[0].name] if slot.path in mapping.CODES else values[slot.path]
+        for slot in reversed(mapping.slots(spec))
     }
+    return Values(list(said), said.__getitem__, source=spec)
 
 
 @cache
-def report_of(spec: CardSpec, unit: AngleUnit = AngleUnit.DMS, *, readings: bool = False) -> Report[Cards]:
+def report_of(spec: CardSpec, unit: AngleUnit = AngleUnit.DMS, *, readings: bool = False) -> Report[Any]:
     """Return the echo of a kind of card: a column for each field that any card of the job has filled in.
 
     `unit` is that of angles without one of their own, `readings` are in the unit of a comparator.
     """
     slots = {slot.fields[0]: slot for slot in reversed(mapping.slots(spec))}  # a field with two letters has one
-    stated = tuple(_column(slot, unit, readings=readings) for slot in reversed(slots.values()))
-    is_recorded = _table(spec) in parts_of_block() and _table(spec) != "equal_elevations"  # whose rows are groups
-    home = job_record.called(f"{_table(spec)}.")[0] if is_recorded or _table(spec) == "water_conditions" else ""
+    first, *others = (_column(slot, unit, readings=readings) for slot in reversed(slots.values()))
+    table = _record_of(_table(spec))
+    places = {"plates": "reduction.readings" if readings else "", "wave_origin": "."}  # the record itself
     return Report(
         title=f"Input: {spec.title} ({spec.mnemonic})" + (f": {_READINGS}" if readings else ""),
-        path="reduction.readings" if readings and home == "plates" else home,
-        columns=(
-            Choice(
-                (stated,),
-                lambda cards: tuple(one for one in stated if _is_given(_values(one, cards))) or stated[:1],
-            ),
-        ),
-        words={name: words for slot in slots.values() for name, words in _words(slot.path)},
+        table=table,
+        path=places.get(_table(spec), ""),
+        columns=(first, *(replace(column, when=partial(_is_given, column)) for column in others)),
         some=True,
     )
 
 
-def card(mnemonic: str) -> Report[Cards]:
+def _record_of(table: str) -> Rows[Any, Any] | Group[Any, Any] | None:
+    """Return what the record has of a table of the model, None where that is something else."""
+    home = job_record.called(f"{table}.")[0]
+    if table == "wave_origin":
+        return Group(table, "", same, (waves_page.ORIGIN,))
+    if table == "water_conditions":
+        return job_record.part(table, home, same)
+    kind = parts_of_block().get(table)
+    if kind is None or table == "equal_elevations":  # whose rows are groups
+        return None
+    return job_record.table(table, home, same) if issubclass(kind, Table) else job_record.part(table, home, same)
+
+
+def card(mnemonic: str) -> Report[Any]:
     """Return the echo of a kind of card."""
     return report_of(card_family().cards[mnemonic])
 
 
-def _values(column: Column[Cards], cards: Cards) -> NDArray[Any]:
-    assert column.values is not None
-    return np.asarray(column.values(cards))
-
-
-def _is_given(values: NDArray[Any]) -> bool:
+def _is_given(column: Field[Any], said: Values) -> bool:
+    values = np.asarray(column.exactly(said))
     return bool((values != "").any() if values.dtype.kind == "U" else np.isfinite(values).any())
 
 
-def _column(slot: mapping.Slot, angle: AngleUnit, *, readings: bool) -> Column[Cards]:
+def _column(slot: mapping.Slot, angle: AngleUnit, *, readings: bool) -> Field[Any]:
     """Return the column of a field, or of an angle in three of them."""
     field, table, name = slot.fields[-1], *slot.path.partition(".")[::2]
     edit, unit = field.edit, _UNITS.get(field.unit, field.unit)
@@ -154,35 +157,22 @@ def _column(slot: mapping.Slot, angle: AngleUnit, *, readings: bool) -> Column[C
     heading = heading if len(heading) < 4 else heading.capitalize()
     room = max(field_width(descriptor), *map(len, heading.split()))
     about = columns(mapping.TABLES[table])[name]
-    return Column(
-        "\n".join([*textwrap.wrap(heading, room), *([unit] if unit else [])]),
-        descriptor,
-        lambda cards: cards[slot.name],
-        _shown(slot),
+    codes = mapping.CODES.get(slot.path, {})
+    return Field(
+        _called(slot) if slot.component is None else f"{_called(slot)}[{slot.component}]",
+        heading="\n".join([*textwrap.wrap(heading, room), *([unit] if unit else [])]),
+        edit=descriptor,
         is_id=edit.letter == "A" and bool(about.identity or about.link or about.key or about.sort),
+        words={value.name.lower() if isinstance(value, IntEnum) else value: text for text, value in codes.items()},
+        blank=slot.path == "water.index",
+        of_run=slot.path in _OTHERWISE or table == "points",
+        card_width=edit.width if edit.is_number else 0,
     )
 
 
-def _shown(slot: mapping.Slot) -> Origin | str:
-    """Return what of the record a field shows, nothing where that has it otherwise."""
-    if slot.path in _OTHERWISE or slot.path.startswith("points."):
-        return ""
-    name = job_record.called(slot.path)[1]
-    place = f"{name}[{slot.component}]" if slot.component is not None else name
-    codes = mapping.CODES.get(slot.path, {})
-    if slot.path == "wave_origin.position":
-        return f"value[{slot.component}]"
-    if slot.path == "water.index":
-        return Origin(field=place, blank=True)
-    flags = {value: letter for letter, value in codes.items() if letter and isinstance(value, bool)}
-    return Origin(field=place, true=flags.get(True, ""), false=flags.get(False, "")) if flags else place
-
-
-def _words(path: str) -> list[tuple[str, Mapping[str, str]]]:
-    """Return what stands on cards for the words of the record, of kinds."""
-    codes = mapping.CODES.get(path, {})
-    words = {value.name.lower(): letter for letter, value in codes.items() if letter and isinstance(value, IntEnum)}
-    return [(job_record.called(path)[1], words)] if words else []
+def _called(slot: mapping.Slot) -> str:
+    """Return what the record calls an attribute."""
+    return "wave_origin" if slot.path == "wave_origin.position" else job_record.called(slot.path)[1]
 
 
 def _all_reports() -> tuple[Report[Any], ...]:

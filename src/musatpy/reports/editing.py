@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.fortran import Edit, parse_edit, write_number
 from musatpy.reports.characters import Characters, blank, fixed, of_texts, strings, whole_numbers
-from musatpy.units import dms_from_radians
+from musatpy.units import ARC_SECOND, dms_from_radians
 
 MANY = 40  # values of a column, from which on they are edited at once
 _LEADING_ZERO = re.compile(r"(?<!\d)0(?=\.\d)")
@@ -88,6 +88,30 @@ def _editing_of(descriptor: str) -> Callable[[Any], str]:
 def number_text(descriptor: str, value: float) -> str:
     """Return the text of one number without the blanks around it."""
     return edited(descriptor, [value])[0].strip()
+
+
+def with_decimals(descriptor: str, values: Any, card_width: int, spare: int) -> str:
+    """Return the descriptor with as many more decimals, and columns, as numbers (n,) need, `spare` at most.
+
+    Of each count the decimals that a field of a card has room for, `card_width` columns; what is computed has more.
+    """
+    letter, least = descriptor[0], int(descriptor.partition(".")[2] or 0)
+    numbers = np.asarray(values, dtype=float)
+    numbers = numbers[np.isfinite(numbers) & (numbers != 0.0)]
+    if letter == "I" or not len(numbers):
+        return descriptor
+    size, signs = np.abs(numbers), (numbers < 0.0).astype(int)
+    if letter == "S":
+        size, signs = size / ARC_SECOND % 60.0, 0
+    elif letter == "E":
+        size, signs = size / 10.0 ** np.floor(np.log10(size) + 1.0), signs + len("E-00")
+    digits = np.where(size < 1.0, 0, np.floor(np.log10(np.maximum(size, 1.0))) + 1.0)
+    room = card_width - 1 - signs - digits
+    most = min(least + spare, int(room.max()))
+    more = 0
+    while least + more < most and (np.abs(size - np.round(size, least + more)) >= 0.5 * 10.0**-room).any():
+        more += 1
+    return f"{letter}{field_width(descriptor) + more}.{least + more}" if more else descriptor
 
 
 def prints_as_zero(descriptor: str, value: float) -> bool:

@@ -20,7 +20,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.reports.editing import field_width
+from musatpy.reports.editing import field_width, with_decimals
 from musatpy.reports.encoding import Json, number, plain, rounded
 from musatpy.reports.headings import Headings, printed_unit
 from musatpy.reports.lazy_columns import LazyColumn
@@ -82,6 +82,7 @@ class Field(Node[Source]):
     shown: Callable[[Values], Any] | None = None  # what is printed of a table in its stead, in units of the record
     blank: bool = False  # may be left blank in print whatever the value is
     of_run: bool = False  # printed of what no record has
+    card_width: int = 0  # columns of a number on its card, with whose decimals it is printed
     when: Callable[[Values], bool] | None = None  # in a table where it is printed; None: in all
 
     @property
@@ -130,6 +131,12 @@ class Field(Node[Source]):
         """Return what is printed of a table in its printed unit."""
         values, unit = self.exactly(table), printed_unit(str(self.heading))
         return values if unit == 1.0 else np.asarray(values, dtype=float) / unit
+
+    def fitted(self, table: Values, spare: int) -> Field[Source]:
+        """Return the column with as many decimals as its values need, of a number that a card has."""
+        if not self.card_width:
+            return self
+        return replace(self, edit=with_decimals(str(self.edit), self.printed(table), self.card_width, spare))
 
     def schema(self) -> Schema:
         unit = {"unit": self.unit} if self.unit else {}

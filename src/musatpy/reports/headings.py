@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from musatpy.model import CoordinateSystem
-from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
+from musatpy.units import ARC_SECOND, DEGREE, GON, HECTOPASCAL, MICROMETRE
 
 # What headings call a unit -> that unit in units of the record, which has mm on the plate and rad.
-PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE}
+PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE, "gon": GON, "hPa": HECTOPASCAL}
 SEXAGESIMAL = "D  M  S"  # how headings of degrees, minutes and seconds begin
-_RECORDED = {"um": "mm", "arc sec": "rad", "degrees": "rad"}
-_UNITS = frozenset({*_RECORDED.values(), "m", "s", "m/s", "unit", "mm/unit", "deg", "gon", "sigmas"})
+_RECORDED = {"um": "mm", "arc sec": "rad", "degrees": "rad", "gon": "rad", "hPa": "Pa"}
+_UNITS = frozenset({*_RECORDED.values(), "m", "s", "m/s", "unit", "mm/unit", "deg", "sigmas"})
 _METRIC = (CoordinateSystem.LOCAL, CoordinateSystem.GEOCENTRIC, "MODEL")
 
 

@@ -17,7 +17,7 @@ from musatpy.reports.editing import MANY, characters, edited, field_width, print
 from musatpy.reports.fields import Each, Field, Group, Rows
 from musatpy.reports.headings import PRINTED, SEXAGESIMAL, with_unit
 from musatpy.reports.origin import Origin
-from musatpy.reports.pages import Cells, Section
+from musatpy.reports.pages import PAGE_WIDTH, Cells, Section
 from musatpy.reports.values import Values, array_of, at, in_rows, nothing, unnested
 
 Source = TypeVar("Source")
@@ -248,7 +248,12 @@ class Report(Generic[Source]):
 
     def side_by_side(self, values: Values) -> tuple[Field[Any], ...]:
         """Return what is printed side by side."""
-        return tuple(part for column in self.stated(values) for part in column.columns(values.system))
+        columns = [part for column in self.stated(values) for part in column.columns(values.system)]
+        width = sum(column.width + len(_GAP) for column in columns) - len(_GAP)
+        for n, column in enumerate(columns):
+            columns[n] = column.fitted(values, PAGE_WIDTH - width)
+            width += columns[n].width - column.width
+        return tuple(columns)
 
     def layouts(self) -> list[tuple[Column[Source], ...]]:
         """Return the columns as they may stand in jobs of any kind."""
@@ -262,17 +267,7 @@ class Report(Generic[Source]):
     def section(self, source: Source, below: Sequence[str] = (), **layout: Any) -> Section:
         """Return the printed section, with lines `below` the rows; `layout` is that of `Section`."""
         if self.is_new:
-            values = self.values(source)
-            sheet: Any = Table(self.side_by_side(values))
-            said: dict[str, Any] = {
-                "title": self.title,
-                "head": sheet.head(),
-                "lines": [*sheet.lines(values), *below],
-                "values": lambda: self.cells(source),
-            }
-            if self.worst:
-                said["worst"] = worst_first(self.worst(values)).tolist()
-            return Section(**said | layout)
+            return self.section_of(self.values(source), below, **layout)
         table = self.printed(source)
         stated: dict[str, Any] = {
             "title": self.title,
@@ -282,13 +277,29 @@ class Report(Generic[Source]):
         }
         return Section(**stated | layout)
 
+    def section_of(self, values: Values, below: Sequence[str] = (), **layout: Any) -> Section:
+        """Return the printed section of rows, as `section` does."""
+        sheet: Any = Table(self.side_by_side(values))
+        stated: dict[str, Any] = {
+            "title": self.title,
+            "head": sheet.head(),
+            "lines": [*sheet.lines(values), *below],
+            "values": lambda: self.cells_of(values),
+        }
+        if self.worst:
+            stated["worst"] = worst_first(self.worst(values)).tolist()
+        return Section(**stated | layout)
+
+    def cells_of(self, values: Values) -> Cells:
+        """Return heads with units, and the rows, ids first: numbers as the record has them, in its units."""
+        columns = sorted(self.side_by_side(values), key=lambda column: not column.is_id)
+        exact = [_plain(column.exactly(values)) for column in columns]
+        return [[with_unit(str(column.heading)) for column in columns], *map(list, zip(*exact, strict=True))]
+
     def cells(self, source: Source) -> Cells:
         """Return heads with units, and the rows, ids first: numbers as the record has them, in its units."""
         if self.is_new:
-            found = self.values(source)
-            fields = sorted(self.side_by_side(found), key=lambda column: not column.is_id)
-            exact = [_plain(column.exactly(found)) for column in fields]
-            return [[with_unit(str(column.heading)) for column in fields], *map(list, zip(*exact, strict=True))]
+            return self.cells_of(self.values(source))
         columns = sorted(self._chosen(lambda choice: choice.of(source)), key=lambda column: not column.is_id)
         values = [self._exact(column, source) for column in columns]
         heads = [with_unit(str(column.heading)) if isinstance(column, Field) else column.head for column in columns]

@@ -108,7 +108,7 @@ def map_columns(words: Words) -> Columns:
     heading = f"Convergence\n{_HEADING.get(unit, _SEXAGESIMAL)}"
     columns: Columns = (
         of_job("Photo", "A8", lambda s: s.block.photos.ids),
-        of_job(heading, _TURNS[unit], lambda s: _factors(s)[0] / _RADIANS[unit]),
+        *_vector([heading], [_TURNS[unit]], lambda s: _factors(s)[0][:, None], [_RADIANS[unit]]),
         of_job("Scale along\nmeridian", "F11.7", lambda s: _factors(s)[1]),
         of_job("Scale along\nparallel", "F11.7", lambda s: _factors(s)[2]),
     )
