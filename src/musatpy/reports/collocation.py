@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.reports.table import Column, Table
+from musatpy.reports.fields import unrecorded
+from musatpy.reports.table import Table
 from musatpy.reports.text import text_of
 from musatpy.sea.interpolation.correlation import Family
 from musatpy.sea.interpolation.interpolate import Candidate, Interpolation, Verdict
@@ -14,23 +15,23 @@ from musatpy.sea.interpolation.prediction import Trend
 
 FAMILIES: Table[tuple[Candidate, ...]] = Table(
     (
-        Column("Function", "A11", lambda c: [candidate.family for candidate in c]),
-        Column("Signal\nm", "F7.3", lambda c: [candidate.estimate.covariance.signal**0.5 for candidate in c]),
-        Column("Noise\nm", "F7.3", lambda c: [candidate.estimate.covariance.noise**0.5 for candidate in c]),
-        Column("Criterion", "F9.1", lambda c: [candidate.estimate.criterion for candidate in c]),
-        Column("Left one out\nm", "F12.3", lambda c: [candidate.validation.rms for candidate in c]),
-        Column("Over sigma", "F10.2", lambda c: [candidate.validation.standardised_rms for candidate in c]),
-        Column(
+        unrecorded("Function", "A11", lambda c: [candidate.family for candidate in c]),
+        unrecorded("Signal\nm", "F7.3", lambda c: [candidate.estimate.covariance.signal**0.5 for candidate in c]),
+        unrecorded("Noise\nm", "F7.3", lambda c: [candidate.estimate.covariance.noise**0.5 for candidate in c]),
+        unrecorded("Criterion", "F9.1", lambda c: [candidate.estimate.criterion for candidate in c]),
+        unrecorded("Left one out\nm", "F12.3", lambda c: [candidate.validation.rms for candidate in c]),
+        unrecorded("Over sigma", "F10.2", lambda c: [candidate.validation.standardised_rms for candidate in c]),
+        unrecorded(
             "Parameters", "A50", lambda c: [candidate.estimate.covariance.correlation.in_words() for candidate in c]
         ),
     )
 )
 COVARIANCES: Table[Interpolation] = Table(
     (
-        Column("Distance\nm", "F9.1", lambda f: f.empirical.distance),
-        Column("Pairs", "I8", lambda f: f.empirical.pairs),
-        Column("Covariance\nm2", "F10.4", lambda f: f.empirical.covariance),
-        Column("Fitted\nm2", "F10.4", lambda f: fitted(f)),
+        unrecorded("Distance\nm", "F9.1", lambda f: f.empirical.distance),
+        unrecorded("Pairs", "I8", lambda f: f.empirical.pairs),
+        unrecorded("Covariance\nm2", "F10.4", lambda f: f.empirical.covariance),
+        unrecorded("Fitted\nm2", "F10.4", lambda f: fitted(f)),
     )
 )
 _SAYS = {

@@ -9,8 +9,8 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.comparison import Comparison, Differences
 from musatpy.reports.encoding import Json, plain, rows
-from musatpy.reports.table import Column, Table
-from musatpy.units import ARC_SECOND, DEGREE
+from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.table import Table
 
 _LISTED = 20
 _AXES = ("East", "North", "Up")
@@ -23,9 +23,9 @@ def comparison_text(comparison: Comparison, listed: int = _LISTED) -> str:
     lines = [f"COMPARISON OF TWO SOLUTIONS: {first} AND {second}", ""]
     facts: Table[Comparison] = Table(
         (
-            Column("", "A46", lambda c: [fact[0] for fact in c.facts]),
-            Column(first[-20:], "A20", lambda c: [fact[1] for fact in c.facts]),
-            Column(second[-20:], "A20", lambda c: [fact[2] for fact in c.facts]),
+            unrecorded("", "A46", lambda c: [fact[0] for fact in c.facts]),
+            unrecorded(first[-20:], "A20", lambda c: [fact[1] for fact in c.facts]),
+            unrecorded(second[-20:], "A20", lambda c: [fact[2] for fact in c.facts]),
         )
     )
     lines += facts.text(comparison)
@@ -61,27 +61,26 @@ def _rows(name: str, part: Differences) -> list[dict[str, Json]]:
 
 
 def _stations(part: Differences, listed: int) -> list[str]:
-    units = (1.0, 1.0, 1.0, ARC_SECOND, ARC_SECOND, ARC_SECOND)
     names = [f"{name}\nm" for name in _AXES] + [f"{name}\narc sec" for name in _ANGLES]
-    return _table("Photo", part, names, units, listed)
+    return _table("Photo", part, names, listed)
 
 
 def _points(part: Differences, listed: int) -> list[str]:
-    return _table("Point", part, [f"{name}\nm" for name in _AXES], (1.0, 1.0, 1.0), listed)
+    return _table("Point", part, [f"{name}\nm" for name in _AXES], listed)
 
 
 def _waves(part: Differences, listed: int) -> list[str]:
     names = ["Height\nm", "Length\nm", "Azimuth\ndegrees", "Crest\nm"]
-    return _table("Wave", part, names, (1.0, 1.0, DEGREE, 1.0), listed)
+    return _table("Wave", part, names, listed)
 
 
-def _table(name: str, part: Differences, names: list[str], units: tuple[float, ...], listed: int) -> list[str]:
-    def column(heading: str, edit: str, values: FloatArray) -> Column[Differences]:
-        return Column(heading, edit, lambda source: values[:listed])
+def _table(name: str, part: Differences, names: list[str], listed: int) -> list[str]:
+    def column(heading: str, edit: str, values: FloatArray) -> Field[Differences]:
+        return unrecorded(heading, edit, lambda source: values[:listed])
 
-    differences = [column(h, "F9.3", part.difference[:, i] / units[i]) for i, h in enumerate(names)]
+    differences = [column(h, "F9.3", part.difference[:, i]) for i, h in enumerate(names)]
     ratios = [column(h.split("\n")[0] + "\nsigma", "F8.2", part.ratio[:, i]) for i, h in enumerate(names)]
-    ids: Column[Differences] = Column(name, "A8", lambda source: source.ids[:listed])
+    ids: Field[Differences] = unrecorded(name, "A8", lambda source: source.ids[:listed])
     table: Table[Any] = Table((ids, *differences, *ratios))
     left = [] if len(part.ids) <= listed else [f"and {len(part.ids) - listed} more that differ less"]
     return [*table.text(part), *left]
@@ -91,11 +90,11 @@ def _depths(comparison: Comparison) -> list[str]:
     depths = comparison.depths
     table: Table[Comparison] = Table(
         (
-            Column("Point", "A8", lambda c: depths.ids),
-            Column(f"{comparison.labels[0][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 0]),
-            Column(f"{comparison.labels[1][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 1]),
-            Column("Difference\nm", "F11.3", lambda c: depths.depth[:, 1] - depths.depth[:, 0]),
-            Column("Sigma\nm", "F9.3", lambda c: depths.sigma),
+            unrecorded("Point", "A8", lambda c: depths.ids),
+            unrecorded(f"{comparison.labels[0][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 0]),
+            unrecorded(f"{comparison.labels[1][-12:]}\nm", "F12.3", lambda c: depths.depth[:, 1]),
+            unrecorded("Difference\nm", "F11.3", lambda c: depths.depth[:, 1] - depths.depth[:, 0]),
+            unrecorded("Sigma\nm", "F9.3", lambda c: depths.sigma),
         )
     )
     return table.text(comparison)

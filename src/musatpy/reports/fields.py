@@ -303,6 +303,11 @@ def _value(fields: Iterable[Node[Item]], path: str, item: Item) -> Any:
     return value
 
 
+def unrecorded(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:
+    """Return a column of what no record has: `values` of the source of the table, in units that records have."""
+    return Field(heading, heading=heading, edit=edit, shown=values)
+
+
 def same(source: Part) -> Part:
     """Return the source itself: of an object with the fields of what it stands in."""
     return source

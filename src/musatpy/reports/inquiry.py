@@ -10,9 +10,10 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.inquiry import About, Images, Others
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.table import Column, Table
+from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.table import Table
 from musatpy.reports.text import text_of, wrapped
-from musatpy.units import ARC_SECOND, DEGREE, MICROMETRE
+from musatpy.units import ARC_SECOND, DEGREE
 
 _IMAGES, _NEIGHBOURS, _CAUSES, _ALONE = 12, 6, 3, 12  # of each that are shown
 _ENU, _XYZ = ("East", "North", "Up"), ("X", "Y", "Z")
@@ -126,26 +127,26 @@ def _images(about: About, axes: tuple[str, ...]) -> Iterator[str]:
     yield from Table[Any](tuple(_image_columns(about, axes, rows))).text(about.images)
 
 
-def _image_columns(about: About, axes: tuple[str, ...], rows: IntArray) -> Iterator[Column[Images]]:
-    def values(heading: str, edit: str, column: FloatArray) -> Column[Images]:
-        return Column(heading, edit, lambda images: column[rows])
+def _image_columns(about: About, axes: tuple[str, ...], rows: IntArray) -> Iterator[Field[Images]]:
+    def values(heading: str, edit: str, column: FloatArray) -> Field[Images]:
+        return unrecorded(heading, edit, lambda images: column[rows])
 
     images = about.images
     names = images.point if about.is_photo else images.photo
-    yield Column("Point" if about.is_photo else "Photo", "A8", lambda i: names[rows])
-    yield Column("", "A2", lambda i: _flags(i)[rows])
+    yield unrecorded("Point" if about.is_photo else "Photo", "A8", lambda i: names[rows])
+    yield unrecorded("", "A2", lambda i: _flags(i)[rows])
     for n, axis in enumerate("xy"):
-        yield values(f"Res {axis}\num", "F6.2", images.residual[:, n] / MICROMETRE)
+        yield values(f"Res {axis}\num", "F6.2", images.residual[:, n])
     for n, axis in enumerate("xy"):
         yield values(f"Test {axis}", "F6.2", images.test[:, n])
     for n, axis in enumerate("xy"):
         yield values(f"Red {axis}", "F5.2", images.redundancy[:, n])
     for n, axis in enumerate("xy"):
-        yield values(f"Det {axis}\num", "F6.1", images.detectable[:, n] / MICROMETRE)
+        yield values(f"Det {axis}\num", "F6.1", images.detectable[:, n])
     yield values("Moves\nm", "F7.3", images.hidden)
     yield from (values(*column) for column in _changes(axes, images.change))
     if images.submerged.any():
-        yield values("Refr.\num", "F6.1", images.refraction / MICROMETRE)
+        yield values("Refr.\num", "F6.1", images.refraction)
         if not about.is_photo:
             yield values("Water\nm", "F7.3", images.tide)
 
@@ -176,14 +177,14 @@ def _others(about: About, axes: tuple[str, ...]) -> Iterator[str]:
         *_changes(axes, others.change),
     )
 
-    def values(heading: str, edit: str, column: FloatArray) -> Column[Others]:
-        return Column(heading, edit, lambda _: column)
+    def values(heading: str, edit: str, column: FloatArray) -> Field[Others]:
+        return unrecorded(heading, edit, lambda _: column)
 
-    columns: tuple[Column[Others], ...] = (
-        Column("Kind", "A8", lambda o: [kind.label for kind in o.kind]),
-        Column("Of", "A17", lambda o: o.of),
-        Column("Comp.", "A7", lambda o: o.component),
-        Column("Unit", "A4", lambda o: [kind.unit for kind in o.kind]),
+    columns: tuple[Field[Others], ...] = (
+        unrecorded("Kind", "A8", lambda o: [kind.label for kind in o.kind]),
+        unrecorded("Of", "A17", lambda o: o.of),
+        unrecorded("Comp.", "A7", lambda o: o.component),
+        unrecorded("Unit", "A4", lambda o: [kind.unit for kind in o.kind]),
         *(values(*column) for column in numbers),
     )
     yield from ("", "Other Observations", "")
@@ -239,15 +240,15 @@ def _neighbours(about: About) -> Iterator[str]:
     more = len(around.ids) - len(around.ids[shown])
     yield from ("", f"{what} Nearby{f', and {more} more' if more else ''}", "")
 
-    def numbers(heading: str, edit: str, values: FloatArray) -> Column[About]:
-        return Column(heading, edit, lambda a: values[shown])
+    def numbers(heading: str, edit: str, values: FloatArray) -> Field[About]:
+        return unrecorded(heading, edit, lambda a: values[shown])
 
     wet = (numbers("Depth\nm", "F8.3", around.depth),) if np.isfinite(around.depth[shown]).any() else ()
     yield from Table[Any](
         (
-            Column(what[:-1], "A8", lambda a: around.ids[shown]),
+            unrecorded(what[:-1], "A8", lambda a: around.ids[shown]),
             numbers("Distance\nm", "F10.1", around.distance),
-            Column(f"{common}\nin common", "I9", lambda a: around.common[shown]),
+            unrecorded(f"{common}\nin common", "I9", lambda a: around.common[shown]),
             numbers("Sigma up\nm", "F8.3", around.sigma),
             *wet,
             numbers("Largest\ntest", "F8.2", around.test),

@@ -10,9 +10,10 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
 from musatpy.model import Block, ControlKind, Plates
 from musatpy.reports.encoding import Json, plain, rows
+from musatpy.reports.fields import Field, unrecorded
 from musatpy.reports.jobs import listed
 from musatpy.reports.pages import PAGE_WIDTH, Section, paginate, print_pages
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Table
 from musatpy.reports.text import labelled
 from musatpy.units import ARC_SECOND, MICROMETRE
 
@@ -113,12 +114,12 @@ def _stated(block: Block) -> dict[str, str]:
 # --- photos ---
 
 
-def _photo_column(heading: str, name: str) -> Column[Summary]:
-    return Column(heading, "I6", lambda job: getattr(job.photos, name))
+def _photo_column(heading: str, name: str) -> Field[Summary]:
+    return unrecorded(heading, "I6", lambda job: getattr(job.photos, name))
 
 
-def _control_column(kind: ControlKind) -> Column[Summary]:
-    return Column(f"Control\n{_KINDS[kind]}", "I7", lambda job: job.photos.control[:, kind])
+def _control_column(kind: ControlKind) -> Field[Summary]:
+    return unrecorded(f"Control\n{_KINDS[kind]}", "I7", lambda job: job.photos.control[:, kind])
 
 
 def _with_next(job: Summary) -> FloatArray:
@@ -130,17 +131,17 @@ def _with_next(job: Summary) -> FloatArray:
 
 _PHOTOS: Table[Summary] = Table(
     (
-        Column("Photo", "A8", lambda job: job.block.photos.ids),
-        Column("Camera", "A6", lambda job: job.block.cameras.ids[job.block.photos.camera]),
+        unrecorded("Photo", "A8", lambda job: job.block.photos.ids),
+        unrecorded("Camera", "A6", lambda job: job.block.cameras.ids[job.block.photos.camera]),
         _photo_column("Rays", "rays"),
         _photo_column("Land", "land"),
         _photo_column("Subm", "submerged"),
         _photo_column("Flag N", "kept_out"),
         *(_control_column(kind) for kind in ControlKind),
         _photo_column("Here\nonly", "single"),
-        Column("With\nnext", "I6", _with_next),
+        unrecorded("With\nnext", "I6", _with_next),
         _photo_column("Ties to\nphotos", "neighbours"),
-        Column("Tide\nm", "F10.4", lambda job: job.block.photos.tide),
+        unrecorded("Tide\nm", "F10.4", lambda job: job.block.photos.tide),
     )
 )
 
@@ -148,13 +149,13 @@ _PHOTOS: Table[Summary] = Table(
 # --- rays ---
 
 
-def _ray_column(heading: str, name: str) -> Column[Summary]:
-    return Column(heading, "I9", lambda job: rays_histogram(job)[name])
+def _ray_column(heading: str, name: str) -> Field[Summary]:
+    return unrecorded(heading, "I9", lambda job: rays_histogram(job)[name])
 
 
 _RAYS: Table[Summary] = Table(
     (
-        Column("Rays", "I4", lambda job: range(len(rays_histogram(job)["points"]))),
+        unrecorded("Rays", "I4", lambda job: range(len(rays_histogram(job)["points"]))),
         _ray_column("Points", "points"),
         _ray_column("Land", "land"),
         _ray_column("Submerged", "submerged"),
@@ -237,14 +238,14 @@ def _yes(values: Callable[[Summary], BoolArray]) -> Callable[[Summary], list[str
 
 _CONTROL: Table[Summary] = Table(
     (
-        Column("Point", "A8", lambda job: job.block.points.ids[_links(job)]),
-        Column("Kind", "A10", lambda job: [_KINDS[ControlKind(kind)] for kind in job.block.control.kind]),
-        Column("Fixed", "A5", _yes(lambda job: job.block.control.fixed)),
-        Column("Submerged", "A9", _yes(lambda job: job.block.points.bathymetric[_links(job)])),
-        Column("Rays", "I4", lambda job: job.points.rays[_links(job)]),
-        Column("Not\nflagged N", "I9", lambda job: job.points.used[_links(job)]),
+        unrecorded("Point", "A8", lambda job: job.block.points.ids[_links(job)]),
+        unrecorded("Kind", "A10", lambda job: [_KINDS[ControlKind(kind)] for kind in job.block.control.kind]),
+        unrecorded("Fixed", "A5", _yes(lambda job: job.block.control.fixed)),
+        unrecorded("Submerged", "A9", _yes(lambda job: job.block.points.bathymetric[_links(job)])),
+        unrecorded("Rays", "I4", lambda job: job.points.rays[_links(job)]),
+        unrecorded("Not\nflagged N", "I9", lambda job: job.points.used[_links(job)]),
         *(
-            Column(f"Sigma {name}\nm", "F11.3", lambda job, i=i: job.block.control.sigma[:, i])  # type: ignore[misc]
+            unrecorded(f"Sigma {name}\nm", "F11.3", lambda job, i=i: job.block.control.sigma[:, i])  # type: ignore[misc]
             for i, name in enumerate(("east", "north", "up"))
         ),
     )
@@ -259,10 +260,10 @@ def _group_sizes(job: Summary, measured: bool) -> IntArray:
 
 _GROUPS: Table[Summary] = Table(
     (
-        Column("Group", "A8", lambda job: job.block.equal_elevations.ids),
-        Column("Sigma\nm", "F9.4", lambda job: job.block.equal_elevations.sigma),
-        Column("Points", "I6", lambda job: _group_sizes(job, False)),
-        Column("Measured", "I8", lambda job: _group_sizes(job, True)),
+        unrecorded("Group", "A8", lambda job: job.block.equal_elevations.ids),
+        unrecorded("Sigma\nm", "F9.4", lambda job: job.block.equal_elevations.sigma),
+        unrecorded("Points", "I6", lambda job: _group_sizes(job, False)),
+        unrecorded("Measured", "I8", lambda job: _group_sizes(job, True)),
     )
 )
 
@@ -274,24 +275,24 @@ def _observed(job: Summary) -> IntArray:
     return np.flatnonzero(np.isfinite(sigmas).any(axis=1))
 
 
-def _sigma_column(heading: str, edit: str, name: str, component: int, unit: float = 1.0) -> Column[Summary]:
-    return Column(heading, edit, lambda job: getattr(job.block.photos, name)[_observed(job), component] / unit)
+def _sigma_column(heading: str, edit: str, name: str, component: int) -> Field[Summary]:
+    return unrecorded(heading, edit, lambda job: getattr(job.block.photos, name)[_observed(job), component])
 
 
 _OBSERVED: Table[Summary] = Table(
     (
-        Column("Photo", "A8", lambda job: job.block.photos.ids[_observed(job)]),
+        unrecorded("Photo", "A8", lambda job: job.block.photos.ids[_observed(job)]),
         *(
             _sigma_column(f"{name}\nm", "F9.3", "position_sigma", i)
             for i, name in enumerate(("East", "North", "Up"))
         ),
         *(
-            _sigma_column(f"{name}\narc sec", "F9.1", "attitude_sigma", i, ARC_SECOND)
+            _sigma_column(f"{name}\narc sec", "F9.1", "attitude_sigma", i)
             for i, name in enumerate(("X-Tilt", "Y-Tilt", "Heading"))
         ),
-        Column("Tide\nm", "F9.4", lambda job: job.block.photos.tide_sigma[_observed(job)]),
-        Column("Group", "A8", lambda job: job.block.photos.tide_group[_observed(job)]),
-        Column("Day", "A8", lambda job: job.block.photos.tide_day[_observed(job)]),
+        unrecorded("Tide\nm", "F9.4", lambda job: job.block.photos.tide_sigma[_observed(job)]),
+        unrecorded("Group", "A8", lambda job: job.block.photos.tide_group[_observed(job)]),
+        unrecorded("Day", "A8", lambda job: job.block.photos.tide_day[_observed(job)]),
     )
 )
 

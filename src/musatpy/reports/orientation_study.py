@@ -7,21 +7,23 @@ from typing import TYPE_CHECKING
 
 from musatpy.arrays import FloatArray
 from musatpy.reports.editing import number_text
-from musatpy.reports.table import Column, Table
+from musatpy.reports.fields import unrecorded
+from musatpy.reports.table import Table
 from musatpy.reports.text import text_of
+from musatpy.units import DEGREE
 
 if TYPE_CHECKING:
     from musatpy.orientation.twomedia.study import Basins, Precision, Study
 
 _BASINS: Table[Basins] = Table(
     (
-        Column("Angles\ndegrees", "F8.1", lambda b: 5.0 * b.levels),
-        Column("Lengths\nof H", "F8.2", lambda b: 0.1 * b.levels),
-        Column("Slopes", "F8.3", lambda b: 0.05 * b.levels),
-        Column("Starts", "I6", lambda b: [b.outcomes.shape[1]] * len(b.levels)),
-        Column("To this\nsolution, %", "F12.1", lambda b: 100.0 * b.shares[:, 0]),
-        Column("To another\nsolution, %", "F12.1", lambda b: 100.0 * b.shares[:, 1]),
-        Column("To none\n%", "F8.1", lambda b: 100.0 * b.shares[:, 2]),
+        unrecorded("Angles\ndegrees", "F8.1", lambda b: 5.0 * DEGREE * b.levels),
+        unrecorded("Lengths\nof H", "F8.2", lambda b: 0.1 * b.levels),
+        unrecorded("Slopes", "F8.3", lambda b: 0.05 * b.levels),
+        unrecorded("Starts", "I6", lambda b: [b.outcomes.shape[1]] * len(b.levels)),
+        unrecorded("To this\nsolution, %", "F12.1", lambda b: 100.0 * b.shares[:, 0]),
+        unrecorded("To another\nsolution, %", "F12.1", lambda b: 100.0 * b.shares[:, 1]),
+        unrecorded("To none\n%", "F8.1", lambda b: 100.0 * b.shares[:, 2]),
     )
 )
 
@@ -52,9 +54,9 @@ def _precision(precision: Precision, limit: float) -> list[str]:
     """Return the sigma of the level over the mean depth, by depth and share of dry points."""
     table: Table[Precision] = Table(
         (
-            Column("Mean depth\nof H", "F10.3", lambda p: p.depths),
+            unrecorded("Mean depth\nof H", "F10.3", lambda p: p.depths),
             *(
-                Column(f"{100.0 * share:.0f} % dry", "F9.3", _ratio(number))
+                unrecorded(f"{100.0 * share:.0f} % dry", "F9.3", _ratio(number))
                 for number, share in enumerate(precision.shares)
             ),
         )

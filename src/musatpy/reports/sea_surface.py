@@ -6,7 +6,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model.tables import falling
-from musatpy.reports.table import Column, Table
+from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.table import Table
 from musatpy.reports.text import text_of
 from musatpy.sea.stereo.corrected_points import REASONS, Corrected, Fault
 from musatpy.sea.stereo.estimate import SurfaceFit
@@ -23,28 +24,28 @@ _CORRELATED = 0.5  # correlations below are not listed
 
 STEPS: Table[tuple[Step, ...]] = Table(
     (
-        Column("Try", "I3", lambda steps: range(1, len(steps) + 1)),
-        Column("Length\nm", "F9.2", lambda steps: [step.length for step in steps]),
-        Column("Azimuth\ndeg", "F7.1", lambda steps: [step.azimuth / DEGREE for step in steps]),
-        Column("Power", "F6.3", lambda steps: [step.power for step in steps]),
-        Column("F", "F10.2", lambda steps: [step.ratio if step.is_tested else np.nan for step in steps]),
-        Column("Limit", "F6.2", lambda steps: [step.critical if step.is_tested else np.nan for step in steps]),
-        Column("Verdict", "A54", lambda steps: [step.reason or "taken" for step in steps]),
+        unrecorded("Try", "I3", lambda steps: range(1, len(steps) + 1)),
+        unrecorded("Length\nm", "F9.2", lambda steps: [step.length for step in steps]),
+        unrecorded("Azimuth\ndeg", "F7.1", lambda steps: [step.azimuth / DEGREE for step in steps]),
+        unrecorded("Power", "F6.3", lambda steps: [step.power for step in steps]),
+        unrecorded("F", "F10.2", lambda steps: [step.ratio if step.is_tested else np.nan for step in steps]),
+        unrecorded("Limit", "F6.2", lambda steps: [step.critical if step.is_tested else np.nan for step in steps]),
+        unrecorded("Verdict", "A54", lambda steps: [step.reason or "taken" for step in steps]),
     )
 )
 
 
-def _described(heading: str, column: int, decimals: int, unit: float = 1.0) -> tuple[Column[FourierSurface], ...]:
+def _described(heading: str, column: int, decimals: int, unit: float = 1.0) -> tuple[Field[FourierSurface], ...]:
     """Return a number that describes each wave, and its sigma."""
     return (
-        Column(heading, f"F9.{decimals}", lambda s: s.described[0][:, column] / unit),
-        Column("Sigma\n", f"F7.{decimals}", lambda s: s.described[1][:, column] / unit),
+        unrecorded(heading, f"F9.{decimals}", lambda s: s.described[0][:, column] / unit),
+        unrecorded("Sigma\n", f"F7.{decimals}", lambda s: s.described[1][:, column] / unit),
     )
 
 
 WAVES: Table[FourierSurface] = Table(
     (
-        Column("Wave", "I4", lambda s: range(1, s.count + 1)),
+        unrecorded("Wave", "I4", lambda s: range(1, s.count + 1)),
         *_described("Amplitude\nm", 0, 4),
         *_described("Length\nm", 1, 3),
         *_described("Azimuth\ndeg", 2, 2, DEGREE),

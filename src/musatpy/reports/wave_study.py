@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from musatpy.reports.table import Column, Table
+from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.table import Table
 from musatpy.reports.text import text_of
 from musatpy.sea.study import WIDE, Trials, WaveStudy, flying_height
 from musatpy.units import DEGREE
@@ -16,27 +17,27 @@ _BAR = 50  # characters of the longest bar of a histogram
 
 WAVES: Table[WaveStudy] = Table(
     (
-        Column("Wave", "I4", lambda s: range(1, len(s.spec.wave) + 1)),
-        Column("Shape", "A10", lambda s: [wave.shape for wave in s.spec.wave]),
-        Column("Period\ns", "F6.1", lambda s: s.theory.period),
-        Column("Length\nm", "F7.1", lambda s: s.length),
-        Column("Speed\nm/s", "F6.2", lambda s: s.speed),
-        Column("Group\nm/s", "F6.2", lambda s: s.theory.group_speed),
-        Column("Height\nm", "F6.2", lambda s: s.theory.height),
-        Column("Breaks at\nm", "F9.2", lambda s: s.theory.breaking_height),
-        Column("Towards\ndeg", "F7.1", lambda s: [wave.azimuth for wave in s.spec.wave]),
-        Column("Crest\nm", "F7.1", lambda s: [wave.crest for wave in s.spec.wave]),
+        unrecorded("Wave", "I4", lambda s: range(1, len(s.spec.wave) + 1)),
+        unrecorded("Shape", "A10", lambda s: [wave.shape for wave in s.spec.wave]),
+        unrecorded("Period\ns", "F6.1", lambda s: s.theory.period),
+        unrecorded("Length\nm", "F7.1", lambda s: s.length),
+        unrecorded("Speed\nm/s", "F6.2", lambda s: s.speed),
+        unrecorded("Group\nm/s", "F6.2", lambda s: s.theory.group_speed),
+        unrecorded("Height\nm", "F6.2", lambda s: s.theory.height),
+        unrecorded("Breaks at\nm", "F9.2", lambda s: s.theory.breaking_height),
+        unrecorded("Towards\ndeg", "F7.1", lambda s: [wave.azimuth for wave in s.spec.wave]),
+        unrecorded("Crest\nm", "F7.1", lambda s: [wave.crest for wave in s.spec.wave]),
     )
 )
 ERRORS: Table[WaveStudy] = Table(
     (
-        Column("Coordinate", "A10", lambda s: _COORDINATES),
-        Column("Maximum\nm", "F8.3", lambda s: s.spread.largest),
-        Column("at No.", "I6", lambda s: s.spread.point + 1),
-        Column("Mean\nm", "F8.3", lambda s: s.spread.mean),
-        Column("Sigma\nm", "F8.3", lambda s: s.spread.sigma),
-        Column("Allowed\nm", "F8.3", lambda s: s.verdict.allowed),
-        Column("Verdict", "A8", lambda s: _words(s.verdict.kept)),
+        unrecorded("Coordinate", "A10", lambda s: _COORDINATES),
+        unrecorded("Maximum\nm", "F8.3", lambda s: s.spread.largest),
+        unrecorded("at No.", "I6", lambda s: s.spread.point + 1),
+        unrecorded("Mean\nm", "F8.3", lambda s: s.spread.mean),
+        unrecorded("Sigma\nm", "F8.3", lambda s: s.spread.sigma),
+        unrecorded("Allowed\nm", "F8.3", lambda s: s.verdict.allowed),
+        unrecorded("Verdict", "A8", lambda s: _words(s.verdict.kept)),
     )
 )
 POINTS = ("no", "x", "y", "z", "dx", "dy", "dz", "y_parallax", "refraction_points_left", "refraction_points_right")
@@ -123,14 +124,14 @@ def _histograms(study: WaveStudy) -> list[str]:
 def _trials(trials: Trials) -> list[str]:
     table: Table[Trials] = Table(
         (
-            Column(
+            unrecorded(
                 f"{trials.name}\n{trials.unit}",
                 "F8.2",
                 lambda t: [trial.value for trial in t.trials if trial.spread],
             ),
             *(_maximum(axis) for axis in range(3)),
             *(_sigma(axis) for axis in range(3)),
-            Column(
+            unrecorded(
                 "Verdict", "A8", lambda t: _words(trial.verdict.kept.all() for trial in t.trials if trial.verdict)
             ),
         )
@@ -141,14 +142,14 @@ def _trials(trials: Trials) -> list[str]:
     return [f"{trials.name} varied", "", *table.text(trials), *failed]
 
 
-def _maximum(axis: int) -> Column[Trials]:
-    return Column(
+def _maximum(axis: int) -> Field[Trials]:
+    return unrecorded(
         f"Max {_COORDINATES[axis]}\nm", "F8.3", lambda t: [s.spread.largest[axis] for s in t.trials if s.spread]
     )
 
 
-def _sigma(axis: int) -> Column[Trials]:
-    return Column(
+def _sigma(axis: int) -> Field[Trials]:
+    return unrecorded(
         f"Sigma {_COORDINATES[axis]}\nm", "F8.3", lambda t: [s.spread.sigma[axis] for s in t.trials if s.spread]
     )
 
