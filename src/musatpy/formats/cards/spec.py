@@ -90,6 +90,27 @@ def texts(values: Any) -> tuple[str, ...]:
     return tuple(values)
 
 
+def _bound(value: Any) -> tuple[str, float, str]:
+    """Return relation, number and message of a bound; raises `ValueError`."""
+    match value:
+        case [">" | ">=" as relation, float(number), str(message)]:
+            return relation, number, message
+    raise ValueError('not [">" or ">=", number, message]')
+
+
+def _pair(value: Any) -> tuple[str, str]:
+    """Return two texts; raises `ValueError`."""
+    match value:
+        case [str(first), str(second)]:
+            return first, second
+    raise ValueError("not two texts")
+
+
+def _pairs(values: Any) -> tuple[tuple[str, str], ...]:
+    require(isinstance(values, list), "not a list")
+    return tuple(_pair(value) for value in values)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FieldSpec:
     """One field of a card.
@@ -120,6 +141,9 @@ class FieldSpec:
     blank: Blank = key("error", "a blank field is an `error` (so without the key), `missing` (no value) or `zero`")
     asterisks: bool = key(False, "whether asterisks, a FORTRAN overflow, read as no value; numbers only")
     allowed: tuple[str, ...] = key((), "the values that a text may have", convert=texts)
+    bound: tuple[str, float, str] | None = key(
+        None, '`[">" or ">=", number, message]`: what a number must be, in inside units', convert=_bound
+    )
     doc: str = key("", "what the field means", required=True)
 
     @property
@@ -227,6 +251,14 @@ class CardSpec:
         doc="`one` or `many` cards in a deck", convert=one_of(("one", "many"), "not one or many")
     )
     required: bool = key(doc="whether a deck must have the card")
+    once: tuple[tuple[str, str], ...] = key(
+        (),
+        "lists of two: attributes by which two cards are the same, the last shown; what is said of the second",
+        convert=_pairs,
+    )
+    two_ends: tuple[str, str] | None = key(
+        None, "an attribute whose two components must differ, and what is said where they do not", convert=_pair
+    )
     sample: str = key(doc="a canonical card, 80 columns, number 1; it must decode and encode to itself")
     fields: tuple[FieldSpec, ...] = key((), "the fields, one `[[field]]` table each", name="field")
     file: str = ""  # where all this stands

@@ -11,28 +11,7 @@ from musatpy.arrays import IntArray, TextArray
 from musatpy.errors import Problem
 from musatpy.formats.draft import Draft, naming, table_of
 
-# Role, the attributes by which two of its cards are the same, the last of them shown; what was said before.
-_ONCE = (
-    ("cameras", "ids", "camera {} is already given"),
-    ("stations", "ids", "the station of photo {} is already given"),
-    ("attitudes", "ids", "the attitude of photo {} is already given"),
-    ("tides", "ids", "the tide of photo {} is already given"),
-    ("control", "point", "control point {} is already given"),
-    ("fiducials", "camera ids", "mark {1} of camera {0} is already given"),
-    ("air_bases", "photo", "the base between photos {} and {} is already given"),
-    ("lenses", "camera", "the lens of camera {} is already given"),
-    ("mark_distances", "camera marks", "the distance of camera {} is already given"),
-    ("mark_distances", "camera axis", "the axis of camera {} is already given"),
-    ("reseau", "camera ids", "the cross of camera {} is already given"),
-    ("reseau", "camera column row", "the place in the reseau of camera {} is already given"),
-    ("waves", "ids", "wave {} is already given"),
-    ("wave_sigmas", "ids", "the sigmas of wave {} are already given"),
-)
-# The same of measurements that are no readings: raw plates may have a mark or a point read again and again.
-_MEASURED_ONCE = (
-    ("plates", "photo point", "point {1} is already measured on photo {0}"),
-    ("fiducial_measurements", "photo ids", "mark {1} of photo {0} is already given"),
-)
+_READ_AGAIN = ("plates", "fiducial_measurements")  # of raw plates, whose readings are no measurements
 
 
 def repeats(*keys: IntArray) -> Iterator[tuple[int, int]]:
@@ -48,12 +27,14 @@ def repeats(*keys: IntArray) -> Iterator[tuple[int, int]]:
 
 def repeated_cards(draft: Draft) -> Iterator[Problem]:
     """Yield the cards that say again what a card before gave; of two ends the order does not matter."""
-    for role, names, message in (*_ONCE, *(() if draft.raw else _MEASURED_ONCE)):
-        paths = [f"{table_of(role)}.{name}" for name in names.split()]
-        keys, texts = zip(*(key for path in paths for key in _keys(draft, role, path)), strict=True)
-        for row, first in repeats(*keys):
-            text = message.format(*(column[row] for column in texts))
-            yield draft.problem(role, row, f"{text} on line {draft.rows[role].lines[first]}", path=paths[-1])
+    for role, rows in draft.rows.items():
+        once = () if draft.raw and role in _READ_AGAIN else (one for spec in rows.specs for one in spec.once)
+        for names, message in dict.fromkeys(once):
+            paths = [f"{table_of(role)}.{name}" for name in names.split()]
+            keys, texts = zip(*(key for path in paths for key in _keys(draft, role, path)), strict=True)
+            for row, first in repeats(*keys):
+                text = message.format(*(column[row] for column in texts))
+                yield draft.problem(role, row, f"{text} on line {rows.lines[first]}", path=paths[-1])
 
 
 def _keys(draft: Draft, role: str, path: str) -> Iterator[tuple[IntArray, TextArray]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pyproj
@@ -12,50 +12,17 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardTable
 from musatpy.formats.cards.spec import FieldSpec
-from musatpy.formats.draft import ROLES, Draft
+from musatpy.formats.draft import ROLES, Draft, table_of
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, DEGREE
 
 _FOCAL_LENGTHS = (10.0, 3000.0)  # mm: from small formats to reconnaissance cameras
 _SOME, _SMALL = 3, 0.01  # images of a camera, and the share of its format in which all of them do not lie
-_LIMIT, _SCALE, _LENGTH = (f"a {what} must be greater than zero" for what in ("limit", "scale", "length"))
-_BEYOND = {">": np.less_equal, ">=": np.less, "<=": np.greater}
-_COUNT, _CROSS = "at least 1 is needed, not {:g}", "rows and columns of a reseau count from 1"
-Bound = tuple[str, str, str, float, str]
-# Role, attribute, what a value must be, and what is said of those that are not.
-_BOUNDS: tuple[Bound, ...] = (
-    ("options", "options.rotation_limit", ">", 0.0, _LIMIT),
-    ("options", "options.translation_limit", ">", 0.0, _LIMIT),
-    ("options", "options.water_limit", ">", 0.0, _LIMIT),
-    ("options", "options.max_iterations", ">=", 1.0, _COUNT),
-    ("options", "options.max_passes", ">=", 1.0, _COUNT),
-    ("more_options", "options.submerged_factor", ">=", 1.0, _COUNT),
-    ("more_options", "options.sigma0_limit", ">", 1.0, "a limit must be greater than 1, not {:g}"),
-    ("more_options", "options.station_limit", ">", 0.0, "a limit must be greater than 0, not {:g}"),
-    ("cameras", "cameras.focal_length", ">", 0.0, "a focal length must be greater than zero"),
-    ("cameras", "cameras.format_size", ">", 0.0, "a format must be greater than zero"),
-    ("air_bases", "air_bases.length", ">", 0.0, _LENGTH),
-    ("distances", "distances.length", ">", 0.0, _LENGTH),
-    ("orientation", "orientation.limit", ">", 0.0, _LIMIT),
-    ("reduction", "reduction.residual_limit", ">", 0.0, _LIMIT),
-    ("comparator", "comparator.scale_u", ">", 0.0, _SCALE),
-    ("comparator", "comparator.scale_v", ">", 0.0, _SCALE),
-    ("comparator", "comparator.repeat_limit", ">", 0.0, _LIMIT),
-    ("mark_distances", "mark_distances.distance", ">", 0.0, "a distance must be greater than zero"),
-    ("reseau", "reseau.row", ">", 0.0, _CROSS),
-    ("reseau", "reseau.column", ">", 0.0, _CROSS),
-)
+_WITHIN = {">": np.greater, ">=": np.greater_equal}
 _LOOSEST_LIMITS = (
     ("options.rotation_limit", 60.0, ARC_SECOND, "seconds of arc"),
     ("options.translation_limit", 1.0, 1.0, "m"),
     ("options.water_limit", 1.0, 1.0, "m"),
-)
-# What has two different ends: role, their attribute, and what is said of those that have not.
-_TWO_ENDS = (
-    ("air_bases", "air_bases.photo", "an air base needs two different photos"),
-    ("distances", "distances.point", "a distance needs two different points"),
-    ("height_differences", "height_differences.point", "a height difference needs two different points"),
-    ("mark_distances", "mark_distances.marks", "a distance needs two different marks"),
 )
 _COMPONENTS = {
     CoordinateSystem.GEOGRAPHIC: ("latitude", "longitude", "height"),
@@ -73,8 +40,7 @@ _OF_REDUCTION = (
 
 
 def options(draft: Draft) -> Iterator[Problem]:
-    """Yield limits of the option card that no run, or any run, can meet. Its plate sigma is one of the sigmas."""
-    yield from _beyond_bounds(draft, [bound for bound in _BOUNDS if bound[0] == "options"])
+    """Yield limits of the option card that any run can meet. Its plate sigma is one of the sigmas."""
     for path, largest, unit, word in _LOOSEST_LIMITS:
         limit = draft.rows["options"][path] / unit
         message = f"a limit of {{:g}} {word} would call any run converged: {largest:g} {word} at most"
@@ -82,15 +48,16 @@ def options(draft: Draft) -> Iterator[Problem]:
 
 
 def bounds(draft: Draft) -> Iterator[Problem]:
-    """Yield limits, scales, lengths and numbers on other cards that cannot be."""
-    yield from _beyond_bounds(draft, [bound for bound in _BOUNDS if bound[0] != "options"])
-
-
-def _beyond_bounds(draft: Draft, bounds: Iterable[Bound]) -> Iterator[Problem]:
-    for role, path, relation, bound, message in bounds:
-        for component, value in enumerate(_components(draft.rows[role][path])):
-            beyond = _BEYOND[relation](value, bound)
-            yield from draft.problems(role, beyond, message, value, path=path, component=component)
+    """Yield limits, scales, lengths and numbers that cannot be, as the card formats say."""
+    for role, rows in draft.rows.items():
+        for kind, spec in enumerate(rows.specs):
+            for slot in mapping.slots(spec):
+                if slot.fields[0].bound is None:
+                    continue
+                relation, bound, message = slot.fields[0].bound
+                value = rows[slot.path] if slot.component is None else rows[slot.path][:, slot.component]
+                beyond = (rows.kind == kind) & ~np.isnan(value) & ~_WITHIN[relation](value, bound)
+                yield from draft.problems(role, beyond, message, value, path=slot.path, component=slot.component)
 
 
 def _components(values: FloatArray) -> FloatArray:
@@ -100,9 +67,11 @@ def _components(values: FloatArray) -> FloatArray:
 
 def two_ends(draft: Draft) -> Iterator[Problem]:
     """Yield bases, distances and height differences from a photo, a point or a mark to itself."""
-    for role, path, message in _TWO_ENDS:
-        first, second = draft.rows[role][path].T
-        yield from draft.problems(role, (first == second) & (first != ""), message, path=path)
+    for role, rows in draft.rows.items():
+        for name, message in dict.fromkeys(spec.two_ends for spec in rows.specs if spec.two_ends):
+            path = f"{table_of(role)}.{name}"
+            first, second = rows[path].T
+            yield from draft.problems(role, (first == second) & (first != ""), message, path=path)
 
 
 def sigmas(draft: Draft) -> Iterator[Problem]:

@@ -62,6 +62,7 @@ class RecordField(FieldSpec):
             require(1 <= self.first <= self.last, f"columns: {self.first}-{self.last} are no columns")
             self.check_width()
         require(self.blank in ("error", "missing"), "blank: not error or missing")
+        require(self.bound is None, "bound: what files say is checked as the cards of their deck")
         text_keys = bool(self.codes or self.part or self.justify != "left")
         require(not self.edit.is_number or not text_keys, "a number has no such key")
         require(self.edit.is_number or not (self.unit or self.none is not None), "a text has no such key")
