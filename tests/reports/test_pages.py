@@ -17,10 +17,11 @@ from musatpy.reports import table
 from musatpy.reports.characters import strings
 from musatpy.reports.csv_files import csv_files
 from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
+from musatpy.reports.fields import unrecorded
 from musatpy.reports.listing import sections_of
 from musatpy.reports.pages import PAGE_LINES, Section, paginate, print_pages
 from musatpy.reports.record import record_of
-from musatpy.reports.table import Column, Table
+from musatpy.reports.table import Table
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND
@@ -39,10 +40,10 @@ def header(page):
 def test_a_table_aligns_headings_with_its_values():
     table = Table(
         (
-            Column("Name", "A6", lambda rows: [row[0] for row in rows]),
-            Column("Length\nm", "F8.2", lambda rows: [row[1] for row in rows]),
-            Column("A long heading", "I4", lambda rows: [row[2] for row in rows]),
-            Column("Flag", "A1", lambda rows: [row[3] for row in rows]),
+            unrecorded("Name", "A6", lambda rows: [row[0] for row in rows]),
+            unrecorded("Length\nm", "F8.2", lambda rows: [row[1] for row in rows]),
+            unrecorded("A long heading", "I4", lambda rows: [row[2] for row in rows]),
+            unrecorded("Flag", "A1", lambda rows: [row[3] for row in rows]),
         )
     )
     rows = [("AB", 1.5, 12, "X"), ("CDEFGHIJ", -0.25, 3, "")]
@@ -198,10 +199,10 @@ def test_a_table_of_many_rows_is_that_of_its_rows(monkeypatch):
     monkeypatch.setattr(table, "_ROWS", 30)
     count = np.arange(100)
     columns = (
-        table.Column("A long heading", "A4", lambda rows: [f"p{row}" for row in rows.tolist()]),
-        table.Column("Count", "I3", lambda rows: rows),
-        table.Column("Number\nm", "F12.4", lambda rows: rows / 7.0 - 3.0),
-        table.Column("Some", "A4", lambda rows: np.where(rows % 3 == 0, "B", "")),
+        unrecorded("A long heading", "A4", lambda rows: [f"p{row}" for row in rows.tolist()]),
+        unrecorded("Count", "I3", lambda rows: rows),
+        unrecorded("Number\nm", "F12.4", lambda rows: rows / 7.0 - 3.0),
+        unrecorded("Some", "A4", lambda rows: np.where(rows % 3 == 0, "B", "")),
     )
     whole = table.Table(columns)
     assert whole.lines(count) == [line for row in count for line in whole.lines(count[row : row + 1])]

@@ -23,7 +23,6 @@ from musatpy.image_observations import are_apart, with_images
 from musatpy.listings.findings import Difference, RuleUse
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
 from musatpy.listings.listing import compare_sections, overflows
-from musatpy.listings.recorded import Mapped, entries_of, id_text, mapped_of, value_of
 from musatpy.listings.records import read_json
 from musatpy.listings.rules import Rules
 from musatpy.listings.sections import Row, Section, columns_of, numbered, sections_of, squeezed
@@ -31,7 +30,6 @@ from musatpy.listings.tokens import Placed, tokens_of
 from musatpy.reports.editing import edited
 from musatpy.reports.encoding import plain
 from musatpy.reports.fields import Field
-from musatpy.reports.headings import PRINTED
 from musatpy.reports.labels import Labels, Texts
 from musatpy.reports.table import Report, Table
 from musatpy.reports.values import Values, at
@@ -41,7 +39,7 @@ _SPOILT = (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) 
 _LARGEST_STEP = 30  # digits before or behind the point
 Record = Mapping[str, Any]
 Cells = Mapping[int, Sequence[Placed]]
-Shown = Mapping[int, tuple[Any, str, bool]]  # by column: value, printed unit, may be blank
+Shown = Mapping[int, tuple[Any, bool]]  # by column: value in its printed unit, may be blank
 
 
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
@@ -56,7 +54,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
     tallies, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
         mapped = next((one for one in stated_sections() if re.fullmatch(_title(one), section.title)), None)
-        place = getattr(getattr(mapped, "report", mapped), "place", "") or getattr(mapped, "table", "")
+        place = getattr(mapped, "place", "") or getattr(mapped, "table", "")
         if mapped is None or _is_left_out(content, place):
             notes.append(section.title or "lines before the first title")
             continue
@@ -86,8 +84,7 @@ def stated_sections() -> tuple[Any, ...]:
     """Return what the reports state of all sections with numbers of the record."""
     from musatpy.reports.statements import statements  # two listings need them not
 
-    stated: Any = [one for one in statements() if not isinstance(one, Report) or one.place]
-    return tuple(mapped_of(one) if isinstance(one, Report) and not one.is_new else one for one in stated)
+    return tuple(one for one in statements() if not isinstance(one, Report) or one.place)
 
 
 def _with_images(content: Record) -> Record:
@@ -121,7 +118,7 @@ class _Printed:
         if isinstance(self.mapped, Labels):
             self.labels()
         else:
-            layouts["texts" if isinstance(self.mapped, Texts) else self.report.layout]()
+            layouts["texts" if isinstance(self.mapped, Texts) else self.mapped.layout]()
         listed, recorded = (replace(self.section, titles=[]) for _ in range(2))
         listed.rows, recorded.rows = self.listed, self.recorded
         listed.id_columns = recorded.id_columns = self.ids or self.section.id_columns
@@ -162,7 +159,7 @@ class _Printed:
         waiting: dict[tuple[str, ...], list[Shown]] = defaultdict(list)
         for key, shown in reversed(entries):
             waiting[key].append(shown)
-        is_cut, after_note = self.report.some, -1
+        is_cut, after_note = self.mapped.some, -1
         for row in self.section.rows:
             cells = self.cells(row)
             key = tuple([_text_of(row, cells.get(n, [])) for n in self.ids])
@@ -181,22 +178,8 @@ class _Printed:
             rest = [key for key, left in waiting.items() for _ in left]
             self.recorded += [Row(Line(" ".join(key), 0, 0), key, 0) for key in rest]
 
-    @property
-    def report(self) -> Report[Any]:
-        """What is stated of a table."""
-        stated: Report[Any] = self.mapped.report if isinstance(self.mapped, Mapped) else self.mapped
-        return stated
-
     def entries(self, names: Sequence[str]) -> tuple[list[tuple[tuple[str, ...], Shown]], set[str], set[int]]:
         """Return the rows of the record by their names, which headings these have, and which columns are known."""
-        if isinstance(self.mapped, Mapped):
-            sources = {n: source for n, name in enumerate(names) if (source := self.mapped.columns.get(name))}
-            units = [head.unit for head in self.section.columns]
-            rows: list[tuple[tuple[str, ...], Shown]] = [
-                (ids, {n: (value_of(source, fields), units[n], source.blank) for n, source in sources.items()})
-                for ids, fields in entries_of(self.mapped, self.content)
-            ]
-            return rows, set(self.mapped.ids), set(sources)
         values = self.values()
         columns = self.columns(values)
         printed = {n: _printed(columns[name], values) for n, name in enumerate(names) if name in columns}
@@ -204,7 +187,7 @@ class _Printed:
         named = [n for n in printed if names[n] in ids]
         keys = [tuple([squeezed(id_text(printed[n][entry])) for n in named]) for entry in range(values.count)]
         shown: list[Shown] = [
-            {n: (texts[entry], "", columns[names[n]].blank) for n, texts in printed.items() if n not in named}
+            {n: (texts[entry], columns[names[n]].blank) for n, texts in printed.items() if n not in named}
             for entry in range(values.count)
         ]
         return list(zip(keys, shown, strict=True)), ids, set(printed)
@@ -221,9 +204,9 @@ class _Printed:
     def reprint(self, row: Row, cells: Cells, shown: Shown) -> None:
         """Take a row, with what the record has of some of its columns."""
         values = []
-        for n, (value, unit, blank) in shown.items():
+        for n, (value, blank) in shown.items():
             placed, head = cells.get(n, []), self.section.columns[n]
-            text = _reprinted(placed, value, unit)
+            text = _reprinted(placed, value)
             if placed:
                 values.append((placed[0].start, placed[-1].end, text))
             elif text and not blank:
@@ -247,7 +230,7 @@ class _Printed:
                 if entry is None or entry >= len(printed):
                     self.unknown[f"column {head.name}"] += 1
                 else:
-                    shown[n] = printed[entry], "", column.blank
+                    shown[n] = printed[entry], column.blank
             self.reprint(row, self.cells(row), shown)
 
     def components(self) -> None:
@@ -260,7 +243,7 @@ class _Printed:
         for row in self.section.rows:
             entry, axis = rows.get(row.ids[0]), "XYZ".find(row.ids[-1] or "-")
             if entry is not None and axis >= 0:
-                shown = {n: (_entry(texts[entry], axis), "", False) for n, texts in printed.items()}
+                shown = {n: (_entry(texts[entry], axis), False) for n, texts in printed.items()}
                 self.reprint(row, self.cells(row), shown)
             elif any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
                 self.listed.append(row)
@@ -283,7 +266,7 @@ class _Printed:
                 most = len(found[label])
                 self.unknown[f"{label}, all but the first {most} number{'s' * (most > 1)}"] += 1
             pairs = zip(numbers, found[label], strict=False)
-            self.take(row, [(at.start, at.end, _reprinted([at], value, "")) for at, value in pairs])
+            self.take(row, [(at.start, at.end, _reprinted([at], value)) for at, value in pairs])
 
     def texts(self) -> None:
         """Print sentences, however their lines are broken."""
@@ -329,8 +312,12 @@ def _entry(values: Any, number: int) -> Any:
     return values[number] if isinstance(values, list) and number < len(values) else None
 
 
+def id_text(value: Any) -> str:
+    """Return what names a row as it is printed: of several names one behind the other."""
+    return "" if value is None else " ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
 def _title(stated: Any) -> str:
-    stated = getattr(stated, "report", stated)
     return getattr(stated, "pattern", "") or re.escape(stated.title)
 
 
@@ -349,15 +336,15 @@ def _text_of(row: Row, placed: Sequence[Placed]) -> str:
     return squeezed(row.line.text[placed[0].start : placed[-1].end]) if placed else ""
 
 
-def _reprinted(placed: Sequence[Placed], value: Any, unit: str) -> str:
-    """Return a value of the record as a listing prints it that has `placed`: in its unit, with as many digits."""
+def _reprinted(placed: Sequence[Placed], value: Any) -> str:
+    """Return a value of the record as a listing prints it that has `placed`: with as many digits."""
     token = placed[0].token if len(placed) == 1 else None
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
         return "" if value is None else str(value).replace("_", " ")
     if token and token.kind == "angle":
         return edited(f"S40.{max(-token.step, 0)}", [value])[0].strip()
     step = token.step if token and token.kind == "number" else -4
-    number = Decimal(value / PRINTED.get(unit, 1.0))
+    number = Decimal(float(value))
     if abs(step) > _LARGEST_STEP:  # no field that a listing of ours has
         return str(number)
     rounded = number.quantize(Decimal(1).scaleb(step)) + 0

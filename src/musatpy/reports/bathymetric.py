@@ -11,8 +11,9 @@ from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
 from musatpy.reports.editing import edited
 from musatpy.reports.fields import Field, Rows, same
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Choice, Report
+from musatpy.reports.table import Report
 from musatpy.reports.text import wrapped
+from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import NOT_GIVEN
 
@@ -63,15 +64,16 @@ BATHYMETRIC = Rows[Statistics, Statistics](
               heading="Residual\nm", edit="F8.3"),
     ),
 )  # fmt: skip
-_ADJUSTED = tuple(BATHYMETRIC.column(name) for name in ("depth", "depth_sigma", "height"))
-_GIVEN = tuple(BATHYMETRIC.column(name) for name in ("control", "residual"))
 
 
-def _of_run(statistics: Statistics) -> tuple[Field[Statistics], ...]:
-    """Return the columns of adjusted depths and of soundings used as control, as far as the run has any."""
-    if _unrefracted(statistics):
-        return ()
-    return (*_ADJUSTED, *_GIVEN) if _are_given(statistics) else _ADJUSTED
+def _is_refracted(t: Values) -> bool:
+    """Tell whether depths are adjusted: in a record they are there to be seen."""
+    return t.source is None or not _unrefracted(t.source)
+
+
+def _has_given(t: Values) -> bool:
+    """Tell whether soundings are control besides."""
+    return t.source is None or (_is_refracted(t) and _are_given(t.source))
 
 
 DEPTHS: Report[Statistics] = Report(
@@ -80,7 +82,8 @@ DEPTHS: Report[Statistics] = Report(
     worst=lambda t: t["depth_sigma"],
     columns=(
         "point", "photos", "incidence", "water_level", "depth_no_refraction", "depth_predicted",
-        Choice(((*_ADJUSTED, *_GIVEN),), _of_run),
+        *(BATHYMETRIC.column(name, when=_is_refracted) for name in ("depth", "depth_sigma", "height")),
+        *(BATHYMETRIC.column(name, when=_has_given) for name in ("control", "residual")),
     ),
 )  # fmt: skip
 COORDINATES: Report[Statistics] = Report(

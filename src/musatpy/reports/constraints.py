@@ -5,23 +5,15 @@ from __future__ import annotations
 from musatpy.reports import result_record
 from musatpy.reports.fields import Field
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Column, Report, key
+from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
 
-# What is measured between two photos or points: title, table of the record, its ends, their heading, what it is.
+# What is measured between two photos or points: title, table of the record, its ends, what it is.
 BETWEEN = (
-    ("Air Bases", result_record.AIR_BASES, "photos", "Photo", "length"),
-    ("Distances", result_record.DISTANCES, "points", "Point", "length"),
-    ("Height Differences", result_record.HEIGHT_DIFFERENCES, "points", "Point", "difference"),
+    ("Air Bases", result_record.AIR_BASES, "photos", "length"),
+    ("Distances", result_record.DISTANCES, "points", "length"),
+    ("Height Differences", result_record.HEIGHT_DIFFERENCES, "points", "difference"),
 )
-
-
-def between(
-    title: str, table: result_record.Table, ends: str, heading: str, *columns: Column[Statistics]
-) -> Report[Statistics]:
-    """Return the echo of what is measured between two photos or points."""
-    names: tuple[Column[Statistics], ...] = tuple(key(heading, "A8", f"{ends}[{end}]") for end in (0, 1))
-    return Report(title=title, table=table, columns=(*names, *columns))
 
 
 _COUNT: Field[Statistics] = Field(
@@ -29,7 +21,7 @@ _COUNT: Field[Statistics] = Field(
 )
 
 
-def _adjusted(title: str, table: result_record.Table, ends: str, _: str, what: str) -> Report[Statistics]:
+def _adjusted(title: str, table: result_record.Table, ends: str, what: str) -> Report[Statistics]:
     change: Field[Statistics] = Field(
         "change", heading="Adjusted minus given\nm", edit="F10.4", shown=lambda t: t[what] - t[f"given_{what}"]
     )

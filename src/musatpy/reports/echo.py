@@ -60,7 +60,7 @@ def sections(statistics: Statistics) -> list[Section]:
         report = report_of(spec, unit, readings=raw and _table(spec) in _READ)
         is_stated = given_in is not None and _table(spec) in _STATED
         title = f"{report.title}, As Stated" if is_stated else report.title
-        echoed += [report.section_of(_said(spec, values, angle), title=title, new_page=not echoed)]
+        echoed += [report.section(_said(spec, values, angle), title=title, new_page=not echoed)]
     return [*echoed, REFINED.section(statistics)] if raw else echoed
 
 

@@ -203,11 +203,6 @@ class Group(Tabled[Source, Item]):
         fields = [field for field in self.fields if isinstance(field, Field)]
         return {field.name: [] if item is None else [field.of(item)] for field in fields}
 
-    def of_path(self, path: str, source: Source) -> Any:
-        """Return the value of a field, as that of the one row of a table; none without source."""
-        item = self.of(source)
-        return [] if item is None else [_value(self.fields, path, item)]
-
 
 @dataclass(frozen=True, eq=False)
 class Rows(Tabled[Source, Item]):
@@ -245,14 +240,6 @@ class Rows(Tabled[Source, Item]):
         item = self.of(source)
         for field in self.fields:
             yield field, [] if item is None else field.of(item)
-
-    def of_path(self, path: str, source: Source) -> Any:
-        """Return the values of a field, or of one component of it (`xy[1]`), one per row."""
-        item = self.of(source)
-        values: Any = [] if item is None else _field(self.fields, path).of(item)
-        for index in _STEP.findall(path):
-            values = values[:, int(index)]
-        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,13 +281,6 @@ class Each(Tabled[Source, Item]):
 def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
     """Return the field at a path; raises `KeyError` where there is none by that name."""
     return {field.name: field for field in fields if isinstance(field, Field)}[path.partition("[")[0]]
-
-
-def _value(fields: Iterable[Node[Item]], path: str, item: Item) -> Any:
-    value = _field(fields, path).of(item)
-    for index in _STEP.findall(path):
-        value = value[int(index)]
-    return value
 
 
 def unrecorded(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from musatpy.arrays import FloatArray
@@ -11,10 +13,10 @@ from musatpy.reports.encoding import names
 from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, same
 from musatpy.reports.headings import along_axes, position
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Choice, Report
+from musatpy.reports.table import Report
 from musatpy.reports.text import wrapped
 from musatpy.reports.wording import place_columns, place_sigma_columns
-from musatpy.statistics import Statistics
+from musatpy.statistics import Statistics, Words
 
 
 def _reasons(statistics: Statistics) -> list[str | None]:
@@ -47,18 +49,16 @@ POINTS = Rows[Statistics, Statistics](
               lambda s: s.solution.points.covariance, "m2"),
     ),
 )  # fmt: skip
-_PLACE = (POINTS.column("position"), POINTS.column("sigma"))
 
 
-def _in_words(statistics: Statistics) -> tuple[Field[Statistics], ...]:
-    """Return the columns of coordinates and sigmas in the words of the answer, or those of the job."""
-    words, rows = statistics.answer_words, statistics.solution.points.status != PointStatus.NOT_DETERMINED
-    if words is None:
-        return _PLACE
-    return (
+def _in_words(statistics: Statistics, words: Words) -> Report[Statistics]:
+    """Return the table with coordinates and sigmas in the words of the answer."""
+    rows = statistics.solution.points.status != PointStatus.NOT_DETERMINED
+    places = (
         *place_columns(words, lambda s: _stated(s)[rows], 3),
         *place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
     )
+    return replace(GROUND_POINTS, columns=(*GROUND_POINTS.columns[:-2], *places))
 
 
 def _stated(statistics: Statistics) -> FloatArray:
@@ -71,7 +71,7 @@ GROUND_POINTS: Report[Statistics] = Report(
     table=POINTS,
     which=lambda t: np.flatnonzero(t["status"] != "not_determined"),
     worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
-    columns=("point", "bathymetric", "dry", "status", "rays", Choice((_PLACE,), _in_words)),
+    columns=("point", "bathymetric", "dry", "status", "rays", "position", "sigma"),
 )
 NO_PART: Report[Statistics] = Report(
     title="Points That Took No Part, Or Have No Position",
@@ -87,7 +87,7 @@ def sections(statistics: Statistics) -> list[Section]:
     """Return the points that have a position, and the reasons why others have none or took no part."""
     words = statistics.answer_words
     sections = [
-        GROUND_POINTS.section(statistics, new_page=True),
+        (_in_words(statistics, words) if words else GROUND_POINTS).section(statistics, new_page=True),
         *(stated.far_points(statistics, words) if words else []),
     ]
     _, *rows = NO_PART.cells(statistics)

@@ -13,7 +13,7 @@ from musatpy.reports import ground_points, observation_record, quality_record, s
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Field
 from musatpy.reports.pages import Section
-from musatpy.reports.table import Choice, Report, worst_first
+from musatpy.reports.table import Report, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
@@ -111,19 +111,15 @@ STATION_INFLATION: Report[Statistics] = Report(
 )
 
 
-def _ellipse_columns(kind: str, sigmas: str) -> Choice[Statistics]:
+def _ellipse_columns(kind: str, sigmas: str) -> tuple[Field[Statistics], ...]:
     """Return the columns of ellipses of stations or points, across the vertical or in the plane of the answer."""
-
-    def columns(unit: str) -> tuple[Field[Statistics], ...]:
-        axes = tuple(
-            Field[Statistics](name, heading=f"{name}\n{of}", edit=edit, shown=partial(_ellipse, kind, name.lower()))
-            for name, of, edit in (
-                ("Major", unit, "F9.3"), ("Minor", unit, "F9.3"), ("Bearing", "degrees", "F8.1"),
-            )
-        )  # fmt: skip
-        return (*axes, Field(f"{sigmas}[2]", heading="Sigma Up\nm", edit="F9.3"))
-
-    return Choice((columns("m"),), lambda s: columns(_plane(s)[1]))
+    axes = tuple(
+        Field[Statistics](name, heading=f"{name}\n{unit}", edit=edit, shown=partial(_ellipse, kind, name.lower()))
+        for name, unit, edit in (
+            ("Major", "m", "F9.3"), ("Minor", "m", "F9.3"), ("Bearing", "degrees", "F8.1"),
+        )
+    )  # fmt: skip
+    return (*axes, Field(f"{sigmas}[2]", heading="Sigma Up\nm", edit="F9.3"))
 
 
 def _ellipse(kind: str, part: str, t: Values) -> FloatArray:
@@ -149,7 +145,7 @@ STATION_ELLIPSES: Report[Statistics] = Report(
     table=stations.STATIONS,
     which=partial(_largest, "station"),
     worst=lambda t: np.linalg.norm(t["position_sigma"], axis=1),
-    columns=("photo", _ellipse_columns("station", "position_sigma")),
+    columns=("photo", *_ellipse_columns("station", "position_sigma")),
 )
 POINT_ELLIPSES: Report[Statistics] = Report(
     title=f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest",
@@ -158,7 +154,7 @@ POINT_ELLIPSES: Report[Statistics] = Report(
     which=lambda t: _largest("point", t)[:LISTED],
     worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
     some=True,
-    columns=("point", _ellipse_columns("point", "sigma")),
+    columns=("point", *_ellipse_columns("point", "sigma")),
 )
 STATED = (
     COMPONENTS,
@@ -186,13 +182,13 @@ def sections(statistics: Statistics) -> list[Section]:
     if checks:
         sections.append(CHECKS.section(statistics, ["", *_check_total(statistics)], worst=range(checks)))
     sections += _hidden(statistics)
-    plane, _ = _plane(statistics)
+    plane, unit = _plane(statistics)
     tables = (
         (WATER, "", len(solution.dependence.names)),
         (CORRELATIONS, "", len(solution.dependence.first)),
         (STATION_INFLATION, "", len(statistics.block.photos.ids)),
-        (STATION_ELLIPSES, plane, 1),
-        (POINT_ELLIPSES, plane, 1),
+        (_in_unit(STATION_ELLIPSES, unit), plane, 1),
+        (_in_unit(POINT_ELLIPSES, unit), plane, 1),
     )
     for report, suffix, rows in tables:
         if rows:
@@ -279,3 +275,10 @@ def _hidden(statistics: Statistics) -> list[Section]:
 
 def _most_inflated(t: Values) -> FloatArray:
     return np.asarray(np.nan_to_num(t["inflation"], nan=-np.inf).max(axis=1, initial=-np.inf))
+
+
+def _in_unit(report: Report[Statistics], unit: str) -> Report[Statistics]:
+    """Return the table of ellipses whose axes are in a unit."""
+    first, major, minor, *others = report.columns
+    axes = (replace(axis, heading=f"{axis.name}\n{unit}") for axis in (major, minor))
+    return replace(report, columns=(first, *axes, *others))
