@@ -52,7 +52,7 @@ def _part(draft: Draft, name: str, kind: type[Any]) -> Any:
             return _equal_elevations(draft)
         case "waves":
             return waves_of(draft)
-    return _table(draft, name) if issubclass(kind, Table) else _single(draft, name)
+    return _table(draft, name) if issubclass(kind, Table) else mapping.single_of(name, draft.rows[name].values)
 
 
 def _table(draft: Draft, table: str) -> Any:
@@ -62,24 +62,14 @@ def _table(draft: Draft, table: str) -> Any:
     return kind(**links, **{name: rows[f"{table}.{name}"] for name in columns(kind) if name not in links})
 
 
-def _single(draft: Draft, table: str) -> Any:
-    """Return the part of the model that a single card fills, None without the card."""
-    kind, rows = mapping.TABLES[table], draft.rows[table]
-    if not len(rows):
-        return None
-    values = {name: rows[f"{table}.{name}"][0].tolist() for name in mapping.names_of(table)}
-    values = {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
-    return kind(**{name: None if value != value else value for name, value in values.items()})
-
-
 def _water(draft: Draft) -> model.Water | None:
     """Return the water of a deck; where it has the conditions of the water, its index is what they give."""
-    conditions = _single(draft, "water_conditions")
+    conditions = mapping.single_of("water_conditions", draft.rows["water_conditions"].values)
     if conditions is None:
-        return _single(draft, "water")
+        return mapping.single_of("water", draft.rows["water"].values)
     from musatpy.formats.refractive_index import index_of  # most decks give the index itself
 
-    water = _single(draft, "water") or model.Water()
+    water = mapping.single_of("water", draft.rows["water"].values) or model.Water()
     return replace(water, index=index_of(conditions), conditions=conditions)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
@@ -321,7 +320,9 @@ class BlockBuilder:
                 columns = mapping.scatter(spec, rows[role].values)
                 tables[f"{role} {spec.mnemonic}"] = CardTable(spec=spec, columns=columns, lines=rows[role].lines)
         images = card_images(b"\n" * max((chunk.start + chunk.count for chunk in chunks), default=1))
-        return draft_of_rows(rows, replace(base.deck, file="", tables=tables, problems=(), images=images))
+        return draft_of_rows(
+            rows, replace(base.deck, file="", tables=tables, problems=(), images=images), self._label
+        )
 
     def _of_options(self, base: Draft) -> Iterable[_Chunk]:
         """Yield the options as rows of the roles whose cards have them."""
@@ -342,11 +343,8 @@ class BlockBuilder:
 
     def _placed(self, problem: Problem) -> Problem:
         """Return a problem of a card as one of the call that has added it."""
-        message = re.sub(r" on line (\d+)", lambda found: f" by {self._label(int(found[1]))}", problem.message)
-        message = re.sub(rf"\b({'|'.join(sorted(set(_CALLS.values())))}) card\b", r"\1", message)
-        message = re.sub(r"\bthe deck\b", "the block", message)
         card = None if problem.card is None else self._label(problem.line) if problem.line else problem.card
-        return replace(problem, message=message, card=card, file=None, columns=None, text=None)
+        return replace(problem, card=card, file=None, columns=None, text=None)
 
     def _label(self, line: int) -> str:
         chunk = next((one for one in reversed(self._chunks) if one.start <= line), None)

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import IntArray, TextArray
 from musatpy.errors import Problem, ProblemsError
-from musatpy.formats import raw_stages
+from musatpy.formats import mapping, raw_stages
 from musatpy.formats.cards.deck import CardDeck, CardTable
 from musatpy.formats.compilation_cards import (
     CORNERS,
@@ -24,7 +24,7 @@ from musatpy.formats.compilation_cards import (
     text,
 )
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import Block, CoordinateSystem, EllipsoidSpec
+from musatpy.model import Block, CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
 
 ModelFaults = Callable[[str, str], Sequence[tuple[str, str]]]
@@ -244,13 +244,8 @@ def _other_ellipsoid(table: CardTable, row: int, run: Block) -> str:
     """Return how an ellipsoid is another one than that of the run, nothing where it is not."""
     if run.options.system is CoordinateSystem.LOCAL or run.ellipsoid is None:
         return "the run is a local job, on no ellipsoid"
-    axis, flattening = (float(table.columns[name][row]) for name in ("semi_major_axis", "inverse_flattening"))
-    spec = EllipsoidSpec(
-        name=str(table.columns["name"][row]),
-        semi_major_axis=None if np.isnan(axis) else axis,
-        inverse_flattening=None if np.isnan(flattening) else flattening,
-    )
     try:
+        spec = mapping.single_of("ellipsoid", mapping.gather(table.spec, table.columns), row)
         same = Ellipsoid.of(spec).has_axes(*Ellipsoid.of(run.ellipsoid).axes)
     except ValueError as error:
         return str(error)

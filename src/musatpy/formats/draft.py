@@ -6,7 +6,7 @@ each value. Its photos, cameras and points are all that any card names, the prop
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cache, cached_property
@@ -125,6 +125,7 @@ class Draft:
     reduction: model.ReductionOptions | None  # None: no card
     given_in: model.SystemSpec | None = None  # how the cards state all this; None: as the options say
     stated_in: model.SystemSpec | None = None  # how the answer is to be stated too
+    call: Callable[[int], str] | None = None  # what a line stands for where calls make the block; None: a card
 
     def links(self, table: str) -> Mapping[str, IntArray]:
         """Return the links to cameras, photos or points, by role."""
@@ -155,6 +156,15 @@ class Draft:
         specs = self.rows[role].specs
         plain = [spec for spec in specs if self.given_in is not None or not mapping.has_stated_unit(spec)]
         return " or ".join(spec.mnemonic for spec in plain)
+
+    def card(self, role: str) -> str:
+        """Return what fills a role, in words: `STA or STX card`, or the call in its place."""
+        return self.cards(role) if self.call else f"{self.cards(role)} card"
+
+    def place(self, role: str, row: int) -> str:
+        """Return where a row of a role stands, in words: `on line 17`, or `by add_photo('1')`."""
+        line = int(self.rows[role].lines[row])
+        return f"by {self.call(line)}" if self.call else f"on line {line}"
 
     @cached_property
     def camera_of_photo(self) -> IntArray:
@@ -299,8 +309,8 @@ def _statements(rows: dict[str, Rows]) -> tuple[model.SystemSpec | None, model.S
     return system_rows.spec_of(system_rows.IN, rows), system_rows.spec_of(system_rows.OUT, rows)
 
 
-def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
-    """Return the draft that the rows of every role make; `deck` is where their lines stand."""
+def draft_of_rows(rows: dict[str, Rows], deck: CardDeck, call: Callable[[int], str] | None = None) -> Draft:
+    """Return the draft that the rows of every role make; `deck` is where their lines stand, or `call` says what."""
     given_in, stated_in = _statements(rows)
     camera_ids, camera = _link(naming("cameras"), rows)
     photo_ids, photo = _link(naming("photos"), rows)
@@ -319,6 +329,7 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck) -> Draft:
         reduction=single(rows["reduction"], model.ReductionOptions()),
         given_in=given_in,
         stated_in=stated_in,
+        call=call,
     )
 
 

@@ -187,6 +187,16 @@ def no_cards(table: str) -> dict[str, Array]:
     return {f"{table}.{name}": column for name, column in none.items()}
 
 
+def single_of(table: str, values: Values, row: int = 0) -> Any:
+    """Return the part of the model that a card fills, None without the card; blank numbers are None."""
+    columns = {name: values[f"{table}.{name}"] for name in names_of(table)}
+    if not len(next(iter(columns.values()))):
+        return None
+    given = {name: column[row].tolist() for name, column in columns.items()}
+    said = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    return TABLES[table](**{name: None if value != value else value for name, value in said.items()})
+
+
 def blanks(path: str, like: Array, count: int) -> Array:
     """Return (count,) or (count, components) of an attribute of which nothing is said; `like` has its type."""
     if path in CODES:

@@ -6,7 +6,7 @@ The room `systems` knows how; it is loaded only for decks that have such a card.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray
 from musatpy.errors import Problem, SystemsError
-from musatpy.formats import system_rows
+from musatpy.formats import mapping, system_rows
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, SystemSpec
 from musatpy.units import ARC_SECOND
 
@@ -226,15 +226,12 @@ def statement_problems(draft: Draft, role: str, spec: SystemSpec) -> tuple[Probl
 
 def _ellipsoid(draft: Draft) -> EllipsoidSpec | None:
     """Return the ellipsoid of a draft, None where its card makes none."""
-    rows = draft.rows["ellipsoid"]
-    if not len(rows):
+    try:
+        spec: EllipsoidSpec | None = mapping.single_of("ellipsoid", draft.rows["ellipsoid"].values)
+    except ValueError:  # a name and an axis, or neither
         return None
-    name, axis, flattening = (rows[f"ellipsoid.{one.name}"][0].item() for one in fields(EllipsoidSpec))
-    if bool(name) == (axis == axis) or (axis == axis) != (flattening == flattening):
-        return None
-    if name:
-        return EllipsoidSpec(name=name)
-    return EllipsoidSpec(semi_major_axis=axis, inverse_flattening=flattening)
+    half = spec is not None and (spec.semi_major_axis is None) != (spec.inverse_flattening is None)
+    return None if half else spec
 
 
 def _of_statement(draft: Draft, role: str, problem: Problem) -> Problem:

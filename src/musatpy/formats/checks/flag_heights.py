@@ -18,7 +18,7 @@ def tides_without_flags(draft: Draft) -> Iterator[Problem]:
     if not tides or not len(draft.rows["plates"]) or draft.options.refraction is Refraction.NONE:
         return
     if not draft.bathymetric.any():
-        cards = f"{tides} {draft.cards('tides')} card{'' if tides == 1 else 's'}"
+        cards = f"{tides} {draft.card('tides') if tides == 1 else draft.cards('tides') + ' cards'}"
         message = f"{cards}, and no point is flagged as submerged: nothing is refracted (run --submerged)"
         yield draft.problem("tides", 0, message, severity="warning")
 

@@ -34,7 +34,7 @@ def repeated_cards(draft: Draft) -> Iterator[Problem]:
             keys, texts = zip(*(key for path in paths for key in _keys(draft, role, path)), strict=True)
             for row, first in repeats(*keys):
                 text = message.format(*(column[row] for column in texts))
-                yield draft.problem(role, row, f"{text} on line {rows.lines[first]}", path=paths[-1])
+                yield draft.problem(role, row, f"{text} {draft.place(role, first)}", path=paths[-1])
 
 
 def _keys(draft: Draft, role: str, path: str) -> Iterator[tuple[IntArray, TextArray]]:
@@ -57,10 +57,8 @@ def repeated_members(draft: Draft) -> Iterator[Problem]:
     role, points = "equal_elevations", draft.point["equal_elevations"]
     for place, first in repeats(points.ravel()):
         row, column = divmod(place, points.shape[1])
-        line = draft.rows[role].lines[first // points.shape[1]]
-        message = (
-            f"point {draft.point_ids[points[row, column]]} is already in an equal elevation group on line {line}"
-        )
+        where = draft.place(role, first // points.shape[1])
+        message = f"point {draft.point_ids[points[row, column]]} is already in an equal elevation group {where}"
         yield draft.problem(role, row, message, path="equal_elevations.point", component=column)
 
 

@@ -35,11 +35,13 @@ def distortions(draft: Draft) -> Iterator[Problem]:
     kind, radius = rows["distortion.kind"], rows["distortion.values"][:, 0]
     for name in ("RADL", "DCEN"):
         for row, first in repeats(np.where(kind == name, camera, -1)):
-            message = f"the {name} distortion of camera {draft.camera_ids[camera[row]]} is already given on line"
-            yield draft.problem("distortion", row, f"{message} {rows.lines[first]}", path="distortion.kind")
+            message = f"the {name} distortion of camera {draft.camera_ids[camera[row]]} is already given"
+            yield draft.problem(
+                "distortion", row, f"{message} {draft.place('distortion', first)}", path="distortion.kind"
+            )
     table = np.where((kind == "TABL") & ~np.isnan(radius), camera, -1)
     for row, first in repeats(table, np.unique(radius, return_inverse=True)[1].reshape(-1)):
-        message = f"the distortion at this radius is already given on line {rows.lines[first]}"
+        message = f"the distortion at this radius is already given {draft.place('distortion', first)}"
         yield draft.problem("distortion", row, message, path="distortion.values", component=0)
     bad = (table >= 0) & ((radius < 0.0) | ((radius == 0.0) & (rows["distortion.values"][:, 1] != 0.0)))
     message = "a calibrated radius must be greater than zero, or zero without distortion"
@@ -149,7 +151,7 @@ def flags(draft: Draft) -> Iterator[Problem]:
     taken = draft.rows["plates"]["plates.triangulated"]
     for row, first in repeats(draft.photo["plates"], draft.point["plates"]):
         if taken[row] != taken[first]:
-            message = f"the reading on line {draft.rows['plates'].lines[first]} says otherwise"
+            message = f"the reading {draft.place('plates', first)} says otherwise"
             yield draft.problem("plates", row, message, path="plates.triangulated")
 
 

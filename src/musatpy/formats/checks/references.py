@@ -31,14 +31,15 @@ def missing_kinds(draft: Draft) -> Iterator[Problem]:
     for role, what in (("stations", "exposure stations"), ("attitudes", "attitudes")):
         rows = draft.rows[role]
         if not len(rows):
-            yield Problem(file=draft.deck.file, message=f"the deck has no {what} (no {draft.cards(role)} card)")
+            whole = "the block" if draft.call else "the deck"
+            yield Problem(file=draft.deck.file, message=f"{whole} has no {what} (no {draft.card(role)})")
 
 
 def undefined_cameras(draft: Draft) -> Iterator[Problem]:
     """Yield each camera that is named but has no camera card, where it is first named."""
     if not len(draft.rows["cameras"]):
         return  # one problem for all, as a card that every deck needs
-    message = f"camera {{}} has no {draft.cards('cameras')} card{{}}"
+    message = f"camera {{}} has no {draft.card('cameras')}{{}}"
     undefined = ~_present(draft.camera["cameras"], len(draft.camera_ids))
     for role in draft.camera:
         yield from _first_named(draft, "cameras", role, undefined, message)

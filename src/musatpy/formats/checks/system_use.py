@@ -55,7 +55,7 @@ def ellipsoid_card(draft: Draft) -> Iterator[Problem]:
             message = "a local job has no ellipsoid: left out"
             yield draft.problem("ellipsoid", 0, message, severity="warning")
     elif not given:
-        message = f"a job of system {draft.system} needs an ellipsoid ({draft.cards('ellipsoid')} card)"
+        message = f"a job of system {draft.system} needs an ellipsoid ({draft.card('ellipsoid')})"
         yield Problem(file=draft.deck.file, message=message)
 
 

@@ -296,9 +296,7 @@ def equal_elevation_groups(draft: Draft) -> Iterator[Problem]:
         if all(draft.lacks(role, row, path) for row in cards.tolist()):
             yield draft.problem(role, int(cards[0]), f"group {name} has no sigma", path=path)
         for row in given[sigma[given] != sigma[given[:1]]].tolist():
-            message = (
-                f"group {name} has a sigma of {sigma[given[0]]:g} m on line {draft.rows[role].lines[given[0]]}"
-            )
+            message = f"group {name} has a sigma of {sigma[given[0]]:g} m {draft.place(role, given[0])}"
             yield draft.problem(role, row, message, path=path)
         if np.count_nonzero(draft.point[role][cards] >= 0) < 2:
             message = f"group {name} has fewer than two points: it says nothing"

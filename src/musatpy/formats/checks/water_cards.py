@@ -47,7 +47,7 @@ def water_card(draft: Draft) -> Iterator[Problem]:
     if submerged.size and not len(draft.rows["water"]) and not len(draft.rows["water_conditions"]):
         count = len(np.unique(draft.point["plates"][submerged]))
         points = "point" if count == 1 else "points"
-        message = f"{count} bathymetric {points}, but no {draft.cards('water')} card with the refractive index"
+        message = f"{count} bathymetric {points}, but no {draft.card('water')} with the refractive index"
         yield draft.problem("plates", int(submerged[0]), message, path="points.bathymetric")
 
 
@@ -61,7 +61,9 @@ def one_index(draft: Draft) -> Iterator[Problem]:
         message = f"the index is given here, and on {card} what it comes from: one or the other, not both"
         yield draft.problem("water", 0, message, path=path)
     elif lacking and not conditions:
-        message = f"blank, and no {card} card says what the index comes from" if card else "blank"
+        message = (
+            f"blank, and no {draft.card('water_conditions')} says what the index comes from" if card else "blank"
+        )
         yield draft.problem("water", 0, message, path=path)
 
 
@@ -113,7 +115,7 @@ def tides(draft: Draft) -> Iterator[Problem]:
     known, with_tide = set(draft.photo["stations"].tolist()), set(draft.photo["tides"].tolist())
     for photo, row in zip(photos.tolist(), submerged[first].tolist(), strict=True):
         if photo >= 0 and (photo in known or draft.may_lack_station) and photo not in with_tide:
-            message = f"photo {draft.photo_ids[photo]} has submerged points but no {draft.cards('tides')} card"
+            message = f"photo {draft.photo_ids[photo]} has submerged points but no {draft.card('tides')}"
             yield draft.problem("plates", row, message, path="plates.photo")
 
 

@@ -19,22 +19,23 @@ _TILTS = ("tilt_east", "tilt_north")
 def sigmas(draft: Draft) -> Iterator[Problem]:
     """Yield sigmas of no wave."""
     ids, known = draft.rows["wave_sigmas"]["waves.ids"], draft.rows["waves"]["waves.ids"]
-    message = f"wave {{}} has no {draft.cards('waves')} card"
+    message = f"wave {{}} has no {draft.card('waves')}"
     yield from draft.problems("wave_sigmas", ~np.isin(ids, known) & (ids != ""), message, ids, path="waves.ids")
 
 
 def origin(draft: Draft) -> Iterator[Problem]:
     """Yield waves without the place from which their crests count, a second such place, and one without waves."""
     waves, places = len(draft.rows["waves"]), len(draft.rows["wave_origin"])
-    card = draft.cards("wave_origin")
+    card = draft.card("wave_origin")
     if waves and not places:
-        message = f"waves, and no {card} card with the place from which their crests count"
+        message = f"waves, and no {card} with the place from which their crests count"
         yield draft.problem("waves", 0, message)
     for row in range(1, places):
-        line = int(draft.rows["wave_origin"].lines[0])
-        yield draft.problem("wave_origin", row, f"a second origin of the waves; the first is on line {line}")
+        yield draft.problem(
+            "wave_origin", row, f"a second origin of the waves; the first is {draft.place('wave_origin', 0)}"
+        )
     if places and not waves:
-        message = f"an origin of waves, and no {draft.cards('waves')} card: it takes no part"
+        message = f"an origin of waves, and no {draft.card('waves')}: it takes no part"
         yield draft.problem("wave_origin", 0, message, severity="warning")
 
 
