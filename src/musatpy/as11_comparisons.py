@@ -85,7 +85,7 @@ def compare_soundings(
     text = report.listing_of(compared, of.compiled, of.title, of.caution)
     files = {
         outputs.listing: text.encode(),
-        outputs.record: dumps(report.record_of(compared, of.compiled)).encode(),
+        outputs.record: dumps(report.DOCUMENT.record(compared, point_orders=of.compiled)).encode(),
     }
     if outputs.picture is not None:
         title = f"{source.name} and the bottom of {bottom.name}"
@@ -120,7 +120,7 @@ def compare_contours(
         why = next((row.reason for row in compared.areas), "there is no bottom")
         raise SoundingError([Problem(file=str(source), message=f"no contour has a partner: {why}")])
     text = contour_comparison.listing_of(compared, of.title, of.caution)
-    values = dumps(contour_comparison.record_of(compared))
+    values = dumps(contour_comparison.DOCUMENT.record(compared))
     write_files(dict(zip(outputs, (text.encode(), values.encode()), strict=True)))
     return compared
 

@@ -175,7 +175,15 @@ def set_up_deck(
     warnings = (*(text for part in setups.against for text in part.warnings()), *result.warnings())
     listing, record = setup_paths(deck, out_dir)
     text = compilation_setup.listing_of(setups, warnings, carriage_control=carriage_control, date=date)
-    values = dumps(compilation_setup.record_of(setups, warnings))
+    values = dumps(
+        compilation_setup.DOCUMENT.record(
+            setups.compiled,
+            recovered=(setups.compiled, setups.against),
+            points=setups,
+            expected=setups,
+            warnings=list(warnings),
+        )
+    )
     write_files({listing: text.encode(), record: values.encode()})
     return CompileResult(
         status=ExitStatus.DONE,
@@ -200,7 +208,7 @@ def compare_points(
     count = sum(len(part.rows) for part in against)
     if not count:
         raise CompilationError([Problem(file=str(deck), message="no point of it has a position in the run too")])
-    values = dumps(run_comparison.record_of(result, against))
+    values = dumps(run_comparison.DOCUMENT.record((result, against)))
     write_files({listing: run_comparison.listing_of(result, against).encode(), record: values.encode()})
     return count, run_comparison.vectors(against), problems
 

@@ -67,9 +67,9 @@ def orient_deck(
         return _unusable(deck, Problem(file=str(deck), message=str(error)), *checked.problems, status=status)
     if isinstance(answer, StripAnswer):
         answer = _with_iiia(answer)
-        sections, values = orientation_strip.sections_of(answer), orientation_strip.record_of(answer)
+        sections, values = orientation_strip.sections_of(answer), orientation_strip.DOCUMENT.record(answer)
     else:
-        sections, values = orientation.sections_of(answer), orientation.record_of(answer)
+        sections, values = orientation.sections_of(answer), orientation.DOCUMENT.record(answer)
     paths = output_paths(deck, out_dir, punch=punch)
     texts = [
         orientation.listing_of(answer, sections, carriage_control=carriage_control, date=date),

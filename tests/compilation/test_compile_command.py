@@ -20,7 +20,7 @@ from cli.commands import musat
 from json_schema import violations
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import Compilation
-from musatpy.reports.compilation import schema
+from musatpy.reports.compilation import DOCUMENT
 from musatpy.units import DEGREE
 from record_rows import read_rows, with_columns
 
@@ -64,7 +64,7 @@ def test_the_record_obeys_its_schema_and_has_what_the_listing_says(run_record: P
     result = compiled(run_record, stage_readings.DECK, tmp_path, "--csv")
     assert result.exit_code == 0 and "257 points in 2 models, listing" in result.output
     assert max(map(len, (tmp_path / "st_thomas_as11.lst").read_text().splitlines())) <= 132
-    record, of_record = read_rows(tmp_path / "st_thomas_as11.json"), schema()
+    record, of_record = read_rows(tmp_path / "st_thomas_as11.json"), DOCUMENT.schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert list(record) == list(of_record["properties"])
     both = [str(tmp_path / f"st_thomas_as11.{kind}") for kind in ("lst", "json")]
@@ -183,7 +183,7 @@ def test_a_grid_may_be_predicted_by_collocation(run_record: Path, tmp_path: Path
     """The record has what points that were left out say of it, and the listing a page."""
     deck = changed(tmp_path, ("GRD BAY      ", "GRD BAY     C"))
     assert compiled(run_record, deck, tmp_path).exit_code == 0
-    record, of_record = read_rows(tmp_path / "changed.json"), schema()
+    record, of_record = read_rows(tmp_path / "changed.json"), DOCUMENT.schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
     (grid,) = record["grids"]
     assert grid["collocated"] and grid["empty"] == 0 and 0.0 < grid["mean_sigma"] < 0.2

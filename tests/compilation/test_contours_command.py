@@ -23,7 +23,7 @@ from musatpy.compilation.pictures import height_of
 from musatpy.errors import SoundingError
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
-from musatpy.reports.contour_comparison import schema
+from musatpy.reports.contour_comparison import DOCUMENT
 from musatpy.soundings.contour_files import ContourLines
 from musatpy.surfaces.tin import Tin
 from record_rows import read_rows, with_columns
@@ -177,7 +177,7 @@ def test_contours_lie_on_themselves(run: Path, tmp_path: Path, name: str, option
     file = run.with_name(name)
     assert compared(run, file, tmp_path, *options).exit_code == 0
     stem = tmp_path / f"{file.stem}.contours"
-    record, of_record = read_rows(Path(f"{stem}.json")), schema()
+    record, of_record = read_rows(Path(f"{stem}.json")), DOCUMENT.schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert len(record["areas"]) == 12 and not any(row["reason"] for row in record["areas"])
     for row in record["distances"]:

@@ -21,7 +21,7 @@ from musatpy.errors import CompilationError, DeckError
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.model.compilation import Compilation
 from musatpy.reduction.plate_steps import restore
-from musatpy.reports.compilation import schema
+from musatpy.reports.compilation import DOCUMENT
 from musatpy.units import DEGREE
 from record_rows import read_rows, with_columns
 from stage_readings import FIXTURES
@@ -99,7 +99,7 @@ def test_the_command_lists_what_the_reduction_did(tmp_path: Path) -> None:
     record = read_rows(path.with_suffix(".json"))
     assert [row["photo"] for row in record["reduction"]["plates"]] == ["21", "22"]
     assert all(row["reason"] is None for row in record["points"])
-    assert not list(violations(with_columns(record, schema()), schema(), schema()))
+    assert not list(violations(with_columns(record, DOCUMENT.schema()), DOCUMENT.schema(), DOCUMENT.schema()))
 
 
 def test_models_set_up_without_readings_have_the_residuals_of_their_marks(run: Triangulation) -> None:

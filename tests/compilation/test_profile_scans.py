@@ -14,7 +14,7 @@ from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.profiles import oddities, profiles_of, scans_of
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
-from musatpy.reports.compilation import schema
+from musatpy.reports.compilation import DOCUMENT
 from stage_readings import compilation
 
 _SLOPE = 0.03
@@ -206,7 +206,7 @@ def test_the_listing_has_the_pace_and_the_file_the_posts(run_record: Path, tmp_p
     listing = (tmp_path / "timed.lst").read_text()
     assert "Pace Of Profiles" in listing
     record = json.loads((tmp_path / "timed.json").read_text())
-    assert not list(violations(record, schema(), schema()))
+    assert not list(violations(record, DOCUMENT.schema(), DOCUMENT.schema()))
     row = record["profiles"][0]
     assert (row["profile"], row["timed"], row["duration"]) == ("NS", 31, 30.0) and row["turns"] > 10
     rows = [line.split(",") for line in (tmp_path / "timed.profiles.csv").read_text().splitlines()]

@@ -251,7 +251,7 @@ def test_points_are_compared_with_those_of_the_run(runs: Path, tmp_path: Path) -
     """The lengths are those of the differences; the record obeys its schema; the audit finds nothing."""
     result = musat("as11", "compare-points", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 0
-    record, schema = read_rows(tmp_path / "st_thomas_as11.points.json"), run_comparison.schema()
+    record, schema = read_rows(tmp_path / "st_thomas_as11.points.json"), run_comparison.DOCUMENT.schema()
     assert not list(violations(with_columns(record, schema), schema, schema))
     lengths = np.linalg.norm([row["difference"] for row in record["against_run"]], axis=1)
     told = f"vectors {lengths.min():.4f} to {lengths.max():.4f} m, mean {lengths.mean():.4f} m"

@@ -21,7 +21,7 @@ from musatpy.compilation.sounded import DRY, STEEP, UNDATED, Matching, sounded
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.interchange import las
 from musatpy.interchange.layers import Points
-from musatpy.reports.soundings import schema
+from musatpy.reports.soundings import DOCUMENT
 from musatpy.soundings.sounding_files import Soundings
 from musatpy.surfaces.tin import FEW, LONG_EDGE, OUTSIDE, REASONS, Tin
 from record_rows import read_rows, with_columns
@@ -120,7 +120,7 @@ def test_soundings_of_the_bottom(run_record: Path, tmp_path: Path) -> None:
     """No refraction is left (b), the datum is right (a); the scatter is that of bottom and points, .4 m."""
     result = compared(run_record, tmp_path, stage_readings.soundings(), "--plan-sigma", "1")
     assert result.exit_code == 0 and "of 200 soundings, median" in result.output
-    record, of_record = read_rows(tmp_path / "s.soundings.json"), schema()
+    record, of_record = read_rows(tmp_path / "s.soundings.json"), DOCUMENT.schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
     line = record["regression"]
     assert abs(line["b"]) < 3.0 * line["b_sigma"] and line["b_sigma"] < 0.01 and abs(line["a"]) < 0.25
@@ -160,7 +160,7 @@ def test_the_picture_is_the_same_from_run_to_run(run_record: Path, tmp_path: Pat
 def test_planes_about_soundings_agree_with_triangles(run_record: Path, tmp_path: Path) -> None:
     """To the scatter of the points; soundings without points within the radius say so, and the record says how."""
     assert compared(run_record, tmp_path, stage_readings.soundings(), "--radius", "200").exit_code == 0
-    record, of_record = read_rows(tmp_path / "s.soundings.json"), schema()
+    record, of_record = read_rows(tmp_path / "s.soundings.json"), DOCUMENT.schema()
     assert not list(violations(with_columns(record, of_record), of_record, of_record))
     assert record["matching"]["radius"] == 200.0 and "within 200 m" in (tmp_path / "s.soundings.lst").read_text()
     assert abs(record["samples"][1]["median"]) < 0.3 and record["samples"][1]["rms"] < 0.6

@@ -23,7 +23,7 @@ from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
-from musatpy.reports.compilation import schema
+from musatpy.reports.compilation import DOCUMENT
 from musatpy.reports.record import dumps, record
 from record_rows import read_rows, with_columns
 from stage_readings import DECK
@@ -272,7 +272,7 @@ def in_state_plane(position: FloatArray) -> FloatArray:
 @pytest.mark.slow
 def test_points_are_stated_as_the_answer_of_the_run(in_feet: Path) -> None:
     record = read_rows(in_feet / "st_thomas_as11.json")
-    assert not list(violations(with_columns(record, schema()), schema(), schema()))
+    assert not list(violations(with_columns(record, DOCUMENT.schema()), DOCUMENT.schema(), DOCUMENT.schema()))
     for name in ("position", "apparent"):
         of_job = np.array([row[name] for row in record["points"]], dtype=float)
         stated = np.array([row[name] for row in record["stated"]["points"]], dtype=float)

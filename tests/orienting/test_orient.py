@@ -62,9 +62,8 @@ def test_a_deck_without_stations(name: str, method: str, control: int, plane: st
     result = orient(deck)
     assert result.exit_code == 0, result.output
     values = record(deck)
-    assert not list(
-        violations(with_columns(values, orientation.schema()), orientation.schema(), orientation.schema())
-    )
+    schema = orientation.DOCUMENT.schema()
+    assert not list(violations(with_columns(values, schema), schema, schema))
     assert values["plane"]["verdict"] == plane
     assert (values["verdict"]["grade"] == "ACCEPTED") == (plane == "determined")
     assert values["fit"]["sigma0"] == pytest.approx(1.0, abs=0.5)  # 10 conditions at least

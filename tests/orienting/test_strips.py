@@ -51,7 +51,7 @@ def test_a_strip_from_its_deck(name: str, plane: str, grade: str, tmp_path: Path
     block, true = strip_block(name, 6, plane=model.PlaneTreatment(plane))
     result = run(tmp_path, block, "--punch", "--csv")
     assert result.exit_code == 0 and f"job.crd: {grade}, STRIP of 6 photos" in result.output
-    values, schema = record_in(tmp_path), orientation_strip.schema()
+    values, schema = record_in(tmp_path), orientation_strip.DOCUMENT.schema()
     assert not list(violations(with_columns(values, schema), schema, schema))
     assert np.abs(errors(tmp_path, true, name)).max() < 4.0  # of 18 that depend on each other
     away = np.array([row["sigmas"] for row in values["against_iiia"]], dtype=float)
@@ -218,7 +218,7 @@ def test_a_pair_without_water_is_the_relative_orientation(method: str, tmp_path:
     assert (
         f"{method} of 0, 1, sigma0 0.0" in result.stdout and "no point under water: straight rays" in result.stdout
     )
-    values, schema = record(deck), orientation.schema()
+    values, schema = record(deck), orientation.DOCUMENT.schema()
     assert not list(violations(with_columns(values, schema), schema, schema))
     assert values["plane"] is None and values["fit"]["redundancy"] == 15
     assert all(row["depth"] is None for row in values["points"])

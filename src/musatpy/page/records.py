@@ -70,11 +70,11 @@ def tables_of_record(path: Path) -> dict[str, Any]:
     if isinstance(record, dict) and _OF_COMPILATION in record:
         from musatpy.reports import compilation
 
-        return known_of(record, path, _COMPILATION_NEEDS, schema=compilation.schema())
+        return known_of(record, path, _COMPILATION_NEEDS, schema=compilation.DOCUMENT.schema())
     if isinstance(record, dict) and _OF_SOUNDINGS in record:
         from musatpy.reports import soundings
 
-        return known_of(record, path, _SOUNDINGS_NEED, schema=soundings.schema())
+        return known_of(record, path, _SOUNDINGS_NEED, schema=soundings.DOCUMENT.schema())
     if not isinstance(record, dict) or "schema_version" not in record:
         message = "is not the record of a run, of a compilation or of a comparison with soundings"
         raise RecordError([Problem(file=str(path), message=message)])

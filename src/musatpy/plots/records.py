@@ -48,13 +48,13 @@ def needs_of(pictures: Iterable[Picture[Any]]) -> dict[str, tuple[str, ...]]:
 def _compilation() -> Schema:
     from musatpy.reports import compilation
 
-    return compilation.schema()
+    return compilation.DOCUMENT.schema()
 
 
 def _soundings() -> Schema:
     from musatpy.reports import soundings
 
-    return soundings.schema()
+    return soundings.DOCUMENT.schema()
 
 
 KINDS = {

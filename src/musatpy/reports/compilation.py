@@ -20,7 +20,7 @@ from musatpy.reports import (
 )
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.encoding import Json
-from musatpy.reports.fields import POSITION_UNIT, Each, Field, Group, Node, Schema, document_schema, same
+from musatpy.reports.fields import POSITION_UNIT, Document, Each, Field, Group, same
 from musatpy.reports.headings import position
 from musatpy.reports.labels import Texts, sentences_at
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
@@ -157,6 +157,19 @@ RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
               heading="Recovered", edit="A9", words={True: "yes", False: "NO", None: "NO"}),
     ),
 )  # fmt: skip
+DOCUMENT: Document[Compiled] = Document(
+    name="compilation_version",
+    version=_VERSION,
+    title="musatpy compilation",
+    about=_ABOUT,
+    nodes=(
+        *(VERDICT, JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES, RECOVERED),
+        *run_comparison.RECORD,
+        *compilation_profiles.RECORD,
+        *compilation_bottom.RECORD,
+        Field("warnings", "* string", "what is odd about the readings", same),
+    ),
+)
 
 
 def record_of(
@@ -169,31 +182,15 @@ def record_of(
     warnings: Sequence[str],
 ) -> dict[str, Json]:
     """Return the record of a compilation, with its points beside those of the run, and the bottom."""
-    nodes: tuple[Node[Compiled], ...] = (JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES)
-    return {
-        "compilation_version": _VERSION,
-        VERDICT.name: VERDICT.json(verdict),
-        **{node.name: node.json(compiled) for node in nodes},
-        RECOVERED.name: RECOVERED.json((compiled, against)),
-        **{node.name: node.json((compiled, against)) for node in run_comparison.RECORD},
-        compilation_profiles.PROFILES.name: compilation_profiles.PROFILES.json(profiles),
-        compilation_profiles.SCANS.name: compilation_profiles.SCANS.json(scans),
-        **{node.name: node.json(bottoms) for node in compilation_bottom.RECORD},
-        "warnings": list(warnings),
-    }
-
-
-def schema() -> Schema:
-    """Return the JSON Schema of the record."""
-    nodes: tuple[Node[Any], ...] = (
-        Field("compilation_version", "const", "of this schema", choices=(_VERSION,)),
-        *(VERDICT, JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES, RECOVERED),
-        *run_comparison.RECORD,
-        *compilation_profiles.RECORD,
-        *compilation_bottom.RECORD,
-        Field("warnings", "* string", "what is odd about the readings"),
+    return DOCUMENT.record(
+        compiled,
+        verdict=verdict,
+        **dict.fromkeys(("recovered", "against_run", "analysis"), (compiled, against)),
+        profiles=profiles,
+        scans=scans,
+        **dict.fromkeys((node.name for node in compilation_bottom.RECORD), bottoms),
+        warnings=list(warnings),
     )
-    return document_schema("musatpy compilation", _ABOUT, nodes)
 
 
 def _options(compiled: Compiled) -> dict[str, str]:

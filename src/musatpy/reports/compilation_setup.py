@@ -11,8 +11,7 @@ import numpy as np
 
 from musatpy.reports import compilation
 from musatpy.reports.compilation import INTERIOR, JOB, MODELS, MOVED, RECOVERED
-from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Node, Rows, Schema, document_schema, same
+from musatpy.reports.fields import Document, Field, Rows, same
 from musatpy.reports.table import Report
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
@@ -77,28 +76,16 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
               heading="Run\nm", edit="F8.3"),
     ),
 )  # fmt: skip
-
-
-def record_of(setups: SetUps, warnings: Sequence[str]) -> dict[str, Json]:
-    """Return the record of models set up."""
-    compiled = setups.compiled
-    return {
-        "setup_version": _VERSION,
-        **{node.name: node.json(compiled) for node in (JOB, INTERIOR, MODELS, MOVED)},
-        RECOVERED.name: RECOVERED.json((compiled, setups.against)),
-        **{node.name: node.json(setups) for node in (RUN_POINTS, EXPECTED)},
-        "warnings": list(warnings),
-    }
-
-
-def schema() -> Schema:
-    """Return the JSON Schema of the record."""
-    nodes: tuple[Node[Any], ...] = (
-        Field("setup_version", "const", "of this schema", choices=(_VERSION,)),
+DOCUMENT: Document[Compiled] = Document(
+    name="setup_version",
+    version=_VERSION,
+    title="musatpy models set up",
+    about=_ABOUT,
+    nodes=(
         *(JOB, INTERIOR, MODELS, MOVED, RECOVERED, RUN_POINTS, EXPECTED),
-        Field("warnings", "* string", "what is odd about the models"),
-    )
-    return document_schema("musatpy models set up", _ABOUT, nodes)
+        Field("warnings", "* string", "what is odd about the models", same),
+    ),
+)
 
 
 def _of(setups: SetUps, name: str) -> Any:

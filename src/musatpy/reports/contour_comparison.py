@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Each, Field, Node, Schema, document_schema
+from musatpy.reports.fields import Document, Each, Field, Node
 from musatpy.reports.pages import print_titled
 from musatpy.reports.table import Report
 
@@ -67,18 +66,13 @@ AREA_TABLE: Report[Any] = Report(
     columns=("surface", "depth", "area", "width", "reason"),
 )
 STATED = (DISTANCE_TABLE, AREA_TABLE)
-
-
-def record_of(compared: Contoured) -> dict[str, Json]:
-    """Return the record of a comparison."""
-    return {"contour_comparison_version": _VERSION, **{node.name: node.json(compared) for node in RECORD}}
-
-
-def schema() -> Schema:
-    """Return the JSON Schema of the record."""
-    version: Field[Contoured] = Field("contour_comparison_version", "const", "of this schema", choices=(_VERSION,))
-    about = "Compiled contours beside those of another source, metres. What does not exist is null"
-    return document_schema("musatpy contour comparison", about, (version, *RECORD))
+DOCUMENT: Document[Contoured] = Document(
+    name="contour_comparison_version",
+    version=_VERSION,
+    title="musatpy contour comparison",
+    about="Compiled contours beside those of another source, metres. What does not exist is null",
+    nodes=RECORD,
+)
 
 
 def listing_of(compared: Contoured, title: str, caution: str = "") -> str:

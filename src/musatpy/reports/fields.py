@@ -319,6 +319,27 @@ def properties_of(fields: Iterable[Node[Any]]) -> Schema:
     return {"additionalProperties": False, "required": required, "properties": properties}
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Document(Generic[Source]):
+    """The record of a program: the version of its schema, and what it has."""
+
+    name: str  # of the field with the version
+    version: str
+    title: str
+    about: str
+    nodes: Sequence[Node[Any]]
+
+    def record(self, source: Source, **others: Any) -> dict[str, Json]:
+        """Return the record of a source; `others` are those of the nodes by name that have their own."""
+        nodes = {node.name: node.json(others.get(node.name, source)) for node in self.nodes}
+        return {self.name: self.version, **nodes}
+
+    def schema(self) -> Schema:
+        """Return the JSON Schema of the record."""
+        version: Field[Any] = Field(self.name, "const", "of this schema", choices=(self.version,))
+        return document_schema(self.title, self.about, (version, *self.nodes))
+
+
 def document_schema(title: str, about: str, nodes: Iterable[Node[Any]]) -> Schema:
     """Return the JSON Schema of a record of these fields and tables."""
     return {

@@ -13,8 +13,7 @@ from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.editing import number_text
-from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Group, Node, Rows, Schema, document_schema, same
+from musatpy.reports.fields import Document, Field, Group, Node, Rows, same
 from musatpy.reports.headings import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, position
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
 from musatpy.reports.table import Report
@@ -189,17 +188,13 @@ CORRELATIONS: Group[Answer, Answer] = Group(
 RECORD: tuple[Node[Answer], ...] = (
     *(JOB, VERDICT, FIT, PLANE, STATIONS, ROOTS, POINTS, LEFT_OUT, IMAGES, CORRELATIONS),
 )
-
-
-def record_of(answer: Answer) -> dict[str, Json]:
-    """Return the record of an orientation."""
-    return {"orientation_version": _VERSION} | {node.name: node.json(answer) for node in RECORD}
-
-
-def schema() -> Schema:
-    """Return the JSON Schema of the record."""
-    version: Field[Answer] = Field("orientation_version", "const", "of this schema", choices=(_VERSION,))
-    return document_schema("musatpy orientation", _ABOUT, (version, *RECORD))
+DOCUMENT: Document[Answer] = Document(
+    name="orientation_version",
+    version=_VERSION,
+    title="musatpy orientation",
+    about=_ABOUT,
+    nodes=RECORD,
+)
 
 
 def system_of(answer: Placement) -> str:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Field, Group, Node, Rows, Schema, document_schema, same
+from musatpy.reports.fields import Document, Field, Group, Node, Rows, same
 from musatpy.reports.orientation import (
     ATTITUDE_TABLE,
     JOB,
@@ -158,15 +157,13 @@ def _in_sigmas(answer: StripAnswer) -> Any:
     return _against(answer).position / np.where(sigma > 0.0, sigma, np.nan)
 
 
-def record_of(answer: StripAnswer) -> dict[str, Json]:
-    """Return the record of a strip."""
-    return {"strip_version": _VERSION} | {node.name: node.json(answer) for node in RECORD}
-
-
-def schema() -> Schema:
-    """Return the JSON Schema of the record."""
-    version: Field[Any] = Field("strip_version", "const", "of this schema", choices=(_VERSION,))
-    return document_schema("musatpy strip", _ABOUT, (version, *RECORD))
+DOCUMENT: Document[StripAnswer] = Document(
+    name="strip_version",
+    version=_VERSION,
+    title="musatpy strip",
+    about=_ABOUT,
+    nodes=RECORD,
+)
 
 
 # --- the listing ---

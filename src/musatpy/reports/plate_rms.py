@@ -6,12 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from musatpy.model.tables import falling
 from musatpy.reports.analyses import run_titles
 from musatpy.reports.editing import edited, prints_as_zero
 from musatpy.reports.fields import Field
 from musatpy.reports.pages import Section
-from musatpy.reports.result_record import FRAMES
+from musatpy.reports.result_record import FRAMES, PLATE_STATISTICS
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
@@ -53,10 +52,8 @@ def _stars(label: str, kind: int) -> Field[Statistics]:
     """Return the row that marks the frame with the largest RMS, unless even that prints as zero."""
 
     def shown(t: Values) -> list[str]:
-        rms = np.nan_to_num(t["rms"][:, kind])
-        most = int(falling(np.hypot(rms[:, 0], rms[:, 1]))[0]) if len(rms) else -1
-        is_zero = most < 0 or prints_as_zero(_RMS, rms[most].max())
-        return ["****" if frame == most and not is_zero else "" for frame in range(len(rms))]
+        rows = zip(t["photo"], t["largest"][:, kind], np.nan_to_num(t["rms"][:, kind]).max(axis=1), strict=True)
+        return ["****" if photo == most and not prints_as_zero(_RMS, rms) else "" for photo, most, rms in rows]
 
     return Field(label, heading=label, edit="A9", shown=shown)
 
@@ -71,8 +68,8 @@ BY_PHOTO: Report[Statistics] = Report(
 ACROSS: Report[Statistics] = Report(
     title="Plate Residuals",
     layout="across",
-    table=FRAMES,
-    path=BY_PHOTO.path,
+    table=PLATE_STATISTICS,
+    nested="frames",
     columns=("photo", *(_rms(*row) for row in ROWS), *(_stars(*row) for row in STARS)),
 )
 STATED = (BY_PHOTO, ACROSS)

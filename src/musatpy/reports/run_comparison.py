@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import analyses
-from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Each, Field, Rows, Schema, document_schema, same
+from musatpy.reports.fields import Document, Each, Field, Rows, same
 from musatpy.reports.pages import Section, print_titled
 from musatpy.reports.table import Report
 from musatpy.reports.text import labelled
@@ -55,6 +54,9 @@ ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistic
         Field("maximum_id", "string?", "its point", lambda d: d[1].maximum_id or None),
     ),
 )
+CAUTION: Field[tuple[Compiled, list[AgainstRun]]] = Field(
+    "caution", "string?", "what is to be known of the run, on every page", lambda s: s[0].run.caution or None
+)
 RECORD = (RUN_POINTS, ANALYSIS)
 RUN_TABLE: Report[Any] = Report(
     title="Comparison With The Run",
@@ -63,27 +65,13 @@ RUN_TABLE: Report[Any] = Report(
     columns=("model", "point", "shared", "difference", "length", "sigma", "test", "stages"),
 )
 STATED = (RUN_TABLE,)
-
-
-def record_of(compiled: Compiled, against: list[AgainstRun]) -> dict[str, Json]:
-    """Return the record of a comparison."""
-    source = (compiled, against)
-    return {
-        "point_comparison_version": _VERSION,
-        "caution": compiled.run.caution or None,
-        **{node.name: node.json(source) for node in RECORD},
-    }
-
-
-def schema() -> Schema:
-    """Return the JSON Schema of the record."""
-    nodes = (
-        Field[Any]("point_comparison_version", "const", "of this schema", choices=(_VERSION,)),
-        Field[Any]("caution", "string?", "what is to be known of the run, on every page"),
-        *RECORD,
-    )
-    about = "Compiled points beside those of the run, in metres and millimetres of the stages."
-    return document_schema("musatpy comparison of compiled points", about, nodes)
+DOCUMENT: Document[tuple[Compiled, list[AgainstRun]]] = Document(
+    name="point_comparison_version",
+    version=_VERSION,
+    title="musatpy comparison of compiled points",
+    about="Compiled points beside those of the run, in metres and millimetres of the stages.",
+    nodes=(CAUTION, *RECORD),
+)
 
 
 def listing_of(compiled: Compiled, against: list[AgainstRun]) -> str:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.compilation.point_orders import order_names, orders_of_points
-from musatpy.reports.encoding import Json
-from musatpy.reports.fields import Each, Field, Group, Node, Rows, Schema, document_schema, same
+from musatpy.reports.fields import Document, Each, Field, Group, Node, Rows, same
 from musatpy.reports.pages import Section, print_titled
 from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
@@ -135,6 +134,10 @@ LEFT_OUT: Rows[Sounded, Sounded] = Rows(
         Field("reason", "string", "why", lambda s: list(s.reasons.values()), heading="Reason", edit="A60"),
     ),
 )  # fmt: skip
+POINT_ORDERS: Field[Compiled | None] = Field(
+    "point_orders", "map", "compiled points by the order of S-44 that their sigmas meet; none of a raster",
+    lambda c: {} if c is None else point_orders(c),
+)  # fmt: skip
 RECORD: tuple[Node[Sounded], ...] = (MATCHING, SAMPLES, REGRESSION, SHARES, DIFFERENCES, LEFT_OUT)
 
 SAMPLE_TABLE: Report[Any] = Report(
@@ -148,23 +151,13 @@ SHARE_TABLE: Report[Any] = Report(
     columns=("order", "share", "met"),
 )
 STATED = (SAMPLE_TABLE, SHARE_TABLE)
-
-
-def record_of(compared: Sounded, compiled: Compiled | None) -> dict[str, Json]:
-    """Return the record of a comparison with what was compiled, None for a raster."""
-    nodes = {node.name: node.json(compared) for node in RECORD}
-    orders: Json = {} if compiled is None else dict(point_orders(compiled))
-    return {"soundings_version": _VERSION, **nodes, "point_orders": orders}
-
-
-def schema() -> Schema:
-    """Return the JSON Schema of the record."""
-    version: Field[Sounded] = Field("soundings_version", "const", "of this schema", choices=(_VERSION,))
-    orders: Field[Sounded] = Field(
-        "point_orders", "map", "compiled points by the order of S-44 that their sigmas meet; none of a raster"
-    )
-    about = "Compiled less sounded depths, metres. A number that does not exist is null"
-    return document_schema("musatpy soundings", about, (version, *RECORD, orders))
+DOCUMENT: Document[Sounded] = Document(
+    name="soundings_version",
+    version=_VERSION,
+    title="musatpy soundings",
+    about="Compiled less sounded depths, metres. A number that does not exist is null",
+    nodes=(*RECORD, POINT_ORDERS),
+)
 
 
 def point_orders(compiled: Compiled) -> dict[str, int]:
