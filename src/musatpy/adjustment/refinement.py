@@ -21,7 +21,7 @@ from musatpy.model import Block, ControlKind, Options, Treatment, WaterLevel
 if TYPE_CHECKING:
     from musatpy.adjustment.initial import Place
 
-_STEPS = 24  # of an adjustment: what is not at rest by then never is
+_STEPS = 12  # of an adjustment: what comes to rest needs 2 or 3 of them, rarely 10
 _LEAST = 1e-11  # weight that keeps a point determined; with more, errors of kilometres pull
 _LOST = 1e3  # sigmas, for residuals that make no sense
 _CYCLES = 3  # in which bad points may come back

@@ -55,7 +55,6 @@ _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
 STEP = 1500  # images that a step takes as much as, however few there are
 _WAVES = 4  # times the effort of a step on a plane
-_STEPS = 24  # of an adjustment, each with weights of its own
 START = 3  # of the least steps, that a computed start takes as much as for each photo
 
 
@@ -291,7 +290,7 @@ def _robust(scene: Scene, job: Job, state: State) -> State:
     From the first step on: gross errors of centimetres would bend a block beyond recognition.
     """
 
-    for _ in range(_STEPS):
+    for _ in range(_ITERATIONS):
         size = sizes(scene, state)
         scale = plate_scale(scene, size)
         problem = scene.problem({kind: cauchy(value, scale) for kind, value in size.items()})
