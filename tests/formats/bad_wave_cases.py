@@ -80,6 +80,11 @@ CASES: list[Case] = [
     wave_case(
         wave(period=SWELL, depth="3.00", height="2.400"), "height", "2.400", "a wave 53.1 m long breaks from 2.34 m"
     ),
+    # sqrt(g L / 2 pi) over deep water: a third of these, and no current triples it
+    wave_case(
+        wave(length="60.000", speed="30.000"), "speed", "30.000", "30 m/s: a wave 60 m long runs 9.68 m/s at most"
+    ),
+    wave_case(wave(length="60.000", period="2.000"), "period", "2.000", "30 m/s: a wave 60 m long runs 9.68 m/s"),
     wave_case(
         wave(shape="STOK", period=SWELL, depth="5.00", height="1.100"), "height", "1.100", "makes a second crest"
     ),

@@ -42,7 +42,8 @@ from musatpy.model import Block, Initial, ObservationKind, Solution
 from musatpy.model.progress import Progress, begin
 
 _EFFORT, _FOR_PHOTO = 400, 20  # steps of its adjustments; where something simple is wrong, 20 to 300 do
-LEAST = 7.5e5  # images that any search may spend, and twice as many one for causes: some seconds
+LEAST = 7.5e5  # images that any search may spend, and twice as many one for causes: some seconds; of it,
+_SHARE, _SHARE_OF_PHOTO = 0.4, 0.06  # one for causes with fewer than ten photos: there is less to be tried
 _FAILED, _AROUND = 20, 6  # steps that a run without solution counts for, and start and covariances of another one
 _REVISIONS = 3  # of names and flags, at most
 _HOPELESS = 10.0  # times the cost of the best explanation: what snooping cannot mend
@@ -104,8 +105,10 @@ def explicit_effort(block: Block) -> Effort:
 def usual_effort(block: Block, solution: Solution | None, times: float) -> Effort:
     """Return what the search for causes of a run may spend: so many `times` what the run has."""
     steps = _FAILED if solution is None else len(solution.iterations) + _AROUND
-    start = 0 if block.options.initial is Initial.GIVEN else START * STEP * len(block.photos.ids)
-    return Effort(left=times * max(LEAST, steps * len(block.plates.point) + start))
+    photos = len(block.photos.ids)
+    start = 0 if block.options.initial is Initial.GIVEN else START * STEP * photos
+    least = min(1.0, _SHARE + _SHARE_OF_PHOTO * photos) * LEAST
+    return Effort(left=times * max(least, steps * len(block.plates.point) + start))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

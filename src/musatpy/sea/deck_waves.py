@@ -19,6 +19,7 @@ SHAPES = {
     WaveShape.STOKES: Shape.STOKES,
     WaveShape.TROCHOIDAL: Shape.TROCHOIDAL,
 }
+_FASTEST = 3.0  # times the speed of deep water: with any current, the length or the speed of a card is wrong
 URSELL = 26.0  # from there on a shallow wave is far from sinusoidal (see `LinearWave.ursell`)
 
 
@@ -118,6 +119,12 @@ def _of_theory(waves: Waves, row: int) -> Iterator[tuple[int, str, str, bool]]:
         yield row, "depth", message, True
     if train.breaks[row]:
         yield row, "height", f"{height:g} m: a wave {length:.1f} m long breaks from {most:.2f} m on", True
+        return
+    calm = length / float(period_of(train.number[row], np.inf))
+    if train.speed[row] > _FASTEST * calm:
+        name = "period" if np.isnan(waves.speed[row]) else "speed"
+        slower = f"a wave {length:.3g} m long runs {calm:.3g} m/s at most, without a current"
+        yield row, name, f"{train.speed[row]:.3g} m/s: {slower}", True
         return
     if shape is None:
         return  # said of the field already
