@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from altered import altered, with_options
+from drivers.common_mistakes import simulated
 from musatpy import adjust, read_deck
 from musatpy.model import Block, Concern, Grade, PlateSigma, Refraction, Treatment, WaterLevel
 from musatpy.reports.listing import listing
@@ -155,6 +156,22 @@ def test_the_focal_length_of_a_job_without_observed_stations_has_no_test_and_pag
     )
     line = next(line for line in listing(solution).split("\n") if line.startswith("Common errors without test"))
     assert "focal length of RC8" in line
+
+
+@pytest.mark.slow
+def test_an_error_that_moves_something_far_before_its_test_finds_it_is_named_on_page_1() -> None:
+    block = simulated("watpt", 2).block
+    raised = altered(block, control={"position": lambda xyz: xyz + np.array([0.0, 0.0, 1.0])})
+    statistics = Statistics(adjust(raised))
+    errors = statistics.common_errors
+    most = np.nanmax(errors.moved_by(errors.smallest)[1][errors.tested], axis=1)
+    assert sorted(errors.weakly_tested) == np.flatnonzero(errors.tested)[most > 4.0].tolist()
+    row = errors.held.names.tolist().index("tides less heights of control")
+    assert row in errors.weakly_tested and errors.smallest[row] > 0.5
+    lines = listing(statistics.solution).split("\n")
+    start = next(at for at, line in enumerate(lines) if line.startswith("Common errors weakly tested"))
+    assert "tides less heights of control" in " ".join(lines[start : start + 2])
+    assert not statistics.verdict.reasons  # a metre moves nothing but all heights together
 
 
 @pytest.mark.slow

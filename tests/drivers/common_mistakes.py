@@ -178,9 +178,12 @@ class Outcome:
 
     @property
     def told(self) -> bool:
-        """True where page 1 names the very parameter as one without test."""
-        _, _, named = self.page.partition("Common errors without test")
-        return self.mistake.word in named.partition("\n\n")[0]
+        """True where page 1 names the very parameter as one whose errors no test finds, or large ones alone."""
+        named, of_common = "", False
+        for line in self.page.splitlines():
+            of_common = line.startswith("Common errors") or (of_common and line.startswith(" "))
+            named += f"{line}\n" if of_common else ""
+        return self.mistake.word in named
 
     @property
     def quiet(self) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import musatpy
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Editing, Grade
 from musatpy.reports import observation_record, pages, quality_record
 from musatpy.reports.common_errors import MOVED, moved_names
@@ -247,27 +248,42 @@ def _quality(answer: _Answer) -> Section:
             f"an undetected error may move them by more than {FAR:.0f} sigmas{where}"
         )
     lines["Blunders"] = _blunder_count(answer)
-    return Section(title="Quality In Short", lines=_printed([*labelled(lines), *_untested(answer)]))
+    return Section(title="Quality In Short", lines=_printed([*labelled(lines), *_common_errors(answer)]))
 
 
-def _untested(answer: _Answer) -> list[str]:
-    """Return the lines that name the parameters without a test, and what moves most by the worst of them."""
+def _common_errors(answer: _Answer) -> list[str]:
+    """Return the lines that name the parameters whose errors no test finds, or large ones alone."""
     errors = answer.statistics.common_errors
-    if errors is None or not len(errors.untested):
+    if errors is None:
         return []
-    row, *others = errors.untested.tolist()
+    named = {
+        "Common errors without test": (errors.untested, errors.held.reference),
+        "Common errors weakly tested": (errors.weakly_tested, errors.smallest),
+    }
+    return [
+        line
+        for label, (rows, error) in named.items()
+        if len(rows)
+        for line in wrapped([_worst_movement(answer, rows, error)], lead=labelled({label: ""})[0])
+    ]
+
+
+def _worst_movement(answer: _Answer, rows: IntArray, error: FloatArray) -> str:
+    """Return what an `error` (h,) of the first of some parameters moves most, and the names of the others."""
+    errors = answer.statistics.common_errors
+    assert errors is not None
+    row, *others = rows.tolist()
     held = errors.held
-    shifts, all_sigmas = errors.moved_by(held.reference)
+    shifts, all_sigmas = errors.moved_by(error)
     kind = int(np.nanargmax(all_sigmas[row]))
-    size = f"{number_text('F12.4', held.reference[row])} {held.units[row]}".rstrip()
+    size = f"{number_text('F12.4', error[row])} {held.units[row]}".rstrip()
     shift, sigmas = shifts[row, kind], all_sigmas[row, kind]
     moved = f"{MOVED[kind]} {moved_names(answer.statistics, kind)[row]}"
     text = f"{held.names[row]}: {size} moves {moved} by {number_text('F12.3', shift)} m, "
     text += f"{number_text('F12.1', sigmas)} sigmas"
     if others:
         text += f"; also {'; '.join(held.names[others].tolist())}"
-    text += answer.reference(COMMON_ERRORS)
-    return wrapped([text], lead=labelled({"Common errors without test": ""})[0])
+    return text + answer.reference(COMMON_ERRORS)
 
 
 def _sigma0(statistics: Statistics) -> str:

@@ -116,6 +116,12 @@ class CommonErrors(Table):
         named = ~self.tested & (most > _BELIEVED)
         return falling(np.where(named, reference, -1.0), _DECIMALS)[: np.count_nonzero(named)]
 
+    @property
+    def weakly_tested(self) -> IntArray:
+        """The parameters whose `smallest` moves something by over `_BELIEVED` of its sigmas, the worst first."""
+        most = np.nan_to_num(self.moved_by(self.smallest)[1]).max(axis=1, initial=0.0)
+        return falling(most, _DECIMALS)[: np.count_nonzero(most > _BELIEVED)]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HiddenErrors(Table):
