@@ -42,15 +42,22 @@ def overflows(tallies: Sequence[Tally]) -> list[str]:
     ]
 
 
-def compare_sections(rules: RuleSet, a: Section | None, b: Section | None, *, moved: bool = False) -> Tally:
+def compare_sections(rules: RuleSet, a: Section | None, b: Section | None, *, moved: bool) -> Tally:
     """Return what differs between two sections, or what is to be said of a section of one file only."""
+    if a is not None and b is not None:
+        return compare_rows(rules, a, b, whole=True, moved=moved)
     comparison = _Sections(rules, a, b)
-    if a is None or b is None:
-        comparison.only_section(int(a is None))
-    else:
+    comparison.only_section(int(a is None))
+    return comparison.result
+
+
+def compare_rows(rules: RuleSet, a: Section, b: Section, *, whole: bool = False, moved: bool = False) -> Tally:
+    """Return what differs between the rows of two sections, in columns of both; with `whole`, around them too."""
+    comparison = _Sections(rules, a, b)
+    if whole:
         comparison.around_rows(moved=moved)
-        texts = [[(row.ids if any(row.ids) else (), row.line.text) for row in side] for side in comparison.rows]
-        comparison.compare_rows((texts[0], texts[1]), strict=a.grouped and b.grouped)
+    texts = [[(row.ids if any(row.ids) else (), row.line.text) for row in side] for side in comparison.rows]
+    comparison.compare_rows((texts[0], texts[1]), strict=a.grouped and b.grouped)
     return comparison.result
 
 

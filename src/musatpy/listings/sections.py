@@ -128,7 +128,7 @@ class Section:
             spans = [(self.columns[n].start, self.columns[n].end) for n in self.id_columns]
             ids = zip(*([text[start:end].strip() for text in texts] for start, end in spans), strict=True)
             rows = [
-                Row(line, (label_of(line[0]),) if self._is_note(line[0]) else names, block)
+                Row(line, (label_of(line[0]),) if self.is_note(line[0]) else names, block)
                 for (line, block), names in zip(self.lines, ids, strict=True)
             ]
         else:
@@ -144,7 +144,7 @@ class Section:
             place = column.end
         return re.compile("".join(parts) + " *")
 
-    def _is_note(self, text: str) -> bool:
+    def is_note(self, text: str) -> bool:
         """Tell whether a line among the rows is a sentence: words that run over the gaps between columns."""
         if text[:1].isdigit() or self.template.fullmatch(text.ljust(self.columns[-1].end)):
             return False
@@ -157,7 +157,7 @@ class Section:
         With `angles`, degrees, minutes and seconds are one token: where headings speak of them, only below these.
         """
         placed = tokens_of(text)
-        if not self.columns or (self.grouped and self._is_note(text)):
+        if not self.columns or (self.grouped and self.is_note(text)):
             return [(-1, with_angles(placed) if angles else placed)]
         if not self.grouped:
             return self._cells_by_right_edge(with_angles(placed) if angles else placed, text)
