@@ -16,7 +16,6 @@ from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, rows
 from musatpy.units import MICROMETRE
 
 _KILOMETRE2 = 1e6  # m2
-_DAY = 86400.0  # s
 _WAYS = [[np.cos(angle), np.sin(angle)] for angle in np.arange(16) * np.pi / 8.0]
 RAYS_TITLE = "Rays To Ground Points"
 

@@ -35,7 +35,7 @@ from musatpy.statistics.verdict import verdict_of
 from musatpy.units import AngleUnit
 
 if TYPE_CHECKING:
-    from musatpy.systems import Stated, StatedSolution, Statement
+    from musatpy.systems import StatedSolution, Statement
 
 LARGE_RESIDUAL = 3.0  # sigmas
 PLATE_KINDS = ("triangulated", "not triangulated", "all")
@@ -177,15 +177,6 @@ class Statistics(Quality):
     def given_words(self) -> Words | None:
         """The words in which the deck states coordinates and attitudes; None: those of the block."""
         return words_of(self.block.given_in, self.block)
-
-    @cached_property
-    def given(self) -> Stated | None:
-        """The block in these words. Raises `SystemsError` where it cannot be stated so."""
-        if self.given_words is None:
-            return None
-        from musatpy.systems import stated
-
-        return stated(self.block, self.given_words.statement)
 
     @cached_property
     def answer_words(self) -> Words | None:
