@@ -55,6 +55,13 @@ def test_a_record_of_ours_is_read_whole(tmp_path: Path, run: dict[str, Any]) -> 
     assert read_record(path, whole) == with_images(run)
 
 
+def test_an_image_without_redundancy_has_no_estimated_error(run: dict[str, Any]) -> None:
+    whole = with_images(run)["observations"]["estimated_error"]
+    assert whole[0] is not None
+    run["plates"]["redundancy"][0][0] = 0.0
+    assert with_images(run)["observations"]["estimated_error"] == [None, *whole[1:]]
+
+
 def test_what_is_not_asked_for_is_left_out(tmp_path: Path, run: dict[str, Any]) -> None:
     path = tmp_path / "RUN.json"
     path.write_text(json.dumps(run))

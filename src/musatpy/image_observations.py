@@ -46,7 +46,7 @@ def with_images(record: Mapping[str, Any]) -> dict[str, Any]:
     students = _students(found["standardised"], solution["unit_sigma"], solution["degrees_of_freedom"])
     found["test"] = students
     found["estimated_error"] = [
-        None if test is None or residual is None else -float(residual) / float(redundancy)
+        None if test is None or residual is None or not redundancy else -float(residual) / float(redundancy)
         for test, residual, redundancy in zip(
             found["standardised"], found["residual"], found["redundancy"], strict=True
         )

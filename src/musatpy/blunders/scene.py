@@ -54,7 +54,7 @@ _HELD = 0.1  # of the ground sigma of an image, for what the job holds without e
 _TURNS = 5  # of the rays between wet and dry
 _ITERATIONS = 12  # of one adjustment: where that many do not do, something is still wrong, and is looked for
 STEP = 1500  # images that a step takes as much as, however few there are
-_WAVES = 4  # times the effort of a step on a plane
+_WAVES = 8  # times the effort of a step on a plane
 START = 3  # of the least steps, that a computed start takes as much as for each photo
 
 
