@@ -133,17 +133,6 @@ def test_half_of_the_flags_forgotten_is_no_matter_of_datums(first: int) -> None:
     assert all(reason.grade is model.Grade.DOUBTFUL for reason in reasons)
 
 
-@pytest.mark.slow
-def test_the_point_of_a_long_strip_is_named() -> None:
-    solution = case("strip_W72_without_B")
-    (reason,) = of_flags(solution)
-    assert reason.text.startswith(
-        "point W72 is not flagged as submerged (B), and up to 10.73 m (26.9 sigmas) below"
-    )
-    ((low, other),) = table(solution).values()
-    assert other is not None and other - low == pytest.approx(-5.35, abs=0.01)
-
-
 def test_a_flagged_point_above_the_water_is_doubted() -> None:
     solution = adjust(with_flags(st_thomas(), True, "204"))
     (reason,) = of_flags(solution)

@@ -13,8 +13,6 @@ import pytest
 
 import musatpy
 from cli.commands import musat
-from musatpy.campaign.batch import BatchResult
-from musatpy.cli.batch import tell_of_trouble
 from musatpy.cli.main import COMMANDS
 from musatpy.formats.musat import deck_bytes, read_deck
 
@@ -188,20 +186,6 @@ def test_results_that_cannot_be_written_end_in_one_line_per_deck(deck, tmp_path)
     assert musat("run", deck, "-o", tmp_path / "file" / "results").exit_code == 1
 
 
-def test_check_counts_problems_and_shows_the_cards(bad_deck):
-    result = musat("check", bad_deck)
-    assert result.exit_code == 1
-    assert result.stderr == ""
-    lines = result.stdout.splitlines()
-    assert lines[-1].startswith(f"{bad_deck}: 2 errors, ")
-    heads = [line for line in lines if line.startswith(f"{bad_deck}:") and " cols 22-33 PLT.x:" in line]
-    assert len(heads) == 2
-    assert lines.index(heads[1]) - lines.index(heads[0]) == 4
-    ruler, card, carets = lines[1:4]
-    assert ruler.strip().startswith("----+----1----+----2")
-    assert card[carets.index("^") : carets.rindex("^") + 1] == "        1l.3"
-
-
 def test_the_bad_card_of_the_manual(tmp_path, monkeypatch):
     manual = (ROOT / "docs" / "exit_statuses.md").read_text()
     example = re.search(r"(?m)^    deck\.crd:(\d+) .*\n(?:    .*\n)+", manual)
@@ -222,14 +206,6 @@ def test_of_a_kind_a_hundred_problems_are_printed(command, deck):
     output = musat(command, deck).output
     assert output.count("is not F12.7") == 100
     assert "PLT.x: ... and 1,220 more of this kind" in output
-
-
-def test_of_a_kind_a_hundred_notes_of_a_batch_are_printed(capsys):
-    notes = tuple(f"job_{n}.crd: the lock of process {n} was taken over" for n in range(1320))
-    tell_of_trouble(BatchResult(jobs=(), outcomes=(), seconds=0.0, summary=None, notes=(*notes, "another")))
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 102 and lines[99] == "musat: job_99.crd: the lock of process 99 was taken over"
-    assert lines[100:] == ["musat: ... and 1,220 more of this kind", "musat: another"]
 
 
 def test_reasons_and_notes_of_a_run_are_no_more_than_a_hundred_of_a_kind(deck, monkeypatch):

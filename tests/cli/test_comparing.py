@@ -199,28 +199,6 @@ def test_rows_beside_a_newer_run_are_limited():
     assert "... and 19 that differ less" in result.stdout.splitlines()
 
 
-@pytest.mark.parametrize(
-    ("content", "status", "said"),
-    [(None, 2, "No such file"), (b"no listing\n", 2, "no analysis"), (b"\xff\xfe\x00", 2, "no analysis")],
-)
-def test_what_is_no_listing_ends_with_2(content, status, said, tmp_path):
-    path = tmp_path / "x.lst"
-    if content is not None:
-        path.write_bytes(content)
-    result = musat("audit", path)
-    assert result.exit_code == status and said in result.stderr and "Traceback" not in result.output
-
-
-def test_a_folder_ends_with_2(tmp_path):
-    assert musat("audit", tmp_path).exit_code == 2
-
-
-def test_a_newer_run_that_cannot_be_read_ends_with_2(tmp_path):
-    (path := tmp_path / "new.json").write_text("{")
-    result = musat("audit", MODIFIED, "--against", path)
-    assert result.exit_code == 2 and "is no JSON" in result.stderr
-
-
 def test_a_row_that_cannot_be_read_ends_with_2(tmp_path):
     text = (LEGACY / "etl0306_table_6_1.lst").read_text().replace(".830", "#??")
     (path := tmp_path / "x.lst").write_text(text)
@@ -290,11 +268,3 @@ def test_a_row_of_a_million_characters_is_reported_and_the_rest_is_read(tmp_path
     result = musat("audit", path)
     assert result.exit_code == 2
     assert f"{path}:1: a row of {len(row)} characters: no listing has any" in result.stdout
-
-
-@pytest.mark.parametrize("row", [" " * 9900 + "7", "x" + "." * 9900 + "y1", "\u2022" * 9900 + "RMS 1", "1" * 9900])
-def test_wide_rows_take_no_longer_than_narrow_ones(tmp_path, row):
-    """Half a megabyte of rows that patterns were tried on at each of their characters."""
-    path = tmp_path / "wide.lst"
-    path.write_text(f"{MODIFIED.read_text(encoding='utf-8')}\n" + f"{row}\n" * 50, encoding="utf-8")
-    assert musat("audit", path).exit_code in (0, 2)

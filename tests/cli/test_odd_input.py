@@ -4,7 +4,6 @@ import json
 import os
 import re
 import resource
-import shutil
 import subprocess
 import sys
 import warnings
@@ -118,7 +117,6 @@ GOLDEN = ROOT / "fixtures" / "st_thomas" / "st_thomas.lst"
 HOSTILE = "\x1b]0;x\x07\x9b2J\u202e"  # title of the window, clear the screen, write from right to left
 coloured_musat = partial(musat, color=True, env={"NO_COLOR": "1"})
 ESCAPED = r"\x1b]0;x\x07\x9b2J\u202e"
-OWN_OUTPUT = {"messages.py", "live.py", "live_line.py", "run.py", "options.py"}  # `printable`, lines written anew
 
 
 @pytest.fixture
@@ -137,11 +135,6 @@ def clean(ran: Result) -> str:
     text = ran.stdout + ran.stderr
     assert text and text.replace("\n", "").replace("\f", "").isprintable()
     return text
-
-
-def test_a_diff_escapes_what_the_listings_say(hostile):
-    ran = coloured_musat("diff", GOLDEN, hostile)
-    assert ran.exit_code == 1 and r"\x1b" in clean(ran)
 
 
 def test_an_audit_escapes_what_the_listing_says(hostile):
@@ -190,11 +183,6 @@ def test_problems_are_escaped_and_carets_stand_below_their_columns(tmp_path):
     cameras.write_text(f"name,x,y,z,tide\nA,0,{HOSTILE},300,0\n")
     ran = coloured_musat("depth", "table", "--cameras", cameras)
     assert ran.exit_code == 1 and ESCAPED in clean(ran)
-
-
-def test_no_command_prints_past_the_messages():
-    direct = {path.name for path in (ROOT / "src/musatpy/cli").glob("*.py") if "click.echo(" in path.read_text()}
-    assert direct <= OWN_OUTPUT
 
 
 DECK = ROOT / "fixtures/st_thomas/st_thomas.crd"
@@ -283,18 +271,6 @@ def completed(*words):
 )
 def test_a_shell_completes_commands_cards_and_fields(words, offered):
     assert completed(*words) == offered
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
-def test_the_line_of_the_manual_defines_a_completion():
-    code = "from musatpy.cli.main import main; main(prog_name='musat')"
-    environment = {**os.environ, "_MUSAT_COMPLETE": "bash_source"}
-    script = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60
-    )
-    ran = subprocess.run(["bash", "-c", f"{script.stdout}\ncomplete -p musat"], capture_output=True, text=True)
-    assert ran.returncode == 0 and "musat" in ran.stdout
 
 
 COMMANDS = [

@@ -12,7 +12,6 @@ FIXTURES = Path(__file__).parents[2] / "fixtures"
 DECK = FIXTURES / "st_thomas/st_thomas.crd"
 SUBMERGED = ["203", "206", "209", "210", "212", "218", "219", "ROCK"]  # by the flags of the deck
 BELOW = ["203", "206", "210", "212", "218", "219"]  # those that stand below their water by more than 4 sigmas
-STRAIGHT = "OPT.refraction=NONE"
 
 
 @pytest.fixture

@@ -335,26 +335,6 @@ def test_a_job_that_needs_the_plate_says_that_it_is_left_out(run):
 # --- cards that cannot be read ---
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (edit(3, "AFFINE", "AFINE "), "raw.crd:3 cols 13-22 RED.transformation: 'AFINE'"),
-        (edit(4, "0.00200", "0.0o200"), "raw.crd:4 cols 53-59 CMP.reading_sigma: '0.0o200' is not F7.5"),
-        (edit(4, "0.00200", "0.00000"), "CMP.reading_sigma: a standard deviation must be greater than zero"),
-        (add("RSC RC8  A01"), "raw.crd:137 cols 19-21 RSC.row"),
-        (edit(3, "US1976 NO ", "US1976 YES"), "earth curvature belongs to jobs in a grid (LOCL), not to GEOG ones"),
-    ],
-)
-@pytest.mark.parametrize("command", ["run", "check"])
-def test_a_bad_card_is_shown(tmp_path, command, change, message):
-    path = tmp_path / "raw.crd"
-    path.write_bytes(bad(change))
-    result = musat(command, path)
-    assert result.exit_code == 1
-    assert message in result.output
-    assert "Traceback" not in result.output
-
-
 # --- conversion ---
 
 

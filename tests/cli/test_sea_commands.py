@@ -12,7 +12,6 @@ from click.testing import Result
 import sea_fixtures
 from cli.commands import musat
 from json_schema import load_schema, violations
-from musatpy.cli.main import main
 from musatpy.cli.options import columns_of
 from musatpy.reports.record import SCHEMA_VERSION
 from musatpy.sea.stereo import surface_file
@@ -163,49 +162,16 @@ def test_quiet_commands_say_nothing(tmp_path: Path) -> None:
     assert len(rows(tmp_path / "true.csv")) == 40
 
 
-_CORRECTING = {
-    "depth correct": ("depth", "correct"),
-    "sea fit": ("sea", "fit"),
-    "sea correct": ("sea", "correct"),
-    "sea interpolate": ("sea", "interpolate"),
-}
-
-
-def _options_of(*names: str) -> dict[str, click.Parameter]:
-    found: click.Command = main
-    context = click.Context(main)
-    for name in names:
-        assert isinstance(found, click.Group)
-        command = found.get_command(context, name)
-        assert command is not None
-        found = command
-    return {str(option.name): option for option in found.params}
-
-
-@pytest.mark.parametrize("name", _CORRECTING)
-def test_what_commands_on_points_share_is_one_option(name: str) -> None:
-    own, others = _options_of(*_CORRECTING[name]), _options_of("depth", "correct")
-    for option in ("columns", "quiet"):
-        assert own[option].to_info_dict() == others[option].to_info_dict()
-
-
-@pytest.mark.parametrize("name", [name for name in _CORRECTING if name != "depth correct"])
-def test_sigmas_that_are_given_are_those_of_points_without(name: str) -> None:
-    (option,) = (one for one in _options_of(*_CORRECTING[name]).values() if "--sigma" in one.opts)
-    assert isinstance(option, click.Option) and "without their own" in str(option.help)
-    with pytest.raises(click.BadParameter, match=r"not a finite number|number that is not finite"):
-        option.type.convert("nan", option, None)
-    with pytest.raises(click.BadParameter):
-        option.type.convert("-1", option, None)
+_CORRECTING = (("depth", "correct"), ("sea", "fit"), ("sea", "correct"), ("sea", "interpolate"))
 
 
 @pytest.mark.parametrize(
     ("columns", "message"),
     [("x,y", "three names are needed"), ("x,,z", "three names are needed"), ("x,X,z", "has a name twice")],
 )
-@pytest.mark.parametrize("name", _CORRECTING)
-def test_columns_need_three_names(name: str, columns: str, message: str) -> None:
-    result = musat(*_CORRECTING[name], "a", "--columns", columns)
+@pytest.mark.parametrize("command", _CORRECTING)
+def test_columns_need_three_names(command: tuple[str, str], columns: str, message: str) -> None:
+    result = musat(*command, "a", "--columns", columns)
     assert result.exit_code == 2 and message in result.output
 
 

@@ -67,19 +67,6 @@ def test_a_punched_deck_says_what_was_set(deck):
     assert punched[1].startswith("OPT IIIA") and punched[2][19:24] == "ONE  "
 
 
-def test_a_listing_with_settings_is_audited_and_compared(deck, tmp_path):
-    musat("run", deck, *IIIA)
-    assert musat("audit", deck.with_suffix(".lst")).exit_code == 0
-    assert musat("diff", deck.with_suffix(".lst"), deck.with_suffix(".lst")).exit_code == 0
-
-
-def test_check_shows_the_card_that_is_set(deck):
-    ran = musat("check", deck, *IIIA[2:])
-    assert ran.exit_code == 1
-    assert "OP2.water_level: 'ONE' needs program IIIA" in ran.stdout and "OP2                ONE\n" in ran.stdout
-    assert musat("check", deck, *IIIA).exit_code == 0
-
-
 @pytest.mark.parametrize("command", [("run",), ("check",), ("batch",), ("baseline", "save", "kept")])
 def test_a_slip_is_a_wrong_command_line_with_the_nearest_name(command, deck, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -140,35 +140,6 @@ def test_columns_of_spoilt_numbers_equal_their_fields(edit):
     check_decoding(make_field(edit, blank="missing", asterisks=True), [*texts, *pointed])
 
 
-@pytest.mark.parametrize("edit", TEXTS)
-def test_columns_of_placed_texts_equal_their_fields(edit):
-    width = parse_edit(edit).width
-    rng = np.random.default_rng(77)
-    texts = ["".join(letters)[:length] for letters, length in zip(
-        rng.choice(list("AB "), (200, width)), rng.integers(0, width + 1, 200), strict=True
-    )]  # fmt: skip
-    placed = [place(text, width) for text in texts for place in (str.ljust, str.rjust, str.center)]
-    check_decoding(make_field(edit), placed)
-    check_decoding(make_field(edit, blank="missing", allowed=("A", "B")), placed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("edit", ["F12.6", "F7.5", "F9.5", "F14.4", "F10.4", "F5.3", "F13.4"])
-def test_columns_are_bit_identical_to_float(edit):
-    # Many values at once: whole chunks of plain numbers, with a few of every other kind among them.
-    parsed = parse_edit(edit)
-    rng = np.random.default_rng(20)
-    digits = parsed.width - parsed.decimals - 2
-    values = rng.uniform(-1, 1, 20_000) * 10.0 ** rng.uniform(-parsed.decimals, digits, 20_000)
-    values = values[np.abs(values) > 0.6 * 10.0**-parsed.decimals]  # smaller ones want an exponent
-    texts = [fit_number(float(value), parsed) for value in values]
-    texts[::97] = [f"{value:.1f}".rjust(parsed.width)[: parsed.width] for value in values[::97]]
-    field = make_field(edit)
-    column = empty_column(field, len(texts))
-    assert decode_column(field, make_cards(field, texts), column) == []
-    assert bits(column) == bits([float(text) for text in texts])
-
-
 def test_the_sign_of_zero_is_kept():
     for edit, texts in {"I3": [" -0", "  0", "-00"], "F7.5": ["-.00000", "0.00000", "-0.0000"]}.items():
         field = make_field(edit)

@@ -7,21 +7,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from formats.deck_edits import deck
 from musatpy.errors import CardFormatError
-from musatpy.formats import mapping, musat
+from musatpy.formats import musat
 from musatpy.formats.cards import FieldSpec, card_formats_folder, load_family
-from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.manual import card_manual
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.compilation_cards import compilation_family
 from musatpy.fortran import FieldError, parse_edit
-from musatpy.model import ControlKind, Options
 from musatpy.specs import keys
-from musatpy.units import ARC_SECOND, DEGREE
 
 CARD = """
 mnemonic = "TID"
@@ -97,28 +93,21 @@ def test_cards_are_in_canonical_order(tmp_path):
         ('name = "sigma"', 'name = "height"', "field height: a second field"),
         ('name = "sigma"', 'name = "Sigma"', "'Sigma' is not a lower case identifier"),
         ("columns = [25, 32]", "columns = [24, 31]", "field sigma: columns: overlap those of height"),
-        ("columns = [25, 32]", "columns = [67, 74]", "columns: 67-74 is not within 4-72"),
         ("columns = [5, 12]", "columns = [3, 10]", "columns: 3-10 is not within 4-72"),
         ("columns = [25, 32]", "columns = [25, 33]", "columns: 25-33 is 9 wide, F8.4 is 8"),
-        ("columns = [25, 32]", "columns = [32, 25]", "columns: 32-25 is not within"),
         ("columns = [25, 32]", "columns = [25]", "columns: not [first, last]"),
-        ("columns = [25, 32]", "column = [25, 32]", "column: unknown key"),
         ('edit = "F8.4"', 'edit = "F8"', "edit: 'F8' is not an edit descriptor"),
         ('edit = "F8.4"', 'edit = "8X"', "edit: columns to skip need no field"),
         ('unit = "m"\ntarget = "photos.tide_', 'unit = "feet"\ntarget = "photos.tide_', "unit: not one of"),
         ("photos.tide_sigma[0]:deg", "photos..tide", "target: not a dotted attribute"),
-        ("photos.tide_sigma[0]:deg", "photos.tide:rad", "target: not a dotted attribute"),
         ('blank = "missing"', 'blank = "null"', "blank: not one of ('error', 'missing', 'zero')"),
-        ("asterisks = true", 'asterisks = "yes"', "asterisks: 'yes' is not a bool"),
         ("asterisks = true", 'allowed = ["1"]', "allowed: only for texts"),
         ('edit = "A8"', 'edit = "A8"\nallowed = ["LONGER THAN 8"]', "allowed: values that do not fit A8"),
         ('edit = "A8"', 'edit = "A8"\nallowed = [1]', "allowed: not a list of strings"),
         ('edit = "A8"', 'edit = "A8"\nasterisks = true', "asterisks: only for numbers"),
-        ('edit = "A8"', 'edit = "A8"\nblank = "zero"', "blank: not one of ('error', 'missing')"),
         ('edit = "A8"', 'edit = "A8"\nallowed = ["842"]', "sample: '841' is not A8 (one of 842)"),
         ("-0.4100", "-0.41OO", "sample: '    -0.41OO' is not F11.4"),
         ("-0.4100", "-0.4100"[:-1] + " ", "sample: does not encode to itself"),
-        ('00000001"', '00000002"', "sample: does not encode to itself"),
         ("0.0500    ", "0.0500   X", "sample: does not encode to itself"),
     ],
 )
@@ -147,16 +136,6 @@ def test_fields_are_tables_and_the_file_is_text(tmp_path):
 def test_a_folder_without_formats_is_refused(tmp_path):
     with pytest.raises(CardFormatError, match="no card formats"):
         load_family(tmp_path)
-
-
-def test_the_native_family_loads():
-    family = load_family(card_formats_folder() / "musat")
-    assert list(family.cards) == [
-        "TTL", "OPT", "OP2", "RED", "CMP", "ORI", "ELL", "SYS", "SYT", "SYO", "SYF", "WTR", "WTC", "WAV", "WVS",
-        "WOG", "WOD", "WOX", "CAM", "DST", "LNS", "FID", "FDS", "RSC", "STA", "STD", "STX", "ATT", "ATD", "MAT",
-        "TID", "FMS", "RSM", "PLT", "CTG", "CTD",
-        "CTX", "EQL", "BAS", "DIS", "HDF", "END",
-    ]  # fmt: skip
 
 
 # --- fields ---
@@ -226,20 +205,6 @@ def family():
     return load_family(card_formats_folder() / "musat")
 
 
-def test_every_card_has_ruler_sample_and_fields(family):
-    sections = card_manual(family).split("\n### ")[1:]
-    assert [section[:3] for section in sections] == list(family.cards)
-    for section, card in zip(sections, family.cards.values(), strict=True):
-        ruler, sample = section.split("```")[1].splitlines()[1:]
-        assert len(ruler) == len(sample) == 80
-        assert sample == card.sample
-        assert card.doc in section
-        rows = [line for line in section.splitlines() if line.startswith("| ")][2:]
-        assert [row.split(" | ")[1] for row in rows] == [field.name for field in card.fields]
-        for row, field in zip(rows, card.fields, strict=True):
-            assert str(field.edit) in row and field.doc in row and f"`{field.target}`" in row
-
-
 def test_every_key_is_explained(family):
     manual = card_manual(family)
     assert all(f"| `{key}` |" in manual for key in [*keys(CardSpec), *keys(FieldSpec)])
@@ -258,145 +223,64 @@ def test_the_readme_of_the_card_formats_is_current():
 FAMILY = musat.card_family()
 
 
-def sample(mnemonic: str) -> dict[str, np.ndarray]:
-    """Return what the sample card of a format says."""
-    spec = FAMILY.cards[mnemonic]
-    table = read_cards(f"{spec.sample}\n".encode(), FAMILY).tables[mnemonic]
-    return mapping.gather(spec, table.columns)
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    """A folder with a copy of the native cards."""
+    return Path(shutil.copytree(card_formats_folder() / "musat", tmp_path / "mine"))
 
 
-def test_a_geographic_station_is_in_radians_and_metres() -> None:
-    values = sample("STA")
-    assert values["photos.ids"].tolist() == ["841"]
-    assert values["photos.camera"].tolist() == ["RC8"]
-    latitude = (19 + 21 / 60 + 36.41532 / 3600) * DEGREE
-    longitude = -(81 + 19 / 60 + 14.08177 / 3600) * DEGREE
-    # Exact but for the rounding of sums in binary.
-    np.testing.assert_allclose(values["photos.position"], [[latitude, longitude, 3052.6184]], rtol=1e-15)
-    assert values["photos.position_sigma"].tolist() == [[5.0, 5.0, 8.0]]
-
-
-def test_tilts_have_the_sign_of_their_degrees_and_sigmas_in_seconds() -> None:
-    values = sample("ATT")
-    angles = np.array([-(3 * 60 + 42.153), 23 * 60 + 50.092, 152 * 3600 + 14 * 60 + 7.25]) * ARC_SECOND
-    np.testing.assert_allclose(values["photos.attitude"], [angles], rtol=1e-15)  # rounding of sums in binary
-    np.testing.assert_allclose(
-        values["photos.attitude_sigma"], [np.array([60, 60, 120.5]) * ARC_SECOND], rtol=1e-15
-    )
-
-
-def test_options_have_inside_units() -> None:
-    values = sample("OPT")
-    assert values["options.rotation_limit"] == pytest.approx(0.1 * ARC_SECOND, rel=1e-15)
-    assert values["options.plate_sigma"] == pytest.approx(0.010, rel=1e-15)  # 10 micrometres in millimetres
-    assert {f"options.{name}" for name in vars(Options())} == set(values) | set(sample("OP2"))
-
-
-def test_letters_become_their_values() -> None:
-    values = sample("CTX")
-    assert values["control.kind"].tolist() == [ControlKind.VERTICAL]
-    assert values["control.fixed"].tolist() == [False]
-    assert values["points.bathymetric"].tolist() == [True]
-    assert np.isnan(values["control.sigma"]).tolist() == [[True, True, False]]
-    assert sample("PLT")["plates.triangulated"].tolist() == [True]
-
-
-@pytest.mark.parametrize("mnemonic", [spec.mnemonic for spec in FAMILY.cards.values() if spec.fields])
-def test_scatter_undoes_gather(mnemonic: str) -> None:
-    spec = FAMILY.cards[mnemonic]
-    columns = read_cards(f"{spec.sample}\n".encode(), FAMILY).tables[mnemonic].columns
-    again = mapping.scatter(spec, mapping.gather(spec, columns))
-    assert set(again) == set(columns)
-    for name, column in columns.items():
-        if column.dtype.kind == "U":
-            assert again[name].tolist() == column.tolist()
-        else:
-            np.testing.assert_allclose(again[name], column, rtol=1e-15)  # of multiplying and dividing by a unit
-
-
-def test_the_texts_of_the_cards_are_those_of_the_model() -> None:
-    options = {name: type(value) for name, value in vars(Options()).items() if isinstance(value, str)}
-    for name, enumeration in options.items():
-        (field,) = (field for card in ("OPT", "OP2") for field in FAMILY.cards[card].fields if field.name == name)
-        assert set(field.allowed) == {member.value for member in enumeration}
-    for path in mapping.CODES:
-        for spec in FAMILY.cards.values():
-            for slot in mapping.slots(spec):
-                if slot.path == path:
-                    letters = {letter for one in slot.fields[0].target.split() for letter in mapping.CODES[one]}
-                    assert set(slot.fields[0].allowed) == letters - {""}
+def changed(file: Path, old: str, new: str) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new), encoding="utf-8")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("card", "old", "new", "message"),
     [
-        ("plt", '"plates.xy[0]"', '"plates.uv[0]"', "PLT.x: target: 'plates.uv[0]' is not in the model"),
+        ("plt", '"plates.xy[0]"', '"plates.uv[0]"', "PLT.x: target: 'plates.uv[0]' is not in the model; expected"),
         ("plt", '"plates.xy[0]"', '"plates.xy[1]"', "PLT.y: target: 'plates.xy[1]' is another field's"),
         ("plt", '"plates.xy[0]"', '"plates.xy[2]"', "components [2, 1] do not count from 0"),
         ("att", '"photos.attitude[2]:min"', '"photos.attitude[2]"', "degrees, minutes and seconds go together"),
-        ("tid", '"photos.tide_sigma"', '"photos.tide"', "TID.sigma: target: 'photos.tide' is another field's"),
         ("stx", '"photos.camera"', '"photos.tide"', "STX has no target photos.camera"),
-        ("plt", '"plates.xy[0]"', '"plates.uv[0]"', "expected one of plates.photo, plates.point, plates.xy"),
-        ("wtr", '"water.sigma"', '"water.conditions"', "'water.conditions' is not in the model"),
         ("red", '"reduction.side"', '"reduction.side"\nunit = "um"', "RED.side: unit: 'um', of a field of letters"),
         ("tid", '"photos.time"', '"photos.position"', "target photos.position: 1 components, expected 3"),
-        (
-            "tid",
-            '"photos.tide_day"',
-            '"photos.tide_day[0]"',
-            "target photos.tide_day: components [0], expected none",
-        ),
+        ("plt", '"plates.photo"', '"plates.photo plates.triangulated"', "'plates.photo' has no letters to share"),
     ],
 )
-def test_formats_that_fill_no_block_are_refused(
-    tmp_path: Path, card: str, old: str, new: str, message: str
-) -> None:
-    folder = tmp_path / "mine"
-    shutil.copytree(card_formats_folder() / "musat", folder)
-    file = folder / f"{card}.toml"
-    text = file.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    file.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(CardFormatError) as caught:
-        musat.card_family(folder)
-    assert message in str(caught.value)
+def test_formats_that_fill_no_block_are_refused(mine: Path, card: str, old: str, new: str, message: str) -> None:
+    changed(mine / f"{card}.toml", old, new)
+    with pytest.raises(CardFormatError, match=re.escape(message)):
+        musat.card_family(mine)
 
 
-def test_what_the_model_does_not_take_from_a_card_is_refused(tmp_path: Path) -> None:
-    folder = tmp_path / "mine"
-    shutil.copytree(card_formats_folder() / "musat", folder)
-    file = folder / "tid.toml"
+def test_what_the_model_does_not_take_from_a_card_is_refused(mine: Path) -> None:
+    file = mine / "tid.toml"
     kind = '[[field]]\nname = "camera"\ncolumns = [63, 70]\nedit = "A8"\ntarget = "photos.camera"\n'
     file.write_text(f"{file.read_text(encoding='utf-8')}\n{kind}blank = 'missing'\ndoc = ''\n", encoding="utf-8")
     expected = r"tid\.toml: field camera: target: 'photos\.camera' is nowhere .* one of photos\.ids, photos\.tide,"
     with pytest.raises(CardFormatError, match=expected):
-        musat.card_family(folder)
+        musat.card_family(mine)
 
 
-def test_a_card_by_which_nothing_is_known_is_refused(tmp_path: Path) -> None:
-    folder = tmp_path / "mine"
-    shutil.copytree(card_formats_folder() / "musat", folder)
-    text = (folder / "tid.toml").read_text(encoding="utf-8").replace("TID", "TIM")
+def test_a_card_by_which_nothing_is_known_is_refused(mine: Path) -> None:
+    text = (mine / "tid.toml").read_text(encoding="utf-8").replace("TID", "TIM")
     head, photo, *_, time = text.split("[[field]]")
     head = head.replace(text.split('sample = "')[1][16:50], " " * 34)
-    (folder / "tim.toml").write_text(f"{head}[[field]]{photo}[[field]]{time}", encoding="utf-8")
+    (mine / "tim.toml").write_text(f"{head}[[field]]{photo}[[field]]{time}", encoding="utf-8")
     with pytest.raises(CardFormatError, match=r"tim\.toml: field photo: target: 'photos\.ids' is nowhere"):
-        musat.card_family(folder)
+        musat.card_family(mine)
 
 
-def test_a_family_without_tides_fills_no_block(tmp_path: Path) -> None:
-    folder = tmp_path / "mine"
-    shutil.copytree(card_formats_folder() / "musat", folder)
-    (folder / "tid.toml").unlink()
+def test_a_family_without_tides_fills_no_block(mine: Path) -> None:
+    (mine / "tid.toml").unlink()
     with pytest.raises(CardFormatError, match=r"no card has the target photos\.tide"):
-        musat.card_family(folder)
+        musat.card_family(mine)
 
 
-def test_another_layout_of_the_same_cards_reads_and_writes_decks(tmp_path: Path) -> None:
-    folder = tmp_path / "mine"
-    shutil.copytree(card_formats_folder() / "musat", folder)
-    file = folder / "tid.toml"
+def test_another_layout_of_the_same_cards_reads_and_writes_decks(mine: Path) -> None:
+    file = mine / "tid.toml"
     moved = file.read_text(encoding="utf-8")
     for columns, others in (
         ("[52, 61]", "[61, 70]"),
@@ -407,7 +291,7 @@ def test_another_layout_of_the_same_cards_reads_and_writes_decks(tmp_path: Path)
     tide = FAMILY.cards["TID"].sample
     sample = f"{tide[:24]}{'':9}{tide[24:32]} {tide[42:50]} {tide[33:41]} {tide[51:61]}".ljust(72) + tide[72:]
     file.write_text(moved.replace(tide, sample), encoding="utf-8")
-    family = musat.card_family(folder)
+    family = musat.card_family(mine)
     old = b"TID 841          0.2000   0.0500".ljust(80)
     new = b"TID 841          0.2000            0.0500".ljust(80)
     block = musat.read_deck(deck(lambda lines: [line if line[:7] != "TID 841" else old.decode() for line in lines]))
@@ -419,14 +303,10 @@ def test_another_layout_of_the_same_cards_reads_and_writes_decks(tmp_path: Path)
 @pytest.mark.parametrize(
     ("card", "old", "new", "message"),
     [
-        ("stg", '"stages.xy[0]"', '"nonsense.nowhere"',
-         "STG.x_left: target: 'nonsense.nowhere' is not in the model; expected one of "),
         ("stg", '"stages.xy[0]"', '"stages.yx[0]"',
          "'stages.yx[0]' is not in the model; expected one of stages.model, stages.ids"),
         ("stg", 'unit = "mm"\ntarget = "stages.xy[1]"', 'unit = "deg"\ntarget = "stages.xy[1]"',
          "STG.y_left: unit: 'deg', expected mm or um"),
-        ("mpt", 'unit = "m"\ntarget = "stages.place[2]"', 'unit = "um"\ntarget = "stages.place[2]"',
-         "MPT.z: unit: 'um', expected m or "),
         ("ptm", '"profile_times.time[4]"', '"profile_times.time[5]"',
          "target profile_times.time: components [0, 1, 2, 3, 5] do not count from 0"),
     ],
@@ -434,12 +314,8 @@ def test_another_layout_of_the_same_cards_reads_and_writes_decks(tmp_path: Path)
 def test_a_target_or_unit_that_is_not_of_a_compilation_is_refused(
     tmp_path: Path, card: str, old: str, new: str, message: str
 ) -> None:
-    folder = tmp_path / "as11"
-    shutil.copytree(card_formats_folder() / "as11", folder)
-    file = folder / f"{card}.toml"
-    text = file.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    file.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(CardFormatError) as caught:
+    folder = Path(shutil.copytree(card_formats_folder() / "as11", tmp_path / "as11"))
+    changed(file := folder / f"{card}.toml", old, new)
+    with pytest.raises(CardFormatError, match=re.escape(message)) as caught:
         compilation_family(folder)
-    assert str(caught.value).startswith(str(file)) and message in str(caught.value)
+    assert str(caught.value).startswith(str(file))

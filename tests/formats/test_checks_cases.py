@@ -115,12 +115,6 @@ def test_the_report_of_a_bad_deck(report, monkeypatch) -> None:
     assert "".join(f"{problem.render()}\n" for problem in problems) == report.read_text(encoding="ascii")
 
 
-def test_twenty_errors_at_once_are_all_reported() -> None:
-    _, problems = musat.check_deck(FOLDER / "many_errors.crd")
-    assert sum(problem.severity == "error" for problem in problems) > 20
-    assert len({(problem.line, problem.columns) for problem in problems}) == len(problems)
-
-
 def check_quietly(data: bytes) -> None:
     """Assert that a deck gives a block or problems that print, and no warning of numpy."""
     with warnings.catch_warnings():

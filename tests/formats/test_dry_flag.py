@@ -1,16 +1,13 @@
 """The flag D of plate and control cards: dry for certain, whatever the water; through all that has flags."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from musatpy import BlockBuilder, adjust
-from musatpy.errors import CardFormatError, DeckError
+from musatpy.errors import DeckError
 from musatpy.formats import musat
-from musatpy.formats.cards.spec import card_formats_folder, load_family
-from musatpy.formats.mapping import slots
 from musatpy.model import Points
 from musatpy.reports.listing import listing
 from musatpy.reports.record import record
@@ -27,14 +24,6 @@ def flagged_deck() -> bytes:
             assert line[61] == " "
             lines[row] = f"{line[:61]}D{line[62:]}"
     return "\n".join([*lines, ""]).encode()
-
-
-def test_a_card_says_it_and_the_block_writes_it_again() -> None:
-    block = musat.read_deck(flagged_deck())
-    assert sorted(block.points.ids[block.points.dry]) == sorted(DRY)
-    again = musat.read_deck(musat.deck_bytes(block))
-    np.testing.assert_array_equal(again.points.dry, block.points.dry)
-    np.testing.assert_array_equal(again.points.bathymetric, block.points.bathymetric)
 
 
 def test_listing_and_record_show_it() -> None:
@@ -66,13 +55,3 @@ def test_a_block_cannot_have_both_flags() -> None:
     assert messages.count("point A is flagged bathymetric and dry: one or the other") == 2
     with pytest.raises(DeckError):
         builder.build()
-
-
-def test_only_letters_share_a_field() -> None:
-    card = load_family(card_formats_folder() / "musat").cards["PLT"]
-    fields = tuple(
-        replace(field, target="plates.photo plates.triangulated") if field.name == "photo" else field
-        for field in card.fields
-    )
-    with pytest.raises(CardFormatError, match=r"'plates\.photo' has no letters to share"):
-        slots(replace(card, fields=fields))

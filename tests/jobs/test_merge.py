@@ -61,16 +61,6 @@ def test_everything_in_a_deck_is_carried() -> None:
     }
 
 
-def test_strips_without_a_photo_in_common() -> None:
-    west, east = strips()
-    found = merge(west, east)
-    assert found.block.photos.ids.tolist() == ["21", "22", "23"]
-    assert len(found.block.plates.photo) == len(west.plates.photo) + len(east.plates.photo)
-    assert len(found.block.control.point) == 6
-    groups = found.block.equal_elevations
-    assert set(found.block.points.ids[groups.point]) == {"202", "205", "208"}
-
-
 def test_one_deck_of_three_decides() -> None:
     block = st_thomas()
     other = replace(block, control=replace(block.control, sigma=block.control.sigma * 2.0))
@@ -178,13 +168,6 @@ def test_a_point_that_one_deck_flags_as_dry_is_dry_in_the_merged_one() -> None:
     flagged = replace(east, points=replace(east.points, dry=dry))
     points = merge(west, flagged).block.points
     assert points.ids[points.dry].tolist() == ["208"]
-
-
-def test_all_contradictions_are_listed_at_once() -> None:
-    west, east = strips()
-    other = with_options(replace(east, water=model.Water(index=1.333)), max_passes=7)
-    other = replace(other, cameras=replace(other.cameras, focal_length=[150.0]))
-    assert len(complaints(west, other)) == 3
 
 
 # --- what is measured between things ---

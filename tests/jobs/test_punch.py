@@ -28,7 +28,6 @@ RESULT = Punch(content=Content.RESULT)
 # and the iteration converges so fast that the last step leaves less than a thousandth of it.
 SLOW = partial(pytest.param, marks=pytest.mark.slow)
 SAME = 1e-6
-PIVOT = "the tilted water turns about the middle of the stations as given: a restart moves that a little"
 
 
 def solved(block: Block) -> Solution:

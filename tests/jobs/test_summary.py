@@ -50,13 +50,6 @@ def test_a_deck_may_not_contradict_itself(data: bytes) -> None:
     assert check_deck(data, for_run=False)[0] is None
 
 
-def test_what_is_needed_for_a_run_is_no_problem_of_editing() -> None:
-    data = without("CTG", "BAS", "EQL")
-    messages = [problem.message for problem in check_deck(data)[1]]
-    assert any("datum needs" in message for message in messages)
-    assert not any("datum needs" in problem.message for problem in check_deck(data, for_run=False)[1])
-
-
 BOTH = (Kind.PHOTO, Kind.POINT)
 
 

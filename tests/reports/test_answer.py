@@ -17,10 +17,9 @@ from musatpy.listings.audit import listing_of as read_text
 from musatpy.model import Action, CauseKind, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
 from musatpy.reports import answer, brevity
 from musatpy.reports.listing import REPORTS, listing, listing_of
-from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH, Section
+from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH
 from musatpy.reports.record import dumps, record_of
 from musatpy.reports.statistical_tests import HIDDEN
-from musatpy.reports.text import by_kind
 from musatpy.simulation import simulate
 from musatpy.statistics import Statistics
 from reports.test_listing import pages_of, section
@@ -206,14 +205,6 @@ def test_what_page_1_has_no_room_for_is_counted_and_stands_elsewhere():
     assert len(re.findall(r"^- \d+ photo", "\n".join(places[0] + pages[pages.index(places[0]) + 1]), re.M)) == 20
 
 
-def test_warnings_of_a_kind_are_counted():
-    texts = [f"point {name} stands {name.encode()[0]:.3f} m above" for name in "ABCDEFGHIJKL"]
-    (lines,) = by_kind(texts, shown=10)
-    assert len(lines) == 11 and lines[-1] == "and 2 more of this kind"
-    kinds = by_kind([*texts[:2], "no redundancy"], shown=1)
-    assert kinds == [[f"- {texts[0]}", "and 1 more of this kind"], ["- no redundancy"]]
-
-
 def test_a_long_index_has_a_line_for_each_kind():
     titles = [f"Input: {number}" for number in range(60)] + ["Residuals"]
     titles += ["Statistics: A", "Statistics: B"]
@@ -309,9 +300,3 @@ def test_a_block_of_320_photos_is_brief_on_forty_pages(tmp_path):
     found = read_text(text, "x")
     assert found.unreadable == () and audit(found) == []
     assert compare_texts(text, dumps(record_of(statistics)), names=("a.lst", "a.json")).same
-
-
-def test_a_cut_leaves_notes_and_short_tables_as_they_are():
-    table = Section(title="T", lines=["a", "b", "c", "", "note"], worst=(2, 0, 1))
-    assert brevity._cut(table, 3) is table
-    assert brevity._cut(table, 1).lines == ["c", "", "note", "", "Only the worst 1 of 3 rows are listed here."]

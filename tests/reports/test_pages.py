@@ -10,18 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from asa_printer import played
 from musatpy.fortran import FieldError, parse_edit, write_number
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports import table
 from musatpy.reports.characters import strings
 from musatpy.reports.csv_files import csv_files
-from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
+from musatpy.reports.editing import MANY, characters, edited, field_width
 from musatpy.reports.fields import unrecorded
 from musatpy.reports.listing import sections_of
 from musatpy.reports.pages import PAGE_LINES, Section, paginate, print_pages
 from musatpy.reports.record import record_of
-from musatpy.reports.table import Table
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND
@@ -35,27 +33,6 @@ def numbered(count, prefix="row"):
 
 def header(page):
     return f"PAGE {page}"
-
-
-def test_a_table_aligns_headings_with_its_values():
-    table = Table(
-        (
-            unrecorded("Name", "A6", lambda rows: [row[0] for row in rows]),
-            unrecorded("Length\nm", "F8.2", lambda rows: [row[1] for row in rows]),
-            unrecorded("A long heading", "I4", lambda rows: [row[2] for row in rows]),
-            unrecorded("Flag", "A1", lambda rows: [row[3] for row in rows]),
-        )
-    )
-    rows = [("AB", 1.5, 12, "X"), ("CDEFGHIJ", -0.25, 3, "")]
-    assert list(table.head()) == [
-        "          Length",
-        "Name           m  A long heading  Flag",
-        "------  --------  --------------  ----",
-    ]
-    assert table.lines(rows) == [
-        "AB          1.50              12  X",
-        "CDEFGH      -.25               3",
-    ]
 
 
 def test_sections_share_a_page_while_they_fit():
@@ -103,12 +80,6 @@ def test_pages_are_parted_by_form_feeds():
 def test_carriage_control_spaces_as_an_impact_printer_did():
     text = print_pages([["A", "", "x", "", "", "y", "", "", "", "z"], ["B"]], header, carriage_control=True)
     assert text.splitlines() == ["1PAGE 1", "0A", "0x", "-y", "-", " z", "1PAGE 2", "0B"]
-
-
-def test_carriage_control_prints_the_same_pages():
-    body = ["A", "", "", "", "x", "", "", "", "", "", "y"]
-    text = print_pages([body, body[:5]], header, carriage_control=True)
-    assert played(text) == [["PAGE 1", "", *body], ["PAGE 2", "", *body[:5]]]
 
 
 NAN = math.nan
@@ -212,21 +183,6 @@ def test_a_table_of_many_rows_is_that_of_its_rows(monkeypatch):
 def test_what_is_no_descriptor(edit):
     with pytest.raises(FieldError):
         edited(edit, [1.0])
-
-
-@pytest.mark.parametrize(
-    ("edit", "value", "zero"),
-    [
-        ("F8.3", 0.0004, True),
-        ("F8.3", -0.0006, False),
-        ("F6.3", 1e9, False),  # asterisks are no zero
-        ("S14.3", 1e-12, True),
-        ("S14.3", ARC_SECOND, False),
-        ("F8.3", 100.0, False),
-    ],
-)
-def test_prints_as_zero(edit, value, zero):
-    assert prints_as_zero(edit, value) is zero
 
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
