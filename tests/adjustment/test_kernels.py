@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from cli.commands import musat
 from musatpy import read_deck
-from musatpy.adjustment import adjust, ground, kernels, propagation, sightings, sparse
+from musatpy.adjustment import adjust, ground, kernels, propagation, sightings
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import Linearisation, State
 from musatpy.adjustment.job import prepared
@@ -323,11 +323,11 @@ def test_sums_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyP
 
     network, state, options = job(DECKS[2])
     monkeypatch.setattr(loops, "_PART", 10)
-    monkeypatch.setattr(sparse, "_FEWEST", 0)
+    monkeypatch.setattr(kernels, "_FEWEST", 0)
     monkeypatch.setenv(kernels.VARIABLE, kernels.NUMBA)
     lines = []
     for most in (1, 3):
-        monkeypatch.setattr(sparse, "_MOST", most)
+        monkeypatch.setattr(kernels, "_MOST", most)
         monkeypatch.setattr(os, "cpu_count", lambda: 8)
         if program is Program.IIIA:
             problem = Simultaneous(network=replace(network, gathered={}), options=options)

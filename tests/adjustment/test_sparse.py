@@ -5,10 +5,9 @@ import os
 import numpy as np
 import pytest
 
-from musatpy.adjustment import sparse
+from musatpy.adjustment import kernels
 from musatpy.adjustment.normals import Cofactors, NormalMatrix, factorised
-from musatpy.adjustment.pattern import Pattern
-from musatpy.adjustment.sparse import factorise
+from musatpy.adjustment.sparse import Pattern, factorise
 
 
 def cliques_of(strips: int, photos: int, rng: np.random.Generator) -> tuple[int, list[np.ndarray]]:
@@ -64,7 +63,7 @@ def test_solution_and_selected_inverse_are_those_of_the_dense_matrix(
 ) -> None:
     """Of fronts worked at one after the other, or `shared` by threads."""
     if shared:
-        monkeypatch.setattr(sparse, "_FEWEST", 0)
+        monkeypatch.setattr(kernels, "_FEWEST", 0)
     rng = np.random.default_rng(strips * 100 + photos)
     count, cliques, place = placed_cliques(strips, photos, rng)
     pattern = Pattern.of(count, size, cliques, place if placed else None)
@@ -174,11 +173,11 @@ def test_factor_and_inverse_do_not_depend_on_the_number_of_threads(monkeypatch: 
     rng = np.random.default_rng(5)
     count, cliques, place = placed_cliques(12, 30, rng)
     blocks = matrix_on(Pattern.of(count, 6, cliques), cliques, rng)
-    monkeypatch.setattr(sparse, "_FEWEST", 0)
+    monkeypatch.setattr(kernels, "_FEWEST", 0)
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
     found = []
     for most in (1, 3):
-        monkeypatch.setattr(sparse, "_MOST", most)
+        monkeypatch.setattr(kernels, "_MOST", most)
         pattern = Pattern.of(count, 6, cliques, place)
         subtrees, *above = pattern.elimination.stages
         assert len(subtrees) > 4 and len(above) > 2

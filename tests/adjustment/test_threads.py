@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from musatpy.adjustment import sparse
-from musatpy.adjustment.sparse import side_by_side
+from musatpy.adjustment import kernels
+from musatpy.adjustment.kernels import side_by_side
 
 MANY = 10**6  # rays
 
@@ -30,7 +30,7 @@ def test_threads_are_those_of_the_call_before_and_little_work_takes_none() -> No
     def names(rays: int) -> set[str]:
         return set(side_by_side(lambda _: threading.current_thread().name, range(40), rays))
 
-    assert names(sparse._FEWEST - 1) == {threading.current_thread().name}
+    assert names(kernels._FEWEST - 1) == {threading.current_thread().name}
     assert len(names(MANY) | names(MANY)) <= 3
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.blocks import make_block
-from musatpy.adjustment import ground, kernels, sparse
+from musatpy.adjustment import ground, kernels
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.job import prepared
@@ -84,7 +84,7 @@ def seconds(function: Callable[[], object]) -> float:
 
 def main(photos: int) -> None:
     """Measure all, and print the table."""
-    sparse._MOST = 1
+    kernels._MOST = 1
     network, state, options = scene(photos)
     least: dict[str, dict[str, float]] = {}
     of_kind: dict[str, Work] = {}

@@ -15,7 +15,7 @@ import numpy as np
 
 from musatpy.adjustment.ground import PointNormals, hold, point_normals, point_squares, settle_group
 from musatpy.adjustment.iteration import Linearisation, State, not_raised
-from musatpy.adjustment.kernels import Loops, loops_of
+from musatpy.adjustment.kernels import Loops, loops_of, side_by_side
 from musatpy.adjustment.kinds import (
     UNKNOWNS,
     WATER,
@@ -28,7 +28,6 @@ from musatpy.adjustment.kinds import (
 )
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, Sums, factorised, summed
-from musatpy.adjustment.sparse import side_by_side
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import INDEX_RANGE, ObservationKind, Options

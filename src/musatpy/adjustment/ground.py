@@ -15,9 +15,8 @@ import numpy as np
 
 from musatpy.adjustment import sightings
 from musatpy.adjustment.iteration import State
-from musatpy.adjustment.kernels import loops_of
+from musatpy.adjustment.kernels import loops_of, side_by_side
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
-from musatpy.adjustment.sparse import side_by_side
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry import collinearity
 from musatpy.model import ObservationKind

@@ -42,8 +42,8 @@ from musatpy.adjustment.network import (
     participation,
 )
 from musatpy.adjustment.normals import SINGULAR
-from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.precision import left_out
+from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerical, numerics

@@ -18,12 +18,11 @@ from musatpy.adjustment.collinear import add_collinear, eliminate, reduced
 from musatpy.adjustment.ground import settle
 from musatpy.adjustment.iteration import Linearisation, Outcome, State
 from musatpy.adjustment.job import Job, at_rest, prepared
-from musatpy.adjustment.kernels import Loops, loops_of
+from musatpy.adjustment.kernels import Loops, loops_of, side_by_side
 from musatpy.adjustment.kinds import add_direct, direct_squares, largest_movements, redundancy, state_after
 from musatpy.adjustment.network import RAYS, Network, PointGroup, parts_of, together
 from musatpy.adjustment.normals import NormalEquations, Sums, summed, upper
 from musatpy.adjustment.sightings import residuals
-from musatpy.adjustment.sparse import side_by_side
 from musatpy.adjustment.waterline import SHORT, at_rest_in_water, best_line, water_line
 from musatpy.adjustment.watpt import corrected_plates
 from musatpy.adjustment.wavy_water import Sea

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from musatpy.adjustment.normals import PARAMETERS
-from musatpy.adjustment.pattern import Pattern
+from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import WorkingSea
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import AdjustmentError, Problem

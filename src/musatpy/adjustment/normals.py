@@ -8,8 +8,7 @@ from typing import Self
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from musatpy.adjustment.pattern import Pattern
-from musatpy.adjustment.sparse import SparseFactor, factorise
+from musatpy.adjustment.sparse import Pattern, SparseFactor, factorise
 from musatpy.arrays import FloatArray, IntArray
 
 SINGULAR = 1e-10  # smallest eigenvalue of the scaled matrix: healthy strips have 1e-5, six digits are left here

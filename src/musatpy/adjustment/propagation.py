@@ -19,7 +19,7 @@ from musatpy.adjustment.iteration import LEVEL, State
 from musatpy.adjustment.kinds import PRIORS, WATER, direct_rows
 from musatpy.adjustment.network import Network, PointGroup, first_rows
 from musatpy.adjustment.normals import Cofactors
-from musatpy.adjustment.pattern import SumsByRow
+from musatpy.adjustment.sparse import SumsByRow
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind, Observations
 

@@ -9,8 +9,8 @@ import numpy as np
 from musatpy.adjustment.iteration import State
 from musatpy.adjustment.network import Network, group_points
 from musatpy.adjustment.normals import Cofactors
-from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.propagation import pieces
+from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.waterline import water_line
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.compilation.compiled import CompiledModel

@@ -7,8 +7,8 @@ import numpy as np
 from musatpy.adjustment.iteration import LEVEL
 from musatpy.adjustment.network import Network
 from musatpy.adjustment.normals import Cofactors
-from musatpy.adjustment.pattern import Pattern
 from musatpy.adjustment.propagation import Piece
+from musatpy.adjustment.sparse import Pattern
 from musatpy.arrays import FloatArray
 from musatpy.compilation.triangulation import Triangulation
 

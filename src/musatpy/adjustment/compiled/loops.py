@@ -14,12 +14,11 @@ from musatpy.adjustment.compiled import points as compiled
 from musatpy.adjustment.compiled.points import Known, Measured, Pairs, Points, Stations, Water
 from musatpy.adjustment.ground import RIDGE, hold, prior_rows, steps_to_best
 from musatpy.adjustment.iteration import State
-from musatpy.adjustment.kernels import Loops
+from musatpy.adjustment.kernels import Loops, side_by_side
 from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.propagation import Diagonal, Part, PointRows
-from musatpy.adjustment.sparse import side_by_side
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.geometry.geodesy import surface
 from musatpy.model import ObservationKind
