@@ -12,7 +12,6 @@ from altered import altered, with_options
 from musatpy.adjustment import adjust
 from musatpy.adjustment.watpt import FAR
 from musatpy.model import Block, Control, ControlKind, CoordinateSystem, Refraction, Solution, Weights
-from musatpy.model.tables import taken
 from musatpy.units import ARC_SECOND, DEGREE
 from reference import compare, dense_bundle, networks
 from reference.networks import Plan, Simulated
@@ -158,15 +157,6 @@ def test_watpt_is_within_a_twentieth_of_sigma_of_rigorous(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_watpt_with_few_submerged_points_is_within_a_twentieth_everywhere(seed: int) -> None:
-    """As many submerged points as the strips that WATPT was made for: no unknown is off by more."""
-    plan = Plan(system=GEOGRAPHIC, submerged=True, wet_every=4, photos_per_strip=4, seed=30 + seed)
-    solution = solved(plan, Refraction.WATPT)
-    assert np.abs(compare.station_difference(solution, reference(plan))).max() < 0.05
-
-
-@pytest.mark.slow
 @SEA_CASES
 def test_watpt_propagates_errors_through_refracted_rays(name: str) -> None:
     """Straight rays would make depths look 1.34 times as sure. 3 %: the two solutions differ a little."""
@@ -175,34 +165,6 @@ def test_watpt_propagates_errors_through_refracted_rays(name: str) -> None:
         compare.sigmas(solution.stations.covariance), compare.sigmas(rigorous.stations.covariance), rtol=0.03
     )
     np.testing.assert_allclose(solution.bathymetric.depth_sigma, rigorous.bathymetric.depth_sigma, rtol=0.03)
-
-
-@pytest.mark.parametrize("name", ["local strip", "geocentric, sea control"])
-def test_no_refraction_is_far_from_the_bundle(name: str) -> None:
-    """The sea plans do test refraction: without it submerged points stand well above where they are."""
-    plan = SEA[name]
-    bathymetric = simulated(plan).block.points.bathymetric
-    difference = compare.point_difference(solved(plan, Refraction.NONE), reference(plan))[bathymetric]
-    assert np.nanmax(np.abs(difference)) > 3.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "refraction"),
-    [*((name, Refraction.WATPT) for name in SEA), ("geographic, everything", Refraction.RIGOROUS)],
-)
-def test_exact_data_give_the_truth_below_a_millimetre(name: str, refraction: Refraction) -> None:
-    """RIGOROUS equals the bundle with every plan, so that one plan is enough for it."""
-    plan = replace(SEA[name], noise=0.0)
-    solution = adjust(with_options(simulated(plan).block, refraction=refraction, water_limit=1e-4))
-    assert solution.converged, solution.reason
-    truth = simulated(plan).truth
-    block = solution.block
-    stations = compare.enu_difference(block, solution.stations.position, truth.position)
-    assert np.abs(stations).max() < 1e-3
-    determined = np.isfinite(reference(SEA[name]).points).all(axis=1)
-    points = compare.enu_difference(block, solution.points.position[determined], truth.points[determined])
-    assert np.abs(points).max() < 1e-3
 
 
 def test_modes_are_bit_identical_on_land() -> None:
@@ -240,24 +202,6 @@ def test_legacy_residuals_of_submerged_points_shrink_pass_by_pass() -> None:
     assert (np.diff(rms) < 0.0).all()
     watpt = solved(plan, Refraction.WATPT)
     assert rms[-1] < 0.7 * watpt.passes[-1].rms_residual
-
-
-@pytest.mark.slow
-def test_legacy_creeps_towards_the_land_only_solution() -> None:
-    plan = SEA["geographic block"]
-    block = simulated(plan).block
-    bathymetric = block.points.bathymetric
-    dry = block.plates.triangulated & ~bathymetric[block.plates.point]
-    free = ~bathymetric[block.control.point]
-    sea_control_free = replace(block, control=taken(block.control, free))
-    land_only = dense_bundle.solve(altered(sea_control_free, plates={"triangulated": dry}), refraction=False)
-    distance = []
-    for passes in (1, 3, 8):
-        options = {"refraction": Refraction.LEGACY, "max_passes": passes}
-        legacy = adjust(with_options(sea_control_free, **options))
-        metres = compare.enu_difference(block, legacy.stations.position, land_only.position)
-        distance.append(np.abs(metres).max())
-    assert distance[0] > 1.3 * distance[1] > 2.0 * distance[2]
 
 
 def beside(solution: Solution) -> dense_bundle.Start:

@@ -218,27 +218,19 @@ def test_nothing_known_at_all() -> None:
 
 
 @pytest.mark.slow
-def test_a_distance_scales_a_block_without_stations() -> None:
+@pytest.mark.parametrize(("kind", "off"), [(model.Distances, 2e-4), (model.AirBases, 1e-3)])  # noise of the ends
+def test_a_length_scales_a_block_without_stations(kind: Any, off: float) -> None:
     truth = flown(control=2)
-    ends = truth.block.control.point
-    length = float(np.linalg.norm(truth.X[ends[1]] - truth.X[ends[0]]))
-    measured = model.Distances(point=ends[None], length=[length], sigma=[0.05])
-    solution = adjust(replace(unplaced(truth.block), distances=measured))
+    field, places, table, ends = "distances", truth.X, "point", truth.block.control.point[:2]
+    if kind is model.AirBases:
+        field, places, table, ends = "air_bases", truth.C, "photo", np.array([0, 1])
+    length = float(np.linalg.norm(places[ends[1]] - places[ends[0]]))
+    measured = kind(**{table: ends[None]}, length=[length], sigma=[0.05])
+    solution = adjust(replace(unplaced(truth.block), **{field: measured}))
     assert solution.converged, solution.reason
     assert solution.observations["inner constraints"] == 6
     scale, *_ = assert_same_shape(solution, truth.X, 5.0)
-    assert scale == pytest.approx(1.0, abs=2e-4)  # the distance and the points at its ends
-
-
-@pytest.mark.slow
-def test_an_air_base_scales_a_block_without_stations() -> None:
-    truth = flown(control=2)
-    length = float(np.linalg.norm(truth.C[1] - truth.C[0]))
-    bases = model.AirBases(photo=[[0, 1]], length=[length], sigma=[0.05])
-    solution = adjust(replace(unplaced(truth.block), air_bases=bases))
-    assert solution.converged, solution.reason
-    scale, *_ = assert_same_shape(solution, truth.X, 5.0)
-    assert scale == pytest.approx(1.0, abs=1e-3)  # the base and the noise of its stations
+    assert scale == pytest.approx(1.0, abs=off)
 
 
 @pytest.mark.slow
@@ -298,12 +290,6 @@ def test_a_job_on_the_ellipsoid_needs_one_position(system: model.CoordinateSyste
     assert solution.observations["inner constraints"] == 4
     off = metric_differences(simulated.block, solution.points.position, simulated.truth.points)[point]
     np.testing.assert_allclose(off, 0.0, atol=0.5)  # the sigmas of the control are 0.05 and 0.08 m
-
-
-def test_the_control_option_still_says_why_photos_are_not_placed() -> None:
-    block = unplaced(flown(control=2).block)
-    with pytest.raises(AdjustmentError, match="2 and 1 are needed to place them"):
-        adjust(altered(block, options={"datum": model.Datum.CONTROL}))
 
 
 @pytest.mark.slow

@@ -12,7 +12,6 @@ from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.datum import freedom, moved_to
 from musatpy.adjustment.initial import THROUGH_WATER, initial_photos
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.kinds.water import moved_levels, turned_slopes
 from musatpy.errors import AdjustmentError
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid, middle_of
@@ -189,21 +188,6 @@ def test_water_tilts_about_the_middle_of_a_small_scene() -> None:
         middle = middle_of(stations)
         np.testing.assert_allclose(middle, stations.mean(axis=0), atol=0.5000001 * step)  # half a step, rounding
         np.testing.assert_allclose(middle / step, np.rint(middle / step), atol=1e-9)
-
-
-def test_the_plane_goes_where_its_points_go() -> None:
-    """A finite similarity: the moved plane holds the moved points, to rounding."""
-    network = prepared(model_and_block("TRIPLET")[1], None)[0].network
-    origin, centre = network.frame.origin, np.array([0.4, -0.3, 0.2])
-    slopes, level = np.array([0.2, -0.1]), -1.5
-    turn = attitude_matrix(np.array([0.2, -0.3, 0.5]))
-    move = Similarity(scale=1.3, rotation=turn, shift=np.array([0.5, -0.7, 0.9]))
-    across = np.array([[0.0, 0.0], [1.0, 0.0], [0.3, 2.0]])  # working
-    plane = np.column_stack([across, level - origin[2] + across @ slopes])
-    moved = centre + move.apply(plane - centre)
-    tilt = turned_slopes(slopes, turn)
-    (height,) = moved_levels(network, centre, slopes, np.array([level]), move)
-    np.testing.assert_allclose(moved[:, 2] + origin[2], height + moved[:, :2] @ tilt, atol=1e-14)
 
 
 def test_a_free_move_changes_no_image() -> None:

@@ -90,14 +90,6 @@ def test_the_adjustment_without_stations_is_that_with_good_ones(name: str) -> No
 
 
 @pytest.mark.slow
-def test_two_hundred_photos_without_stations() -> None:
-    flight = {"strips": 10, "photos": 20, "reverse_alternate": True, **SCATTER}
-    simulation = simulated(flight=flight, points={"extra": [{"number": 800}]}, blunders=GROSS)
-    block = tight(simulation.block)
-    assert_same_solution(adjust(bare(block)), adjust(block))
-
-
-@pytest.mark.slow
 def test_submerged_points_of_a_computed_start_end_on_their_side_of_the_water() -> None:
     """The first stations bend the block by metres: points are dry for them that later stand under water."""
     simulation = simulated(

@@ -17,15 +17,13 @@ from hypothesis import strategies as st
 
 from cli.commands import musat
 from musatpy import read_deck
-from musatpy.adjustment import adjust, ground, kernels, propagation, sightings
+from musatpy.adjustment import adjust, kernels
 from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import Linearisation, State
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.musat2a import Triangulation
 from musatpy.adjustment.network import Network, job_frame
-from musatpy.adjustment.normals import NormalEquations
-from musatpy.adjustment.precision import Errors, factor_of, spread_to_observations
 from musatpy.cli import run
 from musatpy.errors import AdjustmentError
 from musatpy.model import Options, Program, Refraction, WaterLevel
@@ -129,26 +127,6 @@ def test_both_have_the_same_conditions_and_points_at_rest(
 
 
 @pytest.mark.slow
-def test_points_that_depend_on_unknown_water_go_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of dry rays alone do not; both have the same normal equations with the border."""
-    block = read_deck(FIXTURES / DECKS[0])
-    unknown = {"program": Program.IIIA, "refraction": Refraction.RIGOROUS, "water_level": WaterLevel.ONE}
-    block = replace(block, options=replace(block.options, **unknown))
-    parts, state = prepared(block, None)
-    wet = block.points.bathymetric[block.plates.point]
-    network = parts.network.with_plates(parts.network.xy, wet)
-    (a, _), (b, _) = (linearised(monkeypatch, kind, network, state, block.options) for kind in BOTH)
-    assert a.matrix.border.shape[1] > 0 and np.abs(b.matrix.border).max() > 0.0
-    for name in ("blocks", "border", "corner"):
-        assert_like(getattr(a.matrix, name), getattr(b.matrix, name), 1e-11)
-    left, _ = loops_of(network, network.groups).eliminate(state, NormalEquations(network.pattern, 1), [])
-    by_numpy = np.concatenate([group.point for group in left])
-    sees_water = np.zeros(network.points, dtype=bool)
-    sees_water[network.point[wet]] = True
-    assert sees_water[by_numpy].sum() == sees_water.sum() and 0 < len(by_numpy) < network.points
-
-
-@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10_000), shift=st.floats(0.0, 10.0), tilt=st.sampled_from([0.0, 2e-3]))
 def test_both_have_the_same_normal_equations_with_a_level_of_each_photo(
@@ -231,28 +209,6 @@ def test_both_have_the_same_solution(
     assert_like(a.observed.redundancy, b.observed.redundancy, 1e-9)
     assert_like(a.observed.influence, b.observed.influence, 1e-8)  # small differences of large products
     assert_like(a.dependence.station_inflation, b.dependence.station_inflation, 1e-8)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("deck", DECKS)
-def test_errors_of_both_spread_alike(monkeypatch: pytest.MonkeyPatch, deck: str) -> None:
-    """To points and images at first positions, from the same cofactors of the stations; and the same residuals."""
-    network, state, options = job(deck)
-    line, _ = linearised(monkeypatch, kernels.NUMPY, network, state, options)
-    cofactors, residual = factor_of(line.matrix).cofactors(), np.zeros_like(network.xy)
-    found = []
-    for kind in BOTH:
-        monkeypatch.setenv(kernels.VARIABLE, kind)
-        errors = Errors(network=replace(network), state=state, cofactors=cofactors)
-        found.append(spread_to_observations(errors, read_deck(FIXTURES / deck), residual))
-    a, b = found
-    assert_like(a.points, b.points)
-    assert_like(a.diagonal.stations, b.diagonal.stations)
-    of_a, of_b = propagation.joined(a.parts), propagation.joined(b.parts)
-    assert_like(of_a.redundancy, of_b.redundancy)
-    assert_like(of_a.influence, of_b.influence, 1e-11)  # small differences of large products
-    with_numpy = sightings.residuals(network, state, np.arange(len(network.xy)))
-    assert_like(ground.all_residuals(network, state, np.ones(len(network.xy), dtype=bool)), with_numpy)
 
 
 @pytest.mark.slow

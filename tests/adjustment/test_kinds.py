@@ -6,21 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from adjustment.test_musat3a import WATER, sea_block
 from altered import altered, with_options
 from musatpy import adjust, verdict
 from musatpy.adjustment.iteration import State, stated_partials, with_turned_axes
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, UNKNOWNS, direct_rows, direct_squares, state_after
+from musatpy.adjustment.kinds import DIRECT, KINDS, MEASURED, direct_rows, direct_squares, state_after
 from musatpy.adjustment.network import Network, kept_axes
 from musatpy.adjustment.normals import NormalEquations
 from musatpy.formats.musat import read_deck
 from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix
 from musatpy.model import AirBases, Block, Grade, ObservationKind, Program, Solution
-from musatpy.model.tables import order_of
 from musatpy.units import DEGREE
 from reference.rays import rotation
 
@@ -110,26 +107,6 @@ def test_weights_are_taken_off_by_the_table(name: str) -> None:
             weight = kind.weights(network, block)
             halved = kind.weighted(network, block, np.full_like(weight, 0.5))
             np.testing.assert_array_equal(kind.weights(halved, block), 0.5 * weight)
-
-
-def test_the_columns_of_the_border_are_those_of_the_kinds() -> None:
-    network, _ = at_start("all by days")
-    border = network.border
-    assert [kind.observed for kind in UNKNOWNS] == list(border.columns)
-    numbers = np.concatenate([border.numbers(kind.observed) for kind in UNKNOWNS])
-    np.testing.assert_array_equal(numbers, np.arange(border.first_kept))
-    assert len(border.names([str(point) for point in range(network.points)])) == border.size
-
-
-def test_every_kind_but_the_images_has_a_file() -> None:
-    assert [kind.observed for kind in KINDS] == [
-        each for each in ObservationKind if each is not ObservationKind.PLATE
-    ]
-
-
-@pytest.mark.parametrize("kind", MEASURED, ids=lambda kind: kind.cause)
-def test_what_was_measured_has_its_names_in_the_lists(kind) -> None:
-    assert kind.cause.listed == kind.cause.value and kind.cause.cards and kind.cause.advice
 
 
 def test_ends_of_what_takes_no_part() -> None:
@@ -235,13 +212,3 @@ def test_sigmas_are_those_without_turned_axes(monkeypatch: pytest.MonkeyPatch) -
 def test_other_photos_stay_as_they_are() -> None:
     job, _ = prepared(looking(6.0 * DEGREE), None)
     assert with_turned_axes(replace(job.network)).turned.size == 0
-
-
-LARGEST = 2**63 - 1
-
-
-@given(st.lists(st.integers(-LARGEST, LARGEST) | st.integers(-3, 3), max_size=20))
-def test_whole_numbers_are_ordered_as_by_a_stable_sort(numbers: list[int]) -> None:
-    """Those that have room for their rows beside them, and those that have none."""
-    values = np.array(numbers, dtype=np.int64)
-    np.testing.assert_array_equal(order_of(values), np.argsort(values, kind="stable"))

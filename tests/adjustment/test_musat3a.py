@@ -237,23 +237,6 @@ def test_starts_of_500_m_and_5_degrees(seed: int, submerged: bool, heading: floa
     assert np.abs(metres / compare.sigmas(good.stations.covariance)[:, :3]).max() < 1e-4
 
 
-@pytest.mark.parametrize(
-    "plan",
-    [
-        Plan(photos_per_strip=2, submerged=True, wet_every=3),
-        Plan(base=150.0, photos_per_strip=3, plate_sigma=0.002),
-        Plan(base=2700.0, photos_per_strip=3, kinds=(model.ControlKind.FULL,)),
-    ],
-    ids=["two photos", "bases of a twentieth of the height", "bases of nine tenths of it"],
-)
-def test_short_and_long_bases(plan: Plan) -> None:
-    poor = replace(plan, start_error=(100.0, 2.0 * DEGREE))
-    assert_equals_bundle(
-        solved(poor),
-        dense_bundle.solve(simulated(poor).block, refraction=plan.submerged, start=beside(solved(poor))),
-    )
-
-
 @pytest.mark.parametrize("start", [-40.0, 60.0])
 def test_points_that_start_on_the_wrong_side_of_the_water(start: float) -> None:
     """Stations so far off in height that submerged points start dry, or dry ones deep down."""

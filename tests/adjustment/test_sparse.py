@@ -124,30 +124,6 @@ def test_parts_that_do_not_meet_are_factorised_one_by_one() -> None:
     np.testing.assert_allclose(dense(pattern, blocks) @ factorise(pattern, blocks).solve(rhs), rhs, atol=1e-10)
 
 
-@pytest.mark.parametrize("kind", ["none", "places", "one place", "two places"])
-def test_every_block_is_eliminated_once(kind: str) -> None:
-    count, cliques, place = placed_cliques(12, 40, np.random.default_rng(5))
-    places = {
-        "none": None,
-        "places": place,
-        "one place": np.zeros_like(place),
-        "two places": np.sign(place - place.mean(axis=0)),
-    }
-    pattern = Pattern.of(count, 6, cliques, places[kind])
-    np.testing.assert_array_equal(np.sort(pattern.elimination.order), np.arange(6 * count))
-    ends = [(front.own.start, front.own.stop) for front in pattern.elimination.fronts]
-    assert [start for start, _ in ends] == [0, *(stop for _, stop in ends[:-1])] and ends[-1][1] == 6 * count
-
-
-def test_fronts_grow_with_the_cross_section_of_a_block_and_not_with_its_length() -> None:
-    largest = []
-    for photos in (40, 160):
-        count, cliques = cliques_of(12, photos, np.random.default_rng(5))
-        largest.append(max(sum(front.shape) for front in Pattern.of(count, 6, cliques).elimination.fronts))
-    # four times as many photos: a dense matrix would be four times as wide
-    assert largest[1] < 1.3 * largest[0]
-
-
 def test_a_matrix_that_is_not_positive_definite_is_refused() -> None:
     count, cliques = cliques_of(2, 30, np.random.default_rng(6))
     pattern = Pattern.of(count, 6, cliques)
@@ -155,17 +131,6 @@ def test_a_matrix_that_is_not_positive_definite_is_refused() -> None:
     blocks[pattern.find(np.array([17]), np.array([17]))] = -np.eye(6)
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         factorise(pattern, blocks)
-
-
-def test_places_make_the_factor_cheaper() -> None:
-    """A block of 30 strips: its levels of distance are oblique lines, longer than its strips are wide."""
-    count, cliques, place = placed_cliques(30, 40, np.random.default_rng(5))
-
-    def operations(pattern: Pattern) -> int:
-        shapes = (front.shape for front in pattern.elimination.fronts)
-        return sum(p**3 // 3 + p * p * b + p * b * b for p, b in shapes)
-
-    assert operations(Pattern.of(count, 6, cliques, place)) < 0.7 * operations(Pattern.of(count, 6, cliques))
 
 
 def test_factor_and_inverse_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -102,12 +102,6 @@ def test_a_tilt_that_images_depend_on_is_doubtful(flagged: tuple[str, ...], sigm
         assert not doubtful(solution)  # no cause is looked for
 
 
-def test_determined_water_is_as_before() -> None:
-    solution = musatpy.adjust(st_thomas(water_level=model.WaterLevel.ONE))
-    assert not solution.water.undetermined
-    assert np.isfinite(solution.water.correction_sigma).all()
-
-
 def with_rays_apart(seed: int, heights: float, *, kept_out: bool = False) -> tuple[model.Block, int]:
     """Return a strip, and a pass point of two photos of it whose images are those of a place so far off.
 

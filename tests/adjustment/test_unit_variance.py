@@ -1,6 +1,5 @@
 """Errors are as large as their sigmas say: of all unknowns, of guessed plates, of depths."""
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -266,9 +265,7 @@ _TIDE, _INDEX = 0.30, 0.004  # m, and of the index
 _IIIA: dict[str, Any] = {"program": Program.IIIA}
 PROGRAMS: dict[str, dict[str, Any]] = {
     "IIA": {"program": Program.IIA, "refraction": Refraction.RIGOROUS},
-    "WATPT": {"program": Program.IIA, "refraction": Refraction.WATPT},
     "IIIA": _IIIA,
-    "IIIA, levels adjusted": {**_IIIA, "water_level": WaterLevel.GROUP},
     "IIIA, levels and index adjusted": {
         **_IIIA,
         "water_level": WaterLevel.GROUP,
@@ -361,8 +358,3 @@ def test_errors_of_depths_are_as_large_as_their_sigmas(name: str) -> None:
     assert depths == pytest.approx(1.0, abs=0.17)  # two and a half standard errors and more
     assert heights > 1.3 * depths
     assert unit == pytest.approx(1.0, abs=0.042)
-
-
-if __name__ == "__main__":
-    for program, choice in PROGRAMS.items():
-        print(f"{program:<34}", *(f"{value:8.4f}" for value in ratio(choice, int(sys.argv[1]))), flush=True)

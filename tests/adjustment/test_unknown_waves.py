@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-import json_schema
 import musatpy
 from altered import altered, with_options
 from musatpy.adjustment import wave_search
@@ -24,13 +23,10 @@ from musatpy.model import (
     Program,
     Refraction,
     Solution,
-    Treatment,
     WaterLevel,
 )
 from musatpy.refraction.waves import Harmonic, Trains, Trochoid, sinusoidal, superposed
-from musatpy.reports.record import dumps, record
 from musatpy.units import ARC_SECOND, MICROMETRE
-from record_rows import with_rows
 from reference import compare, waves
 from reference.networks import Plan
 from reference.rays import rotation
@@ -55,26 +51,6 @@ def block_through_waves(system: str) -> tuple[Block, Sea, np.ndarray]:
     """Return a block with images through waves, without noise, its sea, and its true points."""
     block, time, origin, truth = waves.photographed(PLANS[system], WAVES, INTERVAL)
     return block, Sea(surface=WAVES, time=time, origin=origin), truth
-
-
-def solved(system: str, program: Program, sea: bool = True) -> np.ndarray:
-    """Return the differences (p, 3) m from the truth of the points found."""
-    block, known, truth = block_through_waves(system)
-    block = with_options(block, program=program, refraction=Refraction.RIGOROUS)
-    solution = musatpy.adjust(block, sea=known if sea else None)
-    assert solution.converged, solution.reason
-    found = np.isfinite(solution.points.position).all(axis=1)
-    return compare.enu_difference(block, solution.points.position[found], truth[found])
-
-
-@pytest.mark.slow  # `test_wave_decks` has the same of waves on cards
-@pytest.mark.parametrize("program", list(Program))
-@pytest.mark.parametrize("system", list(PLANS))
-def test_the_truth_is_found_through_known_waves(system: str, program: Program) -> None:
-    # rounding; on the ellipsoid the axes of the waves turn with the vertical, which the images do not know: 1e-5 m
-    tolerance = 1e-9 if system == "LOCL" else 1e-4
-    assert np.abs(solved(system, program)).max() < tolerance
-    assert np.abs(solved(system, program, sea=False)).max() > 0.1  # what taking the water for level costs
 
 
 @pytest.mark.parametrize("system", list(PLANS))
@@ -110,40 +86,6 @@ def test_a_calm_sea_is_level_water() -> None:
     moved = compare.enu_difference(block, with_sea.points.position[:20], without.points.position[:20])
     assert np.nanmax(np.abs(moved)) < 1e-6  # where the iteration stops
     assert with_sea.sigma0 == pytest.approx(without.sigma0, rel=1e-6)
-
-
-def test_axes_turn_with_the_vertical_and_not_about_it() -> None:
-    block, sea, _ = block_through_waves("GEOG")
-    job, state = prepared(altered(block, options={"program": Program.IIIA}), None, sea)
-    working = WorkingSea.of(sea, job.network.frame)
-    ground = state.ground[np.isfinite(state.ground).all(axis=1)]
-    R, height = working._local(ground)
-    np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), np.broadcast_to(np.eye(3), R.shape), atol=1e-14)
-    np.testing.assert_allclose(height, job.network.frame.height(ground))
-    turn = R @ working.axes.T  # from the axes at the origin
-    # a turn about a horizontal axis has a symmetric horizontal part
-    np.testing.assert_allclose(turn[:, 0, 1], turn[:, 1, 0], atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"refraction": Refraction.WATPT}, "waves need the refraction RIGOROUS, or the program IIIA"),
-        ({"program": Program.IIIA, "water_tilt": Treatment.ADJUST}, "exclude each other"),
-    ],
-)
-def test_what_waves_cannot_be_joined_with_is_said(changes, message: str) -> None:
-    block, sea, _ = block_through_waves("LOCL")
-    with pytest.raises(AdjustmentError, match=message):
-        musatpy.adjust(replace(block, options=replace(block.options, **changes)), sea=sea)
-
-
-def test_every_exposure_has_its_time() -> None:
-    block, sea, _ = block_through_waves("LOCL")
-    block = altered(block, options={"program": Program.IIIA})
-    for time in (np.zeros(2), np.array([0.0, np.nan, 9.0])):
-        with pytest.raises(AdjustmentError, match="the time of every exposure"):
-            musatpy.adjust(block, sea=replace(sea, time=time))
 
 
 FINE = {"rotation_limit": 1e-6 * ARC_SECOND, "translation_limit": 1e-8}
@@ -390,23 +332,6 @@ def test_observed_parameters_are_observations() -> None:
     assert [one for one in names if one.startswith("wave")] == [
         f"wave 1 {one}" for one in ("height", "length", "azimuth", "crest")
     ]
-
-
-@pytest.mark.slow
-def test_record_and_listing_tell_the_waves() -> None:
-    at = scene(Strip(rows=3, columns=5, control=4))
-    sea = sea_of(at, 0.0, sigma=np.array([[0.6, np.nan, 0.1, 5.0]]))
-    found = adjusted(at, sea, water_level=WaterLevel.ONE)
-    kept = record(found)
-    schema = json_schema.load_schema()
-    assert not list(json_schema.violations(kept, schema, schema))
-    told = with_rows(kept["adjusted_water"]["waves"])
-    assert [row["sigma"] is None for row in told["parameters"]] == [False, True, False, False]
-    assert [row["adjusted"] for row in told["parameters"]] == list(found.water.waves.value[0])
-    pairs = {(row["first"], row["second"]) for row in told["correlations"]}
-    assert ("wave 1 height", "water level") in pairs
-    assert any(second.endswith(" up") for _, second in pairs)
-    assert dumps(kept) and "Correlations Of The Waves" in musatpy.listing(found)
 
 
 @pytest.mark.parametrize(

@@ -86,15 +86,6 @@ def test_without_its_waves_the_strip_is_wrong_by_decimetres() -> None:
 
 
 @pytest.mark.slow
-def test_both_programs_find_the_same_through_waves() -> None:
-    block = musat.read_deck(DECK)
-    one, other = (musatpy.adjust(with_options(block, program=program)) for program in model.Program)
-    moved = compare.enu_difference(block, one.points.position, other.points.position)
-    assert np.abs(moved).max() < 1e-4  # where the iterations stop
-    assert one.sigma0 == pytest.approx(other.sigma0, rel=1e-4)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "card"),
     [
@@ -272,24 +263,6 @@ def test_what_the_card_gives_beside_the_length_stays(given: dict[str, list[float
     else:
         theory = linear_wave(periods[1], 10.0)
         assert float(theory.length) == pytest.approx(float(longer[0, LENGTH]), rel=1e-9)  # its own iteration
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"datum": model.Datum.FREE}, "a free network and they exclude each other"),
-        ({"editing": model.Editing.LIST}, "unknown waves and the search for blunders exclude each other"),
-    ],
-)
-def test_what_excludes_unknown_waves_is_said(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(AdjustmentError, match=message):
-        musatpy.adjust(with_options(musat.read_deck(UNKNOWN), **changes))
-
-
-def test_unknown_waves_are_sinusoidal() -> None:
-    block = musat.read_deck(UNKNOWN)
-    with pytest.raises(AdjustmentError, match="all of them are sinusoidal; SW is of shape STOK"):
-        musatpy.adjust(altered(block, waves={"shape": ["STOK"]}))
 
 
 def test_a_result_has_the_adjusted_waves_and_a_restart_those_of_the_deck() -> None:

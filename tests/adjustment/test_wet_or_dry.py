@@ -11,17 +11,15 @@ import musatpy
 import wave_strip
 from adjustment.test_equivalence import SHORE, reference_at_the_tide, simulated
 from adjustment.water_jobs import shore, st_thomas
-from altered import altered, put, with_options
-from benchmarks.blocks import make_block
+from altered import altered, with_options
 from drivers.mutated_decks import decks
 from musatpy import read_deck
 from musatpy.adjustment import adjust
-from musatpy.adjustment.collinear import Simultaneous, eliminate, local_normals
+from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.iteration import State, heights_and_water, iterate
 from musatpy.adjustment.job import prepared
 from musatpy.adjustment.network import Network
-from musatpy.adjustment.normals import Cofactors, factorised
-from musatpy.adjustment.waterline import LonePoints, States, best_line, starting_line
+from musatpy.adjustment.waterline import best_line, starting_line
 from musatpy.arrays import FloatArray
 from musatpy.model import Block, CoordinateSystem, Program, Refraction, Solution
 from musatpy.model.solution import Iteration
@@ -117,76 +115,6 @@ def at_minimum(block: Block, wet: np.ndarray | None = None) -> tuple[Network, Ne
     return job.network, network, outcome.state, problem.evaluate(outcome.state, []), problem
 
 
-@pytest.fixture(scope="module")
-def minimum() -> tuple[Network, Network, State, float, Simultaneous]:
-    solution, _ = both(shore(12))
-    block = solution.block
-    height = solution.points.position[block.plates.point, 2]
-    wet = block.points.bathymetric[block.plates.point] & (height < block.photos.tide[block.plates.photo])
-    return at_minimum(block, wet)
-
-
-@pytest.mark.slow
-def test_the_fall_of_the_squares_is_foreseen_with_the_stations_following(
-    minimum: tuple[Network, Network, State, float, Simultaneous],
-) -> None:
-    """What a point in another state does to the squares and to its height, against an adjustment of that."""
-    measured, present, state, before, problem = minimum
-    cofactors = _cofactors(problem, state)
-    block = shore(12)
-    height, water = heights_and_water(measured, state)
-    tried = 0
-    for group in measured.groups:
-        shallow = np.array([np.abs((height - water)[measured.point == p]).min() < 1.0 for p in group.point])
-        for row in np.flatnonzero(shallow & block.points.bathymetric[group.point])[:2]:
-            part = group.part(np.arange(len(group.point)) == row)
-            wet = present.refracted.copy()
-            wet[part.rays] = ~wet[part.rays]
-            other = measured.with_plates(measured.xy, wet)
-            X, first = state.ground[part.point], np.zeros(1, dtype=int)
-            lone = LonePoints(network=measured, state=state, group=part)
-            free, now = np.full(1, np.nan), present.refracted[part.rays]
-            states = States.of(measured, state, part)
-            at = states.present(part, now, free, cofactors)
-            _, own = lone.settled(first, now, X)
-            there, squares = lone.settled(first, wet[part.rays], X)
-            fall, rise = at.following(first, lone.normals(first, wet[part.rays], there, free))
-            squares, foreseen = squares - fall, measured.frame.height(there) + rise
-            again = replace(problem, network=other)
-            end = iterate(again, again.with_squares(state), 30).state
-            change = again.evaluate(end, []) - before
-            # to the first order of the step
-            assert squares[0] - own[0] == pytest.approx(change, rel=0.02, abs=1e-3)
-            found = float(measured.frame.height(end.ground[part.point])[0])
-            assert foreseen[0] == pytest.approx(found, abs=2e-3)
-            tried += 1
-    assert tried >= 6
-
-
-def _cofactors(problem: Simultaneous, state: State) -> Cofactors:
-    factor = factorised(problem.linearise(state).matrix)
-    return factor.cofactors()
-
-
-@pytest.mark.slow
-def test_local_normals_add_up_to_the_normals_of_the_block(
-    minimum: tuple[Network, Network, State, float, Simultaneous],
-) -> None:
-    """The parts of all points, put at the places of their stations, are what the block has of images."""
-    _, present, state, _, problem = minimum
-    q, n = present.pattern.size, present.photos
-    total, right = np.zeros((q * n, q * n)), np.zeros(q * n)
-    for group in present.groups:
-        E = eliminate(present, state, group)
-        matrix, rhs = local_normals(present, group, E)
-        index = (present.photo[group.rays][:, :, None] * q + np.arange(q)).reshape(len(rhs), -1)
-        np.add.at(total, (index[:, :, None], index[:, None, :]), matrix)
-        np.add.at(right, index, rhs)
-    line = problem.linearise(state)
-    np.testing.assert_allclose(line.matrix.times(np.eye(q * n)), total, rtol=1e-9, atol=1e-9 * total.max())
-    np.testing.assert_allclose(line.rhs, right, atol=1e-6 * np.sqrt(total.max()))
-
-
 @pytest.mark.parametrize("every", [True, False], ids=["all wet", "all dry"])
 def test_one_choice_leads_from_any_side_to_where_points_stand(every: bool) -> None:
     """From all rays wet and from all dry, points far from the tides come to the states in which they stand."""
@@ -213,33 +141,6 @@ def test_where_none_can_be_held_a_point_on_the_water_line_rests_as_it_is() -> No
     np.testing.assert_array_equal(loose.rests, on_line)
     of_it = on_line[measured.point]
     np.testing.assert_array_equal(loose.wet, np.where(of_it, line.wet, best.wet))
-
-
-def test_points_cross_all_their_tides_at_once() -> None:
-    """With every tide far below all of its points dry, however many photos see it."""
-    block = shore(12)
-    measured, network, state, _, _ = at_minimum(block)
-    line = starting_line(network.refracted, measured.points)
-    dry = best_line(measured, line, replace(state, tide=state.tide - 500.0), block.points.bathymetric)
-    assert line.wet.any() and not dry.wet.any()
-    assert (dry.way[np.unique(measured.point[line.wet])] > 0).all()
-
-
-def test_submerged_points_that_take_no_part_are_where_they_would_be_intersected() -> None:
-    """Those on land, which cross no tide, are left until all is at rest."""
-    block = make_block(12, submerged=0.4, seed=3)
-    rays = np.bincount(block.plates.point)
-    out = np.flatnonzero(rays >= 3)[::7]
-    plates = {"triangulated": put(np.isin(block.plates.point, out), False)}
-    job, state = prepared(altered(block, plates=plates), None)
-    every, some = (
-        job.with_left_out(job.network, state).ground,
-        job.with_submerged_left_out(job.network, state).ground,
-    )
-    wet = block.points.bathymetric[out]
-    assert 0 < np.count_nonzero(wet) < len(out)
-    np.testing.assert_allclose(some[out[wet]], every[out[wet]], rtol=0.0, atol=1e-4)
-    assert np.isfinite(every[out]).all() and np.isnan(some[out[~wet]]).all()
 
 
 TILT = (3e-4, -5e-4)  # of the water towards east and north

@@ -161,11 +161,6 @@ class TestTruth:
         assert record["spec"]["water"]["tilt"] == TILT
         assert json.loads(truth_json(simulation)) == record
 
-    def test_nothing_new_stands_in_the_truth_of_a_spec_without_the_new_keys(self):
-        record = truth_record(simulated(options={"program": "IIA"}))
-        assert not {"water", "tides", "swapped", "misnamed", "wrong_flags", "wrong_control"} & set(record)
-        assert "tilt" not in record["spec"]["water"] and "distance" not in record["spec"]
-
 
 CHANGES = [
     {"water": {"level_error": 0.5}},
