@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from musatpy.formats.cards import CardSpec, FieldSpec
-from musatpy.formats.cards.codec import FEW, decode_column, empty_column, gaps, stray_rows
-from musatpy.formats.cards.punch import encode_cards
+from musatpy.formats.cards.codec import FEW, decode_column, empty_column, encode_cards, gaps, stray_rows
 from musatpy.fortran import FieldError, fit_number, parse_edit, write_number
 
 NUMBERS = (

@@ -1,22 +1,28 @@
-"""Card images -> columns of values: one field of many cards at a time.
+"""Card images <-> columns of values: one field of many cards at a time.
 
 `FieldSpec.decode` is the definition of what a field means. What most cards have, a text, or a number of up to 15
 digits with or without its point, is read by numpy: such digits are an integer that a float holds exactly, and one
 division by a power of ten, exact too up to 10**22, rounds it correctly, as `float()` does. Everything else, and
-what stands on few cards, goes through the definition, card by card.
+what stands on few cards, goes through the definition, card by card. So it is with `FieldSpec.encode`: numbers that
+fit with all decimals are written in one go, and each of the different texts once.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 
-from musatpy.arrays import BoolArray, ByteArray, FloatArray, TextArray
-from musatpy.formats.cards.spec import DATA_COLUMNS, CardSpec, FieldSpec
+from musatpy.arrays import BoolArray, ByteArray, FloatArray, IntArray, TextArray
+from musatpy.errors import Problem
+from musatpy.formats.cards.spec import CARD_WIDTH, DATA_COLUMNS, CardSpec, FieldSpec
 from musatpy.fortran import FieldError
 
 Column = FloatArray | TextArray
 
 FEW = 8  # values: operations of numpy on no more than these take longer than one value after the other
+_CHUNK = 8192  # cards encoded in one go
+_BLANK = ord(" ")
 _MOST_DIGITS = 15  # 10**15 < 2**53: any such integer is exact in a float
 _POWERS = 10.0 ** np.arange(23)
 
@@ -104,3 +110,85 @@ def stray_rows(spec: CardSpec, cards: ByteArray) -> BoolArray:
     for first, last in gaps(spec):
         stray |= (cards[:, first - 1 : last] != ord(" ")).any(axis=1)
     return stray
+
+
+# --- writing ---
+
+
+def encode_cards(
+    spec: CardSpec, columns: Mapping[str, Column], count: int, number: int
+) -> tuple[bytes, list[Problem]]:
+    """Return `count` cards of `spec`, numbered from `number`, with line ends, and a problem of each value left out.
+
+    Raises `ValueError` where the columns are not those of the card, or not of one length.
+    """
+    names = {field.name for field in spec.fields}
+    if set(columns) != names or any(np.shape(column) != (count,) for column in columns.values()):
+        raise ValueError(f"{spec.mnemonic}: wants columns {sorted(names)}, each of {count} values")
+    cards = np.full((count, CARD_WIDTH + 1), _BLANK, dtype=np.uint8)
+    cards[:, -1] = ord("\n")
+    cards[:, : len(spec.mnemonic)] = list(spec.mnemonic.encode("ascii"))
+    problems = []
+    digits = CARD_WIDTH - DATA_COLUMNS[1]
+    for start in range(0, count, _CHUNK):
+        chunk = cards[start : start + _CHUNK]
+        numbers = np.arange(number + start, number + start + len(chunk))
+        chunk[:, DATA_COLUMNS[1] : CARD_WIDTH] = _printed(f"%0{digits}d", digits, numbers % 10**digits)
+        for field in spec.fields:
+            values = columns[field.name][start : start + _CHUNK]
+            for row, error in _encode_column(field, values, chunk[:, field.first - 1 : field.last]):
+                message = f"card {numbers[row]}: '{error.found}' is not {error.expected}"
+                problems.append(field.problem(error, message, card=spec.mnemonic))
+    return cards.tobytes(), problems
+
+
+def _encode_column(field: FieldSpec, values: Column, target: ByteArray) -> Iterator[tuple[int, FieldError]]:
+    """Write values (k,) into their columns (k, w); yield the rows that cannot be written, and why."""
+    written = np.zeros(len(values), dtype=bool)
+    if len(values) > FEW and field.edit.letter in "IF":
+        written = _encode_numbers(field, values.astype(np.float64, copy=False), target)
+    rest = np.flatnonzero(~written)
+    different, which = values[rest], np.arange(len(rest))  # minus zero is another number than zero
+    if not field.edit.is_number:
+        different, which = np.unique(different.astype(np.str_), return_inverse=True)
+    texts: list[str] = []
+    errors: dict[int, FieldError] = {}
+    for place, value in enumerate(different.tolist()):
+        try:
+            texts.append(field.encode(value))
+        except FieldError as error:
+            texts.append(" " * field.edit.width)
+            errors[place] = error
+    target[rest] = _characters("".join(texts), field.edit.width)[which]
+    for row in np.flatnonzero(np.isin(which, list(errors))).tolist():
+        yield int(rest[row]), errors[int(which[row])]
+
+
+def _encode_numbers(field: FieldSpec, values: FloatArray, target: ByteArray) -> BoolArray:
+    """Write the numbers (k,) that fit with all decimals of their field, and return where they are."""
+    edit = field.edit
+    negative = np.signbit(values) & ((values != 0.0) | (edit.letter == "I"))  # minus zero degrees keep their sign
+    whole = edit.width - negative - (edit.decimals + 1 if edit.letter == "F" else 0)
+    size = np.abs(values)
+    plain: BoolArray = size < 10.0**whole - 1.0  # not NaN, nor what rounding makes longer
+    if edit.letter == "I":
+        plain &= size == np.rint(size)
+    else:
+        plain &= (size == 0.0) | (size > 10.0**-edit.decimals)  # a number that would print as zero is not lost
+    if field.is_sigma:
+        with np.errstate(over="ignore", invalid="ignore"):  # those that the decimals do not tell in full
+            plain &= np.abs(np.round(values, edit.decimals) - values) <= 1e-12 * size
+    form = f"%{'#' * (edit.letter == 'F')}{edit.width}.{edit.decimals}f"
+    target[plain] = _printed(form, edit.width, np.where(negative, values, size)[plain])
+    if field.blank == "missing":
+        plain |= np.isnan(values)
+    return plain
+
+
+def _printed(form: str, width: int, values: FloatArray | IntArray) -> ByteArray:
+    """Return the characters (k, width) of numbers, each as wide as the format."""
+    return _characters((form * len(values)) % tuple(values.tolist()), width)
+
+
+def _characters(text: str, width: int) -> ByteArray:
+    return np.frombuffer(text.encode("ascii"), dtype=np.uint8).reshape(-1, width)

@@ -16,6 +16,7 @@ from musatpy.formats.cards.codec import (
     Column,
     decode_column,
     empty_column,
+    encode_cards,
     gaps,
     stray_rows,
 )
@@ -197,8 +198,6 @@ def write_cards(tables: Iterable[tuple[CardSpec, Mapping[str, Column]]]) -> byte
     A table gives a column (k,) for every field of its card; a card without fields is written once. Numbers that do
     not fit lose decimals. Raises `DeckError`, with every value that cannot be written.
     """
-    from musatpy.formats.cards.punch import encode_cards  # reading a deck does without
-
     blocks: list[bytes] = []
     problems: list[Problem] = []
     number = 1
