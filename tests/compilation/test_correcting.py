@@ -11,7 +11,7 @@ from click.testing import Result
 from scipy.interpolate import LinearNDInterpolator
 
 from cli.commands import musat
-from compilation.scenes import at_depth, curved_images, flat_images, grid, pair
+from compilation.scenes import at_depth, flat_images, grid, pair
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import OFF_PLATE
 from musatpy.compilation.correcting import REASONS, Correction
@@ -84,16 +84,6 @@ def test_a_point_is_the_same_by_compile_and_correct(height: float, sphere: bool)
     np.testing.assert_allclose(done.depth, points.depth, rtol=0, atol=rounding)
     halfway = run.frame.working(points.apparent) - corrected.stereo.working(corrected.stereo.half_way(xy))
     assert 1e-3 < np.abs(halfway).max()  # another meaning is another point
-
-
-def test_apparent_points_on_the_ellipsoid_become_the_true_ones() -> None:
-    run = pair(3000.0, 1810.0, sphere=True)
-    corrected = correction(run, Geographic(run.map_system.ellipsoid))  # type: ignore[union-attr, arg-type]
-    working, xy = curved_images(corrected.stereo, grid(_X, _Y, 5), 20.0)
-    apparent = run.frame.level(apparent_of(corrected.stereo, xy))
-    done = corrected(apparent)
-    # The water of a point is a plane across its vertical: .13 mm beside the sphere (`test_true_points`).
-    assert np.abs(run.frame.from_level(done.xyz) - working).max() < 2e-4
 
 
 def test_sigmas_are_those_of_the_images(tmp_path: Path) -> None:
@@ -270,7 +260,6 @@ def test_a_raster_keeps_its_posts_and_gets_sigmas(run_record: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("name", "text", "options", "said"),
     [
-        ("a.csv", "x,y,z\n294994.9,2029326.2,-3.0\n", (), "a.csv: the points are taken as longitude and latitude"),
         (
             "a.csv",
             "x,y,z\n294994.9,2029326.2,-3.0\n",
@@ -278,11 +267,8 @@ def test_a_raster_keeps_its_posts_and_gets_sigmas(run_record: Path, tmp_path: Pa
             'It shows them as UTM, zone 20 north (--crs "+proj=utm +z',
         ),
         ("a.csv", "x,y,z\n-64.936,18.33,-3.0\n", ("--crs", "EPSG:26720"), "as longitude and latitude in degrees"),
-        ("a.csv", "x,y,z\n294994.9,2029326.2,-3.0\n", ("--crs", "EPSG:26719"), "as UTM, zone 20 north (--crs"),
         ("a.csv", "lon,lat,depth\n-64.94,18.33,3.0\n", (), "no column z among lon, lat, depth"),
         ("a.csv", "x,y,z\n-64.94,18.33\n", (), "2 values"),
-        ("a.csv", "x,y,z\n18.33,-64.94,-3.0\n", (), "x and y exchanged"),
-        ("a.csv", "x,y,z\n-64.94,18.33,-3.0\n", ("--crs", "EPSG:4326"), "ellipsoid"),
         ("a.doc", "x,y,z\n", (), "no suffix of a known format"),
         ("a.csv", "", (), "the file is empty"),
     ],
@@ -396,14 +382,3 @@ def test_there_is_no_field_where_heights_do_not_say_what_is_wet(run: Triangulati
     tilted = replace(run, block=replace(run.block, water=replace(water, tilt_east=1e-5)))
     assert smooth(replace(direct, stereo=set_up(tilted, "21", "22")), (-30.0, 20.0)) is None
     assert smooth(replace(direct, system=Geocentric(run.map_system.ellipsoid)), (-30.0, 20.0)) is None
-
-
-def test_a_local_job_has_a_field() -> None:
-    local = pair(3000.0, 1810.0)
-    cameras = replace(local.block.cameras, format_size=np.full((1, 2), 228.6))
-    local = replace(local, block=replace(local.block, cameras=cameras))
-    direct = Correction(stereo=set_up(local, "1", "2"), system=LocalRectangular(), pointing=0.005)
-    field = smooth(direct, (-30.0, -1.0))
-    assert field is not None
-    points = np.random.default_rng(1).uniform([0.0, -2000.0, -30.0], [1800.0, 2000.0, -1.0], (500, 3))
-    np.testing.assert_allclose(field(points).xyz, direct(points).xyz, rtol=0, atol=2e-4)

@@ -14,7 +14,7 @@ from musatpy.compilation.compiled import REFUSED, compiled
 from musatpy.compilation.driving import GEOGRAPHIC, IN_MODEL, columns_of, driven, in_model
 from musatpy.compilation.interior import refined_stages
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.stage_chains import PlateChain, RawLoop, StageChain, chain_of
+from musatpy.compilation.stage_chains import RawLoop, StageChain, chain_of
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.errors import CompilationError, DeckError
@@ -165,11 +165,6 @@ def chain(run: Triangulation, *changes: tuple[str, str]) -> StageChain:
     return chain_of(contents.raw, "21", "22")
 
 
-def test_the_deck_of_these_tests_has_all_steps(run: Triangulation) -> None:
-    names = [applied.name for applied in chain(run).left.plate.steps]
-    assert names == ["comparator", "fiducials", "lens", "refraction"]
-
-
 @pytest.mark.parametrize("side", ["IDEAL   ", "MEASURED"])
 @pytest.mark.parametrize("kind", ["SIMILARITY", "AFFINE    ", "PROJECTIVE"])
 def test_readings_come_back_from_refined_coordinates(run: Triangulation, side: str, kind: str) -> None:
@@ -185,17 +180,6 @@ def test_readings_come_back_from_refined_coordinates(run: Triangulation, side: s
     for axis, step in enumerate(1e-3 * np.eye(2)):
         by = (given.readings(refined + step)[0] - given.readings(refined - step)[0]) / 2e-3
         np.testing.assert_allclose(given.readings(refined)[1][..., axis], by, rtol=0, atol=1e-9)
-
-
-def test_plates_whose_steps_are_not_alike_are_undone_one_by_one(run: Triangulation) -> None:
-    given = chain(run)
-    assert given.both is not None
-    left = PlateChain(plate=replace(given.left.plate, steps=given.left.plate.steps[:-1]))  # without refraction
-    unlike, xy = StageChain(left=left, right=given.right), given.plates(raw_deck(run).stages.xy)
-    assert unlike.both is None
-    for both, each in zip(given.readings(xy), unlike.readings(xy), strict=True):
-        np.testing.assert_allclose(both[:, 1], each[:, 1], rtol=0, atol=1e-11)
-    assert np.abs(given.readings(xy)[0] - unlike.readings(xy)[0])[:, 0].max() > 1e-4
 
 
 @pytest.mark.parametrize("drive", Drive)

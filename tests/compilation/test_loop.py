@@ -57,12 +57,6 @@ def test_tilted_water_rises_to_the_east() -> None:
     assert np.abs(wet).max() > 1e-3 and np.abs(dry).max() < 1e-12
 
 
-def test_model_axes_are_right_handed_with_the_base_to_the_right(st_thomas: Stereomodel) -> None:
-    assert np.linalg.det(st_thomas.axes) == pytest.approx(1.0, abs=1e-12)
-    flat = set_up(pair(3000.0, 1810.0), "1", "2")
-    np.testing.assert_allclose(flat.axes, np.eye(3), rtol=0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize("drive", Drive)
 def test_stages_and_marks_are_inverse(st_thomas: Stereomodel, drive: Drive) -> None:
     loop = Loop(stereo=st_thomas, drive=drive)

@@ -7,7 +7,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-import scipy.stats
 
 from compilation.scenes import INDEX, at_depth, flat_images, grid, pair
 from musatpy import model, read_deck
@@ -17,9 +16,9 @@ from musatpy.compilation import true_points as rays
 from musatpy.compilation.compiled import Compiled, CompiledModel, compiled
 from musatpy.compilation.errors_of_pairs import joint_covariances
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.pair_errors import PairErrors, described, null_of
+from musatpy.compilation.pair_errors import PairErrors
 from musatpy.compilation.pair_images import CHUNK, chunks
-from musatpy.compilation.pair_points import Places, put_clear_points
+from musatpy.compilation.pair_points import put_clear_points
 from musatpy.compilation.parallax_tests import parallax_tests
 from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
@@ -117,26 +116,6 @@ def test_points_of_a_pair_are_those_of_their_rays(water: str) -> None:
     assert 0.03 < clear_points(run, (1, 2), readings)[1].mean() < 0.15
 
 
-def test_how_far_residuals_could_bring_a_point_is_the_largest_in_sigmas_of_its_height() -> None:
-    """Stations and water without errors: then the sigma of a height is that of pointing alone."""
-    run = strip("LOCL", {})
-    readings = read(run, 40).part(np.arange(4, 37))
-    _, network, state = network_of(run, (1, 2), readings.part(np.array([0])))
-    exact = replace(errors := PairErrors.of(network, state, (1, 2), joint_covariances(run, network)),
-                    cofactors=np.zeros_like(errors.cofactors))  # fmt: skip
-    X = run.frame.working(true_points(run, (1, 2), readings).position).T
-    places = Places.of(run.frame, np.ascontiguousarray(X))
-    weight = 1.0 / np.square(readings.sigma.reshape(-1, 4).T)
-    with np.errstate(all="ignore"):
-        points = described(exact, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
-        as_they_are = described(errors, readings.xy.reshape(-1, 4).T, weight, X, places.height, places.axes, False)
-    np.testing.assert_array_equal(as_they_are.kink, points.kink)  # residuals say nothing of errors common to all
-    sigmas = np.sqrt(np.max(np.square(points.residual) * weight, axis=0))
-    known = np.isfinite(X).all(axis=0)
-    assert known.sum() > 20 and sigmas[known].max() > 1.5
-    np.testing.assert_allclose(points.kink[known], (sigmas * np.sqrt(points.covariance[2, 2]))[known], rtol=1e-9)
-
-
 def test_points_of_a_pair_over_an_ellipsoid_are_those_of_their_rays() -> None:
     """Geodetic heights are good to some nanometres, and so are the points."""
     run = strip("GEOG", dict(_WATER["levels of groups"]))
@@ -145,17 +124,6 @@ def test_points_of_a_pair_over_an_ellipsoid_are_those_of_their_rays() -> None:
     gap = run.frame.working(found.position) - run.frame.working(expected.position)
     assert np.nanmax(np.abs(gap)) < 1e-8
     hold(found, expected, 2e-8, 1e-7)
-
-
-def test_points_of_the_stages_of_marks_are_the_marks() -> None:
-    """Over water that tilts about the middle of the stations, off the origin of the model."""
-    run = strip("LOCL", {})
-    stereo = set_up(run, *run.block.photos.ids[1:].tolist())
-    marks = np.column_stack([grid((-300.0, 300.0), 500.0, 5), np.linspace(-20.0, -2.0, 25)])
-    xy = Loop(stereo=stereo).stages(marks).xy
-    sigma, ids = np.full(xy.shape, 0.005), np.arange(25).astype(np.str_)
-    points = true_points(run, (1, 2), Readings(ids=ids, submerged=np.ones(25, dtype=bool), xy=xy, sigma=sigma))
-    np.testing.assert_allclose(stereo.model(run.frame.working(points.position)), marks, rtol=0.0, atol=1e-9)
 
 
 def swapped(readings: Readings) -> Readings:
@@ -213,14 +181,6 @@ def test_marks_of_stages_with_a_y_parallax_are_least_squares(drive: Drive) -> No
     Bt = np.swapaxes(B, 1, 2)
     pull = np.linalg.solve(Bt @ B, (Bt @ v[..., None]))[..., 0]
     assert np.abs(pull).max() < 1e-7 and np.abs(v).max() > 0.005
-
-
-def test_the_null_of_partials_is_across_them() -> None:
-    B: FloatArray = np.random.default_rng(5).normal(size=(4, 3, 20))
-    null = null_of(B)
-    np.testing.assert_allclose(np.einsum("rc,ric->ic", null, B), 0.0, atol=1e-11)
-    np.testing.assert_allclose(np.hypot(null[2], null[3]), 1.0, rtol=1e-12)
-    assert (null[3] > 0.0).all()
 
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -313,12 +273,6 @@ def test_few_degrees_of_freedom_flag_no_more_than_many(freedom: int, own: bool) 
     plain = np.mean(np.abs(off) > 3.29 * np.sqrt(told))
     assert 0.0004 < np.mean(np.abs(points) > 3.29) < 0.0016 < plain  # .001 is meant
     assert np.mean(np.abs(points) > 1.96) == pytest.approx(0.05, abs=0.007)
-
-
-def test_student_as_normal() -> None:
-    t, freedom = np.array([-4.0, 0.0, 1.5, 3.0, 3.0]), np.array([8.0, 3.0, 5.0, 4.0, np.inf])
-    exact = scipy.stats.norm.ppf(scipy.stats.t.cdf(t, np.minimum(freedom, 1e9)))
-    np.testing.assert_allclose(student_as_normal(t, freedom), exact, atol=0.02)
 
 
 def again(solution: model.Solution, pointing: float, shift: float = 0.0) -> tuple[Compiled, np.ndarray]:

@@ -12,9 +12,8 @@ import pytest
 from compilation.scenes import at_depth, curved_images, flat_images, grid, pair
 from musatpy.arrays import FloatArray
 from musatpy.compilation.printed import AS_1983, Printed, printed_points, true_coordinates
-from musatpy.compilation.stereomodels import Stereomodel, off_plate, set_up
+from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.true_points import Readings, true_points
-from musatpy.errors import CompilationError
 
 PLACES = grid((200.0, 1600.0), 1700.0)
 
@@ -102,42 +101,6 @@ def test_axes_of_a_model() -> None:
     x = np.array([[100.0, -2000.0, 3.0], [5.0, 7.0, -11.0]])
     np.testing.assert_allclose(model.model(model.working(x)), x, rtol=0.0, atol=1e-9)
     assert model.run.frame.height(model.origin) == pytest.approx(0.05, abs=1e-6)
-
-
-@pytest.mark.parametrize(("photos", "message"), [(("1", "9"), "no photo 9"), (("1", "1"), "no base across")])
-def test_photos_that_make_no_model(photos: tuple[str, str], message: str) -> None:
-    with pytest.raises(CompilationError, match=message):
-        set_up(pair(3000.0, 1810.0), *photos)
-
-
-def test_readings_off_the_plate() -> None:
-    model = set_up(pair(3000.0, 1810.0), "1", "2")
-    xy = np.zeros((2, 2, 2))
-    xy[1, 0, 1] = -5001.0
-    assert off_plate(model, xy).tolist() == [[False, False], [True, False]]
-
-
-def test_sigmas_of_two_thousand_pointings() -> None:
-    """Errors over told sigmas in each coordinate within 5 %: three deviations of 2,000 draws; stations exact."""
-    run = pair(3000.0, 1810.0, (0.4, -0.3))
-    draws = np.random.default_rng(7)
-    places = np.column_stack([draws.uniform(200.0, 1600.0, 2000), draws.uniform(-1700.0, 1700.0, 2000)])
-    points = np.column_stack([places, -draws.uniform(1.0, 30.0, 2000)])
-    xy = flat_images(run, points)
-    sigma = np.full(xy.shape, 0.005)
-    readings = Readings(
-        ids=np.arange(2000).astype(np.str_),
-        submerged=np.ones(2000, dtype=bool),
-        xy=xy + sigma * draws.normal(size=xy.shape),
-        sigma=sigma,
-    )
-    compiled = true_points(run, (0, 1), readings)
-    scaled = (compiled.position - points) / np.sqrt(np.diagonal(compiled.covariance, axis1=1, axis2=2))
-    np.testing.assert_allclose(np.sqrt(np.mean(np.square(scaled), axis=0)), 1.0, atol=0.05)
-    depth = (compiled.depth - (0.05 - points[:, 2])) / compiled.depth_sigma
-    assert np.sqrt(np.mean(np.square(depth))) == pytest.approx(1.0, abs=0.05)
-    parallax = compiled.y_parallax / compiled.y_parallax_sigma
-    assert np.sqrt(np.mean(np.square(parallax))) == pytest.approx(1.0, abs=0.05)
 
 
 Triple = tuple[float, float, float]

@@ -104,16 +104,6 @@ def test_a_record_without_the_fields_of_later_versions_compiles_as_before(runs: 
 
 
 @pytest.mark.slow
-def test_a_run_that_has_converged_has_no_word_of_it(runs: Path, tmp_path: Path) -> None:
-    words = ("as11", "compile", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
-    assert musat(*words, "--anyway").exit_code == 0
-    with_option = (tmp_path / "st_thomas_as11.lst").read_bytes()
-    assert musat(*words).exit_code == 0
-    assert (tmp_path / "st_thomas_as11.lst").read_bytes() == with_option
-    assert all(page.splitlines()[1] == "" for page in pages(tmp_path / "st_thomas_as11.lst"))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("punched", ["result.pun", "st_thomas.pun"])
 def test_a_punched_deck_gives_the_points_of_its_run(runs: Path, tmp_path: Path, punched: str) -> None:
     """Cards have stations to .1 mm and 1e-4 arc seconds, which is 1 mm at 2,400 m. Sigmas: of the stages alone."""

@@ -11,17 +11,16 @@ from compilation.scenes import at_depth, grid, pair
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
-from musatpy.arrays import FloatArray, IntArray
+from musatpy.arrays import FloatArray
 from musatpy.as11_runs import run_of
 from musatpy.compilation.compiled import compiled
 from musatpy.compilation.correcting import REASONS, Correction
 from musatpy.compilation.correction_fields import smooth
 from musatpy.compilation.loop import Drive, Loop
-from musatpy.compilation.parts import in_parts
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import NOT_FOLLOWED, Readings, true_points
-from musatpy.errors import AdjustmentError, CompilationError, Problem
+from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes
 from musatpy.geometry.systems import LocalRectangular
 from musatpy.model.compilation import Compilation
@@ -198,25 +197,6 @@ def test_readings_off_the_known_water_are_the_only_ones_lost() -> None:
     assert points.reasons == dict.fromkeys(np.flatnonzero(lost).tolist(), NOT_FOLLOWED)
     assert np.isfinite(points.position[~lost]).all() and np.isnan(points.position[lost]).all()
     assert points.wet.dtype == bool and points.wet[~lost].all() and not points.wet[lost].any()
-
-
-def test_work_is_divided_until_only_what_fails_is_lost() -> None:
-    asked: list[int] = []
-
-    def work(rows: IntArray) -> IntArray:
-        asked.append(len(rows))
-        if 5 in rows:
-            raise AdjustmentError([Problem(message="five")])
-        return rows * 10
-
-    parts = list(in_parts(work, np.arange(8)))
-    assert [(rows.tolist(), None if out is None else out.tolist()) for rows, out in parts] == [
-        ([0, 1, 2, 3], [0, 10, 20, 30]),
-        ([4], [40]),
-        ([5], None),
-        ([6, 7], [60, 70]),
-    ]
-    assert asked == [8, 4, 4, 2, 1, 1, 2] and not list(in_parts(work, np.arange(0)))
 
 
 @pytest.fixture(scope="module")

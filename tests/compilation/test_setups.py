@@ -97,13 +97,6 @@ def test_a_model_without_water_stands_on_the_mean_ground() -> None:
     assert expected.sigma[middle, 2] == pytest.approx(up, rel=1e-6)
 
 
-@pytest.mark.parametrize("sphere", [False, True])
-def test_axes_of_a_model_take_places_there_and_back(sphere: bool) -> None:
-    stereo = set_up(pair(_H, _BASE, sphere=sphere), "1", "2")
-    places = np.random.default_rng(3).uniform(-3000.0, 3000.0, (50, 3))
-    assert np.abs(stereo.model(stereo.working(places)) - places).max() < 1e-9
-
-
 def moved(run: Triangulation) -> Stereomodel:
     """Return the model with its right photo moved; its axes are those of the job."""
     photos = run.block.photos

@@ -82,10 +82,6 @@ CASES: list[Case] = [
         "56 ATT [] attitudes are stated as matrices; the matrix of photo 842 is on line 13",
     ),
     case(
-        deck(add(*GOOD[8:11]), lines=MATRICES),
-        "56 ATT [] the matrix of photo 841 is on line 10, and 2 more photos have both",
-    ),
-    case(
         deck(add(GOOD[9]), lines=[line for line in MATRICES if line[:7] != "MAT 842"]),
         "53 ATT [] angles, where attitudes are stated as matrices",
     ),
