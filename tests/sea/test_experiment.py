@@ -167,12 +167,6 @@ def test_the_interval_is_the_movement_of_the_waves() -> None:
     assert np.abs(apart.error - later.error).max() > 0.1
 
 
-def test_points_do_not_depend_on_one_another() -> None:
-    errors = run(replace(CALM, surface=WAVES))
-    alone = run(replace(CALM, surface=WAVES, points=POINTS[17:18]))
-    np.testing.assert_allclose(alone.error[0], errors.error[17], atol=1e-9)  # rounding as above
-
-
 def test_intersection_is_that_of_equation_36() -> None:
     """Written out as printed."""
     rng = np.random.default_rng(4)

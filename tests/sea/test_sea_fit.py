@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from musatpy.refraction.waves import Harmonic, sinusoidal
-from musatpy.sea.stereo import fourier, splines
+from musatpy.sea.stereo import splines
 from musatpy.sea.stereo.estimate import SurfaceFit, fit_fourier, fit_grid
 from musatpy.sea.stereo.fitted import height_sigma
-from musatpy.sea.stereo.fourier import FourierSurface, least_squares, shape_partials
-from musatpy.sea.stereo.grid import GridSurface, Mesh, cell_counts, estimate, known_cells, mesh
-from musatpy.sea.stereo.spectrum import band, lattice, spectrum
+from musatpy.sea.stereo.fourier import FourierSurface, shape_partials
+from musatpy.sea.stereo.grid import GridSurface, estimate, mesh
+from musatpy.sea.stereo.spectrum import band, spectrum
 from musatpy.sea.stereo.surface_points import SurfacePoints, intersected, intersection_covariance
 
 CAMERAS = np.array([[0.0, 0.0, 490.0], [264.0, 0.0, 490.0]])
@@ -176,15 +176,6 @@ def test_an_alias_is_not_preferred_on_a_regular_grid(length: float) -> None:
     assert float(note.split("a wave of ")[1].split()[0]) == pytest.approx(other, rel=0.02)
 
 
-def test_places_at_random_have_no_lattice_and_turned_ones_have_theirs() -> None:
-    assert not len(lattice(places(30))) and not len(lattice(places(400)))
-    grid = np.stack(np.meshgrid(np.arange(20) * 12.0, np.arange(15) * 30.0), axis=-1).reshape(-1, 2)
-    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
-    found = lattice(grid @ turn)
-    near = np.linalg.norm(found - np.array([0.0, 2.0 * np.pi / 30.0]) @ turn, axis=1).min()
-    assert near < 0.3 * 2.0 * np.pi / 400.0  # wave vectors are tried a quarter of the resolution apart
-
-
 def test_one_point_far_off_is_noted() -> None:
     good = points_on(SEA, 60)
     position = good.position.copy()
@@ -192,18 +183,6 @@ def test_one_point_far_off_is_noted() -> None:
     far = SurfacePoints(ids=good.ids, position=position, covariance=good.covariance)
     assert not any("far off" in note for note in fit_fourier(good).notes)
     assert any("far off" in note for note in fit_fourier(far, most=0).notes)
-
-
-def test_least_squares_stay_at_the_truth_and_see_a_wave_that_is_there_twice() -> None:
-    points = points_on(SEA, 200)
-    fitted = fit_fourier(points).fitted
-    assert isinstance(fitted, FourierSurface) and fitted.count == 2
-    xy, z, one = points.position[:, :2] - fitted.origin, points.position[:, 2], np.ones(200)
-    np.testing.assert_allclose(
-        least_squares(fitted.parameters, xy, z, one), fitted.parameters, atol=1e-9
-    )  # rounding
-    assert fourier.is_determined(fitted.parameters, xy, one)
-    assert not fourier.is_determined(np.concatenate([fitted.parameters, fitted.parameters[1:5]]), xy, one)
 
 
 # --- grid ---
@@ -274,17 +253,6 @@ def test_sigmas_of_the_grid_are_honest() -> None:
         ratios.append((error / sigma)[known, 0])
     # a swell is no random curvature: its sigma is that on the average over the sea, so 30 % are left either way
     assert 0.7 < np.sqrt(np.mean(np.square(np.concatenate(ratios)))) < 1.3
-
-
-def test_a_cell_without_points_is_not_covered_unless_it_is_surrounded() -> None:
-    counts = np.array([[1, 1, 1, 0, 0], [1, 0, 1, 0, 0], [1, 1, 1, 0, 0], [1, 1, 1, 0, 1]])
-    known = known_cells(counts)
-    assert known[1, 1] and known[0, 0] and known[3, 4]
-    assert not known[0, 3] and not known[0, 4] and not known[1, 4]
-    grid = Mesh(x=np.arange(5) * 10.0, y=np.arange(4) * 10.0)
-    assert cell_counts(grid, np.array([[5.0, 5.0], [5.0, 6.0], [39.0, 29.0]])).tolist() == [
-        [2, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 1],
-    ]  # fmt: skip
 
 
 @pytest.mark.slow

@@ -36,7 +36,7 @@ from orientation.twomedia.geometries import (
 def refracted(
     ray: np.ndarray, C: np.ndarray, d: float, plane: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the point of the water Q and the refracted direction of a ray from C, in the paper's axes: (2) to (9)."""
+    """Return the point of the water Q and the refracted direction of a ray from C in the paper: (2) to (9)."""
     gradient = np.array([*plane, 1.0])
     normal, ray = gradient / np.linalg.norm(gradient), ray / np.linalg.norm(ray)
     cosine = ray @ normal
