@@ -124,15 +124,6 @@ def test_perfect_comparator_changes_nothing():
 # --- refusals ---
 
 
-@pytest.mark.parametrize(("kind", "count"), [(Kind.SIMILARITY, 1), (Kind.AFFINE, 2), (Kind.PROJECTIVE, 3)])
-def test_too_few_marks(kind, count):
-    solution = _transform(kind, TURNED.inverse(MARKS)[:count])
-    assert solution.refusal.reason is Reason.MISSING
-    assert solution.fit is None
-    assert solution.missing == tuple(IDS[count:])
-    assert np.isnan(solution.residuals).all()
-
-
 def test_fewer_marks_than_the_job_wants():
     solution = _transform(Kind.SIMILARITY, MARKS[:3], limits=Limits(marks=4))
     assert solution.refusal.reason is Reason.MISSING
@@ -222,24 +213,6 @@ def test_marks_on_a_line():
     refusal = _transform(Kind.AFFINE, line, calibrated=line).refusal
     assert refusal.reason is Reason.DEGENERATE
     assert _transform(Kind.SIMILARITY, line, calibrated=line).refusal is None
-
-
-def test_marks_in_one_place():
-    refusal = _transform(Kind.SIMILARITY, np.zeros((4, 2)), calibrated=CORNERS).refusal
-    assert refusal.reason is Reason.DEGENERATE
-
-
-def test_a_residual_beyond_the_limit():
-    read = MARKS + NOISE
-    read[5] += [0.2, -0.1]
-    solution = _transform(Kind.AFFINE, read, limits=Limits(residual=0.02))
-    assert solution.refusal.reason is Reason.LIMIT
-    assert solution.suspects == ("6",)
-    assert "6" in solution.refusal.ids
-    assert solution.fit is not None  # its residuals are for the listing
-    assert np.abs(solution.residuals).max() > 0.02
-    assert np.nanargmax(np.abs(solution.fit.normalized).max(axis=1)) == 5
-    assert _transform(Kind.AFFINE, MARKS + NOISE, limits=Limits(residual=0.02)).refusal is None
 
 
 def test_normalized_residuals_need_control():

@@ -1,7 +1,5 @@
 """Jobs from comparator readings: the deck, the reduction that its cards ask for, the adjustment after it."""
 
-import subprocess
-import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -13,11 +11,9 @@ from musatpy import adjust, listing, model, read_deck
 from musatpy.errors import DeckError, PlatesError
 from musatpy.formats.musat import deck_bytes
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.model.reduction import Reduced
 from musatpy.model.tables import empty
 from musatpy.reduction.readings_job import reduce
 from musatpy.reduction.refined_block import reduction_of
-from musatpy.reports.reduction import reduction_sections
 from musatpy.units import MICROMETRE
 from raw_plates import (
     COMPARATOR,
@@ -273,10 +269,6 @@ def test_refraction_and_curvature_are_those_of_the_cards():
     assert step_of("curvature", **wanted).height == pytest.approx(1200.0, abs=1e-9)
 
 
-def test_the_comparator_is_that_of_the_card():
-    np.testing.assert_allclose(step_of("comparator").matrix(), reduction_matrix(COMPARATOR), rtol=0, atol=1e-9)
-
-
 def test_limits_are_those_of_the_cards():
     _, reduced = reduce(again(raw_block(in_system(LOCAL), comparator=replace(COMPARATOR, repeat_limit=0.001))))
     assert any(spread.beyond for plate in reduced.plates for spread in plate.spreads)
@@ -289,19 +281,6 @@ def test_a_small_limit_is_told_with_all_its_digits(um, told):
     block = again(raw_block(in_system(LOCAL), **options(residual_limit=um * MICROMETRE)))
     with pytest.raises(PlatesError, match=rf"is off by 0\.00\d+ mm, more than {told} mm"):
         reduce(block)
-
-
-@pytest.mark.parametrize(
-    ("um", "told"),
-    [(30.0, "30.00 um"), (0.04, ".04 um"), (0.004, ".004 um"), (0.0125, ".0125 um"), (1e-20, ".1"), (None, "none")],
-)
-def test_the_listing_tells_a_limit_with_all_its_digits(um, told):
-    limit = np.nan if um is None else um * MICROMETRE
-    given = raw_block(in_system(LOCAL), **options(residual_limit=limit))
-    (line,) = (
-        one for one in reduction_sections(Reduced(given=given, plates=()))[0].lines if "Limit of residuals" in one
-    )
-    assert f"... {told}" in line
 
 
 def test_the_spread_test_is_against_the_sigma_of_the_card():
@@ -368,12 +347,6 @@ def test_a_photo_without_points_is_not_refused():
     assert done.photos.ids.tolist() == PHOTOS and [plate.photo for plate in reduced.plates] == PHOTOS[:2]
 
 
-@pytest.mark.parametrize("system", [system for system in model.CoordinateSystem if system is not LOCAL])
-def test_curvature_belongs_to_a_grid(system):
-    with pytest.raises(DeckError, match="earth curvature belongs to jobs in a grid"):
-        reduce(replace(in_system(system), **options(curvature=model.Curvature.YES)))
-
-
 def test_only_cameras_with_plates_need_distances():
     block = raw_block(
         in_system(LOCAL), **options(transformation=model.Transformation.DISTANCES), mark_distances=distances()
@@ -386,16 +359,3 @@ def test_only_cameras_with_plates_need_distances():
 
 
 # --- what a run without raw plates does not load ---
-
-
-@pytest.mark.slow
-def test_a_run_of_refined_plates_does_not_load_the_reduction(tmp_path):
-    deck = ROOT / "fixtures" / "st_thomas" / "st_thomas.crd"
-    code = (
-        "import sys; from musatpy.runs import run_deck; run_deck(sys.argv[1], sys.argv[2]);"
-        "print(sorted(name for name in sys.modules if name.startswith('musatpy.reduction')))"
-    )
-    for path, loaded in ((deck, False), (DECK, True)):
-        command = [sys.executable, "-c", code, str(path), str(tmp_path)]
-        ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-        assert ("musatpy.reduction.readings_job" in ran.stdout) is loaded, ran.stdout

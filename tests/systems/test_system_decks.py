@@ -12,9 +12,9 @@ from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.musat import card_family, deck_bytes, read_deck
 from musatpy.fortran import parse_edit
 from musatpy.geometry.collinearity import AngleForm
-from musatpy.geometry.systems import Geocentric, Geographic
+from musatpy.geometry.systems import Geographic
 from musatpy.model import Block, SystemSpec
-from musatpy.systems import Statement, stated
+from musatpy.systems import Statement
 from musatpy.units import AngleUnit
 from record_rows import read_rows
 from reference.earth import earth_of
@@ -212,19 +212,6 @@ def test_a_local_deck_has_other_angles(tmp_path):
         np.testing.assert_allclose(row["position"] or 0.0, expected["position"] or 0.0, rtol=0, atol=POINTS)
     assert record["stated"]["answer"]["text"].startswith("local rectangular; phi, omega, kappa")
     assert record["options"]["system"] == "LOCL"
-
-
-@pytest.mark.slow
-def test_a_geocentric_deck_answers_in_a_grid(tmp_path, base):
-    """Its option card says the system; the answer is that of the same job in latitudes."""
-    block, native = base
-    geocentric = stated(block, Statement(system=Geocentric(CLARKE))).block
-    record = run(tmp_path, deck_bytes(replace(geocentric, stated_in=SPECS["UTM"])))
-    assert record["options"]["system"] == "GEOC"
-    level = np.array([row["position"] for row in native["points"]])
-    found = np.array([row["position"] for row in record["stated"]["points"]])
-    # coordinates of .1 mm on cards
-    np.testing.assert_allclose(found, coordinates(block, words_of("UTM", tmp_path), level), rtol=0, atol=1e-3)
 
 
 @pytest.mark.slow
