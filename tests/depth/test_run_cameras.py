@@ -154,14 +154,6 @@ def test_tilted_water_is_level_water_turned(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.depth, wanted.depth, rtol=1e-5)  # along the vertical, and across the water
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"program": 5}', "\xff"])
-def test_a_file_that_is_no_record(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "run.json"
-    path.write_text(text, encoding="latin-1")
-    with pytest.raises(DepthError, match=r"is not the record of a run|is no JSON"):
-        read_run(path)
-
-
 # What is asked for. Rays end at 1e-6 m, coordinates are written to 1e-4 m or 1e-9 degrees, and the plane across the
 # vertical of the apparent point leaves the level surface by 1e-5 m where the rays meet it
 NEAR = 1e-3

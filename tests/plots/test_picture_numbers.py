@@ -7,18 +7,16 @@ from scipy import stats
 
 from musatpy.geometry.collinearity import attitude_matrix, image
 from musatpy.plots.correlations import correlated, joined
-from musatpy.plots.enlarged import confidence_ellipses, largest_of_cells, magnification, round_length, turned
+from musatpy.plots.enlarged import confidence_ellipses, largest_of_cells, magnification, turned
 from musatpy.plots.footprints import footprints, frames
 from musatpy.plots.mapping import view_of
 from musatpy.plots.mean_residuals import CELLS, cell_means
-from musatpy.plots.normalised import normal_quantiles, thinned
+from musatpy.plots.normalised import thinned
 from musatpy.plots.plane import plane_of
 from musatpy.plots.plate_residuals import inside_share, worst_photos
 from musatpy.plots.profile import along, half_corridor, strips
-from musatpy.plots.redundancy import means_of
 from musatpy.plots.sigma_map import graded, steps
 from musatpy.plots.tables import rows_of
-from musatpy.plots.wording import measure
 from musatpy.soundings.s44 import orders_met, survey_orders
 
 RNG = np.random.default_rng(12)
@@ -44,20 +42,10 @@ def test_points_of_an_ellipse_are_as_unlikely_as_it_says() -> None:
     assert (axes[:, 0] >= axes[:, 1]).all()
 
 
-def test_what_has_no_covariance_has_no_ellipse() -> None:
-    axes, angle = confidence_ellipses(np.full((1, 3, 3), np.nan), np.zeros(1))
-    assert np.isnan(axes).all() and np.isnan(angle).all()
-
-
 def test_a_direction_is_turned_by_the_angle_of_the_plane() -> None:
     """True east is grid azimuth 80 degrees where grid north stands 10 degrees clockwise of true north."""
     x, y = turned(np.array([[1.0, 0.0]]), np.radians([10.0]))[0]
     assert np.degrees(np.arctan2(x, y)) == pytest.approx(80.0)
-
-
-@pytest.mark.parametrize(("length", "found"), [(1.0, 1.0), (1.99, 1.0), (2.0, 2.0), (49.9, 20.0), (0.0071, 0.005)])
-def test_round_lengths(length: float, found: float) -> None:
-    assert round_length(length) == pytest.approx(found)
 
 
 def test_most_are_drawn_no_larger_than_wanted() -> None:
@@ -170,11 +158,6 @@ def test_chance_puts_one_cell_in_twenty_beyond_its_limit() -> None:
     assert biased.beyond.sum() > 0.9 * biased.drawn.sum()
 
 
-def test_quantiles_are_those_of_the_normal_distribution() -> None:
-    rows = np.array([0, 2, 3, 6])
-    np.testing.assert_allclose(normal_quantiles(7, rows), stats.norm.ppf((rows + 0.5) / 7.0), rtol=1e-12)
-
-
 @pytest.mark.parametrize("number", [3, 200, 201, 100_000])
 def test_thinned_quantiles_keep_the_ends(number: int) -> None:
     rows = thinned(number)
@@ -234,11 +217,6 @@ def test_a_quantity_without_variance_is_correlated_with_nothing() -> None:
     assert np.isnan(correlated(np.zeros((2, 2)))).all()
 
 
-def test_means_by_rows() -> None:
-    means = means_of(np.array([0, 2, 2]), np.array([1.0, 2.0, 4.0]), 4)
-    np.testing.assert_allclose(means, [1.0, np.nan, 3.0, np.nan])
-
-
 def test_the_worst_photos_stand_in_their_own_order() -> None:
     rms = np.array([3.0, np.nan, 5.0, 1.0, 4.0])
     assert worst_photos(rms, 3).tolist() == [0, 2, 4] and worst_photos(rms, 9).tolist() == [0, 2, 3, 4]
@@ -267,11 +245,3 @@ def test_the_plane_of_a_geographic_job_is_a_map_about_it() -> None:
     on_map = np.arctan2(x[2] - x[0], y[2] - y[0]) + plane.turns(positions)[0]
     assert np.degrees(np.remainder(on_map, 2.0 * np.pi)) == pytest.approx(azimuth % 360.0, abs=1e-3)
     assert not plane.own and "18" in plane.labels[1]
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.26612, "0.266 m"), (139.21, "139 m"), (5e-14, "0 m"), (12.345, "12.3 m"), (-0.00123, "-0.0012 m")],
-)
-def test_measures_have_three_figures(value: float, text: str) -> None:
-    assert measure(value, "m") == text

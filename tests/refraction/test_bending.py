@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from musatpy.refraction import bending, fermat, flat
+from musatpy.refraction import bending, flat
 from musatpy.refraction.all_refraction_points import disc, search
 from musatpy.refraction.stationary import Rays, path, stationary
 from musatpy.refraction.surface import Gridded, Plane, Surface
@@ -151,22 +151,6 @@ def test_to_200_m_all_are_found_and_are_refraction_points(name: str) -> None:
     at = path(surface, rays.some(found.ray), found.xy)
     np.testing.assert_allclose(at.gradient, 0.0, atol=1e-11)  # Snell's law; rounding of 1500 m over some metres
     assert disc(surface, rays).has(found.xy, found.ray).all()
-
-
-@pytest.mark.parametrize("name", HARD)
-def test_the_disc_is_small(name: str) -> None:
-    """It is what makes the search quick: a fraction of where Snell's law alone lets a ray go."""
-    rays = some_rays(40, seed=8, deepest=60.0)
-    assert np.median(disc(HARD[name], rays).radius / rays.reach(HARD[name]).radius) < 0.5
-
-
-def test_parts_of_many_rays_fit_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    rays = some_rays(50, seed=9)
-    whole = fermat.incidence(HARD["crossing"], rays.camera, rays.ground, N)
-    monkeypatch.setattr(fermat, "_PART", 7)
-    parts = fermat.incidence(HARD["crossing"], rays.camera, rays.ground, N)
-    assert (whole.number == parts.number).all()
-    np.testing.assert_allclose(parts.v, whole.v, rtol=0.0, atol=1e-9)  # rounding of 1500 m
 
 
 PLACES = np.array([[0.0, 0.0], [37.0, -80.0], [-400.0, 250.0]])

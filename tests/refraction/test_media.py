@@ -79,25 +79,6 @@ def test_the_group_index_of_air_is_that_of_its_phase_index() -> None:
     np.testing.assert_allclose(found.group, found.phase - L * (after - before) / (2.0 * step), atol=1e-11, rtol=0.0)
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ((399.0, 20.0, 0.0), "wavelength 399 nm"),
-        ((589.3, 30.5, 0.0), "temperature 30.5 degrees Celsius"),
-        ((589.3, np.nan, 0.0), "temperature nan"),
-        (([589.3, 589.3], [20.0, -1.0], 0.0), "temperature -1"),
-    ],
-)
-def test_values_beyond_the_range_are_refused(values: tuple, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        media.water_index(*values)
-
-
-def test_iapws_is_of_pure_water_only() -> None:
-    with pytest.raises(ValueError, match=r"salinity 35 .* the formula iapws holds for 0"):
-        media.water_index(589.3, 20.0, 35.0, formula=Formula.IAPWS)
-
-
 def test_thin_air_bends_more() -> None:
     """At 3000 m (70 kPa) the air is thinner by a third: n relative to it is greater by 9e-5."""
     sea, high = (media.relative_index(550.0, 15.0, 35.0, air_pressure=p) for p in (101325.0, 70000.0))

@@ -205,13 +205,10 @@ def test_degrees_of_a_csv_file(tmp_path: Path) -> None:
     ("name", "text", "job", "message"),
     [
         ("a.csv", csv_of("line,x,y,what"), None, "lat and lon, or x and y, and depth or height are needed"),
-        ("a.csv", csv_of("name,x,y,depth"), None, "no column line"),
         ("a.csv", "line,x,y,depth\n1,0,0,2\n1,9,9,3\n", None, "line 1: its third coordinate goes from 2 to 3 m"),
         ("a.csv", "line,x,y,depth\n1,0,0,2\n2,9,9,2\n2,9,8,2\n", None, "line 1 has one vertex"),
         ("a.csv", csv_of("line,x,y,depth"), WGS84, "no coordinate system is given"),
         ("a.shp", "x", None, "contours are read from .gpkg, .geojson"),
-        ("a.xyz", "1 2 3\n4 5 6\n", None, "no column column4"),
-        ("a.dxf", "x", None, "is no DXF file"),
     ],
 )  # fmt: skip
 def test_files_that_cannot_be_used(
