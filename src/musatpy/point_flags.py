@@ -13,9 +13,9 @@ from musatpy import adjustment
 from musatpy.arrays import BoolArray
 from musatpy.errors import AdjustmentError, DeckError, Problem, numerics
 from musatpy.formats.cards.deck import write_cards
-from musatpy.formats.draft import POINT_FLAGS
-from musatpy.formats.musat import card_family, check_deck
-from musatpy.formats.parts import Parts, cards_of_parts, missing_parts
+from musatpy.formats.job_tables import POINT_FLAGS, Tables, card_family
+from musatpy.formats.musat import check_deck
+from musatpy.formats.parts import cards_of_parts, missing_parts
 from musatpy.jobs.naming import names_of, text_of
 from musatpy.jobs.plan_positions import area_of, plan
 from musatpy.model import Block, CoordinateSystem, Editing, Refraction, Solution, Treatment, WaterLevel
@@ -83,7 +83,7 @@ def flags_set(block: Block, wanted: PointFlags) -> FlagsSet:
     return FlagsSet(flags=flags, settings=(*settings, f"undecided: {names}"), undecided=(note,))
 
 
-def flags_of_parts(parts: Parts, wanted: PointFlags) -> FlagsSet:
+def flags_of_parts(parts: Tables, wanted: PointFlags) -> FlagsSet:
     """Return the points of a job that is converted which are flagged as `wanted`; raises as `flags_set`."""
     if missing := missing_parts(parts):
         raise DeckError(missing)

@@ -10,6 +10,7 @@ from formats.deck_edits import in_system
 from musatpy.errors import DeckError
 from musatpy.formats import parts, system_rows
 from musatpy.formats.families import agencies
+from musatpy.formats.job_tables import role_of
 from musatpy.formats.records.frames import JobFrame, matrix_of, values_of_matrix
 from musatpy.formats.records.layout import ATTITUDES
 from musatpy.formats.records.reader import read_records
@@ -139,12 +140,7 @@ def test_attitudes_in_geocentric_axes_need_a_position():
         frame.attitude(file, np.eye(3).reshape(1, 9), None)
 
 
-@pytest.mark.parametrize(("role", "noun"), [("plates", "plate measurement"), ("ranges", "range")])
-def test_a_role_without_a_noun_of_its_own_has_that_of_its_table(role, noun):
-    assert parts.noun_of_role(role) == noun
-
-
 @pytest.mark.parametrize("path", ["systems.kind", "matrices.sigma"])
 def test_files_of_records_state_no_systems(path):
-    assert parts.role_of(path, {path}) in system_rows.TABLES
-    assert parts.held_attributes(parts.role_of(path, {path})) == ()  # so that a target of these is refused
+    assert role_of(path, {path}) in system_rows.TABLES
+    assert parts.held_attributes(role_of(path, {path})) == ()  # so that a target of these is refused

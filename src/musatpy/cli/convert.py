@@ -64,7 +64,7 @@ def command(
     parts, warnings = from_family.read(source, {} if deck is None else deck_parts(deck))
     complain_of(warnings)
     if submerged is not None:
-        from musatpy.formats.draft import with_flags
+        from musatpy.formats.job_tables import with_flags
         from musatpy.point_flags import PointFlags, flags_of_parts
 
         more = flags_of_parts(parts, PointFlags(submerged=submerged))

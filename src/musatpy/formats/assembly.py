@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy import model
 from musatpy.arrays import IntArray
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import ROLES, Draft, roles_of, single, table_of
+from musatpy.formats.draft import Draft, single
+from musatpy.formats.job_tables import ROLES, Table, Tables, roles_of, size, table_of
 from musatpy.formats.statements import in_words
+from musatpy.model import tables
 from musatpy.model.block import parts_of_block
-from musatpy.model.tables import Table, columns
+from musatpy.model.tables import columns
 from musatpy.units import AngleUnit
-
-Array = NDArray[Any]
 
 
 def block_of(draft: Draft) -> model.Block:
@@ -52,10 +51,12 @@ def _part(draft: Draft, name: str, kind: type[Any]) -> Any:
             return _equal_elevations(draft)
         case "waves":
             return waves_of(draft)
-    return _table(draft, name) if issubclass(kind, Table) else mapping.single_of(name, draft.rows[name].values)
+    return (
+        _rows(draft, name) if issubclass(kind, tables.Table) else mapping.single_of(name, draft.rows[name].values)
+    )
 
 
-def _table(draft: Draft, table: str) -> Any:
+def _rows(draft: Draft, table: str) -> Any:
     """Return the table of the model that the cards of the same role fill, row by row."""
     kind, rows = mapping.TABLES[table], draft.rows[table]
     links = {name: draft.links(about.link)[table] for name, about in columns(kind).items() if about.link}
@@ -104,7 +105,7 @@ def _equal_elevations(draft: Draft) -> model.EqualElevations:
     return model.EqualElevations(ids=ids, sigma=sigma, group=group[row], point=points[row, column])
 
 
-def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
+def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, Table]]:
     """Yield the cards of a canonical deck, in their order: the columns of each kind that the block needs.
 
     Raises `SystemsError` where the block cannot be stated as its deck is to be.
@@ -113,79 +114,60 @@ def cards_of(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, dic
         yield spec, mapping.scatter(spec, values, angle)
 
 
-def values_of_cards(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, mapping.Values, float]]:
+def values_of_cards(block: model.Block, family: Family) -> Iterator[tuple[CardSpec, Table, float]]:
     """Yield the same cards with what they say by model attribute, and the radians of their unit of angles."""
     given_in = block.given_in
-    block, cards = in_words(block)
-
-    def values_by(role: str, spec: CardSpec) -> mapping.Values:
-        return cards.get(role, {}) if role in system_rows.TABLES else values_of(block, role, spec)
-
-    return _cards(family, _Words.of(block.options.system, given_in), values_by)
+    block, stating = in_words(block)
+    return _cards(tables_of(block, family) | stating, family, block.options.system, given_in)
 
 
-def cards_of_values(
-    tables: Mapping[str, mapping.Values], geographic: bool, family: Family
-) -> Iterator[tuple[CardSpec, dict[str, Array]]]:
-    """Yield the cards that say `tables`, what `values_of` returns by role; roles may be missing."""
-    for spec, values, angle in _cards(family, _Words(geographic=geographic), lambda role, _: tables.get(role, {})):
+def cards_of_tables(
+    tables: Tables, family: Family, system: model.CoordinateSystem | None
+) -> Iterator[tuple[CardSpec, Table]]:
+    """Yield the cards that say tables, of which any may be missing, in words of the adjustment."""
+    said = {role: table for role, table in tables.items() if role not in system_rows.TABLES}
+    for spec, values, angle in _cards(said, family, system):
         yield spec, mapping.scatter(spec, values, angle)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Words:
-    """Which of several cards for one thing a deck has."""
-
-    geographic: bool  # positions are angles
-    unit: AngleUnit = AngleUnit.DMS
-    matrices: bool = False  # attitudes are no angles
-
-    @classmethod
-    def of(cls, system: model.CoordinateSystem, given_in: model.SystemSpec | None) -> _Words:
-        """Return those of a job in a system, or of a deck that is stated in other words."""
-        if given_in is None:
-            return cls(geographic=system is model.CoordinateSystem.GEOGRAPHIC)
-        geographic = given_in.kind == model.CoordinateSystem.GEOGRAPHIC
-        return cls(geographic=geographic, unit=given_in.unit, matrices=given_in.angles == system_rows.MATRICES)
-
-    def want(self, spec: CardSpec, role: str) -> bool:
-        """Return whether positions or attitudes stand on a card, and not on another of the same role."""
-        angular = not self.matrices if role == "attitudes" else self.geographic
-        if mapping.is_angular(spec, ROLES[role]) != angular:
-            return False
-        return not angular or mapping.has_stated_unit(spec) == (self.unit is not AngleUnit.DMS)
-
-
 def _cards(
-    family: Family, words: _Words, values_by: Callable[[str, CardSpec], mapping.Values]
-) -> Iterator[tuple[CardSpec, mapping.Values, float]]:
-    angle = system_rows.radians_of(words.unit)
-    role_of = {spec.mnemonic: role for role, specs in roles_of(family).items() for spec in specs}
+    tables: Tables, family: Family, system: str | None, given_in: model.SystemSpec | None = None
+) -> Iterator[tuple[CardSpec, Table, float]]:
+    """Yield the cards of tables: of several for one thing those of the system, or of how the deck is stated."""
+    unit = AngleUnit.DMS if given_in is None else given_in.unit
+    matrices = given_in is not None and given_in.angles == system_rows.MATRICES
+    geographic = (system if given_in is None else given_in.kind) == model.CoordinateSystem.GEOGRAPHIC
+    angular = {"stations": geographic, "control": geographic, "wave_origin": geographic, "attitudes": not matrices}
+    role_of = {spec: role for role, specs in roles_of(family).items() for spec in specs}
     for spec in family.cards.values():
-        if not spec.fields:
-            yield spec, {}, angle
+        role = role_of.get(spec, "")
+        if role in angular and mapping.is_angular(spec, ROLES[role]) != angular[role]:
             continue
-        role = role_of[spec.mnemonic]
-        if role in ("stations", "control", "attitudes", "wave_origin") and not words.want(spec, role):
+        if angular.get(role) and mapping.has_stated_unit(spec) != (unit is not AngleUnit.DMS):
             continue
-        values = values_by(role, spec)
+        values = tables.get(role, {})
         if role == "water" and "water_conditions" in role_of.values():
-            values = _without_computed_index(values, values_by("water_conditions", spec))
-        if values and len(next(iter(values.values()))):
-            yield spec, values, angle
+            values = _without_computed_index(values, tables.get("water_conditions", {}))
+        if size(values) or not spec.fields:
+            yield spec, values, system_rows.radians_of(unit)
 
 
-def _without_computed_index(water: mapping.Values, conditions: mapping.Values) -> mapping.Values:
+def _without_computed_index(water: Table, conditions: Table) -> Table:
     """Return what the water card says where another one says what its index comes from: nothing, if that is all."""
-    if not conditions or not len(next(iter(conditions.values()))):
+    if not size(conditions):
         return water
-    others = [
-        (column == column).any() for path, column in water.items() if path not in ("water.index", "water.liquid")
-    ]
-    return {**water, "water.index": np.full(1, np.nan)} if any(others) else {}
+    others = [column for path, column in water.items() if path not in ("water.index", "water.liquid")]
+    return {**water, "water.index": np.full(1, np.nan)} if any((one == one).any() for one in others) else {}
 
 
-def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]:
+def tables_of(block: model.Block, family: Family) -> Tables:
+    """Return everything that a block says, but for how it is stated: what the cards of a family say of it."""
+    roles = ((role, specs[0]) for role, specs in roles_of(family).items() if role not in system_rows.TABLES)
+    tables = {role: _table_of(block, role, spec) for role, spec in roles}
+    return {role: table for role, table in tables.items() if size(table)}
+
+
+def _table_of(block: model.Block, role: str, spec: CardSpec) -> Table:
     """Return what the cards of a role say, by model attribute, one row for each card."""
     table = table_of(role)
     if role == "water_conditions":
@@ -202,12 +184,12 @@ def values_of(block: model.Block, role: str, spec: CardSpec) -> dict[str, Array]
             return _table_values(block, table, _photos_with(block.photos, role))
         case "wave_sigmas":
             return _table_values(block, table, np.flatnonzero(block.waves.unknown))
-    if isinstance(part, Table):
+    if isinstance(part, tables.Table):
         return _table_values(block, table, np.arange(part.count))
     return single_values(part, table)
 
 
-def single_values(part: Any, table: str) -> dict[str, Array]:
+def single_values(part: Any, table: str) -> Table:
     """Return what the one card of a part of the model says, by model attribute, one row; nothing of no part."""
     if part is None:
         return {}
@@ -215,7 +197,7 @@ def single_values(part: Any, table: str) -> dict[str, Array]:
     return {f"{table}.{name}": np.array([np.nan if value is None else value]) for name, value in values.items()}
 
 
-def _options_off_default(options: model.Options, spec: CardSpec) -> dict[str, Array]:
+def _options_off_default(options: model.Options, spec: CardSpec) -> Table:
     """Return all options if one that the card gives is off its default, else nothing."""
     values, default = single_values(options, "options"), single_values(model.Options(), "options")
     return values if any(values[slot.path] != default[slot.path] for slot in mapping.slots(spec)) else {}
@@ -234,9 +216,9 @@ def _photos_with(photos: model.Photos, role: str) -> IntArray:
     return order[~lacks[role][order]]
 
 
-def _table_values(block: model.Block, table: str, rows: IntArray) -> dict[str, Array]:
+def _table_values(block: model.Block, table: str, rows: IntArray) -> Table:
     part = getattr(block, table)
-    values: dict[str, Array] = {}
+    values: Table = {}
     for name, about in columns(type(part)).items():
         value = getattr(part, name)[rows]
         values[f"{table}.{name}"] = getattr(block, about.link).ids[value] if about.link else value
@@ -245,7 +227,7 @@ def _table_values(block: model.Block, table: str, rows: IntArray) -> dict[str, A
     return values
 
 
-def _equal_elevation_values(block: model.Block, spec: CardSpec) -> dict[str, Array]:
+def _equal_elevation_values(block: model.Block, spec: CardSpec) -> Table:
     """Return the groups, each on as many cards as its points need, one card for a group without points."""
     groups = block.equal_elevations
     width = sum(slot.path == "equal_elevations.point" for slot in mapping.slots(spec))

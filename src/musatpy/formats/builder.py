@@ -17,9 +17,9 @@ from musatpy.formats.cards.deck import CardTable, read_cards
 from musatpy.formats.cards.images import card_images
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import cross_check
-from musatpy.formats.draft import POINT_FLAGS, ROLES, Draft, Rows, attributes, draft_of, draft_of_rows
-from musatpy.formats.musat import card_family, has_errors
-from musatpy.formats.parts import blank
+from musatpy.formats.draft import Draft, draft_of, draft_of_rows
+from musatpy.formats.job_tables import POINT_FLAGS, ROLES, Rows, attributes, blank, card_family
+from musatpy.formats.musat import has_errors
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Options, WaterConditions
 
 Texts = str | Sequence[str] | NDArray[np.str_]

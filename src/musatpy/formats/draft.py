@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -17,96 +17,13 @@ from numpy.typing import NDArray
 
 from musatpy import model, units
 from musatpy.arrays import BoolArray, IntArray, TextArray
-from musatpy.errors import CardFormatError, Problem
+from musatpy.errors import Problem
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.model.tables import Column, columns
+from musatpy.formats.job_tables import ROLES, Flags, Rows, naming, nothing, roles_of, with_flags
 
 Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec, model.OrientationSpec)
-
-
-def _roles() -> Iterator[tuple[str, str]]:
-    """Yield what a draft is made of, and the model attribute (or table) by which the cards of each are known.
-
-    A table whose columns say by which cards they come has as many roles; any other has one of its own name.
-    """
-    yield from (("titles", "titles"), ("options", "options.program"), ("more_options", "options.initial"))
-    first = ("ellipsoid", "water", "water_conditions", "waves", "wave_origin")
-    for table in dict.fromkeys((*first, *mapping.JOB_TABLES)):
-        if table in ("options", "points"):
-            continue
-        meanings = columns(mapping.TABLES[table])
-        shared = [
-            (about.role, f"{table}.{name}") for name, about in meanings.items() if about.role and not about.link
-        ]
-        yield from reversed(dict(reversed(shared)).items())
-        if not shared:
-            yield table, f"{table}.position" if "position" in meanings else table
-
-
-ROLES = dict(_roles())
-
-# What a family need not have cards for.
-OPTIONAL = (*system_rows.TABLES, "water_conditions", "waves", "wave_sigmas", "wave_origin", "orientation")
-
-# Of points, on the cards of their images and of control.
-POINT_FLAGS = ("points.bathymetric", "points.dry")
-
-Flags = Mapping[str, list[str]]
-"""Of `POINT_FLAGS`, the points that have it."""
-
-# The order in which cards name cameras, photos and points, where it is not that of the roles.
-_FIRST = ("cameras", "stations", "attitudes", "matrices", "tides", "fiducial_measurements", "cross_measurements")
-
-
-def table_of(role: str) -> str:
-    """Return the table of the model that the cards of a role fill."""
-    return ROLES[role].partition(".")[0]
-
-
-@cache
-def attributes(role: str) -> Mapping[str, Column]:
-    """Return the attributes of the model that cards of a role may carry, and all must but for those of options."""
-    table = table_of(role)
-    if table == "titles":
-        return {"titles": Column()}
-    meanings = columns(mapping.TABLES[table])
-    names = [name for name in mapping.names_of(table) if meanings[name].role in ("", role)]
-    flags = dict.fromkeys(POINT_FLAGS, Column()) if role in ("plates", "control") else {}
-    return {f"{table}.{name}": meanings[name] for name in names} | flags
-
-
-@cache
-def naming(table: str) -> Mapping[str, str]:
-    """Return the attributes with the names of cameras, photos or points, by role, in the order of the cards."""
-    return {
-        role: path
-        for role in dict.fromkeys((*_FIRST, *ROLES))
-        for path, about in attributes(role).items()
-        if about.link == table or (about.identity and table_of(role) == table)
-    }
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rows:
-    """The k cards that say one kind of thing, in the order of the deck."""
-
-    role: str
-    specs: tuple[CardSpec, ...]
-    kind: IntArray  # (k,) link to specs
-    lines: IntArray  # (k,)
-    values: dict[str, NDArray[Any]]  # model attribute -> (k,) or (k, components)
-
-    def __len__(self) -> int:
-        return len(self.lines)
-
-    def __getitem__(self, path: str) -> NDArray[Any]:
-        return self.values[path]
-
-    def spec(self, row: int) -> CardSpec:
-        """Return the card of a row."""
-        return self.specs[int(self.kind[row])]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -277,13 +194,6 @@ class Draft:
         )
 
 
-def with_flags(role: str, table: dict[str, NDArray[Any]], flags: Flags) -> dict[str, NDArray[Any]]:
-    """Return a table in which every plate or control row of some points has flags besides its own."""
-    more = {flag: ids for flag, ids in flags.items() if ids and role in ("plates", "control")}
-    columns = {flag: np.isin(table[f"{role}.point"], ids) for flag, ids in more.items()}
-    return table | {flag: table[flag].astype(bool) | named for flag, named in columns.items()}
-
-
 def _slots(spec: CardSpec, path: str, component: int | None) -> list[mapping.Slot]:
     slots = [slot for slot in mapping.slots(spec) if slot.path == path]
     return [slot for slot in slots if component is None or slot.component in (component, None)]
@@ -333,60 +243,13 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck, call: Callable[[int], s
     )
 
 
-def roles_of(family: Family) -> dict[str, tuple[CardSpec, ...]]:
-    """Return the cards that fill each role; a family may have none that state systems.
-
-    Raises `CardFormatError` where a role has no card, its cards do not carry all attributes of the model, or carry
-    what the model takes from other cards: it would be lost.
-    """
-    targets = {spec.mnemonic: _targets(spec) for spec in family.cards.values()}
-    roles: dict[str, tuple[CardSpec, ...]] = {}
-    for role, anchor in ROLES.items():
-        specs = tuple(spec for spec in family.cards.values() if anchor in targets[spec.mnemonic])
-        if not specs and role in OPTIONAL:
-            continue
-        if not specs:
-            raise CardFormatError(f"{family.name}: no card has the target {anchor}")
-        for spec in specs:
-            required = {anchor} if table_of(role) == "options" else set(attributes(role))
-            _require_all(required - targets[spec.mnemonic], f"{family.name}: {spec.mnemonic} has")
-        roles[role] = specs
-    for spec in family.cards.values():
-        _check_held(spec, [role for role, specs in roles.items() if spec in specs])
-    _require_all(set(attributes("options")) - set().union(*targets.values()), f"{family.name}: no card has the")
-    return roles
-
-
-def _require_all(lacking: set[str], what: str) -> None:
-    if lacking:
-        no = "" if what.endswith("the") else "no "
-        raise CardFormatError(f"{what} {no}target {', '.join(sorted(lacking))}")
-
-
-def _check_held(spec: CardSpec, roles: list[str]) -> None:
-    """Raise `CardFormatError` for a target that the cards of these roles do not fill."""
-    held = [path for role in roles for path in attributes(role)]
-    for slot in mapping.slots(spec):
-        if slot.path not in held:
-            where = f"{spec.file}: field {slot.name}: target: '{slot.path}'"
-            expected = f"one of {', '.join(held)}" if held else f"also one of {', '.join(ROLES.values())}"
-            raise CardFormatError(f"{where} is nowhere in the model of such a card; expected {expected}")
-
-
-def _targets(spec: CardSpec) -> set[str]:
-    """Return the model attributes that a card carries, and their tables."""
-    paths = {slot.path for slot in mapping.slots(spec)}
-    return paths | {path.partition(".")[0] for path in paths}
-
-
 def _rows(role: str, specs: tuple[CardSpec, ...], deck: CardDeck, angle: float = units.DEGREE) -> Rows:
     """Gather the cards of a role, of several mnemonics if there are, in the order of their lines.
 
     `angle` are the radians of the unit that the deck has for decimal angles.
     """
     if not specs:
-        none = np.zeros(0, dtype=np.int64)
-        return Rows(role=role, specs=(), kind=none, lines=none, values=mapping.no_cards(table_of(role)))
+        return Rows.of(role, (), nothing(role))
     present = [spec for spec in specs if spec.mnemonic in deck.tables] or specs[:1]
     tables = [deck.table(spec) for spec in present]
     parts = [mapping.gather(table.spec, table.columns, angle) for table in tables]

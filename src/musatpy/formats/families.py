@@ -10,7 +10,7 @@ from musatpy.errors import DeckError, Problem
 from musatpy.formats import musat, parts
 from musatpy.formats.cards.deck import write_cards
 from musatpy.formats.cards.spec import Family, card_formats_folder
-from musatpy.formats.parts import Parts
+from musatpy.formats.job_tables import Tables
 from musatpy.formats.records.layout import is_record_folder
 from musatpy.formats.recordset import RecordSet, Rendered
 
@@ -31,14 +31,14 @@ class DeckFamily:
         """Return the deck that is written."""
         return {self.name: path / self.patterns[0].replace("*", stem) if path.is_dir() else path}
 
-    def read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
+    def read(self, path: Path, given: Tables) -> tuple[Tables, tuple[Problem, ...]]:
         """Return what a deck says; raises `DeckError` with every problem."""
         block, problems = musat.check_deck(path, self.cards)
         if block is None:
             raise DeckError(problems)
         return parts.parts_of(block), problems
 
-    def render(self, given: Parts, path: Path, stem: str) -> Rendered:
+    def render(self, given: Tables, path: Path, stem: str) -> Rendered:
         """Return a deck; what keeps it from running as it stands is a warning."""
         missing = parts.missing_parts(given)
         if missing:

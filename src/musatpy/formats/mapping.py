@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any, Protocol
 
@@ -22,7 +22,7 @@ from musatpy.errors import CardFormatError
 from musatpy.formats import compilation_rows, system_rows
 from musatpy.formats.cards.spec import STATED_UNIT, CardSpec, Family, FieldSpec
 from musatpy.model.block import parts_of_block
-from musatpy.model.tables import Codes, Table, columns, no_rows
+from musatpy.model.tables import Codes, Table, columns
 
 Array = NDArray[Any]
 Values = Mapping[str, Array]  # model attribute -> (k,) or (k, components), in inside units
@@ -172,19 +172,6 @@ def names_of(table: str) -> tuple[str, ...]:
     """Return the attributes of a table that fields can hold: no numbers of its rows, no tables within."""
     meanings = columns(TABLES[table]).items()
     return tuple(name for name, about in meanings if name not in _TABLES_WITHIN and about.link != table)
-
-
-def no_cards(table: str) -> dict[str, Array]:
-    """Return what no card at all says, by attribute: of families that have no cards for a table."""
-    kind: Any = TABLES[table]
-    if issubclass(kind, Table):
-        none = no_rows(kind) | {name: np.zeros(0, "U1") for name, about in columns(kind).items() if about.link}
-    else:
-        triples = [one.name for one in fields(kind) if str(one.type).startswith("tuple")]
-        texts = [one.name for one in fields(kind) if one.type == "str"]
-        none = {name: np.zeros(0, "U1" if name in texts else float) for name in columns(kind)}
-        none |= {name: np.zeros((0, 3)) for name in triples}
-    return {f"{table}.{name}": column for name, column in none.items()}
 
 
 def single_of(table: str, values: Values, row: int = 0) -> Any:

@@ -4,43 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from musatpy import model
-from musatpy.errors import CardFormatError, DeckError, Problem
+from musatpy.errors import DeckError, Problem
 from musatpy.files import write_files
-from musatpy.formats import assembly, mapping
+from musatpy.formats import assembly
 from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
 from musatpy.formats.cards.settings import Setting, deck_with
-from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
+from musatpy.formats.cards.spec import Family
 from musatpy.formats.checks import check_entered, cross_check
-from musatpy.formats.draft import Draft, Flags, draft_of, roles_of
+from musatpy.formats.draft import Draft, draft_of
+from musatpy.formats.job_tables import Flags
+from musatpy.formats.job_tables import card_family as card_family
 from musatpy.formats.statements import answer_problems, entered_draft
 
 PATTERNS = ("*.crd",)
-
-
-@lru_cache(maxsize=8)
-def card_family(folder: Path | None = None) -> Family:
-    """Return the cards of the musat family, or those of another folder of card formats that fill a block.
-
-    Raises `CardFormatError` for formats that are wrong, or whose targets are not those of the model.
-    """
-    if folder is not None:
-        from musatpy.formats.records.layout import is_record_folder  # a folder is rarely given
-
-        if is_record_folder(folder):
-            raise CardFormatError(
-                f"{folder} has formats of records, not of cards: convert such files to a deck first"
-            )
-    family = load_family(folder or card_formats_folder() / "musat")
-    mapping.check_targets(family)
-    roles_of(family)
-    return family
 
 
 def geoid_files(block: model.Block) -> tuple[str, ...]:

@@ -1,103 +1,57 @@
-"""Parts of a block, as files of other agencies hold them: what is said of each thing, by identification.
-
-A `Block` is whole; these need not be. A table is named by its role (`formats.draft.ROLES`), and its columns by the
-attribute of the model that they fill, in inside units: what a deck's cards of the role say.
-"""
+"""Parts of a job, as files of other agencies hold them: tables by role, of which any may be missing."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from musatpy import model
 from musatpy.errors import DeckError, Problem
-from musatpy.formats import assembly, mapping, system_rows
+from musatpy.formats import assembly, system_rows
 from musatpy.formats.cards.deck import read_cards
 from musatpy.formats.cards.spec import Family
-from musatpy.formats.draft import (
+from musatpy.formats.draft import draft_of, draft_of_rows
+from musatpy.formats.job_tables import (
+    KEYS,
     POINT_FLAGS,
     ROLES,
+    Array,
     Rows,
-    attributes,
-    draft_of,
-    draft_of_rows,
+    Table,
+    Tables,
+    blank,
+    card_family,
+    keys_of,
+    nothing,
     roles_of,
+    size,
     with_flags,
 )
-from musatpy.formats.musat import card_family
 from musatpy.formats.statements import entered_draft, statement_problems
-from musatpy.model.tables import columns
 
 if TYPE_CHECKING:
     from musatpy.formats.draft import Draft
     from musatpy.systems import Statement
 
-Array = NDArray[Any]
-Table = dict[str, Array]  # model attribute -> (k,) or (k, components)
-Parts = dict[str, Table]  # role -> table, of at least one row
-
-# What identifies the rows of a role: the attributes that two tables of it must share to be put together.
-KEYS = {
-    role: keys for role in ROLES if (keys := tuple(path for path, about in attributes(role).items() if about.key))
-}
-_STATED = (
-    "stations",
-    "attitudes",
-    "tides",
-    "control",
-    "matrices",
-    "wave_origin",
-)  # what is in words of the statement
-
-
-@lru_cache(maxsize=1)
-def _nothing() -> Parts:
-    """Return the tables of an empty deck: every attribute of every role, with its type and components."""
-    family = card_family()
-    return {role: dict(rows.values) for role, rows in draft_of(read_cards(b"", family), family).rows.items()}
-
-
-def size(table: Mapping[str, Array]) -> int:
-    """Return the number of rows of a table."""
-    return len(next(iter(table.values()))) if table else 0
-
-
-def blank(role: str, path: str, count: int) -> Array:
-    """Return (count,) or (count, components) of an attribute of which nothing is said."""
-    return mapping.blanks(path, _nothing()[role][path], count)
+# What is in words of the statement.
+_STATED = ("stations", "attitudes", "tides", "control", "matrices", "wave_origin")
 
 
 def held_attributes(role: str) -> tuple[str, ...]:
     """Return the model attributes of a role; none of what states a deck, because parts are as the adjustment is."""
-    return () if role in system_rows.TABLES else tuple(_nothing()[role])
+    return () if role in system_rows.TABLES else tuple(nothing(role))
 
 
-def is_said(path: str, values: Array) -> Array:
-    """Return (k,) True where a column says something: not NaN, not empty, no flag off its default."""
-    if path in mapping.CODES:
-        return values != mapping.CODES[path][""]
-    full = values != "" if values.dtype.kind == "U" else ~np.isnan(values.astype(float))
-    return np.asarray(full.reshape(len(values), -1).any(axis=1)) if full.size else np.zeros(len(values), dtype=bool)
-
-
-def parts_of(block: model.Block) -> Parts:
+def parts_of(block: model.Block) -> Tables:
     """Return everything that a block says, in the words of the adjustment, and how it and its answer are stated."""
-    parts = _stating(block.given_in, block.stated_in)
-    for role, specs in roles_of(card_family()).items():
-        if role in system_rows.TABLES:
-            continue
-        table = assembly.values_of(block, role, specs[0])
-        if size(table):
-            parts[role] = {path: np.asarray(table[path]) for path in held_attributes(role)}
-    return parts
+    said = assembly.tables_of(block, card_family())
+    parts = {role: {path: np.asarray(table[path]) for path in nothing(role)} for role, table in said.items()}
+    return _stating(block.given_in, block.stated_in) | parts
 
 
-def deck_parts(path: Any) -> Parts:
+def deck_parts(path: Any) -> Tables:
     """Return what a deck says that need not be whole: a camera card and options will do.
 
     What it states in other words comes in those of the adjustment. Raises `DeckError` with every card that cannot
@@ -138,18 +92,18 @@ def _entered(draft: Draft) -> Draft:
     return draft
 
 
-def _stating(given_in: model.SystemSpec | None, stated_in: model.SystemSpec | None) -> Parts:
+def _stating(given_in: model.SystemSpec | None, stated_in: model.SystemSpec | None) -> Tables:
     """Return the tables that say how a job and its answer are stated, none where they are not."""
     tables = system_rows.values_of({system_rows.IN: given_in, system_rows.OUT: stated_in})
     return {role: table for role, table in tables.items() if size(table)}
 
 
-def spec_of(parts: Parts, role: str) -> model.SystemSpec | None:
+def spec_of(parts: Tables, role: str) -> model.SystemSpec | None:
     """Return how a job (`system_rows.IN`) or its answer (`OUT`) is stated, None where it is not."""
-    return system_rows.spec_of(role, {name: parts.get(name) or _nothing()[name] for name in system_rows.STATING})
+    return system_rows.spec_of(role, {name: parts.get(name) or nothing(name) for name in system_rows.STATING})
 
 
-def statement_of(parts: Parts) -> Statement | None:
+def statement_of(parts: Tables) -> Statement | None:
     """Return the statement that other agencies' files follow, both ways: that of the job, else of its answer.
 
     The job's comes first because its deck completes the files when they are read again. None where there is none,
@@ -163,39 +117,37 @@ def statement_of(parts: Parts) -> Statement | None:
     return statement_on(spec, ellipsoid_of(parts))
 
 
-def cards_of_parts(parts: Parts, family: Family) -> Any:
+def cards_of_parts(parts: Tables, family: Family) -> Any:
     """Yield the cards that say the parts (see `assembly.cards_of`)."""
-    geographic = system_of(parts) is model.CoordinateSystem.GEOGRAPHIC
-    tables = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
-    return assembly.cards_of_values(tables, geographic, family)
+    return assembly.cards_of_tables(parts, family, system_of(parts))
 
 
-def system_of(parts: Parts) -> model.CoordinateSystem | None:
+def system_of(parts: Tables) -> model.CoordinateSystem | None:
     """Return the coordinate system of the job, None where no options are known."""
     options = parts.get("options")
     return None if options is None else model.CoordinateSystem(str(options["options.system"][0]))
 
 
-def ellipsoid_of(parts: Parts) -> model.EllipsoidSpec | None:
+def ellipsoid_of(parts: Tables) -> model.EllipsoidSpec | None:
     """Return the ellipsoid of the job, None where none is known."""
     table = parts.get("ellipsoid")
     if table is None:
         return None
-    values = {name: table[f"ellipsoid.{name}"][0].item() for name in ("name", "semi_major_axis")}
-    flattening = table["ellipsoid.inverse_flattening"][0].item()
-    axis = values["semi_major_axis"]
-    if values["name"]:
-        return model.EllipsoidSpec(name=values["name"])
+    name, axis, flattening = (
+        table[f"ellipsoid.{name}"][0].item() for name in ("name", "semi_major_axis", "inverse_flattening")
+    )
+    if name:
+        return model.EllipsoidSpec(name=name)
     return model.EllipsoidSpec(semi_major_axis=axis, inverse_flattening=flattening)
 
 
-def is_raw(parts: Parts) -> bool:
+def is_raw(parts: Tables) -> bool:
     """Return whether the plate coordinates are comparator readings."""
     table = parts.get("reduction", {})
     return any(str(plates) == model.Plates.RAW for plates in table.get("reduction.plates", ()))
 
 
-def missing_parts(parts: Parts) -> list[Problem]:
+def missing_parts(parts: Tables) -> list[Problem]:
     """Return what a block must have and the parts do not."""
     lacks = []
     if "options" not in parts:
@@ -211,20 +163,14 @@ def missing_parts(parts: Parts) -> list[Problem]:
     return [Problem(message=f"{message}; give a deck that says it") for message in lacks]
 
 
-def block_of(parts: Parts) -> model.Block:
+def block_of(parts: Tables) -> model.Block:
     """Return the block that the parts make; raises `DeckError` for what they lack."""
     family = card_family()
     problems = missing_parts(parts)
     if problems:
         raise DeckError(problems)
-    empty = _nothing()
-    roles = roles_of(family)
-    rows = {}
-    for role, nothing in empty.items():
-        table = nothing if role in system_rows.TABLES else parts.get(role) or nothing
-        nowhere = np.zeros(size(table), dtype=np.int64)
-        specs = roles.get(role, ())
-        rows[role] = Rows(role=role, specs=specs, kind=nowhere, lines=nowhere, values=dict(table))
+    said = {role: table for role, table in parts.items() if role not in system_rows.TABLES}
+    rows = {role: Rows.of(role, roles_of(family)[role], said.get(role) or nothing(role)) for role in ROLES}
     draft = draft_of_rows(rows, read_cards(b"", family))
     try:
         block = assembly.block_of(draft)
@@ -234,7 +180,7 @@ def block_of(parts: Parts) -> model.Block:
     return replace(block, given_in=given_in, stated_in=stated_in)
 
 
-def merged(given: Parts, read: Parts) -> Parts:
+def merged(given: Tables, read: Tables) -> Tables:
     """Return the parts that files `read`, and `given` for the rest.
 
     A table that the files hold stands in the place of the given one. Attributes that they do not hold come from the
@@ -267,27 +213,12 @@ def _same_rows(role: str, table: Table, given: Table | None) -> tuple[Array, Arr
     """Return (k,) rows of the given table with the same identification, and (k,) where there is one."""
     if given is None or role not in KEYS:
         return np.zeros(0, dtype=int), np.zeros(size(table), dtype=bool)
-    places = {key: row for row, key in reversed(list(enumerate(_keys(role, given))))}
-    rows = np.array([places.get(key, -1) for key in _keys(role, table)], dtype=int)
+    places = {key: row for row, key in reversed(list(enumerate(keys_of(role, given))))}
+    rows = np.array([places.get(key, -1) for key in keys_of(role, table)], dtype=int)
     return rows, rows >= 0
 
 
-def _keys(role: str, table: Mapping[str, Array]) -> list[tuple[str, ...]]:
-    return list(zip(*(table[path].tolist() for path in KEYS[role]), strict=True))
-
-
-def repeated(role: str, table: Mapping[str, Array]) -> list[int]:
-    """Return the rows whose identification an earlier row has."""
-    seen: set[tuple[str, ...]] = set()
-    rows = []
-    for row, key in enumerate(_keys(role, table)) if role in KEYS else ():
-        if key in seen:
-            rows.append(row)
-        seen.add(key)
-    return rows
-
-
-def _add_cameras(parts: Parts) -> None:
+def _add_cameras(parts: Tables) -> None:
     """Give photos without camera the only one that there is."""
     stations, cameras = parts.get("stations"), parts.get("cameras")
     if stations is None or cameras is None or len(cameras["cameras.ids"]) != 1:
@@ -296,7 +227,7 @@ def _add_cameras(parts: Parts) -> None:
     parts["stations"] = stations | {"photos.camera": np.where(camera == "", cameras["cameras.ids"][0], camera)}
 
 
-def _add_flags(parts: Parts, given: Parts) -> None:
+def _add_flags(parts: Tables, given: Tables) -> None:
     """Flag the points that the given deck flags, on every row of theirs."""
     flags: dict[str, list[str]] = {flag: [] for flag in POINT_FLAGS}
     for source in (given, parts):
@@ -304,45 +235,3 @@ def _add_flags(parts: Parts, given: Parts) -> None:
             for flag, ids in flags.items() if role in source else ():
                 ids.extend(source[role][f"{role}.point"][source[role][flag].astype(bool)].tolist())
     parts.update({role: with_flags(role, table, flags) for role, table in parts.items()})
-
-
-def role_of(path: str, paths: Iterable[str]) -> str:
-    """Return the role that an attribute belongs to, on a row that has all `paths`."""
-    table, _, name = path.partition(".")
-    if table == "points":
-        tables = {one.partition(".")[0] for one in paths}
-        return "control" if "control" in tables else "plates"
-    return columns(mapping.TABLES[table])[name].role or ("stations" if table == "photos" else table)
-
-
-def noun_of(path: str) -> str:
-    """Return what an attribute is called where it cannot be held."""
-    table, _, name = path.partition(".")
-    return columns(mapping.TABLES[table])[name].noun or name.replace("_", " ")
-
-
-def noun_of_role(role: str) -> str:
-    """Return what a row of a role is called."""
-    return _NOUNS.get(role, role.replace("_", " ").removesuffix("s"))
-
-
-# Where it is not the name of the role.
-_NOUNS = {
-    "options": "option card",
-    "more_options": "card of further options",
-    "water": "water card",
-    "water_conditions": "card of water conditions",
-    "wave_sigmas": "wave sigma card",
-    "distortion": "distortion record",
-    "fiducials": "calibrated fiducial mark",
-    "plates": "plate measurement",
-    "control": "control point",
-    "equal_elevations": "equal elevation card",
-    "reduction": "reduction card",
-    "orientation": "orientation card",
-    "comparator": "comparator card",
-    "lenses": "lens record",
-    "mark_distances": "calibrated mark distance",
-    "reseau": "calibrated reseau mark",
-    "cross_measurements": "reseau measurement",
-}

@@ -18,9 +18,10 @@ from musatpy.formats.cards.codec import Column
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import identities, raw, references, values, zeros
-from musatpy.formats.draft import Draft, Rows, draft_of, draft_of_rows, naming, roles_of
-from musatpy.formats.musat import card_family, has_errors
-from musatpy.formats.parts import Table, parts_of, size
+from musatpy.formats.draft import Draft, draft_of, draft_of_rows
+from musatpy.formats.job_tables import Rows, Table, card_family, naming, roles_of, size
+from musatpy.formats.musat import has_errors
+from musatpy.formats.parts import parts_of
 from musatpy.model import Block, PlateMeasurements, Points
 from musatpy.model.compilation import StageReadings, StereomodelSpecs
 from musatpy.model.tables import empty
@@ -67,7 +68,7 @@ def cards_of(plates: Block) -> Iterator[tuple[CardSpec, dict[str, Column]]]:
     family = card_family()
     wanted = {role for role, specs in roles_of(family).items() if any(spec.mnemonic in CARDS for spec in specs)}
     tables = {role: table for role, table in parts_of(plates).items() if role in wanted}
-    cards = assembly.cards_of_values(tables, geographic=False, family=family)
+    cards = assembly.cards_of_tables(tables, family, system=None)
     yield from (card for card in cards if card[0].mnemonic in CARDS)
 
 
@@ -93,15 +94,11 @@ def _draft(deck: CardDeck, plates: Table, lines: IntArray, run: Block) -> Draft:
     card = rows["reduction"].lines
     parts = parts_of(replace(run, points=empty(Points), plates=empty(PlateMeasurements)))
     for role in _OF_RUN:
-        rows[role] = _rows(role, specs[role], np.repeat(card, size(parts[role])), parts[role])
+        rows[role] = Rows.of(role, specs[role], parts[role], np.repeat(card, size(parts[role])))
     known = np.isin(plates["plates.photo"], run.photos.ids) & np.isfinite(plates["plates.xy"]).all(axis=1)
     kept = {path: column[known] for path, column in plates.items()}
-    rows["plates"] = _rows("plates", specs["plates"], np.tile(lines, 2)[known], kept)
+    rows["plates"] = Rows.of("plates", specs["plates"], kept, np.tile(lines, 2)[known])
     return draft_of_rows(rows, interior)
-
-
-def _rows(role: str, specs: tuple[CardSpec, ...], lines: IntArray, values: Table) -> Rows:
-    return Rows(role=role, specs=specs, kind=np.zeros(len(lines), dtype=np.int64), lines=lines, values=values)
 
 
 def _strangers(draft: Draft, run: Block, models: StereomodelSpecs) -> Iterator[Problem]:

@@ -14,7 +14,7 @@ from musatpy.errors import DeckError, Problem, ProblemsError
 from musatpy.files import write_files
 from musatpy.formats import parts, system_rows
 from musatpy.formats.cards.spec import card_formats_folder
-from musatpy.formats.parts import Parts
+from musatpy.formats.job_tables import KEYS, Table, Tables, is_said, noun_of, noun_of_role, size
 from musatpy.formats.records.frames import JobFrame
 from musatpy.formats.records.layout import FileSpec
 from musatpy.formats.records.loading import load_files
@@ -125,7 +125,7 @@ class RecordSet:
 
     # --- parts ---
 
-    def read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
+    def read(self, path: Path, given: Tables) -> tuple[Tables, tuple[Problem, ...]]:
         """Return what the files say, completed by `given`, and warnings.
 
         Raises `DeckError` with every problem of every file, and `OSError`.
@@ -135,14 +135,14 @@ class RecordSet:
         except ProblemsError as error:  # some are of no file: what they lack
             raise DeckError(replace(one, file=one.file or str(path)) for one in error.problems) from error
 
-    def _read(self, path: Path, given: Parts) -> tuple[Parts, tuple[Problem, ...]]:
+    def _read(self, path: Path, given: Tables) -> tuple[Tables, tuple[Problem, ...]]:
         files = self.found(path)
         if not files:
             expected = ", ".join(self.patterns)
             raise DeckError([Problem(file=str(path), message=f"no file of the family {self.name} ({expected})")])
         frame = _frame(given)
         problems: list[Problem] = []
-        tables_of: dict[str, list[parts.Table]] = {}
+        tables_of: dict[str, list[Table]] = {}
         for file, place in files.items():
             read = read_records(place.read_bytes(), resolved(file, frame), str(place))
             problems += read.problems
@@ -162,12 +162,12 @@ class RecordSet:
         return result, tuple(problems)
 
     @staticmethod
-    def _parts(read: RecordFile, frame: JobFrame) -> tuple[Parts, list[Problem]]:
+    def _parts(read: RecordFile, frame: JobFrame) -> tuple[Tables, list[Problem]]:
         if any(problem.severity == "error" for problem in read.problems):
             return {}, []  # rows are missing: what is wrong between them says nothing
         return parts_of_file(read, frame)
 
-    def render(self, given: Parts, path: Path, stem: str = "block") -> Rendered:
+    def render(self, given: Tables, path: Path, stem: str = "block") -> Rendered:
         """Return the files that have something to say, and what they leave out.
 
         Raises `DeckError` with every value that a file cannot hold.
@@ -208,7 +208,7 @@ class RecordSet:
         write_files(rendered.contents)
         return rendered.left_out
 
-    def left_out(self, given: Parts) -> tuple[str, ...]:
+    def left_out(self, given: Tables) -> tuple[str, ...]:
         """Return what of the parts the family cannot hold, one line each."""
         holds = held(self.files)
         lines: list[str] = []
@@ -219,10 +219,10 @@ class RecordSet:
         elif geographic and any(file.rectangular for file in self.files) and {"stations", "control"} & set(given):
             lines.append(f"{self.name} holds rectangular coordinates: geocentric ones are written")
         for role, table in given.items():
-            if not parts.size(table) or role in system_rows.TABLES:
+            if not size(table) or role in system_rows.TABLES:
                 continue
             if role not in holds:
-                lines.append(_line(self.name, f"{parts.noun_of_role(role)}s", parts.size(table)))
+                lines.append(_line(self.name, f"{noun_of_role(role)}s", size(table)))
                 continue
             lines += self._rows_left_out(role, table, given, holds)
             lines += _attributes_left_out(self.name, role, table, holds[role])
@@ -235,7 +235,7 @@ class RecordSet:
             return f"coordinates of {stated.system.text}, attitudes {stated.axes_text}"
         return f"coordinates and attitudes of {stated.system.text}"
 
-    def _rows_left_out(self, role: str, table: parts.Table, given: Parts, holds: dict[str, set[str]]) -> list[str]:
+    def _rows_left_out(self, role: str, table: Table, given: Tables, holds: dict[str, set[str]]) -> list[str]:
         lines = []
         if role == "plates" and "plates.triangulated" not in holds[role]:
             out = int((~table["plates.triangulated"].astype(bool)).sum())
@@ -260,9 +260,9 @@ class RecordSet:
     def _only(file: FileSpec, leaf: str) -> FileSpec:
         return replace(file, records=file.chain(file.record(leaf)))
 
-    def _control_left_out(self, table: parts.Table, given: Parts) -> list[str]:
+    def _control_left_out(self, table: Table, given: Tables) -> list[str]:
         frame = _frame(given)
-        fits = np.zeros(parts.size(table), dtype=bool)
+        fits = np.zeros(size(table), dtype=bool)
         for file in self.files:
             for leaf in file.leaves():
                 if "control" in held([self._only(file, leaf.name)]):
@@ -275,7 +275,7 @@ class RecordSet:
         return lines
 
 
-def _frame(given: Parts) -> JobFrame:
+def _frame(given: Tables) -> JobFrame:
     """Return the coordinates of the job as the files have them."""
     return JobFrame(parts.system_of(given), parts.ellipsoid_of(given), parts.statement_of(given))
 
@@ -284,12 +284,12 @@ def _line(family: str, what: str, count: int) -> str:
     return f"{family} holds no {what}: {count} left out"
 
 
-def _attributes_left_out(family: str, role: str, table: parts.Table, holds: set[str]) -> list[str]:
+def _attributes_left_out(family: str, role: str, table: Table, holds: set[str]) -> list[str]:
     lines = []
     for path, column in table.items():
-        if path in holds or path in (*parts.KEYS.get(role, ()), "plates.triangulated", "control.kind"):
+        if path in holds or path in (*KEYS.get(role, ()), "plates.triangulated", "control.kind"):
             continue
-        count = int(parts.is_said(path, column).sum())
+        count = int(is_said(path, column).sum())
         if count:
-            lines.append(_line(family, f"{parts.noun_of(path)} of {parts.noun_of_role(role)}s", count))
+            lines.append(_line(family, f"{noun_of(path)} of {noun_of_role(role)}s", count))
     return lines

@@ -9,7 +9,8 @@ import numpy as np
 
 from musatpy.arrays import IntArray, TextArray
 from musatpy.errors import Problem
-from musatpy.formats.draft import Draft, naming, table_of
+from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import naming, table_of
 
 _READ_AGAIN = ("plates", "fiducial_measurements")  # of raw plates, whose readings are no measurements
 

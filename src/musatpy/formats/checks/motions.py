@@ -14,8 +14,9 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.formats.checks.headings import plan
 from musatpy.formats.checks.system_use import fits_system
-from musatpy.formats.draft import ROLES, Draft
+from musatpy.formats.draft import Draft
 from musatpy.formats.draft_rays import Rays
+from musatpy.formats.job_tables import ROLES
 from musatpy.model import CoordinateSystem, Program
 
 MOTIONS = 7

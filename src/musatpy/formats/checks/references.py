@@ -10,7 +10,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.errors import Problem
-from musatpy.formats.draft import Draft, naming
+from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import naming
 
 _UNUSED = "point {{}} is measured on no photo: its {} cannot be used"
 # What is to be measured: its table, the role that names it, and what is said of it where it is not.

@@ -12,7 +12,8 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardTable
 from musatpy.formats.cards.spec import FieldSpec
-from musatpy.formats.draft import ROLES, Draft, table_of
+from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import ROLES, table_of
 from musatpy.model import ControlKind, CoordinateSystem
 from musatpy.units import ARC_SECOND, DEGREE
 

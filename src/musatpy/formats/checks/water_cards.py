@@ -11,7 +11,8 @@ from musatpy.arrays import IntArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.checks.system_use import fits_system
-from musatpy.formats.draft import POINT_FLAGS, Draft
+from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import POINT_FLAGS
 from musatpy.model import CoordinateSystem, Program, Refraction, WaterConditions
 from musatpy.model.water import USUAL_INDICES, index_fault
 

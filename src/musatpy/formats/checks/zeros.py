@@ -13,8 +13,9 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.errors import Problem
 from musatpy.formats.checks.headings import photo_pairs
-from musatpy.formats.draft import ROLES, Draft
+from musatpy.formats.draft import Draft
 from musatpy.formats.draft_rays import common_rays, rays_of
+from musatpy.formats.job_tables import ROLES
 
 _NEAR = 30.0  # mm: so well the images of another photo say where one is
 _AROUND = 3.0  # extents of all other positions, beyond which zeros are no position

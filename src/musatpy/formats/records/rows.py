@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.formats import mapping, parts
-from musatpy.formats.parts import Parts, Table
+from musatpy.formats.job_tables import KEYS, Table, Tables, blank, noun_of_role, repeated, role_of, size
 from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
 from musatpy.formats.records.frames import JobFrame
 from musatpy.formats.records.layout import FileSpec, RecordSpec
@@ -93,7 +93,7 @@ def check_targets(file: FileSpec) -> None:
         try:
             paths = {slot.path for slot in mapping.slots(row)}
             for path in (*paths, *(path for path, _ in leaf.constants)):
-                role = parts.role_of(path, paths)
+                role = role_of(path, paths)
                 if path not in parts.held_attributes(role):
                     raise CardFormatError(f"{leaf.name}: target: '{path}' cannot be held")
             roles = roles_of_row(paths)
@@ -109,14 +109,14 @@ def check_targets(file: FileSpec) -> None:
 def roles_of_row(paths: Iterable[str]) -> list[str]:
     """Return the roles of which a row with these model attributes says more than the identification."""
     paths = sorted(paths)
-    attributes = [path for path in paths if not any(path in keys for keys in parts.KEYS.values())]
-    return list(dict.fromkeys(parts.role_of(path, paths) for path in attributes or paths))
+    attributes = [path for path in paths if not any(path in keys for keys in KEYS.values())]
+    return list(dict.fromkeys(role_of(path, paths) for path in attributes or paths))
 
 
 # --- reading ---
 
 
-def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Problem]]:
+def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Tables, list[Problem]]:
     """Return what a file says, and what is wrong between its rows."""
     tables_of: dict[str, list[tuple[Table, RowTable]]] = {}
     problems: list[Problem] = []
@@ -125,7 +125,7 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Proble
             problems += _no_rotations(file, rows)
             for role, table in _tables(file.spec, rows, frame).items():
                 tables_of.setdefault(role, []).append((table, rows))
-    result: Parts = {}
+    result: Tables = {}
     for role, tables in tables_of.items():
         for table, rows in tables:
             _require_keys(file.spec, role, table)
@@ -140,9 +140,9 @@ def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Parts, list[Proble
 
 def _require_keys(spec: FileSpec, role: str, table: Table) -> None:
     """Raise `CardFormatError` where no field of a file says by which name a row is known."""
-    for path in parts.KEYS.get(role, ()):
+    for path in KEYS.get(role, ()):
         if path not in table:
-            message = f"no field has the target {path}, which names each {parts.noun_of_role(role)}"
+            message = f"no field has the target {path}, which names each {noun_of_role(role)}"
             raise CardFormatError(f"{spec.family}, {spec.file}: {message}")
 
 
@@ -162,18 +162,18 @@ def _no_rotations(file: RecordFile, rows: RowTable) -> list[Problem]:
 def _repeated(file: RecordFile, role: str, table: Table, rows: RowTable) -> list[Problem]:
     if file.spec.fiducials and role == "plates":
         return []  # a mark may have the name of a point
-    noun = parts.noun_of_role(role)
+    noun = noun_of_role(role)
     return [
         problem_of(
             file,
             int(rows.lines[row]),
-            f"{noun} {' '.join(str(table[path][row]) for path in parts.KEYS[role])} is given twice",
+            f"{noun} {' '.join(str(table[path][row]) for path in KEYS[role])} is given twice",
         )
-        for row in parts.repeated(role, table)
+        for row in repeated(role, table)
     ]
 
 
-def _tables(spec: FileSpec, rows: RowTable, frame: JobFrame) -> Parts:
+def _tables(spec: FileSpec, rows: RowTable, frame: JobFrame) -> Tables:
     """Return the tables of one kind of row, by role."""
     columns: dict[str, Array] = dict(rows.columns)
     for head, pieces in _several(spec, rows.record).items():
@@ -184,10 +184,10 @@ def _tables(spec: FileSpec, rows: RowTable, frame: JobFrame) -> Parts:
     for path, letter in rows.record.constants:
         values[path] = np.full(len(rows), mapping.CODES[path][letter])
     _to_model(spec, row, values, frame)
-    tables: Parts = {role: {} for role in roles_of_row(values)}
+    tables: Tables = {role: {} for role in roles_of_row(values)}
     for role, table in tables.items():
-        keys = parts.KEYS.get(role, ())
-        table.update({p: column for p, column in values.items() if p in keys or parts.role_of(p, values) == role})
+        keys = KEYS.get(role, ())
+        table.update({p: column for p, column in values.items() if p in keys or role_of(p, values) == role})
     return tables
 
 
@@ -242,10 +242,9 @@ def joined(role: str, tables: list[Table]) -> Table:
     """Return the rows of several tables; the horizontal and the vertical part of a control point become one."""
     paths = dict.fromkeys(path for table in tables for path in table)
     table = {
-        path: np.concatenate([one.get(path, parts.blank(role, path, parts.size(one))) for one in tables])
-        for path in paths
+        path: np.concatenate([one.get(path, blank(role, path, size(one))) for one in tables]) for path in paths
     }
-    if role == "control" and _KIND in table and parts.repeated(role, table):
+    if role == "control" and _KIND in table and repeated(role, table):
         return _joined_control(table)
     return table
 
@@ -276,11 +275,11 @@ def _joined_control(table: Table) -> Table:
     return {path: column[keep] for path, column in columns.items()}
 
 
-def _split_fiducials(file: RecordFile, result: Parts) -> list[Problem]:
+def _split_fiducials(file: RecordFile, result: Tables) -> list[Problem]:
     """Move the first measurements of each photo to the fiducial measurements."""
     table, wanted = result["plates"], file.spec.fiducials
     seen: dict[str, int] = {}
-    is_mark = np.zeros(parts.size(table), dtype=bool)
+    is_mark = np.zeros(size(table), dtype=bool)
     for row, photo in enumerate(table["plates.photo"].tolist()):
         is_mark[row] = seen.setdefault(photo, 0) < wanted
         seen[photo] += 1
@@ -291,7 +290,7 @@ def _split_fiducials(file: RecordFile, result: Parts) -> list[Problem]:
     }
     result["plates"] = {path: column[~is_mark] for path, column in table.items()}
     few = [photo for photo, count in seen.items() if count < wanted]
-    count = parts.size(result["plates"])
+    count = size(result["plates"])
     readings = f"{count} plate measurements are readings of the comparator, as the fiducial marks are: not refined"
     message = "photo {}: {} measurements; the first {} are its fiducial marks"
     return [Problem(file=file.file, message=message.format(photo, seen[photo], wanted)) for photo in few] or [
@@ -302,7 +301,7 @@ def _split_fiducials(file: RecordFile, result: Parts) -> list[Problem]:
 # --- writing ---
 
 
-def rows_of_parts(spec: FileSpec, given: Parts, frame: JobFrame) -> dict[str, Columns]:
+def rows_of_parts(spec: FileSpec, given: Tables, frame: JobFrame) -> dict[str, Columns]:
     """Return the rows of a file that say the parts, by the name of the record that ends them.
 
     Raises `DeckError` for parts that the file needs and that are not there.
@@ -341,14 +340,14 @@ def paths_of(spec: FileSpec, leaf: RecordSpec) -> set[str]:
     return {slot.path for slot in mapping.slots(row_of(spec, leaf))} | {path for path, _ in leaf.constants}
 
 
-def _row_table(spec: FileSpec, leaf: RecordSpec, row: Row, given: Parts, frame: JobFrame) -> Table | None:
+def _row_table(spec: FileSpec, leaf: RecordSpec, row: Row, given: Tables, frame: JobFrame) -> Table | None:
     """Return the attributes of a kind of row, in the units of the model, for the rows that can be written."""
     paths = paths_of(spec, leaf)
     roles = roles_of_row(paths)
     if any(role not in given for role in roles):
         return None
     table = _together(roles, given)
-    keep = np.ones(parts.size(table), dtype=bool)
+    keep = np.ones(size(table), dtype=bool)
     if "plates" in roles and "plates.triangulated" not in paths:
         keep &= table["plates.triangulated"].astype(bool)
     if "control" in roles:
@@ -358,12 +357,12 @@ def _row_table(spec: FileSpec, leaf: RecordSpec, row: Row, given: Parts, frame: 
     return table if keep.any() else None
 
 
-def _together(roles: list[str], given: Parts) -> Table:
+def _together(roles: list[str], given: Tables) -> Table:
     """Return the rows that all roles have, by the identification of the first."""
     table = dict(given[roles[0]])
     for role in roles[1:]:
         other = given[role]
-        (path,) = parts.KEYS[role]
+        (path,) = KEYS[role]
         places = {key: row for row, key in enumerate(other[path].tolist())}
         both = [row for row, key in enumerate(table[path].tolist()) if key in places]
         rows = [places[table[path][row]] for row in both]
@@ -415,7 +414,7 @@ def _from_model(spec: FileSpec, row: Row, table: Table, frame: JobFrame) -> None
             table[path] = frame.file_position(spec, table[path])
 
 
-def _with_fiducials(spec: FileSpec, given: Parts) -> Parts:
+def _with_fiducials(spec: FileSpec, given: Tables) -> Tables:
     """Return parts whose plate measurements begin, photo by photo, with the fiducial measurements.
 
     Raises `DeckError` with every photo that has another number of them than the file wants.
@@ -439,7 +438,7 @@ def _with_fiducials(spec: FileSpec, given: Parts) -> Parts:
         "plates.photo": marks["fiducial_measurements.photo"],
         "plates.point": marks["fiducial_measurements.ids"],
         "plates.xy": marks["fiducial_measurements.xy"],
-        "plates.triangulated": np.ones(parts.size(marks), dtype=bool),
+        "plates.triangulated": np.ones(size(marks), dtype=bool),
     } if marks else {}  # fmt: skip
     tables = [table for table in (as_plates, plates) if table]
     if not tables:
@@ -449,7 +448,7 @@ def _with_fiducials(spec: FileSpec, given: Parts) -> Parts:
     return given | {"plates": {path: column[order] for path, column in table.items()}}
 
 
-def with_origin(given: Parts, *, at_principal_point: bool) -> Parts:
+def with_origin(given: Tables, *, at_principal_point: bool) -> Tables:
     """Return parts with image coordinates about the principal point, or those parts as a deck has them.
 
     Raises `DeckError` where the camera of a photo, which has the principal point, is not known.
@@ -481,7 +480,7 @@ def held(files: Iterable[FileSpec]) -> dict[str, set[str]]:
         for leaf in file.leaves():
             paths = paths_of(file, leaf)
             for path in paths:
-                by_role.setdefault(parts.role_of(path, paths), set()).add(path)
+                by_role.setdefault(role_of(path, paths), set()).add(path)
         if file.fiducials:
             by_role["fiducial_measurements"] = {f"fiducial_measurements.{name}" for name in ("photo", "ids", "xy")}
     return by_role
