@@ -106,21 +106,19 @@ def read_record(
 
 
 def known_of(
-    record: Any, path: Path, needs: Needs, leave: Container[str] = (), *, schema: Schema | None = None
+    record: Any, path: Path, leave: Container[str] = (), *, schema: Schema | None = None
 ) -> dict[str, Any]:
     """Return what a record, the content of a file, has of what a schema knows: tables as columns.
 
-    Only `needs` must be there: what else is missing, fields of tables too, is missing in what is returned, as of
-    records of earlier versions; fields to `leave` are not looked at. The schema is that of runs where none is
-    given. Raises `RecordError` as `read_record` does.
+    Fields to `leave` are not looked at. The schema is that of runs where none is given. Raises `RecordError` as
+    `read_record` does.
     """
     schema = _schema() if schema is None else schema
     _refuse_other_schemas(record, schema, path, "run")
     version = next(iter(schema["properties"]))
-    fields = {
-        name: _loose(of, needs.get(name, ())) for name, of in schema["properties"].items() if name not in leave
-    }
-    wanted = {"type": "object", "required": list(needs), "properties": {**fields, version: {"type": "string"}}}
+    fields = {name: of for name, of in schema["properties"].items() if name not in leave}
+    required = [name for name in schema["required"] if name not in leave]
+    wanted = {"type": "object", "required": required, "properties": {**fields, version: {"type": "string"}}}
     record = _together(record, wanted, schema, path)
     return _wanted_of(record, wanted, schema, path)
 
@@ -181,15 +179,6 @@ def _together(record: dict[str, Any], wanted: Schema, schema: Schema, path: Path
     narrowed["properties"]["plates"] = {**plates, "required": [*plates["required"], *FIELDS]}
     _hold_against(record, narrowed, schema, path)
     return with_images(record)
-
-
-def _loose(schema: Schema, required: Sequence[str] = ()) -> Schema:
-    """Return a schema of which no more is required than these fields."""
-    schema = _resolved(schema)
-    if "properties" in schema:
-        fields = {name: _loose(of) for name, of in schema["properties"].items()}
-        return {**schema, "required": list(required), "properties": fields}
-    return {**schema, "items": _loose(schema["items"], required)} if "items" in schema else schema
 
 
 @cache

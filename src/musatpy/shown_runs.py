@@ -73,7 +73,7 @@ def write_page(result: RunResult) -> Path:
 
     Raises `MusatError` without jinja2 or matplotlib, and `OSError`.
     """
-    from musatpy.page.records import LEFT, page_of_tables
+    from musatpy.page.composition import LEFT, page_of_tables
     from musatpy.reports.record import tables
 
     stem = _stem(result)

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from musatpy.image_observations import with_images
-from musatpy.page.records import page_of_record
+from musatpy.page.composition import page_of_record
 from musatpy.runs import run_deck
 
 ROOT = Path(__file__).parents[2]

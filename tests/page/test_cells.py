@@ -5,16 +5,13 @@ import os
 import shutil
 from urllib.parse import unquote
 
-import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 from campaign.batches import ST_THOMAS, musat
-from musatpy.page import compilation_page, run_tables
+from musatpy.page import compilation_page, run_page
 from musatpy.page.cells import angle_text, cell_text, number_text
-from musatpy.page.flight import hull_area
 from musatpy.page.index_page import JobRow, index_html
-from musatpy.page.stated import Shown
+from musatpy.page.page_tables import PageReport
 from musatpy.reports import (
     compilation,
     compilation_bottom,
@@ -61,28 +58,6 @@ def test_angles_carry_and_have_no_sign_at_zero():
     assert number_text(-0.0, 1) == "0.0"
 
 
-RNG = np.random.default_rng(5)
-
-
-@pytest.mark.parametrize("number", [3, 4, 17, 400])
-def test_the_area_of_a_hull_is_that_of_qhull(number: int) -> None:
-    for scale in ([1.0, 1.0], [1000.0, 1.0]):
-        places = RNG.normal(size=(number, 2)) * scale + [5e5, 5e6]
-        assert hull_area(places) == pytest.approx(ConvexHull(places).volume, rel=1e-7)
-
-
-def test_a_grid_has_the_area_of_its_outline() -> None:
-    x, y = np.meshgrid(np.arange(11.0), np.arange(6.0))
-    assert hull_area(np.column_stack([x.ravel(), y.ravel()])) == pytest.approx(50.0)
-
-
-@pytest.mark.parametrize(
-    "places", [[[0.0, 0.0]], [[0.0, 0.0], [1.0, 1.0]], [[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]], [[3.0, 3.0]] * 4]
-)
-def test_a_line_has_no_area(places: list[list[float]]) -> None:
-    assert hull_area(np.array(places)) == pytest.approx(0.0, abs=1e-12)
-
-
 LEFT_OUT = {
     # input: what was measured and given stands in the deck; cameras and tides are shown
     *(report.title for report in echo.STATED),
@@ -99,7 +74,7 @@ LEFT_OUT = {
 
 def shown(module):
     values = [value for value in vars(module).values() if isinstance(value, tuple)]
-    return {part.title for value in values for part in value if isinstance(part, Shown)}
+    return {part.title for value in values for part in value if isinstance(part, PageReport)}
 
 
 def test_tables_of_runs():
@@ -110,7 +85,7 @@ def test_tables_of_runs():
         if isinstance(report, Report) and report.layout in ("rows", "texts")
     }
     assert len(titles) > 35
-    assert titles - LEFT_OUT <= shown(run_tables)
+    assert titles - LEFT_OUT <= shown(run_page)
 
 
 def test_tables_of_compilations():

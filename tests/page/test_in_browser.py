@@ -14,8 +14,8 @@ import pytest
 from musatpy.as11_comparisons import SoundingOutputs, compare_soundings
 from musatpy.as11_runs import compile_deck
 from musatpy.compilation.sounded import Matching
+from musatpy.page.composition import page_of_record
 from musatpy.page.index_page import JobRow, index_html
-from musatpy.page.records import page_of_record
 from page.browser import browser, chromium
 from page.pages import ROOT, ST_THOMAS, written
 

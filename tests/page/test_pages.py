@@ -5,10 +5,11 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from musatpy.errors import MusatError, RecordError
 from musatpy.page import rendering
-from musatpy.page.records import page_of_record
+from musatpy.page.composition import page_of_record
 from musatpy.units import ARC_SECOND, DEGREE
 from page.pages import ROOT, ST_THOMAS, Reader, read, record, record_text, written
 
@@ -18,7 +19,7 @@ HOSTILE = "<img src=x onerror=alert(1)>"
 @pytest.fixture(autouse=True)
 def _without_pictures(monkeypatch):
     """Pictures take most of the time, and have tests of their own."""
-    monkeypatch.setattr("musatpy.page.run_page.GALLERY", ())
+    monkeypatch.setattr("musatpy.page.composition.pictures", lambda *_: ())
 
 
 @pytest.fixture
@@ -180,30 +181,18 @@ def test_names_are_escaped(tmp_path):
     assert "\x1b" not in html and "\u202e" not in html
 
 
-def test_fields_that_a_record_lacks_are_left_out(tmp_path):
-    whole = record()
-    kept = {name: whole[name] for name in ("schema_version", "options", "solution", "stations", "points")}
-    kept["stations"] = {name: whole["stations"][name] for name in ("photo", "camera", "position")}
-    reader = read(written(tmp_path, json.dumps(kept)))
-    assert "DOUBTFUL" in reader.text  # of the time before verdicts
-    assert [row["Photo"] for row in reader.rows("Adjusted Exposure Stations: Positions")] == ["21", "22", "23"]
-    assert "Sigma East m" not in reader.tables["Adjusted Exposure Stations: Positions"][0]
-    assert "No control point or check point" in reader.text
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [name for name in record() if name not in ("schema_version", "options", "solution")]
-)
-def test_any_table_may_be_missing_or_is_asked_for(tmp_path, name):
+def test_a_table_that_is_missing_is_asked_for(tmp_path):
     kept = record()
-    del kept[name]
-    path = written(tmp_path, json.dumps(kept))
-    if name in ("stations", "points"):
-        with pytest.raises(RecordError, match=f"{name}: is missing"):
-            page_of_record(path)
-    else:
-        assert "Adjusted Exposure Stations" in read(path).text
+    del kept["control"], kept["stations"]["attitude"]
+    with pytest.raises(RecordError, match=r"(?s)stations.attitude: is missing.*control: is missing"):
+        page_of_record(written(tmp_path, json.dumps(kept)))
+
+
+def test_a_record_without_images_has_a_page(tmp_path):
+    kept = json.loads(record_text())
+    del kept["plates"]
+    kept["content"] = "tables"
+    assert "Adjusted Exposure Stations" in read(written(tmp_path, json.dumps(kept))).text
 
 
 @pytest.mark.parametrize(
@@ -265,6 +254,8 @@ def test_positions_in_the_output_system(tmp_path):
 def test_columns_of_a_local_job(tmp_path):
     local = ROOT / "fixtures" / "verdict" / "iiia_false_minimum.crd"
     page = read(written(tmp_path, record_text(local)))
+    places = np.array(json.loads(record_text(local))["points"]["position"], dtype=float)
+    assert f"Area{ConvexHull(places[:, :2]).volume / 1e6:.2f} km²" in page.text
     assert page.tables["Adjusted Exposure Stations: Positions"][0][2:5] == ["X m", "Y m", "Z m"]
     assert "Sigma X m" in page.tables["Adjusted Ground Points"][0]
 

@@ -29,10 +29,10 @@ def command(record: Path, out: Path | None, inputs: tuple[Path, ...], quiet: boo
     """Make a page of the record of a run, a compilation (`as11 compile`) or a comparison (`compare-soundings`).
 
     One HTML file with pictures, without scripts, that needs no network: verdict, data, accuracy, pictures, worst
-    observations, tables. The record may be of an earlier version. Needs jinja2 and matplotlib.
+    observations, tables. Needs jinja2 and matplotlib.
     """
     from musatpy.files import write_file
-    from musatpy.page.records import page_of_record
+    from musatpy.page.composition import page_of_record
 
     place = record.with_suffix(".html") if out is None else out
     refuse_overwriting([place], [record, *inputs])

@@ -5,26 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.page.cells import cell_text, count_of
+from musatpy.page.page_tables import page_table
+from musatpy.page.rendering import PageTable
 from musatpy.plots.tables import Tables, flags, numbers, part, rows_of, texts
-from musatpy.soundings.s44 import orders_met, survey_orders
+from musatpy.reports import analyses
+from musatpy.soundings.s44 import orders_met, source, survey_orders
 from musatpy.statistics.differences import DifferenceStatistics, difference_statistics
 
-AXES = {"LOCL": ("X", "Y", "Z")}
+SAMPLES = "Control And Check Points: Adjusted Minus Given"
+ORDERS = "Orders Of S-44 Met By The Depths"
+CONTROL, CHECKS = "Control", "Check points"
+_AXES = {"LOCL": ("X", "Y", "Z")}
 _EAST_NORTH_UP = ("East", "North", "Up")
-_CHECK = "check"
+_ANGLE = "rad"
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sample:
-    """Differences of one component in numbers: adjusted minus given, in metres."""
-
-    what: str  # control or check points
-    component: str
-    statistics: DifferenceStatistics
+Samples = dict[tuple[str, str], DifferenceStatistics]  # by control or check points, and component; metres
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,14 +35,7 @@ class Depths:
     ids: TextArray  # (k,)
     depth: FloatArray  # (k,)
     sigma: FloatArray  # (k,) NaN where it is not known
-    straight: FloatArray  # (k,) NaN where straight rays do not meet
-    moved: FloatArray  # (k,) in plan, by refraction; NaN likewise
     covariance: FloatArray  # (k, 3, 3) m2 of east, north, up
-
-    @property
-    def deeper(self) -> FloatArray:
-        """(k,) m, by which refraction put the points deeper."""
-        return self.depth - self.straight
 
     @cached_property
     def ranked(self) -> BoolArray:
@@ -54,80 +48,111 @@ class Depths:
         return [(order.name, int((met <= number).sum())) for number, order in enumerate(survey_orders())]
 
 
-def axes_of(tables: Tables) -> tuple[str, ...]:
-    """Return the names of the metric components of a job."""
-    return AXES.get(str(part(tables, "options").get("system")), _EAST_NORTH_UP)
-
-
-def samples(tables: Tables) -> list[Sample]:
-    """Return the samples of control residuals and of check points, by component, and of given depths."""
-    control = part(tables, "control")
-    kinds, names = texts(control, "kind"), texts(control, "point")
-    difference, used = numbers(control, "difference", 3), flags(control, "used", 3)
-    fixed = flags(control, "fixed", 1)[:, 0]
-    checks = kinds == _CHECK
-    every = []
-    for what, rows, counts in (
-        ("Control", ~checks & ~fixed, used),
-        ("Check points", checks, np.ones_like(used)),
+def samples(tables: Tables) -> Samples:
+    """Return control residuals and check points, adjusted minus given, by component, and given depths."""
+    control, wet = part(tables, "control"), part(tables, "bathymetric_points")
+    check, fixed = texts(control, "kind") == "check", flags(control, "fixed", 1)[:, 0]
+    difference, used = numbers(control, "difference", 3), flags(control, "used", 3) & ~fixed[:, None]
+    depth, depth_check = numbers(wet, "residual"), texts(wet, "control") == "check"
+    found: Samples = {}
+    for what, shown, depth_shown in (
+        (CONTROL, used & ~check[:, None], ~depth_check),
+        (CHECKS, np.repeat(check[:, None], 3, axis=1), depth_check),
     ):
-        for axis, component in enumerate(axes_of(tables)):
-            values = np.where(rows & counts[:, axis], difference[:, axis], np.nan)
-            every.append(_sample(what, component, values, names))
-        every.append(_sample(what, "Depth", *_given_depths(tables, of_checks=what != "Control")))
-    return [sample for sample in every if sample.statistics.size]
+        for axis, component in enumerate(_AXES.get(tables["options"]["system"], _EAST_NORTH_UP)):
+            values = np.where(shown[:, axis], difference[:, axis], np.nan)
+            found[what, component] = difference_statistics(values, texts(control, "point"))
+        found[what, "Depth"] = difference_statistics(np.where(depth_shown, depth, np.nan), texts(wet, "point"))
+    return {names: statistics for names, statistics in found.items() if statistics.size}
 
 
-def _sample(what: str, component: str, values: FloatArray, names: TextArray) -> Sample:
-    return Sample(what=what, component=component, statistics=difference_statistics(values, names))
+def sample_table(every: Samples) -> PageTable:
+    """Return samples of control and check points in numbers, as the analyses of the listing define them."""
+    points, components = zip(*every, strict=True)
+    numbers = every.values()
+    return page_table(
+        SAMPLES,
+        [
+            ("Points", "A16", points),
+            ("Component", "A8", components),
+            ("Number", "I8", [f"{s.size:,}" for s in numbers]),
+            ("Mean\nm", "F9.3", [s.mean for s in numbers]),
+            ("RMS\nm", "F9.3", [s.rms for s in numbers]),
+            ("Standard deviation\nm", "F9.3", [s.deviation for s in numbers]),
+            ("Maximum\nm", "F9.3", [s.maximum for s in numbers]),
+            ("At point", "A8", [s.maximum_id for s in numbers]),
+        ],
+        ids=2,
+        note="Components of control are those that took part. Depths are positive downwards.",
+    )
 
 
-def _given_depths(tables: Tables, *, of_checks: bool) -> tuple[FloatArray, TextArray]:
-    """Return adjusted minus given depths (k,) of submerged control or check points, and their ids."""
-    points = part(tables, "bathymetric_points")
-    if "control" not in points:
-        return np.zeros(0), np.array([], dtype=np.str_)
-    is_check = texts(points, "control") == _CHECK
-    return np.where(is_check == of_checks, numbers(points, "residual"), np.nan), texts(points, "point")
+def analysis_table(rows: Sequence[Any], title: str, noun: str, *, folded: bool = True) -> PageTable:
+    """Return one of the standard analyses of a record, a row for each component."""
+    units = [row.get("unit", "m") for row in rows]
+    edits = [analyses.EDITS[unit] for unit in units]
+    return page_table(
+        title,
+        [
+            ("Component", "A10", [row["component"] for row in rows]),
+            ("Unit", "A5", ["° ′ ″" if unit == _ANGLE else unit for unit in units]),
+            ("Sample Size", "I8", [f"{row['size']:,}" for row in rows]),
+            *(
+                (label, "F16.2", [cell_text(edit, row[name]) for edit, row in zip(edits, rows, strict=True)])
+                for label, name in analyses.ROWS
+            ),
+            (f"{noun} with Max. Difference", "A8", [row["maximum_id"] for row in rows]),
+        ],
+        folded=folded,
+    )
 
 
-def root_mean_squares(every: Sequence[Sample], what: str) -> dict[str, DifferenceStatistics]:
-    """Return the samples of control or check points by their component."""
-    return {sample.component: sample.statistics for sample in every if sample.what == what}
+def orders_table(depths: Depths) -> Iterator[PageTable]:
+    """Yield how many submerged points meet each order of S-44, where a depth has a covariance."""
+    count = int(depths.ranked.sum())
+    if not count:
+        return
+    orders, met = zip(*depths.shares(), strict=True)
+    yield page_table(
+        ORDERS,
+        [
+            ("Order", "A10", orders),
+            ("Points that meet it", "I8", [f"{number:,}" for number in met]),
+            ("Share %", "F6.1", [100.0 * number / count for number in met]),
+        ],
+        note=f"{source()}, by the sigmas of {count_of(count, 'submerged point')}.",
+    )
 
 
 def depths_of(tables: Tables) -> Depths:
     """Return the depths of a run."""
     table, points = part(tables, "bathymetric_points"), part(tables, "points")
     ids = texts(table, "point")
-    depth, straight = numbers(table, "depth"), numbers(table, "depth_no_refraction")
-    if not len(depth):
-        depth, straight = np.full(len(ids), np.nan), np.full(len(ids), np.nan)
-    moved = np.linalg.norm(numbers(table, "refraction", 3) - numbers(table, "no_refraction", 3), axis=1)
-    deeper = depth - straight
-    row = rows_of(texts(points, "point"), ids)
     return Depths(
         ids=ids,
-        depth=depth,
+        depth=numbers(table, "depth"),
         sigma=numbers(table, "depth_sigma"),
-        straight=straight,
-        moved=np.sqrt(np.maximum(moved**2 - deeper**2, 0.0)),
-        covariance=numbers(points, "covariance", 3, 3)[row],
+        covariance=numbers(points, "covariance", 3, 3)[rows_of(texts(points, "point"), ids)],
     )
 
 
 def refraction_sentences(tables: Tables, depths: Depths) -> Iterator[str]:
     """Yield what refraction changed: of depths, of places in plan, and of images."""
-    known = np.isfinite(depths.deeper)
-    if part(tables, "options").get("refraction") == "NONE":
+    table = part(tables, "bathymetric_points")
+    straight = numbers(table, "depth_no_refraction")
+    deeper = depths.depth - straight
+    known = np.isfinite(deeper)
+    if tables["options"]["refraction"] == "NONE":
         yield "The run knew nothing of the water: depths are those where straight rays meet."
     elif known.any():
-        deeper, ratio = depths.deeper[known], depths.depth[known] / depths.straight[known]
+        moved = np.linalg.norm(numbers(table, "refraction", 3) - numbers(table, "no_refraction", 3), axis=1)
+        in_plan = np.sqrt(np.maximum(moved**2 - deeper**2, 0.0))[known]
+        ratio, deeper = (depths.depth / straight)[known], deeper[known]
         largest = int(np.abs(deeper).argmax())
         yield (
             f"Refraction put {known.sum():,} submerged points deeper by {deeper.mean():.2f} m in the mean, by "
             f"{deeper[largest]:.2f} m at most (point {depths.ids[known][largest]}), and moved them in plan by "
-            f"{depths.moved[known].mean():.2f} m in the mean. Adjusted depths are {np.median(ratio):.2f} times "
+            f"{in_plan.mean():.2f} m in the mean. Adjusted depths are {np.median(ratio):.2f} times "
             "(median) those where straight rays meet."
         )
     shift = np.linalg.norm(numbers(part(tables, "plates"), "refraction", 2), axis=1)

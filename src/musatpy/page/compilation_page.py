@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from itertools import chain
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from musatpy.model import Grade
-from musatpy.model.findings import GRADES
-from musatpy.page.accuracy import Depths
-from musatpy.page.analysis_tables import ORDERS, analysis_table, orders_table
+from musatpy.page.accuracy import ORDERS, Depths, analysis_table, orders_table
 from musatpy.page.cells import count_of, number_text
-from musatpy.page.parts import Chapter, Fact, Facts, Page, Part, Reason, Texts
-from musatpy.page.pictures import pictures_chapter
-from musatpy.page.provenance import closing, provenance
-from musatpy.page.stated import Shown, anchor_of, in_columns, rows_at, tables_of
+from musatpy.page.page_tables import PageReport, chapters_of, places_of, reasons_of, tables_of
+from musatpy.page.rendering import Fact, Facts, Page, Part, Sentences, anchor_of
 from musatpy.page.stated_answer import stated_tables
-from musatpy.page.summary import anchor_at, anchors
-from musatpy.plots.gallery import COMPILED as PICTURES
 from musatpy.plots.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
     compilation,
@@ -40,76 +34,50 @@ _LEFT_OUT: Report[Any] = Report(
     which=lambda t: np.flatnonzero([reason is not None for reason in t["reason"]]),
     columns=("model", "point", compilation_points.POINTS.column("reason", "Reason", "A80")),
 )
-_LEFT = (Shown(report=_LEFT_OUT, folded=False),)
+_open = partial(PageReport, folded=False)
 _MODELS = (
-    *(
-        Shown(report=report, folded=False)
-        for report in (compilation.MODEL_TABLE, compilation.RECOVERED_TABLE, compilation.MOVED_TABLE)
-    ),
-    Shown(report=compilation.SHORE_TABLE),
-    *(
-        Shown(report=report)
-        for report in (reduction.PLATES, reduction.MARKS, reduction.DISTANCES, reduction.SPREADS)
+    *map(_open, (compilation.MODEL_TABLE, compilation.RECOVERED_TABLE, compilation.MOVED_TABLE)),
+    *map(
+        PageReport,
+        (compilation.SHORE_TABLE, reduction.PLATES, reduction.MARKS, reduction.DISTANCES, reduction.SPREADS),
     ),
 )
-_BOTTOM = tuple(
-    Shown(report=report, folded=False) for report in (*compilation_profiles.STATED, *compilation_bottom.STATED)
-)
-_OF_POINTS = (
-    Shown(report=compilation_points.POINT_TABLE, listed=_POINTS),
-    Shown(report=compilation_points.RAY_TABLE, listed=_POINTS),
-    Shown(report=compilation_points.APPARENT_TABLE, listed=_POINTS),
-    Shown(report=run_comparison.RUN_TABLE, listed=_POINTS),
+_BOTTOM = tuple(map(_open, (*compilation_profiles.STATED, *compilation_bottom.STATED)))
+_OF_POINTS = tuple(
+    PageReport(report, _POINTS)
+    for report in (
+        compilation_points.POINT_TABLE,
+        compilation_points.RAY_TABLE,
+        compilation_points.APPARENT_TABLE,
+        run_comparison.RUN_TABLE,
+    )
 )
 
 
-def compilation_page(tables: Tables, files: Mapping[str, str]) -> Page:
-    """Return the page of the record of a compilation; `files` as `run_page` has them."""
-    pictures, tables = pictures_chapter(PICTURES, tables), in_columns(tables)
-    depths = _depths(tables)
-    contents = [
-        ("Data", _data(tables)),
-        (_LEFT_OUT.title, tables_of(_LEFT, tables)),
-        ("Accuracy", _accuracy(tables, depths)),
-        ("Models", tables_of(_MODELS, tables)),
-        ("The Bottom", tables_of(_BOTTOM, tables)),
-        ("Points", chain(stated_tables(tables, _POINTS), tables_of(_OF_POINTS, tables))),
-    ]
-    chapters = [Chapter(title=title, anchor=anchor_of(title), parts=list(parts)) for title, parts in contents]
-    chapters.insert(3, pictures)
-    job, reasons = part(tables, "job"), list(_reasons(tables, anchors(chapters)))
-    titles = [" ".join(title.split()) for title in job.get("titles") or ()]
-    grade = max((Grade(reason.grade) for reason in reasons), key=GRADES.index, default=Grade.ACCEPTED)
+def compilation_page(tables: Tables) -> Page:
+    """Return the page of the record of a compilation."""
+    depths, job = _depths(tables), tables["job"]
+    contents = {
+        "Data": _data(tables),
+        _LEFT_OUT.title: tables_of([_open(_LEFT_OUT)], tables),
+        "Accuracy": _accuracy(tables, depths),
+        "Models": tables_of(_MODELS, tables),
+        "The Bottom": tables_of(_BOTTOM, tables),
+        "Points": [*stated_tables(tables, _POINTS), *tables_of(_OF_POINTS, tables)],
+    }
+    chapters = chapters_of(contents)
+    titles = [" ".join(title.split()) for title in job["titles"]]
+    grade = tables["verdict"]["grade"]
     return Page(
         title=titles[0] if titles else "Compilation",
-        lines=[*titles[1:], f"Points compiled in {count_of(len(part(tables, 'models')['model']), 'stereomodel')}."],
+        lines=[*titles[1:], f"Points compiled in {count_of(len(tables['models']), 'stereomodel')}."],
         grade=grade,
-        use=USE[grade],
-        reasons=reasons,
-        causes=(),
-        notes=[*part(tables, "verdict").get("notes", ()), *(tables.get("warnings") or ())],
+        use=USE[Grade(grade)],
+        reasons=reasons_of(tables, places_of(chapters)),
+        notes=[*tables["verdict"]["notes"], *tables["warnings"]],
         figures=Facts(facts=list(_figures(tables, depths)), large=True),
-        chapters=[*(chapter for chapter in chapters if chapter.parts), provenance(tables, files)],
-        closing=closing(),
+        chapters=chapters,
     )
-
-
-def _reasons(tables: Tables, places: Mapping[str, str]) -> Iterator[Reason]:
-    """Yield why a compilation is not accepted: the reasons of its verdict, and what records without one say."""
-    verdict = part(tables, "verdict")
-    reasons = verdict.get("reasons") or {}
-    rows = list(rows_at(reasons, range(len(reasons.get("text", ())))))
-    for row in rows:
-        yield Reason(grade=row["grade"], text=row["text"], link=anchor_at(places, str(row["section"])))
-    said = [*(row["text"] for row in rows), *verdict.get("notes", ())]
-    caution = str(part(tables, "job").get("caution") or "")
-    if caution and not any(text.startswith(caution) for text in said):
-        yield Reason(grade=Grade.DOUBTFUL, text=caution)
-    recovered = part(tables, "recovered")
-    for model, fine in zip(recovered.get("model", ()), recovered.get("recovered", ()), strict=True):
-        if fine is False and not any(text.startswith(f"model {model} is not recovered") for text in said):
-            text = f"model {model}: points read again are off by more than the limit"
-            yield Reason(grade=Grade.DOUBTFUL, text=text, link=anchor_of(compilation.RECOVERED_TABLE.title))
 
 
 def _depths(tables: Tables) -> Depths:
@@ -117,37 +85,29 @@ def _depths(tables: Tables) -> Depths:
     points = part(tables, "points")
     depth = numbers(points, "datum_depth")
     known = np.isfinite(depth)
-    nothing = np.full(int(known.sum()), np.nan)
     return Depths(
         ids=texts(points, "point")[known],
         depth=depth[known],
         sigma=numbers(points, "datum_depth_sigma")[known],
-        straight=nothing,
-        moved=nothing,
         covariance=numbers(points, "covariance", 3, 3)[known],
     )
 
 
 def _figures(tables: Tables, depths: Depths) -> Iterator[Fact]:
-    models, points = part(tables, "models"), part(tables, "points")
+    points, parallaxes = tables["points"], [model["y_parallax"] for model in tables["models"]]
     count, missing = len(points["point"]), sum(reason is not None for reason in points["reason"])
     yield Fact(label="Points with coordinates", value=f"{count - missing:,} of {count:,}")
-    parallax = numbers(models, "y_parallax")
-    if np.isfinite(parallax).any():
-        values = ", ".join(number_text(1000.0 * value, 1) for value in parallax)
+    if any(value is not None for value in parallaxes):
+        values = ", ".join("" if value is None else number_text(1000.0 * value, 1) for value in parallaxes)
         yield Fact(label="RMS of y-parallaxes, by model", value=f"{values} µm")
-    for component, rms in zip(
-        *(part(tables, "analysis").get(name, ()) for name in ("component", "rms")), strict=True
-    ):
-        yield Fact(
-            label=f"RMS against the run, {component}", value=f"{number_text(rms, 3)} m", link=anchor_of(_AGAINST)
-        )
+    for row in tables["analysis"]:
+        value = f"{number_text(row['rms'], 3)} m"
+        yield Fact(label=f"RMS against the run, {row['component']}", value=value, link=anchor_of(_AGAINST))
     sigma = depths.sigma[np.isfinite(depths.sigma)]
     if len(sigma):
         span = f"{depths.depth.min():.2f} to {depths.depth.max():.2f} m below the datum"
         yield Fact(label="Sigma of depths, median", value=f"{np.median(sigma):.3f} m", detail=span)
-    orders = orders_table(depths)
-    if orders is not None:
+    for orders in orders_table(depths):
         order, met, share = orders.rows[0]
         yield Fact(label=f"Meet S-44 {order}", value=f"{share} %", detail=f"{met} points", link=anchor_of(ORDERS))
 
@@ -159,7 +119,7 @@ def _data(tables: Tables) -> Iterator[Part]:
     wet = int(flags(points, "submerged", 1).sum())
     yield Facts(
         facts=[
-            Fact(label="Stereomodels", value=f"{len(part(tables, 'models')['model']):,}"),
+            Fact(label="Stereomodels", value=f"{len(tables['models']):,}"),
             Fact(label="Readings", value=f"{len(points['point']):,}", detail=f"{wet:,} flagged as submerged"),
             Fact(label="Coordinate system", value=str(job["system"])),
             Fact(label="Refractive index", value=number_text(job["index"], 6) or "none: straight rays"),
@@ -172,9 +132,8 @@ def _data(tables: Tables) -> Iterator[Part]:
     )
 
 
-def _accuracy(tables: Tables, depths: Depths) -> Iterator[Part]:
-    against = analysis_table(tables, "analysis", _AGAINST, "Point", folded=False)
-    orders = orders_table(depths)
-    yield from (table for table in (against, orders) if table is not None)
-    if against is None and orders is None:
-        yield Texts(texts=["No point of the run was read again, and no depth has a sigma."])
+def _accuracy(tables: Tables, depths: Depths) -> Sequence[Part]:
+    against = tables["analysis"]
+    shown = [analysis_table(against, _AGAINST, "Point", folded=False)] if against else []
+    nothing = Sentences(texts=["No point of the run was read again, and no depth has a sigma."])
+    return [*shown, *orders_table(depths)] or [nothing]

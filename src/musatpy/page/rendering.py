@@ -1,18 +1,137 @@
-"""Pages as HTML: one file without script and network, the same bytes for the same page."""
+"""What a page consists of, with the text of every cell, and its HTML: one file without script and network."""
 
 from __future__ import annotations
 
 import importlib.util
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from musatpy.errors import MusatError, printable
-from musatpy.page.parts import Page, PageTable
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _MARKS = {"ACCEPTED": "✓", "COMPARED": "✓", "DOUBTFUL": "?"}
 _REFUSED = "✕"
 _NEEDED = ("jinja2", "matplotlib")
+
+
+def anchor_of(title: str) -> str:
+    """Return the name by which links find a title."""
+    return "-".join(re.findall(r"[a-z0-9]+", title.lower()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Titled:
+    """What links may lead to."""
+
+    title: str = ""
+
+    @property
+    def anchor(self) -> str:
+        """The name by which links find it; empty without a title."""
+        return anchor_of(self.title)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Head:
+    """The head of a column."""
+
+    text: str
+    unit: str = ""
+    is_id: bool = False  # names what the row is about
+    is_text: bool = False  # stands at the left
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageTable(Titled):
+    """A table; `folded` it is opened on demand."""
+
+    kind: ClassVar[str] = "table"
+    heads: Sequence[Head]
+    rows: Sequence[Sequence[str]]
+    total: int  # rows that there are, of which those that are worst are shown
+    note: str = ""
+    folded: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fact:
+    """A number or a few words with what they are."""
+
+    label: str
+    value: str
+    detail: str = ""
+    link: str = ""  # anchor of where it is told in full
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """Facts side by side, `large` those that count most."""
+
+    kind: ClassVar[str] = "facts"
+    facts: Sequence[Fact]
+    large: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sentences(Titled):
+    """Sentences, as paragraphs or, `listed`, as a list below their title."""
+
+    kind: ClassVar[str] = "texts"
+    texts: Sequence[str]
+    listed: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class PagePicture(Titled):
+    """A picture as a data URI, and a sentence that says what it shows: its alternative text too."""
+
+    kind: ClassVar[str] = "picture"
+    name: str
+    sentence: str
+    uri: str  # without characters that HTML knows: it is not escaped
+
+    @property
+    def anchor(self) -> str:
+        """The name by which links find it: a table may have the same title."""
+        return anchor_of(f"picture {self.name}")
+
+
+Part = PageTable | Facts | Sentences | PagePicture
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chapter(Titled):
+    """A chapter of a page."""
+
+    parts: Sequence[Part]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageReason:
+    """A reason of the verdict."""
+
+    grade: str
+    text: str
+    link: str = ""  # anchor of where it shows
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A page: what stands above, the verdict, and the chapters."""
+
+    title: str
+    lines: Sequence[str]  # below the title
+    grade: str
+    use: str  # what may be done with the answer
+    reasons: Sequence[PageReason]
+    causes: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    figures: Facts  # the numbers that count most
+    chapters: Sequence[Chapter]
+    closing: str = ""
 
 
 def check_packages() -> None:
@@ -23,7 +142,7 @@ def check_packages() -> None:
 
 
 def html_of(page: Page) -> str:
-    """Return a page as HTML. Raises `MusatError` where jinja2 is missing."""
+    """Return a page as HTML, the same bytes for the same page. Raises `MusatError` where jinja2 is missing."""
     return render("page.jinja", page=page, mark=_MARKS.get(page.grade, _REFUSED if page.grade else ""))
 
 

@@ -1,28 +1,276 @@
-"""The page of a run."""
+"""The page of a run: its chapters, each with tables of the listing, and which of their rows stand there."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
 
-from musatpy.page.parts import Page
-from musatpy.page.pictures import pictures_chapter
-from musatpy.page.provenance import closing, provenance
-from musatpy.page.run_chapters import chapters_of
-from musatpy.page.stated import in_columns
+import numpy as np
+
+from musatpy.page import flight, stated_answer
+from musatpy.page.accuracy import (
+    analysis_table,
+    depths_of,
+    orders_table,
+    refraction_sentences,
+    sample_table,
+    samples,
+)
+from musatpy.page.cells import significant
+from musatpy.page.page_tables import PageReport, chapters_of, page_table, tables_of
+from musatpy.page.rendering import Fact, Facts, Page, PageTable, Part, Sentences
 from musatpy.page.summary import top_of
-from musatpy.plots.gallery import GALLERY
-from musatpy.plots.tables import Tables
+from musatpy.plots.tables import Tables, part, texts
+from musatpy.reports import (
+    adjusted_water,
+    analyses,
+    answer,
+    bathymetric,
+    common_errors,
+    constraints,
+    control,
+    echo,
+    flags,
+    ground_points,
+    iterations,
+    job_record,
+    plate_rms,
+    quality_record,
+    reduction,
+    solution_summary,
+    stations,
+    statistical_tests,
+    titles,
+    waves_page,
+)
+from musatpy.reports.fields import Field, same
+from musatpy.reports.table import Report
+from musatpy.statistics.quality import TEST_LIMIT
 
-_PICTURES_BEHIND = "Accuracy"
+_PHOTOS = 250  # rows of tables of photos
+_CONTROL = 500
+_FEW = 20
+_WARNINGS = 50
+_BY_KIND = ("Observations, ", "Unknowns, ", "Sigma0, ")  # labels of numbers that are told beside others
+_HELD = (
+    "Cameras are taken as calibrated: focal length, principal point and distortion are no unknowns of the "
+    "adjustment, and without error; what is wrong in them is in the residuals."
+)
+_OPTION_WORDS: Mapping[str, Mapping[Any, str]] = {
+    "system": titles.SYSTEMS,
+    "initial": titles.INITIAL,
+    "refraction": titles.REFRACTION,
+    "weights": titles.WEIGHTS,
+    "water_level": titles.WATER_LEVEL,
+    "editing": titles.EDITING,
+}
+_FINDINGS: Report[Any] = Report(
+    title=answer.BLUNDERS.title,
+    table=quality_record.FINDINGS,
+    worst=lambda t: np.abs(t["test"]),
+    columns=(*answer.BLUNDERS.columns, "note"),
+)
+_open = partial(PageReport, folded=False)
+_of_photos = partial(PageReport, listed=_PHOTOS)
+
+_LEFT_OUT = (_open(ground_points.NO_PART), _open(_FINDINGS))
+_DIFFERENCES = (
+    _open(control.RESIDUALS, _CONTROL, note=control.NOTE),
+    _open(control.DIFFERENCES, _CONTROL),
+    PageReport(statistical_tests.CHECKS, _CONTROL),
+)
+_ACCURACY = (
+    PageReport(
+        bathymetric.DEPTHS,
+        note="No refr.: where straight rays of the adjusted stations meet; predicted: that times the index.",
+    ),
+    _open(solution_summary.PLATE_RESIDUALS),
+    _open(
+        statistical_tests.COMPONENTS,
+        note="The factor of a group is v'Pv over its redundancy, 1 where its sigmas are right; limits of 95 %.",
+    ),
+)
+_CAMERA = (_open(echo.card("CAM")), *(PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")))
+_WATER = (
+    _open(flags.TABLE),
+    _of_photos(adjusted_water.CORRECTIONS),
+    _open(adjusted_water.CONSIDERED),
+    PageReport(waves_page.SEA),
+    _open(adjusted_water.WAVES),
+    PageReport(adjusted_water.PARAMETERS_OF_WAVES),
+    PageReport(adjusted_water.CORRELATIONS, _FEW),
+    _open(statistical_tests.WATER),
+    PageReport(statistical_tests.CORRELATIONS, 2 * _FEW),
+)
+_OBSERVATIONS = (
+    _open(
+        statistical_tests.OBSERVATIONS,
+        _FEW,
+        note=f"* beyond {TEST_LIMIT:.2f}. The smallest detectable error is found with a probability of 0.80; its "
+        "effect is on the own position.",
+    ),
+    PageReport(
+        statistical_tests.HIDDEN_ERRORS,
+        _FEW,
+        note="By an error of one image or control component which its own test does not find.",
+    ),
+    _open(
+        common_errors.TESTS,
+        note="Movements are those by the reference error; no test: residuals show no error that may be.",
+    ),
+    PageReport(common_errors.HIDDEN),
+)
+_RESULTS = (
+    _of_photos(stations.POSITIONS),
+    _of_photos(stations.ATTITUDES),
+    PageReport(ground_points.GROUND_POINTS),
+    _of_photos(plate_rms.BY_PHOTO),
+    _of_photos(statistical_tests.STATION_ELLIPSES),
+    PageReport(statistical_tests.POINT_ELLIPSES, _FEW),
+    _of_photos(statistical_tests.STATION_INFLATION),
+    *map(_of_photos, constraints.STATED),
+)
+_COMPUTED = (
+    PageReport(iterations.ITERATIONS),
+    PageReport(iterations.PASSES),
+    _of_photos(reduction.PLATES),
+    *(PageReport(report) for report in (reduction.MARKS, reduction.DISTANCES, reduction.SPREADS)),
+)
 
 
-def run_page(tables: Tables, files: Mapping[str, str]) -> Page:
-    """Return the page of the record of a run; `files` are names with the SHA-256 of each, the record first."""
-    pictures, tables = pictures_chapter(GALLERY, tables), in_columns(tables)
-    chapters = []
-    for chapter in chapters_of(tables):
-        chapters += [chapter, pictures] if chapter.title == _PICTURES_BEHIND else [chapter]
-    chapters = [chapter for chapter in chapters if chapter.parts]
-    page = top_of(tables, [*chapters, provenance(tables, files)])
-    return replace(page, closing=closing())
+def run_page(tables: Tables) -> Page:
+    """Return the page of the record of a run."""
+    contents = {
+        "Data": _data(tables),
+        "What Was Left Out": _left_out(tables),
+        "Accuracy": _accuracy(tables),
+        "Camera And Water": _camera(tables),
+        "Worst Observations And Blunders": _worst(tables),
+        "Stations And Points": [*stated_answer.stated_tables(tables, _PHOTOS), *tables_of(_RESULTS, tables)],
+        "How It Was Computed": _computed(tables),
+    }
+    return top_of(tables, chapters_of(contents))
+
+
+def _data(tables: Tables) -> Iterator[Part]:
+    sizes = _known(titles.SIZE.numbers(tables))
+    counts = [Fact(label=label, value=f"{values[0]:,}") for label, values in sizes.items() if values[0]]
+    yield Facts(facts=[*counts, *flight.flight_facts(tables), *flight.times_fact(tables)])
+    details = {
+        f"{noun}, all": ", ".join(f"{kind} {count:,}" for kind, count in counts.items() if count)
+        for noun in ("Observations", "Unknowns")
+        for counts in [tables["solution"][noun.lower()]]
+    }
+    yield Facts(
+        facts=[
+            Fact(label=label, value=_plain(values[0]), detail=details.get(label, ""))
+            for label, values in _known(solution_summary.SUMMARY.numbers(tables)).items()
+            if not label.startswith(_BY_KIND) or label in details
+        ]
+    )
+    yield from flight.rays_table(tables)
+    yield from tables_of([_of_photos(echo.card("TID"))], tables)
+
+
+def _known(labels: Mapping[str, Sequence[float | None]]) -> dict[str, list[float]]:
+    """Return labels with the numbers that a record has of them."""
+    known = {label: [value for value in values if value is not None] for label, values in labels.items()}
+    return {label: values for label, values in known.items() if values}
+
+
+def _plain(value: Any) -> str:
+    return f"{value:,}" if isinstance(value, int) else significant(value)
+
+
+def _left_out(tables: Tables) -> Iterator[Part]:
+    status, triangulated = texts(tables["points"], "status"), part(tables, "plates").get("triangulated", ())
+    counts = (
+        ("Points intersected, not triangulated", int((status == "intersected").sum()), len(status)),
+        ("Points without a position", int((status == "not_determined").sum()), len(status)),
+        ("Images kept out of the solution", len(triangulated) - sum(triangulated), len(triangulated)),
+    )
+    facts = [Fact(label=label, value=f"{n:,}", detail=f"of {total:,}") for label, n, total in counts if n]
+    shown: list[Part] = [Facts(facts=facts)] if facts else []
+    shown += tables_of(_LEFT_OUT, tables)
+    if unedited := tables["unedited"]:
+        shown.append(Sentences(texts=[f"EDIT has edited nothing: {unedited}."]))
+    if warnings := tables["solution"]["warnings"]:
+        more = [f"And {len(warnings) - _WARNINGS:,} more: the record has all."] * (len(warnings) > _WARNINGS)
+        shown.append(Sentences(texts=[*warnings[:_WARNINGS], *more], title="Warnings", listed=True))
+    yield from shown or [Sentences(texts=["Nothing: every image took part, and every point has a position."])]
+
+
+def _accuracy(tables: Tables) -> Iterator[Part]:
+    every, depths = samples(tables), depths_of(tables)
+    if every:
+        yield sample_table(every)
+    else:
+        yield Sentences(texts=["No control point or check point says how far positions are from given ones."])
+    yield from tables_of(_DIFFERENCES, tables)
+    sentences = list(refraction_sentences(tables, depths))
+    if sentences:
+        yield Sentences(texts=sentences, title="What Refraction Changed")
+    yield from orders_table(depths)
+    yield from tables_of(_ACCURACY, tables)
+
+
+def _camera(tables: Tables) -> Iterator[Part]:
+    yield from tables_of(_CAMERA, tables)
+    yield Sentences(texts=[_HELD])
+    water = part(tables, "adjusted_water")
+    if water:
+        yield Facts(facts=list(_water(tables)))
+        if exact := water["without_error"]:
+            yield Sentences(texts=[f"Taken to be without error, as the cards give no sigma: {'; '.join(exact)}."])
+    yield from tables_of(_WATER, tables)
+
+
+def _water(tables: Tables) -> Iterator[Fact]:
+    """Yield tilt and index of the water, as the listing calls them."""
+    undetermined = " ".join(tables["adjusted_water"]["undetermined"])
+    for label, values in _known(adjusted_water.SURFACE.numbers(tables)).items():
+        unit = "" if label == "Refractive index" else " ″"
+        if label.split()[0].lower() in undetermined:  # tilt, refractive
+            yield Fact(label=label, value="not determined")
+        else:
+            sigma = f"sigma {significant(values[1])}{unit}" if len(values) > 1 else "known"
+            yield Fact(label=label, value=f"{significant(values[0])}{unit}", detail=sigma)
+
+
+def _worst(tables: Tables) -> Sequence[Part]:
+    nothing = Sentences(texts=["The solution carries no statistics of its observations."])
+    return list(tables_of(_OBSERVATIONS, tables)) or [nothing]
+
+
+def _computed(tables: Tables) -> Iterator[Part]:
+    if settings := tables.get("settings"):
+        yield Sentences(texts=[f"Set for this run: {', '.join(settings)}."])
+    yield _options(tables["options"])
+    for layout in analyses.LAYOUTS:
+        yield analysis_table(tables["analyses"][layout.table], layout.title, layout.row)
+    yield from tables_of(_COMPUTED, tables)
+
+
+def _options(values: Mapping[str, Any]) -> PageTable:
+    """Return the options of the run, as the record describes them."""
+    stated = job_record.part("options", "options", same).fields
+    fields = [field for field in stated if isinstance(field, Field) and field.name in values]
+    return page_table(
+        "Options",
+        [
+            ("Option", "A20", [field.name.replace("_", " ") for field in fields]),
+            ("Value", "A20", [_option(values[field.name], field.unit) for field in fields]),
+            (
+                "Meaning",
+                "A80",
+                [_OPTION_WORDS.get(field.name, {}).get(values[field.name]) or field.text for field in fields],
+            ),
+        ],
+        folded=True,
+    )
+
+
+def _option(value: Any, unit: str) -> str:
+    text = significant(value) if isinstance(value, float) else str(value)
+    return f"{text} {unit}".rstrip()

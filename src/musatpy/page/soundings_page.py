@@ -10,13 +10,10 @@ import numpy as np
 from musatpy.errors import MusatError
 from musatpy.model import Grade
 from musatpy.page.cells import count_of, number_text
-from musatpy.page.parts import Chapter, Fact, Facts, Page, Part, Reason
-from musatpy.page.pictures import pictures_chapter
-from musatpy.page.provenance import closing, provenance
-from musatpy.page.stated import Shown, anchor_of, in_columns, tables_of
-from musatpy.plots.gallery import SOUNDED as PICTURES
+from musatpy.page.page_tables import PageReport, chapters_of, tables_of
+from musatpy.page.rendering import Fact, Facts, Page, PageReason, Part, anchor_of
 from musatpy.plots.sounded import differences_of
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
+from musatpy.plots.tables import NothingToShowError, Tables
 from musatpy.reports import soundings
 from musatpy.reports.answer import USE
 from musatpy.reports.table import Report
@@ -27,17 +24,17 @@ COMPARED = "COMPARED"
 _LISTED = 200  # rows
 _NO_LIMIT = "any"
 _WITHOUT = "without blunders"  # a row of the samples
-
-
-_SAMPLES = Shown(
-    report=soundings.SAMPLE_TABLE,
-    folded=False,
-    note="Bands of sounded depth are without blunders; NMAD: median absolute deviation times 1.4826.",
-)
-_SHARES = Shown(
-    report=soundings.SHARE_TABLE,
-    folded=False,
-    note=f"Share of the differences within the vertical uncertainty of an order. {source()}.",
+_ACCURACY = (
+    PageReport(
+        soundings.SAMPLE_TABLE,
+        folded=False,
+        note="Bands of sounded depth are without blunders; NMAD: median absolute deviation times 1.4826.",
+    ),
+    PageReport(
+        soundings.SHARE_TABLE,
+        folded=False,
+        note=f"Share of the differences within the vertical uncertainty of an order. {source()}.",
+    ),
 )
 _DIFFERENCES: Report[Any] = Report(
     title="Differences",
@@ -50,16 +47,14 @@ _LEFT_OUT: Report[Any] = Report(
     table=soundings.LEFT_OUT,
     columns=("sounding", "reason"),
 )
-_ROWS = Shown(
-    report=_DIFFERENCES,
-    listed=_LISTED,
-    note="* beyond 3.29 robust deviations from the median.",
+_SOUNDINGS = (
+    PageReport(_DIFFERENCES, _LISTED, note="* beyond 3.29 robust deviations from the median."),
+    PageReport(_LEFT_OUT, _LISTED),
 )
-_MISSED = Shown(report=_LEFT_OUT, listed=_LISTED)
 
 
-def soundings_page(tables: Tables, files: Mapping[str, str]) -> Page:
-    """Return the page of the record of a comparison with soundings; `files` as `run_page` has them.
+def soundings_page(tables: Tables) -> Page:
+    """Return the page of the record of a comparison with soundings.
 
     Raises `MusatError` where no sounding meets the bottom.
     """
@@ -67,29 +62,21 @@ def soundings_page(tables: Tables, files: Mapping[str, str]) -> Page:
         differences = differences_of(tables)
     except NothingToShowError as error:
         raise MusatError(f"the record has nothing to show: {error}") from error
-    pictures, tables = pictures_chapter(PICTURES, tables), in_columns(tables)
     warning = likeness_warning(differences)
-    chapters = [
-        Chapter(title=title, anchor=anchor_of(title), parts=list(parts))
-        for title, parts in (
-            ("Accuracy", tables_of((_SAMPLES, _SHARES), tables)),
-            ("Regression", _regression(tables)),
-            ("Soundings", tables_of((_ROWS, _MISSED), tables)),
-            ("How They Were Compared", _matching(tables)),
-        )
-    ]
-    chapters.insert(1, pictures)
+    contents = {
+        "Accuracy": tables_of(_ACCURACY, tables),
+        "Regression": _regression(tables["regression"]),
+        "Soundings": tables_of(_SOUNDINGS, tables),
+        "How They Were Compared": _matching(tables["matching"], tables["point_orders"]),
+    }
     return Page(
         title="Comparison With Soundings",
         lines=["Compiled less sounded depths: positive where the compiled bottom is deeper."],
         grade=Grade.DOUBTFUL if warning else COMPARED,
         use=USE[Grade.DOUBTFUL] if warning else _order_met(differences),
-        reasons=[Reason(grade=Grade.DOUBTFUL, text=warning)] if warning else (),
-        causes=(),
-        notes=(),
+        reasons=[PageReason(grade=Grade.DOUBTFUL, text=warning)] if warning else (),
         figures=Facts(facts=list(_figures(tables)), large=True),
-        chapters=[*(chapter for chapter in chapters if chapter.parts), provenance(tables, files)],
-        closing=closing(),
+        chapters=chapters_of(contents),
     )
 
 
@@ -100,23 +87,18 @@ def _order_met(differences: Differences) -> str:
 
 
 def _figures(tables: Tables) -> Iterator[Fact]:
-    met, missed = (len(texts(part(tables, name), "sounding")) for name in ("differences", "left_out"))
+    met, missed = (len(tables[name]["sounding"]) for name in ("differences", "left_out"))
     yield Fact(label="Soundings that meet the bottom", value=f"{met:,} of {met + missed:,}")
-    blunders = int(np.sum(part(tables, "differences").get("blunder", ())))
+    blunders = int(np.sum(tables["differences"]["blunder"]))
     yield Fact(label="Blunders among them", value=f"{blunders:,}", detail="beyond 3.29 robust deviations")
-    sample = part(tables, "samples")
-    rows = list(sample.get("sample", ()))
-    row = rows.index(_WITHOUT) if _WITHOUT in rows else 0
-    link = anchor_of(_SAMPLES.title)
+    sample = next(row for row in tables["samples"] if row["sample"] == _WITHOUT)
+    link = anchor_of(soundings.SAMPLE_TABLE.title)
     for label, name in (("Median difference", "median"), ("RMS of differences", "rms"), ("NMAD", "spread")):
-        if rows:
-            value = f"{number_text(numbers(sample, name)[row], 3)} m"
-            yield Fact(label=label, value=value, detail=rows[row], link=link)
+        yield Fact(label=label, value=f"{number_text(sample[name], 3)} m", detail=_WITHOUT, link=link)
 
 
-def _regression(tables: Tables) -> Iterator[Part]:
-    line = part(tables, "regression")
-    if not line:
+def _regression(line: Mapping[str, float] | None) -> Iterator[Part]:
+    if line is None:
         return
     yield Facts(
         facts=[
@@ -136,8 +118,7 @@ def _regression(tables: Tables) -> Iterator[Part]:
     )
 
 
-def _matching(tables: Tables) -> Iterator[Part]:
-    how, orders = part(tables, "matching"), part(tables, "point_orders")
+def _matching(how: Mapping[str, Any], orders: Mapping[str, int]) -> Iterator[Part]:
     radius, steepest = how["radius"], how["steepest"]
     if not orders:
         bottom = "posts of a raster"

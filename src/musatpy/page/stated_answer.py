@@ -9,8 +9,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.page.cells import angle_text, number_text
-from musatpy.page.parts import Head, PageTable
-from musatpy.page.stated import LISTED, anchor_of
+from musatpy.page.rendering import Head, PageTable
 from musatpy.plots.tables import Tables, numbers, part, texts
 from musatpy.reports.table import worst_first
 
@@ -30,13 +29,12 @@ def stated_tables(tables: Tables, listed: int) -> Iterator[PageTable]:
             continue
         size = 6 if name == "stations" else 3
         sigma = np.sqrt(np.maximum(np.diagonal(numbers(table, "covariance", size, size), axis1=1, axis2=2), 0.0))
-        most = listed if name == "stations" else LISTED
+        most = listed if name == "stations" else 100
         rows = np.arange(len(ids)) if len(ids) <= most else worst_first(sigma[:, 2])[:most]
         on_map = any(value is not None for value in table.get("convergence", ()))
         title = f"{title}: In The Output System"
         yield PageTable(
             title=title,
-            anchor=anchor_of(title),
             heads=[*_heads(noun, answer), *(Head(text=text) for text in _MAP if on_map)],
             rows=[
                 [

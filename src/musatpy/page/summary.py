@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from musatpy.model import Cause, CauseKind, Grade, Refraction
-from musatpy.page.accuracy import Depths, Sample, axes_of, depths_of, root_mean_squares, samples
-from musatpy.page.analysis_tables import ORDERS, SAMPLES
+from musatpy.page.accuracy import CHECKS, CONTROL, ORDERS, SAMPLES, Depths, Samples, depths_of, samples
 from musatpy.page.cells import count_of, number_text
-from musatpy.page.parts import Chapter, Fact, Facts, Page, PagePicture, PageTable, Reason, Texts
-from musatpy.page.stated import rows_at
+from musatpy.page.page_tables import place_of, places_of, reasons_of
+from musatpy.page.rendering import Chapter, Fact, Facts, Page
 from musatpy.plots.tables import Tables, flags, part, texts
 from musatpy.reports.answer import USE
 from musatpy.reports.titles import REFRACTION
@@ -28,47 +27,19 @@ _ENOUGH = 0.95  # share of the points that meet an order, from which on it is th
 
 def top_of(tables: Tables, chapters: Sequence[Chapter]) -> Page:
     """Return the page of a run with these chapters, in which its reasons find what they are about."""
-    verdict, program = part(tables, "verdict"), part(tables, "options").get("program", "")
-    grade = str(verdict.get("grade") or _grade_without_verdict(tables))
-    titles = [" ".join(title.split()) for title in tables.get("titles") or ()]
-    reasons = verdict.get("reasons") or {}
-    rows = rows_at(reasons, range(len(reasons.get("text", ()))))
-    places = anchors(chapters)
+    verdict, places = tables["verdict"], places_of(chapters)
+    titles = [" ".join(title.split()) for title in tables["titles"]]
     return Page(
         title=titles[0] if titles else "Aerotriangulation",
-        lines=[*titles[1:], f"MUSAT-{program} aerotriangulation. {_what(tables)}"],
-        grade=grade,
-        use=USE[Grade(grade)],
-        reasons=[
-            Reason(grade=row["grade"], text=row["text"], link=anchor_at(places, str(row["section"])))
-            for row in rows
-        ],
-        causes=_causes(tables) if rows else (),
-        notes=verdict.get("notes") or (),
+        lines=[*titles[1:], f"MUSAT-{tables['options']['program']} aerotriangulation. {_what(tables)}"],
+        grade=verdict["grade"],
+        use=USE[Grade(verdict["grade"])],
+        reasons=reasons_of(tables, places),
+        causes=_causes(tables["causes"][:_CAUSES]) if verdict["reasons"] else (),
+        notes=verdict["notes"],
         figures=Facts(facts=_figures(tables, places), large=True),
         chapters=chapters,
     )
-
-
-def anchors(chapters: Sequence[Chapter]) -> dict[str, str]:
-    """Return the anchors of all that chapters have, by its title."""
-    anchors: dict[str, str] = {}
-    for chapter in chapters:
-        anchors[chapter.title] = chapter.anchor
-        for piece in chapter.parts:
-            if isinstance(piece, PageTable | Texts | PagePicture) and piece.anchor:
-                anchors.setdefault(piece.title, piece.anchor)
-    return anchors
-
-
-def anchor_at(places: Mapping[str, str], section: str) -> str:
-    """Return the anchor of the table whose title begins as a section of the listing does, empty without one."""
-    return next((anchor for title, anchor in places.items() if section and title.startswith(section)), "")
-
-
-def _grade_without_verdict(tables: Tables) -> str:
-    """Return the grade of a record of the time before verdicts: it says no more than whether the run converged."""
-    return Grade.DOUBTFUL if part(tables, "solution").get("converged") else Grade.FAILED
 
 
 def _what(tables: Tables) -> str:
@@ -90,22 +61,19 @@ def _images(tables: Tables) -> int:
     return int(part(tables, "plate_statistics").get("total_count", [0])[-1])
 
 
-def _causes(tables: Tables) -> list[str]:
-    """Return the likely causes in words; of one group those after the first begin with `or`."""
-    table = part(tables, "causes")
-    rows = rows_at(table, range(min(_CAUSES, len(table.get("cause", ())))))
+def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return likely causes in words; of one group those after the first begin with `or`."""
     sentences, groups = [], set()
     for row in rows:
         lead = "or: " if row["group"] in groups else ""
         groups.add(row["group"])
-        size = tuple(math.nan if value is None else value for value in row["size"])
         cause = Cause(
             kind=CauseKind(row["cause"]),
             cards=tuple(row["cards"]),
             photos=tuple(row["photos"]),
             points=tuple(row["points"]),
             component=row["component"],
-            size=size,
+            size=tuple(math.nan if value is None else value for value in row["size"]),
             unit=row["unit"],
             advice=row["advice"],
         )
@@ -116,7 +84,7 @@ def _causes(tables: Tables) -> list[str]:
 def _figures(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
     every, depths = samples(tables), depths_of(tables)
     facts = [_sigma0(tables, places), *_plates(tables, places)]
-    facts += [_rms(tables, every, what, places) for what in ("Control", "Check points")]
+    facts += [_rms(every, what, places) for what in (CONTROL, CHECKS)]
     facts += [_depths(depths, places), *_s44(depths, places), *_hidden(tables, places), _blunders(tables, places)]
     return [fact for fact in facts if fact.value]
 
@@ -128,7 +96,7 @@ def _sigma0(tables: Tables, places: Mapping[str, str]) -> Fact:
         low, high = (number_text(math.sqrt(test[name]), 3) for name in ("low", "high"))
         detail = f"by chance {low} to {high} (95 %)" + ("" if test["accepted"] else ": outside")
     value = number_text(solution.get("sigma0"), 4) or "not finite"
-    return Fact(label="Sigma0", value=value, detail=detail, link=anchor_at(places, "Statistics: Sigma0"))
+    return Fact(label="Sigma0", value=value, detail=detail, link=place_of(places, "Statistics: Sigma0"))
 
 
 def _plates(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
@@ -138,21 +106,21 @@ def _plates(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
         return []
     value = " and ".join(number_text(axis / MICROMETRE, 2) for axis in rms)
     detail = f"{count:,} images that took part"
-    link = anchor_at(places, "Plate Residuals Of The Job")
+    link = place_of(places, "Plate Residuals Of The Job")
     return [Fact(label="RMS of plate residuals, x and y", value=f"{value} µm", detail=detail, link=link)]
 
 
-def _rms(tables: Tables, every: Sequence[Sample], what: str, places: Mapping[str, str]) -> Fact:
-    statistics = root_mean_squares(every, what)
-    names = [name for name in (*axes_of(tables), "Depth") if name in statistics]
+def _rms(every: Samples, what: str, places: Mapping[str, str]) -> Fact:
+    statistics = {component: of for (points, component), of in every.items() if points == what}
+    names = list(statistics)
     value = ", ".join(number_text(statistics[name].rms, 3) for name in names)
     sizes = sorted({statistics[name].size for name in names})
     least = f"{sizes[0]:,} to " if len(sizes) > 1 else ""
     return Fact(
-        label=f"RMS of {'control residuals' if what == 'Control' else 'check points'}, {', '.join(names)}",
+        label=f"RMS of {'control residuals' if what == CONTROL else 'check points'}, {', '.join(names)}",
         value=f"{value} m" if value else "",
         detail=f"{least}{count_of(sizes[-1], 'point')} in each component" if sizes else "",
-        link=anchor_at(places, SAMPLES),
+        link=place_of(places, SAMPLES),
     )
 
 
@@ -164,7 +132,7 @@ def _depths(depths: Depths, places: Mapping[str, str]) -> Fact:
         label="Sigma of depths, median",
         value=f"{np.median(sigma):.3f} m",
         detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m deep",
-        link=anchor_at(places, "Depths Of Bathymetric Points"),
+        link=place_of(places, "Depths Of Bathymetric Points"),
     )
 
 
@@ -179,7 +147,7 @@ def _s44(depths: Depths, places: Mapping[str, str]) -> list[Fact]:
             label="Order of S-44 that 95 % of the depths meet",
             value=best,
             detail=f"{exclusive}: {met:,} of {count:,} points",
-            link=anchor_at(places, ORDERS),
+            link=place_of(places, ORDERS),
         )
     ]
 
@@ -194,14 +162,14 @@ def _hidden(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
             label="Points weakly checked",
             value=f"{sum(weak):,} of {len(weak):,}",
             detail=f"an undetected error may move them by more than {FAR:.0f} sigmas",
-            link=anchor_at(places, "Statistics: Points That Undetected"),
+            link=place_of(places, "Statistics: Points That Undetected"),
         )
     ]
 
 
 def _blunders(tables: Tables, places: Mapping[str, str]) -> Fact:
     editing = part(tables, "options").get("editing", "NONE")
-    actions = Counter(part(tables, "findings").get("action", ()))
+    actions = Counter(row["action"] for row in tables["findings"])
     if editing == "NONE":
         return Fact(label="Blunders", value="not looked for")
     detail = ", ".join(f"{action} {count}" for action, count in actions.items()) or "none were found"
@@ -209,5 +177,5 @@ def _blunders(tables: Tables, places: Mapping[str, str]) -> Fact:
         label="Blunders",
         value=f"{sum(actions.values()):,}",
         detail=detail,
-        link=anchor_at(places, "Blunders Found"),
+        link=place_of(places, "Blunders Found"),
     )

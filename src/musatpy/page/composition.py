@@ -1,0 +1,128 @@
+"""From the record of a run, a compilation or a comparison with soundings, a file or in memory, to its page."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import musatpy
+from musatpy.errors import Problem, RecordError
+from musatpy.json_files import known_of, read_json_file
+from musatpy.page.rendering import Chapter, Fact, Facts, Page, PagePicture, check_packages, html_of
+from musatpy.plots.gallery import COMPILED, GALLERY, SOUNDED, file_of
+from musatpy.plots.picture import Picture
+from musatpy.plots.tables import SharedTables, Tables, part
+
+_OF_RUN, _OF_COMPILATION, _OF_SOUNDINGS = "schema_version", "compilation_version", "soundings_version"
+_BEFORE_PICTURES = "Accuracy"  # a chapter
+# Of the record of a run, what no page shows.
+LEFT = frozenset({"station_pairs", "level_pairs", "fiducial_measurements", "cross_measurements"})
+# What a data URI within double quotes of HTML has to escape, in this order; quotes of SVG become single ones.
+_ESCAPES = {"'": "&apos;", "%": "%25", "#": "%23", "<": "%3C", ">": "%3E", "&": "%26", '"': "'"}
+_INDENT = re.compile(r"\s*\n\s*")
+_PROLOG = re.compile(r"^.*?(?=<svg)", re.DOTALL)
+
+
+def page_of_record(path: Path, inputs: Iterable[Path] = ()) -> str:
+    """Return the page of the record of a run, a compilation or a comparison as HTML.
+
+    It states the SHA-256 of the record, and of `inputs`, files that the run has read. Raises `RecordError` for a
+    file that is no such record, `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
+    """
+    check_packages()
+    return page_of_tables(_tables_of(path), [path, *inputs])
+
+
+def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
+    """Return the page of tables, in the shape of `musatpy.json_files.read_record`, with the SHA-256 of files.
+
+    Raises `MusatError` where jinja2 or matplotlib is missing, and `OSError`.
+    """
+    page, gallery = _page_of(tables)
+    chapters: list[Chapter] = []
+    for chapter in page.chapters:
+        chapters.append(chapter)
+        if chapter.title == _BEFORE_PICTURES and (shown := list(pictures(gallery, SharedTables(tables)))):
+            chapters.append(Chapter(title="Pictures", parts=shown))
+    chapters.append(_provenance(tables, {file.name: _sha256(file) for file in files}))
+    closing = (
+        f"Made by musatpy {musatpy.__version__} from the record, which has more digits and every row. Blank cells "
+        "are numbers that do not exist."
+    )
+    return html_of(replace(page, chapters=chapters, closing=closing))
+
+
+def _page_of(tables: Tables) -> tuple[Page, Sequence[Picture[Any]]]:
+    """Return the page of tables, and the pictures that it may have; what makes other pages is not loaded."""
+    if _OF_COMPILATION in tables:
+        from musatpy.page.compilation_page import compilation_page
+
+        return compilation_page(tables), COMPILED
+    if _OF_SOUNDINGS in tables:
+        from musatpy.page.soundings_page import soundings_page
+
+        return soundings_page(tables), SOUNDED
+    from musatpy.page.run_page import run_page
+
+    return run_page(tables), GALLERY
+
+
+def _tables_of(path: Path) -> dict[str, Any]:
+    """Return what a record has; raises as `page_of_record`."""
+    record = read_json_file(path)
+    fields = record if isinstance(record, dict) else {}
+    if _OF_COMPILATION in fields:
+        from musatpy.reports import compilation
+
+        return known_of(record, path, schema=compilation.DOCUMENT.schema())
+    if _OF_SOUNDINGS in fields:
+        from musatpy.reports import soundings
+
+        return known_of(record, path, schema=soundings.DOCUMENT.schema())
+    if _OF_RUN in fields:
+        return known_of(record, path, LEFT)
+    message = "is not the record of a run, of a compilation or of a comparison with soundings"
+    raise RecordError([Problem(file=str(path), message=message)])
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:
+    """Return the chapter that says what a page was made of; `files` are names with the SHA-256 of each."""
+    program = part(tables, "program")
+    schema = next(str(tables[name]) for name in (_OF_RUN, _OF_COMPILATION, _OF_SOUNDINGS) if name in tables)
+    facts = [
+        Fact(label="Program of the record", value=f"musatpy {program['version']}" if program else ""),
+        Fact(label="Kernels", value=str(program.get("kernels") or "")),
+        Fact(label="Schema of the record", value=schema),
+        Fact(label="Program of the page", value=f"musatpy {musatpy.__version__}"),
+        *(Fact(label=f"SHA-256 of {name}", value=digest) for name, digest in files.items()),
+    ]
+    return Chapter(title="Files And Program", parts=[Facts(facts=[fact for fact in facts if fact.value])])
+
+
+def pictures(gallery: Iterable[Picture[Any]], tables: Tables) -> Iterator[PagePicture]:
+    """Yield the pictures that a record has something to show in."""
+    for picture in gallery:
+        drawn = picture.drawn(tables)
+        if drawn is not None:
+            uri = _uri(*file_of(drawn[0], picture.name))
+            yield PagePicture(title=picture.title, name=picture.name, sentence=drawn[1], uri=uri)
+
+
+def _uri(suffix: str, data: bytes) -> str:
+    """Return a picture as a data URI. SVG stays text: in base 64 it would be longer by a third."""
+    if suffix == "svg":
+        text = _INDENT.sub(" ", _PROLOG.sub("", data.decode("utf-8"))).replace("> <", "><")
+        for character, escape in _ESCAPES.items():
+            text = text.replace(character, escape)
+        return f"data:image/svg+xml,{text}"
+    return f"data:image/png;base64,{base64.b64encode(data).decode('ascii')}"

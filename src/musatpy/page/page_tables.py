@@ -1,0 +1,119 @@
+"""Tables of a page: those of the reports, with their titles, headings, units and decimals, and others alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from musatpy.page.cells import UNITS, cell_text
+from musatpy.page.rendering import Chapter, Head, PagePicture, PageReason, PageTable, Part, Sentences
+from musatpy.plots.tables import Tables
+from musatpy.reports.headings import named
+from musatpy.reports.table import Report, worst_first
+from musatpy.reports.values import at
+
+PageColumn = tuple[str, str, Iterable[Any]]  # heading and edit descriptor as those of a report, and values
+
+
+def page_table(
+    title: str, columns: Iterable[PageColumn], *, ids: int = 1, total: int = 0, note: str = "", folded: bool = False
+) -> PageTable:
+    """Return a table whose first columns name the rows; columns of nothing are left out.
+
+    Of the `total` of rows those that are given are shown.
+    """
+    heads, cells = [], []
+    for number, (heading, edit, values) in enumerate(columns):
+        texts = [_cell(edit, value) for value in values]
+        if number < ids or any(texts):
+            words, unit = named(heading)
+            is_text = edit.startswith("A")
+            unit = UNITS.get(unit, unit)
+            heads.append(Head(text=words, unit=unit, is_id=number < ids, is_text=is_text or number < ids))
+            cells.append(texts)
+    rows = list(zip(*cells, strict=True))
+    return PageTable(title=title, heads=heads, rows=rows, total=total or len(rows), note=note, folded=folded)
+
+
+def _cell(edit: str, value: Any) -> str:
+    """Return the text of a cell, with one blank between words and units as a page writes them."""
+    text = " ".join(cell_text(edit, value).split())
+    return UNITS.get(text, text) if edit.startswith("A") else text
+
+
+@dataclass(frozen=True)
+class PageReport:
+    """A report on a page: how many of its rows stand there, the worst first, and what is added."""
+
+    report: Report[Any]
+    listed: int = 100
+    folded: bool = True
+    note: str = ""
+
+    @property
+    def title(self) -> str:
+        """Its title."""
+        return self.report.title.removesuffix(": ")
+
+    def of(self, tables: Tables) -> PageTable | None:
+        """Return the table of a record; None where the record has no row of it."""
+        values = self.report.read(tables, str(at(tables, "options.system") or at(tables, "job.system") or ""))
+        count = values.count
+        if not count:
+            return None
+        if self.report.worst:
+            values = values.taken(worst_first(self.report.worst(values))[: self.listed])
+        elif count > self.listed:
+            values = values.taken(np.arange(self.listed))
+        columns = sorted(self.report.side_by_side(values), key=lambda column: not column.is_id)
+        shown = []
+        for column in columns:
+            heading = str(column.heading)
+            heading = heading if heading.strip() else column.name.replace("_", " ").capitalize()
+            printed = column.printed(values)
+            shown.append(
+                (heading, str(column.edit), printed.tolist() if isinstance(printed, np.ndarray) else printed)
+            )
+        ids = sum(column.is_id for column in columns)
+        return page_table(self.title, shown, ids=ids, total=count, note=self.note, folded=self.folded)
+
+
+def tables_of(reports: Iterable[PageReport], tables: Tables) -> Iterator[PageTable]:
+    """Yield the tables of which a record has rows."""
+    for report in reports:
+        table = report.of(tables)
+        if table is not None:
+            yield table
+
+
+def chapters_of(contents: Mapping[str, Iterable[Part]]) -> list[Chapter]:
+    """Return the chapters by their titles, of which a record has something to show."""
+    chapters = [Chapter(title=title, parts=list(parts)) for title, parts in contents.items()]
+    return [chapter for chapter in chapters if chapter.parts]
+
+
+def places_of(chapters: Sequence[Chapter]) -> dict[str, str]:
+    """Return the anchors of all that chapters have, by its title."""
+    places: dict[str, str] = {}
+    for chapter in chapters:
+        places[chapter.title] = chapter.anchor
+        for piece in chapter.parts:
+            if isinstance(piece, PageTable | Sentences | PagePicture) and piece.title:
+                places.setdefault(piece.title, piece.anchor)
+    return places
+
+
+def place_of(places: Mapping[str, str], section: str) -> str:
+    """Return the anchor of the table whose title begins as a section of the listing does, empty without one."""
+    return next((anchor for title, anchor in places.items() if section and title.startswith(section)), "")
+
+
+def reasons_of(tables: Tables, places: Mapping[str, str]) -> list[PageReason]:
+    """Return the reasons of the verdict of a record, with the places where they show."""
+    return [
+        PageReason(grade=row["grade"], text=row["text"], link=place_of(places, row["section"]))
+        for row in tables["verdict"]["reasons"]
+    ]
