@@ -14,11 +14,9 @@ from musatpy.compilation.bottom import Bottom, bottoms_of
 from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.file_places import places_of
 from musatpy.compilation.joined_surfaces import Of
-from musatpy.compilation.loop import Loop
 from musatpy.compilation.profiles import CompiledProfile, oddities, profiles_of, scans_of
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.setups import model_set_up
-from musatpy.compilation.stage_chains import RawLoop, chain_of
 from musatpy.compilation.stereomodels import faults_of_pair
 from musatpy.compilation.triangulation import Triangulation, of_block
 from musatpy.compilation.unadjusted_decks import unadjusted
@@ -93,7 +91,7 @@ def compile_deck(
     scans = scans_of(result, profiles)
     drawn = [text for bottom in bottoms for text in bottom.warnings(result.deck.grids.ids.tolist())]
     of_points = (text for part in against for text in part.warnings())
-    warnings = (*of_points, *result.warnings(), *oddities(profiles, scans), *drawn)
+    warnings = (*of_points, *result.warnings(), *oddities(profiles), *drawn)
     verdict = verdict_of(result, against)
     sections = compilation.sections_of(result, verdict, against, profiles, scans, bottoms, warnings)
     listing, record = output_paths(deck, out_dir)[:2]
@@ -249,23 +247,6 @@ def _other_than_run(path: Path) -> str:
         return ""
     content = "a compilation deck (MDL cards)" if b"MDL" in names else "no deck with exposure stations (STA cards)"
     return f"it is {content}; expected the record of a run, NAME.json, or the deck that it punched, NAME.pun"
-
-
-def raw_loop(loop: Loop, deck: Path) -> RawLoop:
-    """Return a loop whose stages are read raw, by the interior orientation of a compilation deck.
-
-    Raises `DeckError` and `CompilationError` where the deck has none of both photos, and `OSError`.
-    """
-    stereo = loop.stereo
-    contents, _ = read_compilation(deck, stereo.run.block)
-    if contents.raw is None:
-        message = "its stages are refined: an interior orientation needs a RED RAW card"
-        raise CompilationError([Problem(file=str(deck), message=message)])
-    left, right = (str(stereo.run.block.photos.ids[row]) for row in stereo.photos)
-    try:
-        return RawLoop(loop=loop, chain=chain_of(contents.raw, left, right))
-    except ProblemsError as error:
-        raise CompilationError(_of_file(deck, error)) from error
 
 
 def compiled_deck(run: Path, deck: Path, anyway: bool = False) -> tuple[Compiled, list[Problem]]:

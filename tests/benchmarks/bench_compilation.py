@@ -20,12 +20,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pyproj
 
-from musatpy import read_deck
 from musatpy.arrays import FloatArray
 from musatpy.compilation.loop import Loop
 from musatpy.compilation.raster_bottoms import RasterBottom
 from musatpy.compilation.run_records import of_record
-from musatpy.compilation.stage_chains import RawLoop, chain_of
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.geometry.crs import system_of
@@ -35,7 +33,7 @@ from musatpy.refraction.flat import air_tangent
 from musatpy.surfaces.tin import Tin
 
 ROOT = Path(__file__).parents[2]
-DECK, RAW = ROOT / "fixtures/st_thomas/st_thomas.crd", ROOT / "fixtures/st_thomas_raw/st_thomas_raw.crd"
+DECK = ROOT / "fixtures/st_thomas/st_thomas.crd"
 WAVES = ROOT / "fixtures/waves/strip.crd"
 POSTS, POINTS, BATCH, FEW, CYCLES, TURNS = 10_000_000, 2_000_000, 100_000, 5000, 3000, 7
 _MUSAT = [sys.executable, "-m", "musatpy"]
@@ -77,21 +75,14 @@ def measured(*arguments: str) -> tuple[list[str], str]:
 
 
 def loop_cycles(stereo: Stereomodel) -> None:
-    """Print the time of a cycle of the loop: one mark, both stages; and of raw ones, by the steps of a raw deck."""
-    loop = Loop(stereo=stereo)
-    cycle("loop, a cycle", loop)
-    cycle("loop, a cycle of raw stages", RawLoop(loop=loop, chain=chain_of(read_deck(RAW), "21", "22")))
-
-
-def cycle(name: str, loop: Loop | RawLoop) -> None:
-    """Print the time of a cycle, and its CPU time, which other processes disturb less."""
-    marks, spent = places(CYCLES), []
+    """Print the time of a cycle of the loop, one mark, both stages, and its CPU time, which others disturb less."""
+    loop, marks, spent = Loop(stereo=stereo), places(CYCLES), []
     for mark in marks:
         start = time.perf_counter(), time.process_time_ns()
         loop.stages(mark[None])
         spent.append((1e3 * (time.perf_counter() - start[0]), 1e-6 * (time.process_time_ns() - start[1])))
     (median, most), (cpu, most_cpu) = np.quantile(spent, [0.5, 0.99], axis=0).T
-    print(f"{name}: median {median:.3f} ms, 99 % within {most:.3f} ms (asked: 1 ms)")
+    print(f"loop, a cycle: median {median:.3f} ms, 99 % within {most:.3f} ms (asked: 1 ms)")
     print(f"    CPU: median {cpu:.3f} ms, 99 % within {most_cpu:.3f} ms")
 
 

@@ -12,7 +12,7 @@ from compilation.scenes import flat_images, pair
 from json_schema import violations
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import Compiled, compiled
-from musatpy.compilation.profiles import oddities, profiles_of, scans_of
+from musatpy.compilation.profiles import profiles_of, scans_of
 from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.reports.compilation import DOCUMENT
 from stage_readings import compilation
@@ -26,11 +26,10 @@ def depth(xy: FloatArray) -> FloatArray:
     return np.asarray(12.0 + 0.002 * xy[:, 1] + 2.0 * np.sin(xy[:, 0] / 100.0))
 
 
-def deck_of(xy: FloatArray, *cards: str, lag: FloatArray | float = 0.0, times: bool = True) -> Compiled:
-    """Return the compilation of a profile's readings, each of the bottom `lag` (m) before its place along X."""
+def deck_of(xy: FloatArray, *cards: str, times: bool = True) -> Compiled:
+    """Return the compilation of a profile's readings."""
     run = pair(3000.0, 1810.0)
-    behind = xy - np.column_stack([np.broadcast_to(lag, len(xy)), np.zeros(len(xy))])
-    images = flat_images(run, np.column_stack([xy, -depth(behind)]))
+    images = flat_images(run, np.column_stack([xy, -depth(xy)]))
     lines = ["MDL 1        1        2                                          5.00", *cards]
     lines += [
         "STG 1        A        PB" + "".join(f"{value:11.6f}" for value in stages)
@@ -78,20 +77,20 @@ def test_ends_may_be_places_of_the_model_or_of_the_job(system: str, shift: float
     assert (sigma <= part.sigma.max() + 1e-12).all() and (sigma > 0.7 * part.sigma.min()).all()
 
 
-def to_and_fro(zigzag: bool = True) -> FloatArray:
+def side_by_side() -> FloatArray:
     """Return readings along five lines 40 m apart, X 300 to 1500 m, every other one from its end."""
     rows = []
     for number in range(5):
         x = np.linspace(300.0, 1500.0, 61)
-        rows.append(np.column_stack([x[::-1] if zigzag and number % 2 else x, np.full(61, 100.0 - 40.0 * number)]))
+        rows.append(np.column_stack([x[::-1] if number % 2 else x, np.full(61, 100.0 - 40.0 * number)]))
     return np.concatenate(rows)
 
 
-SCAN = card(ends("J", 280.0, 100.0, 1520.0, -60.0), scan="XZ  40.0")
+SCAN = card(ends("J", 280.0, 100.0, 1520.0, -60.0), scan="X   40.0")
 
 
 def test_readings_of_a_scan_belong_to_the_nearest_line() -> None:
-    xy = np.concatenate([to_and_fro(), [[700.0, 130.0], [700.0, -90.0]]])
+    xy = np.concatenate([side_by_side(), [[700.0, 130.0], [700.0, -90.0]]])
     xy[:, 1] += np.random.default_rng(4).uniform(-15.0, 15.0, len(xy)) * (np.arange(len(xy)) < 305)
     result = deck_of(xy, *SCAN)
     *lines, beside = profiles_of(result)
@@ -105,56 +104,29 @@ def test_readings_of_a_scan_belong_to_the_nearest_line() -> None:
         assert np.abs(part.profile.offset).max() < 15.1
     assert beside.line == 0 and beside.reason == "2 readings beside the lines of the scan"
     (scan,) = scans_of(result, profiles_of(result))
-    assert (scan.scan, scan.spacing, len(scan.lines), scan.zigzag) == ("X", 40.0, 5, True)
+    assert (scan.scan, scan.spacing, len(scan.lines)) == ("X", 40.0, 5)
 
 
 @pytest.mark.parametrize(("end", "lines"), [(-60.0, 5), (-60.02, 5), (-59.98, 4), (-99.0, 5), (-100.0, 6)])
 def test_a_scan_has_the_lines_that_its_diagonal_has_room_for(end: float, lines: int) -> None:
     """Every 40 m from Y = 100 m; a line at the very end of the diagonal is one."""
-    result = deck_of(to_and_fro(), *card(ends("J", 280.0, 100.0, 1520.0, end), scan="XZ  40.0"))
+    result = deck_of(side_by_side(), *card(ends("J", 280.0, 100.0, 1520.0, end), scan="X   40.0"))
     assert max(part.line for part in profiles_of(result)) == lines
 
 
 def test_a_scan_along_y_has_its_lines_across() -> None:
-    xy = to_and_fro(zigzag=False)[:, ::-1] * [1.0, 0.5] + [800.0, -500.0]
+    xy = side_by_side()[:, ::-1] * [1.0, 0.5] + [800.0, -500.0]
     result = deck_of(xy, *card(ends("J", 900.0, -400.0, 740.0, 300.0), scan="Y   40.0"))
     lines = profiles_of(result)
     assert [len(part.rows) for part in lines] == [61] * 5
     np.testing.assert_allclose(lines[1].ends, [[860.0, -400.0], [860.0, 300.0]], atol=1e-6)
-    (scan,) = scans_of(result, lines)
-    assert scan.lag is None and not scan.zigzag
+    assert [scan.scan for scan in scans_of(result, lines)] == ["Y"]
 
 
-def test_the_lag_of_a_mark_that_is_read_to_and_fro() -> None:
-    """Three metres behind, 20 m in two seconds: 0.3 s. Slopes of waves by a step of 20 m are 0.7 % too small."""
-    direction = np.repeat([1.0, -1.0, 1.0, -1.0, 1.0], 61)
-    result = deck_of(to_and_fro(), *SCAN, lag=3.0 * direction)
-    (scan,) = scans_of(result, profiles_of(result))
-    assert scan.lag is not None and scan.lag.length == pytest.approx(3.0, rel=0.03)
-    # From line to line no time passes between readings but that of one: 61 readings of 2 s.
-    assert scan.lag_time == pytest.approx(0.3, rel=0.03)
-    (still,) = scans_of(result, profiles_of(deck_of(to_and_fro(), *SCAN)))
-    assert still.lag is not None and abs(still.lag.length) < 0.05
-
-
-def test_lines_that_were_read_the_other_way_are_told() -> None:
-    """By their times: the card says that the second and the fourth were read from their ends."""
-    result = deck_of(to_and_fro(zigzag=False), *SCAN)
-    lines = profiles_of(result)
-    (said,) = oddities(lines, scans_of(result, lines))
-    assert said == "profile A of model 1: lines 2, 4 were read the other way than a zigzag has them"
-    right = deck_of(to_and_fro(), *SCAN)
-    assert not list(oddities(profiles_of(right), scans_of(right, profiles_of(right))))
-    untimed = deck_of(to_and_fro(zigzag=False), *SCAN, times=False)
-    assert not list(oddities(profiles_of(untimed), scans_of(untimed, profiles_of(untimed))))
-
-
-def test_a_line_without_readings_is_told_and_a_scan_without_all_its_lines_has_no_lag() -> None:
-    xy = to_and_fro()
+def test_a_line_without_readings_is_told() -> None:
+    xy = side_by_side()
     result = deck_of(xy[xy[:, 1] != 20.0], *SCAN)
-    lines = profiles_of(result)
-    assert [part.reason for part in lines] == ["", "", "0 readings with a position", "", ""]
-    assert scans_of(result, lines)[0].lag is None
+    assert [part.reason for part in profiles_of(result)] == ["", "", "0 readings with a position", "", ""]
 
 
 def test_a_scan_of_no_extent_is_none() -> None:

@@ -1,4 +1,4 @@
-"""Models set up: the points of the run in them, the precision to expect, and right stages that have moved."""
+"""Models set up: the points of the run in them, and the precision to expect."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,21 +12,14 @@ from json_schema import violations
 from musatpy import model
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import compiled
-from musatpy.compilation.loop import Loop
-from musatpy.compilation.moved_stage import moved_right_stage
 from musatpy.compilation.setups import ModelSetUp, model_set_up
-from musatpy.compilation.stereomodels import Stereomodel, set_up
+from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation
-from musatpy.compilation.true_points import Readings
-from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import read_compilation
-from musatpy.geometry.collinearity import attitude_from_matrix, attitude_matrix, turn
 from musatpy.reports.compilation_setup import DOCUMENT
 from record_rows import read_rows, with_columns
-from stage_readings import DECK
 
 _H, _BASE, _F, _POINTING = 3000.0, 1810.0, 152.4, 0.005
-_MOVED = np.array([0.4, -0.3, 2e-4, -1e-4, 3e-4])  # by, bz (m), omega, phi, kappa (rad)
 
 
 def with_points(run: Triangulation, points: FloatArray) -> Triangulation:
@@ -97,65 +90,6 @@ def test_a_model_without_water_stands_on_the_mean_ground() -> None:
     assert expected.sigma[middle, 2] == pytest.approx(up, rel=1e-6)
 
 
-def moved(run: Triangulation) -> Stereomodel:
-    """Return the model with its right photo moved; its axes are those of the job."""
-    photos = run.block.photos
-    position, attitude = photos.position.copy(), photos.attitude.copy()
-    position[1] += [0.0, *_MOVED[:2]]
-    attitude[1] = attitude_from_matrix(attitude_matrix(attitude[1]) @ turn(_MOVED[2:]).T)
-    block = replace(run.block, photos=replace(photos, position=position, attitude=attitude))
-    return replace(set_up(run, "1", "2"), run=replace(run, block=block))
-
-
-def read_again(count: int = 3) -> Readings:
-    """Return readings of points 10 m deep in the model whose right photo has moved."""
-    stereo = moved(pair(_H, _BASE))
-    places = at_depth(grid((-700.0, 700.0), 1500.0, count), 10.0)
-    xy = Loop(stereo=stereo).stages(places).xy
-    number = len(xy)
-    return Readings(
-        ids=np.arange(number).astype(str),
-        submerged=np.ones(number, dtype=bool),
-        xy=xy,
-        sigma=np.full(xy.shape, _POINTING),
-    )
-
-
-@pytest.mark.slow
-def test_a_right_stage_that_moved_comes_back() -> None:
-    run = pair(_H, _BASE)
-    stereo, correction = moved_right_stage(set_up(run, "1", "2"), read_again())
-    # No errors: what is left is that of the last step.
-    np.testing.assert_allclose(correction.values, _MOVED, rtol=0, atol=1e-9)
-    expected = moved(run).run.block.photos
-    np.testing.assert_allclose(stereo.run.block.photos.position, expected.position, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(stereo.run.block.photos.attitude, expected.attitude, rtol=0, atol=1e-11)
-    assert correction.before > 0.04 and correction.after < 1e-6
-    assert correction.points == 9 and correction.freedom == 4
-
-
-@pytest.mark.slow
-def test_sigmas_of_corrections_are_those_of_their_readings() -> None:
-    """Each reading moved by itself: the root of the sum of the squares of what they do."""
-    stereo, readings = set_up(pair(_H, _BASE), "1", "2"), read_again()
-    _, correction = moved_right_stage(stereo, readings)
-    total = np.zeros(5)
-    for place in np.ndindex(readings.xy.shape):
-        step = np.zeros(readings.xy.shape)
-        step[place] = 0.05 * _POINTING
-        _, moved = moved_right_stage(stereo, replace(readings, xy=readings.xy + step))
-        total += np.square((moved.values - correction.values) / 0.05)
-    np.testing.assert_allclose(np.sqrt(total) / correction.sigma, 1.0, atol=1e-3)
-
-
-def test_corrections_that_points_do_not_determine_have_no_sigma() -> None:
-    stereo = set_up(pair(_H, _BASE), "1", "2")
-    _, correction = moved_right_stage(stereo, read_again().part(np.arange(2)))
-    assert np.isnan(correction.sigma).all() and correction.freedom == 0 and correction.after < 1e-6
-    with pytest.raises(CompilationError, match="no points are read again"):
-        moved_right_stage(stereo, read_again().part(np.arange(0)))
-
-
 @pytest.mark.slow
 def test_the_command_lists_the_models_before_anything_is_read(run_record: Path, tmp_path: Path) -> None:
     record, deck = run_record, tmp_path / "models.crd"
@@ -175,13 +109,3 @@ def test_the_command_lists_the_models_before_anything_is_read(run_record: Path, 
     assert middle["pointing_sigma"] == pytest.approx(pointing, rel=0.03)  # tilts of some degrees
     assert np.hypot(middle["pointing_sigma"], middle["run_sigma"]) == pytest.approx(middle["sigma"][2], rel=1e-9)
     assert middle["run_sigma"] > 0.05
-
-    cards = DECK.read_text().replace("5.00         00000005", "5.00       A 00000005")
-    deck.write_text(cards)
-    result = musat("as11", "setup", record, deck)
-    assert result.exit_code == 0 and "model 2223 departs from the run" in result.output
-    assert "Right Stages Corrected By Points Read Again" in (tmp_path / "models.setup.lst").read_text()
-    deck.write_text("\n".join(line for line in cards.splitlines() if " R" not in line[20:25]))
-    result = musat("as11", "setup", record, deck)
-    assert result.exit_code == 1
-    assert "model 2223: no points are read again to adjust its right stage by" in result.output

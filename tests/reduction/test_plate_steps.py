@@ -12,7 +12,7 @@ from musatpy.reduction.curvature import Curvature
 from musatpy.reduction.distortion import Lens, Side
 from musatpy.reduction.inversion import invert
 from musatpy.reduction.mark_distances import Axes, Scales
-from musatpy.reduction.nadir import DOWN, Together, View
+from musatpy.reduction.nadir import DOWN, View
 from musatpy.reduction.planar import Kind, Plane
 from musatpy.reduction.repeats import mean_readings
 from musatpy.reduction.reseau import Reseau
@@ -379,19 +379,3 @@ def test_a_flat_earth_has_no_curvature():
     xy = plates.points()
     one = Curvature(view=plates.view(), height=5000.0, radius=1e30)
     np.testing.assert_allclose(one.apply(xy), xy, rtol=0.0, atol=1e-13)
-
-
-def test_displacements_of_photos_together_are_those_of_each():
-    nadirs = np.array([[0.02, -0.01, -1.0], [-0.03, 0.04, -1.0]])
-    views = [
-        View(focal_length=plates.F, principal_point=plates.PRINCIPAL_POINT, nadir=nadir / np.linalg.norm(nadir))
-        for nadir in nadirs
-    ]
-    parts = Refraction(view=views[0], K=3e-5), Curvature(view=views[1], height=4000.0)
-    together, xy = Together.of(parts), np.random.default_rng(3).uniform(-110.0, 110.0, (50, 2, 2))
-    assert together is not None
-    for name in ("apply", "inverse", "partials"):
-        each = np.stack([getattr(part, name)(xy[:, photo]) for photo, part in enumerate(parts)], axis=1)
-        np.testing.assert_allclose(getattr(together, name)(xy), each, rtol=0, atol=1e-12)
-    other = View(focal_length=plates.F + 0.1, principal_point=plates.PRINCIPAL_POINT, nadir=DOWN)
-    assert Together.of((parts[0], Curvature(view=other, height=4000.0))) is None

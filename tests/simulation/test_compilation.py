@@ -73,19 +73,6 @@ def test_the_truth_comes_back_without_errors(exact: tuple[Simulation, Compiled])
     assert np.nanmin(result.gathered("depth")) < 3.0 and np.nanmax(result.gathered("depth")) > 28.0
 
 
-def test_raw_stages_come_back_by_their_interior_orientation(exact: tuple[Simulation, Compiled]) -> None:
-    """Marks without errors: what is left is the rounding of readings, half a nanometre at 1 to 20,000."""
-    simulation, result = simulated(raw=True), exact[1]
-    assert simulation.compiled is not None
-    stages = simulation.compiled.deck.stages.xy
-    # Plates lie 90 to 160 mm from the origin of the carrier, turned by any quarter of a turn.
-    assert (stages > -40.0).all() and np.abs(stages - result.deck.stages.xy).max() > 80.0
-    raw = compiled_of(simulation)
-    assert raw.reduced is not None and len(raw.reduced.plates) == 4
-    np.testing.assert_allclose(raw.deck.stages.xy, result.deck.stages.xy, rtol=0, atol=2e-6)
-    assert np.abs(errors(raw, simulation)).max() < 4e-4
-
-
 def test_a_grid_and_the_pace_of_profiles_are_asked_for() -> None:
     simulation = simulated(grid=100.0, pace=2.0, readings=5, profiles=2)
     assert simulation.compiled is not None

@@ -20,12 +20,6 @@ from musatpy.cli.options import NamedPath, anyway_option, out_option, refuse_ove
 @click.option("--air", is_flag=True, help="The mark is where straight rays meet, not the true point.")
 @click.option("--job", "of_job", is_flag=True, help="The path is in the system of the job (lat, lon, height).")
 @click.option(
-    "--interior",
-    type=NamedPath(),
-    default=None,
-    help="Compilation deck with the interior orientation of both plates: stages as they are read raw.",
-)
-@click.option(
     "--rate",
     type=click.FloatRange(min=0.0, max=1000.0, min_open=True),
     default=50.0,
@@ -41,25 +35,24 @@ def command(
     anyway: bool,
     air: bool,
     of_job: bool,
-    interior: Path | None,
     rate: float,
 ) -> None:
     """Drive the mark along PATH in the stereomodel of photos LEFT and RIGHT of RUN.json.
 
     PATH is a CSV file with columns t (s), X, Y, Z (m in the model), or those of the job: lat, lon (degrees) and
     height (m), or X, Y, Z of a local one. PATH.stages.csv has both stages at every cycle: refined plate
-    coordinates, or the readings that become these by the reduction of a deck.
+    coordinates.
     """
     import numpy as np
 
-    from musatpy.as11_runs import raw_loop, run_of
+    from musatpy.as11_runs import run_of
     from musatpy.compilation.driving import columns_of, driven, driven_csv, in_model, read_path
     from musatpy.compilation.loop import Drive, Loop
     from musatpy.compilation.stereomodels import set_up
     from musatpy.files import write_files
 
     target = (path.parent if out_dir is None else out_dir) / f"{path.stem}.stages.csv"
-    refuse_overwriting([target], [run, path, *([] if interior is None else [interior])])
+    refuse_overwriting([target], [run, path])
     triangulation = run_of(run, anyway)
     if triangulation.caution:
         complain(f"{name_of(run)}: {triangulation.caution}")
@@ -67,15 +60,11 @@ def command(
     loop = Loop(stereo=stereo, drive=Drive.AIR if air else Drive.TRUE)
     columns = columns_of(stereo, of_job=of_job)
     marks = read_path(path, columns)
-    result = driven(
-        loop if interior is None else raw_loop(loop, interior),
-        in_model(stereo, marks, columns) if of_job else marks,
-        rate,
-    )
+    result = driven(loop, in_model(stereo, marks, columns) if of_job else marks, rate)
     write_files({target: driven_csv(result).encode()})
     if len(off := result.off(loop)):
         cycles = count_of(len(off), "cycle")
-        complain(f"{name_of(path)}: {cycles} off the plates or a lens, t = {off[0]:g} to {off[-1]:g} s")
+        complain(f"{name_of(path)}: {cycles} off the plates, t = {off[0]:g} to {off[-1]:g} s")
     late = f"{1e3 * np.quantile(result.seconds, 0.99):.2f} ms, at most {1e3 * result.seconds.max():.2f}"
     tell(
         f"{name_of(target)}: {len(result.t)} cycles at {rate:g} Hz, {result.missed} missed; 99 % within {late} ms; "

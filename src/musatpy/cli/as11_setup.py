@@ -38,9 +38,9 @@ def command(
 ) -> None:
     """Set the stereomodels of DECK up on RUN.json: the listing NAME.setup.lst and the record NAME.setup.json.
 
-    They have the interior orientation, the axes of the models, what the stages should read of the points of the
-    run, whether the models are recovered, and the standard errors to expect. DECK needs no readings. Exit status: 0
-    done, 1 the run or the deck cannot be used.
+    They have the axes of the models, what the stages should read of the points of the run, whether the models are
+    recovered, and the standard errors to expect. DECK needs no readings. Exit status: 0 done, 1 the run or the deck
+    cannot be used.
     """
     from musatpy.as11_runs import set_up_deck, setup_paths
 

@@ -11,10 +11,8 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.compilation.datums import Datum, datum_of
-from musatpy.compilation.interior import refined_stages
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.model_points import lost_without_parallax, stages_of
-from musatpy.compilation.moved_stage import MovedStage, moved_right_stage
 from musatpy.compilation.parallax_tests import parallax_tests
 from musatpy.compilation.printed import Printed, printed_points
 from musatpy.compilation.slips_of_stages import slip_of
@@ -24,14 +22,12 @@ from musatpy.compilation.true_points import Readings, TruePoints, true_points
 from musatpy.compilation.views_of_points import MISSED, in_models, incidences, remarks
 from musatpy.errors import CompilationError, Problem
 from musatpy.model import CoordinateSystem
-from musatpy.model.compilation import AGAIN, RECOVERABLE, SHORE, Compilation, Mode, StageReadings
-from musatpy.model.reduction import Reduced
+from musatpy.model.compilation import RECOVERABLE, SHORE, Compilation, Mode, StageReadings
 
 if TYPE_CHECKING:
     from musatpy.compilation.answers import StatedPoints
 
 OFF_PLATE = "its image lies off the plate"
-REFUSED = "the interior orientation of a photo was refused"
 NEARLY_PARALLEL = "its rays are nearly parallel: the sigma of its height is more than the flying height"
 NO_TIDE = "it is submerged, and the tide of a photo is not given"
 _ABOVE = 3.0  # sigmas of the height of a submerged point over the water that say it is flagged in error
@@ -53,7 +49,6 @@ class CompiledModel:
     rows: IntArray
     readings: Readings
     points: TruePoints
-    moved: MovedStage | None  # None: the right stage stands as in the run
     drive: Drive = Drive.AIR  # of the plotter that its model points come from
 
     def lost_without_parallax(self, stages: StageReadings) -> float:
@@ -71,12 +66,11 @@ class CompiledModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Compiled:
-    """All models of a compilation deck, its stages refined; `reduced` says how, None where they were so."""
+    """All models of a compilation deck."""
 
     deck: Compilation
     run: Triangulation
     models: tuple[CompiledModel, ...]
-    reduced: Reduced | None = None
 
     @property
     def rows(self) -> IntArray:
@@ -184,8 +178,6 @@ class Compiled:
             yield f"{self.run.caution}: {self.run.because}" if self.run.because else self.run.caution
         yield from (text for _, text in self.slips())
         for model in self.models:
-            if model.moved:
-                yield f"model {model.name} departs from the run: its right stage is corrected by points read again"
             lost = model.lost_without_parallax(self.deck.stages)
             if lost > _OFF:
                 yield f"model {model.name} has model points without y-parallax: up to {lost:.3f} m in this model"
@@ -254,10 +246,8 @@ class Compiled:
 def compiled(run: Triangulation, deck: Compilation) -> Compiled:
     """Return the points of a compilation deck.
 
-    Raises `CompilationError` with every model that cannot be set up and for a datum that is none, and `DeckError`
-    where raw stages cannot be refined.
+    Raises `CompilationError` with every model that cannot be set up and for a datum that is none.
     """
-    deck, reduced = refined_stages(deck)
     datum_of(deck.datum, run)
     problems: list[Problem] = []
     models = []
@@ -269,7 +259,7 @@ def compiled(run: Triangulation, deck: Compilation) -> Compiled:
             problems += [replace(problem, message=f"model {name}: {problem.message}") for problem in error.problems]
     if problems:
         raise CompilationError(problems)
-    return Compiled(deck=deck, run=run, models=tuple(models), reduced=reduced)
+    return Compiled(deck=deck, run=run, models=tuple(models))
 
 
 def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Stereomodel) -> CompiledModel:
@@ -293,9 +283,6 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
         model_vertical=models.vertical[row] == "MODEL",
         mean_tide=models.tide[row] == "MEAN",
     )
-    moved = None
-    if models.adjust[row]:
-        stereo, moved = moved_right_stage(stereo, readings.part(np.flatnonzero(stages.kind[rows] == AGAIN)))
     mode = Mode(str(models.mode[row]) or Mode.IMAGE)
     if mode is Mode.PRINTED and run.sea is not None:
         message = "the run has waves, and PRINTED is of still water: IMAGE goes through them"
@@ -315,7 +302,6 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
         rows=rows,
         readings=readings,
         points=points,
-        moved=moved,
         drive=drive,
     )
 
@@ -323,8 +309,7 @@ def _compiled_model(run: Triangulation, deck: Compilation, row: int, stereo: Ste
 def _points(stereo: Stereomodel, readings: Readings) -> TruePoints:
     """Return the points, without those whose images or water do not allow one."""
     off = np.flatnonzero(off_plate(stereo, readings.xy).any(axis=1))
-    refused = np.flatnonzero(np.isnan(readings.xy).any(axis=(1, 2)))
-    without = dict.fromkeys(off.tolist(), OFF_PLATE) | dict.fromkeys(refused.tolist(), REFUSED)
+    without = dict.fromkeys(off.tolist(), OFF_PLATE)
     if not np.isfinite(stereo.tides).all() or stereo.run.block.water is None:
         without |= dict.fromkeys(np.flatnonzero(readings.submerged).tolist(), NO_TIDE)
     kept = np.setdiff1d(np.arange(len(readings.ids)), list(without))

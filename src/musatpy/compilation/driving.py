@@ -7,12 +7,11 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.compilation.loop import Loop, Stages
+from musatpy.compilation.loop import Loop
 from musatpy.compilation.stereomodels import Stereomodel, off_plate
 from musatpy.errors import CompilationError, Problem
 from musatpy.model import CoordinateSystem
@@ -22,13 +21,6 @@ from musatpy.units import DEGREE
 IN_MODEL = ("t", "X", "Y", "Z")
 GEOGRAPHIC = ("t", "lat", "lon", "height")
 _MOST_CYCLES = 1e7  # two days at 50 Hz: more is another unit of time
-
-
-class Driver(Protocol):
-    """What turns marks into stages: a loop, with or without the steps back to raw readings."""
-
-    def stages(self, mark: FloatArray) -> Stages:
-        """Return the stages of marks (k, 3) in the model."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,12 +46,8 @@ class Driven:
         return float(speed[np.isfinite(speed)].max(initial=0.0))
 
     def off(self, loop: Loop) -> FloatArray:
-        """Return the times at which the mark stands off the plates, or no reading of the stages shows it.
-
-        `loop` is that of refined stages.
-        """
-        unread = np.isnan(self.xy).any(axis=(1, 2))
-        return self.t[unread | off_plate(loop.stereo, loop.stages(self.marks).xy).any(axis=1)]
+        """Return the times at which the mark stands off the plates."""
+        return self.t[off_plate(loop.stereo, self.xy).any(axis=1)]
 
 
 def columns_of(stereo: Stereomodel, *, of_job: bool) -> tuple[str, ...]:
@@ -104,7 +92,7 @@ def read_path(source: Path, columns: tuple[str, ...] = IN_MODEL) -> FloatArray:
     return np.array(rows)
 
 
-def driven(loop: Driver, path: FloatArray, rate: float) -> Driven:
+def driven(loop: Loop, path: FloatArray, rate: float) -> Driven:
     """Return what driving a path (r, 4) does at so many cycles a second; between rows the mark goes straight.
 
     Raises `CompilationError` for a path of more than ten million cycles.

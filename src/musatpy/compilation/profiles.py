@@ -16,7 +16,6 @@ from musatpy.errors import CompilationError, Problem
 from musatpy.geometry.crs import Plan
 from musatpy.model import CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
-from musatpy.surfaces.lags import Lag, lag_of
 from musatpy.surfaces.profiles import Profile, profile
 from musatpy.units import DEGREE
 
@@ -74,15 +73,6 @@ class CompiledProfile:
         return float(time[-1] - time[0]), float(way.sum() / (time[-1] - time[0])), float(speed.max())
 
     @property
-    def heading(self) -> float:
-        """1 of a line that was read towards its end by the times of its first and last reading, -1 back, else 0."""
-        known = np.flatnonzero(np.isfinite(self.time))
-        if self.profile is None or len(known) < 2:
-            return 0.0
-        first, last = known[self.time[known].argmin()], known[self.time[known].argmax()]
-        return float(np.sign(self.profile.station[last] - self.profile.station[first]))
-
-    @property
     def turns(self) -> int:
         """How often the mark went back along the line, by the times of its readings."""
         if self.profile is None:
@@ -95,23 +85,13 @@ class CompiledProfile:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProfileScan:
-    """A scan of a model along X or Y: its lines, and the lag of the mark where they were read to and fro."""
+    """A scan of a model along X or Y, and its lines."""
 
     name: str
     model: str
     scan: str
     spacing: float
-    zigzag: bool
     lines: tuple[CompiledProfile, ...]
-    lag: Lag | None
-
-    @property
-    def lag_time(self) -> float:
-        """The lag over the speed along the lines, s; NaN where times are not known."""
-        timed = [line for line in self.lines if line.profile is not None and np.isfinite(line.pace[0])]
-        way = sum(float(np.ptp(line.profile.station)) for line in timed if line.profile is not None)
-        time = sum(line.pace[0] for line in timed)
-        return self.lag.length * time / way if self.lag and way > 0.0 else np.nan
 
 
 def profiles_of(compiled: Compiled) -> list[CompiledProfile]:
@@ -119,22 +99,12 @@ def profiles_of(compiled: Compiled) -> list[CompiledProfile]:
     return [line for row in range(len(compiled.deck.profiles.ids)) for line in _lines_of(compiled, row)]
 
 
-def oddities(profiles: list[CompiledProfile], scans: list[ProfileScan]) -> Iterator[str]:
-    """Yield which profiles there are not, and why, and lines that were read the other way than their card says."""
+def oddities(profiles: list[CompiledProfile]) -> Iterator[str]:
+    """Yield which profiles there are not, and why."""
     for part in profiles:
         if part.reason:
             line = f", line {part.line}" if part.line > 1 else ""
             yield f"profile {part.name}{line} of model {part.model}: {part.reason}"
-    for scan in (scan for scan in scans if scan.zigzag):
-        other = [str(line.line) for line in scan.lines if line.heading * direction_of(line) < 0.0]
-        if other:
-            lines = f"line {other[0]} was" if len(other) == 1 else f"lines {', '.join(other)} were"
-            yield f"profile {scan.name} of model {scan.model}: {lines} read the other way than a zigzag has them"
-
-
-def direction_of(line: CompiledProfile) -> int:
-    """Return 1 of a line that a zigzag has towards its end, -1 of one that it has back."""
-    return 1 if line.line % 2 else -1
 
 
 def scans_of(compiled: Compiled, profiles: list[CompiledProfile]) -> list[ProfileScan]:
@@ -143,19 +113,13 @@ def scans_of(compiled: Compiled, profiles: list[CompiledProfile]) -> list[Profil
     for row in np.flatnonzero(specs.scan != "L").tolist():
         name, model = str(specs.ids[row]), str(compiled.deck.models.ids[specs.model[row]])
         lines = tuple(line for line in profiles if (line.name, line.model) == (name, model) and line.line)
-        zigzag, good = bool(specs.zigzag[row]), [line for line in lines if line.profile is not None]
-        whole = len(good) == len(lines) and zigzag
-        direction = np.array([direction_of(line) for line in good])
-        along = [line.profile for line in good if line.profile is not None]
         found.append(
             ProfileScan(
                 name=name,
                 model=model,
                 scan=str(specs.scan[row]),
                 spacing=float(specs.spacing[row]),
-                zigzag=zigzag,
                 lines=lines,
-                lag=lag_of(along, direction, float(specs.step[row])) if whole else None,
             )
         )
     return found

@@ -13,13 +13,13 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.errors import Problem
-from musatpy.formats import mapping, raw_stages
+from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardDeck, CardTable
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
 from musatpy.formats.musat import card_family
 
 OF_RUN = ("ELL", "WTR")  # cards that say again what the run says, and must agree
-_SHARED = ("TTL", "END", *OF_RUN, *raw_stages.CARDS)  # cards of triangulation decks that these have too
+_SHARED = ("TTL", "END", *OF_RUN)  # cards of triangulation decks that these have too
 COORDINATES = ("x_left", "y_left", "x_right", "y_right")
 PLACE = ("x", "y", "z")
 READINGS = ("STG", "MPT")
@@ -60,11 +60,6 @@ def numbers(table: CardTable, names: Sequence[str]) -> FloatArray:
     """Return several fields as columns (k, n), NaN of those that the cards do not have."""
     nothing = np.full(len(table), np.nan)
     return np.stack([number(table, name) if name in table.columns else nothing for name in names], axis=1)
-
-
-def is_raw(deck: CardDeck) -> bool:
-    """Tell whether the stages of a deck were read raw."""
-    return "RAW" in text(cards_of(deck, "RED"), "plates").tolist()
 
 
 def reading_lines(deck: CardDeck) -> IntArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import IntArray, TextArray
 from musatpy.errors import Problem, ProblemsError
-from musatpy.formats import mapping, raw_stages
+from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardDeck, CardTable
 from musatpy.formats.compilation_cards import (
     CORNERS,
@@ -17,7 +17,6 @@ from musatpy.formats.compilation_cards import (
     READINGS,
     TIMES,
     cards_of,
-    is_raw,
     number,
     numbers,
     problem,
@@ -47,12 +46,6 @@ def cross_checks(deck: CardDeck, run: Block | None, model_faults: ModelFaults | 
 
     `model_faults` says of a left and a right photo, field by field of MDL cards, why they make no model of the run.
     """
-    unused = [name for name in raw_stages.CARDS if name in deck.tables]
-    if unused and not is_raw(deck):
-        message = (
-            f"stages are taken as refined plate coordinates, and {', '.join(unused)} cards not used: no RED RAW"
-        )
-        yield Problem(file=deck.file, message=message, severity="warning")
     for mnemonic, names in _POSITIVE.items():
         table = cards_of(deck, mnemonic)
         for name in names:
@@ -93,9 +86,8 @@ def _profiles(deck: CardDeck) -> Iterator[Problem]:
     for row in np.flatnonzero(~np.isin(of, models)).tolist():
         yield problem(deck, table, row, "model", "there is no MDL card of this model")
     for row in np.flatnonzero((text(table, "scan") == "L") | (text(table, "scan") == "")).tolist():
-        for field in ("zig", "spacing"):
-            if str(table.columns[field][row]) not in ("", "nan"):
-                yield problem(deck, table, row, field, "a single line (scan L) has none")
+        if np.isfinite(table.columns["spacing"][row]):
+            yield problem(deck, table, row, "spacing", "a single line (scan L) has none")
     given = set(zip(text(ends, "model").tolist(), text(ends, "profile").tolist(), strict=True))
     read, points, kinds = (
         np.concatenate([text(cards_of(deck, name), field) for name in READINGS])

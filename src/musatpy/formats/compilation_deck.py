@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.errors import DeckError, Problem
-from musatpy.formats import mapping, raw_stages
+from musatpy.formats import mapping
 from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
 from musatpy.formats.compilation_cards import (
     LEVELS,
@@ -21,7 +21,6 @@ from musatpy.formats.compilation_cards import (
     TIMES,
     cards_of,
     compilation_family,
-    is_raw,
     reading_lines,
 )
 from musatpy.formats.compilation_checks import ModelFaults, cross_checks
@@ -47,7 +46,7 @@ Rows = TypeVar("Rows", bound=Table)
 def read_compilation(
     source: Path | str | bytes, run: Block | None = None, model_faults: ModelFaults | None = None
 ) -> tuple[Compilation, tuple[Problem, ...]]:
-    """Return what a compilation deck says, and warnings; `run` has the photos and cameras of stages read raw.
+    """Return what a compilation deck says, and warnings; the cards of water and ellipsoid are those of the `run`.
 
     `model_faults` says of two photos, field by field of MDL cards, why they make no model of the run. Raises
     `DeckError` with every problem where there is an error, and `OSError`.
@@ -55,26 +54,12 @@ def read_compilation(
     deck = read_cards(source, compilation_family())
     problems = [*deck.problems, *cross_checks(deck, run, model_faults)]
     if has_errors(problems):
-        raise _refused(problems)
-    contents = _contents(deck)
-    if is_raw(deck):
-        if run is None:
-            raise DeckError([Problem(file=deck.file, message="its stages are raw: it is read beside the run")])
-        lines = reading_lines(deck)
-        plates, faults = raw_stages.raw_stages(deck, contents.models, contents.stages, lines, run)
-        problems += faults
-        if plates is None:
-            raise _refused(problems)
-        contents = replace(contents, raw=plates)
-    return contents, tuple(problems)
-
-
-def _refused(problems: list[Problem]) -> DeckError:
-    return DeckError(sorted(problems, key=lambda problem: problem.line or 0))
+        raise DeckError(sorted(problems, key=lambda problem: problem.line or 0))
+    return _contents(deck), tuple(problems)
 
 
 def _contents(deck: CardDeck) -> Compilation:
-    """Return what the cards say, the stages as they were read."""
+    """Return what the cards say."""
     models = StereomodelSpecs(**_values(deck, "MDL"))
     rows = {name: row for row, name in enumerate(models.ids.tolist())}
     order = np.argsort(np.concatenate([cards_of(deck, name).lines for name in READINGS]))
@@ -177,12 +162,8 @@ def compilation_bytes(deck: Compilation) -> bytes:
         (name, _said("stages", taken(deck.stages, rows), models.ids))
         for name, rows in zip(READINGS, (np.invert(as_points), as_points), strict=True)
     ]
-    interior = [] if deck.raw is None else list(raw_stages.cards_of(deck.raw))
-    before, after = (
-        [(cards[name], mapping.scatter(cards[name], values)) for name, values in part]
-        for part in (said, [*readings, *_of_times(deck), ("END", {})])
-    )
-    return write_cards([*before, *interior, *after])
+    tables = [*said, *readings, *_of_times(deck), ("END", {})]
+    return write_cards((cards[name], mapping.scatter(cards[name], values)) for name, values in tables)
 
 
 def _said(table: str, part: Table, models: TextArray) -> Values:

@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.model.block import Block
 from musatpy.model.tables import Table, empty, per_job, per_row
 
 IN_PROFILE = "P"  # class of readings of a profile
@@ -39,8 +38,6 @@ class StereomodelSpecs(Table):
     rays: TextArray = per_row(blank="")  # (m,) OWN, SHARED
     pointing: FloatArray = per_row(unit="mm", blank=np.nan)  # (m,)
     limit: FloatArray = per_row(unit="mm", blank=np.nan)  # (m,)
-    # (m,) the right stage is corrected by points read again
-    adjust: BoolArray = per_row(blank=False, codes={"": False, "A": True})
     # (m,) the mark of the plotter was the true point, not where straight rays meet
     true_marks: BoolArray = per_row(blank=False, codes={"A": False, "": False, "T": True})
 
@@ -82,7 +79,7 @@ class ProfileSpecs(Table):
     """q profiles of models, in the order of the deck; lengths in m.
 
     A line runs from its start to its end. A scan along X or Y of the model covers the rectangle between them by
-    lines, whose direction alternates in a zigzag.
+    lines.
     """
 
     ids: TextArray = per_row()  # (q,)
@@ -97,8 +94,6 @@ class ProfileSpecs(Table):
     tolerance: FloatArray = per_row(unit="m", blank=0.0)  # (q,) 0: all readings are needed
     # (q,) L one line, X, Y lines along this axis of the model
     scan: TextArray = per_row(blank="L", codes={"L": "L", "": "L", "X": "X", "Y": "Y"})
-    # (q,) every other line of a scan was read from its end
-    zigzag: BoolArray = per_row(blank=False, codes={"": False, "Z": True})
     spacing: FloatArray = per_row(unit="m", blank=np.nan)  # (q,) of the lines of a scan
 
 
@@ -162,8 +157,7 @@ class Compilation:
 
     titles: tuple[str, ...]
     models: StereomodelSpecs
-    stages: StageReadings  # as they were read
-    raw: Block | None = None  # the stages as raw plates, each reading a point by its number; None: they are refined
+    stages: StageReadings
     profiles: ProfileSpecs = field(default_factory=partial(empty, ProfileSpecs))
     grids: GridSpecs = field(default_factory=partial(empty, GridSpecs))
     datum: SoundingDatum | None = None  # None: no card

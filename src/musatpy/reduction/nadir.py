@@ -11,8 +11,7 @@ Looking straight down, n = (0, 0, -1), this is x' - xp = (x - xp) / (1 + b + c r
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,7 +30,7 @@ class View:
 
     focal_length: float  # mm
     principal_point: FloatArray  # (2,) mm, of autocollimation
-    nadir: FloatArray  # (3,), of photos together (m, 3), unit vector to it in the photo's system: M (0, 0, -1)
+    nadir: FloatArray  # (3,), unit vector to it in the photo's system: M (0, 0, -1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,8 +41,8 @@ class Displacement(ABC):
 
     @property
     @abstractmethod
-    def coefficients(self) -> tuple[float | FloatArray, float | FloatArray]:
-        """b and c, of photos together (m, 1)."""
+    def coefficients(self) -> tuple[float, float]:
+        """b and c."""
 
     def apply(self, xy: FloatArray) -> FloatArray:
         """Return the displaced images (..., 2) mm of images xy (..., 2)."""
@@ -98,27 +97,3 @@ class Displacement(ABC):
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the products (..., 1) of vectors (..., 3)."""
     return np.asarray(np.einsum("...i,...i->...", a, b)[..., None])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Together(Displacement):
-    """The displacements of m photos that one camera took: images (..., m, 2)."""
-
-    b: FloatArray  # (m, 1)
-    c: FloatArray  # (m, 1)
-
-    @property
-    def coefficients(self) -> tuple[FloatArray, FloatArray]:
-        """Those of all."""
-        return self.b, self.c
-
-    @classmethod
-    def of(cls, parts: Sequence[Displacement]) -> Together | None:
-        """Return displacements together, None where they are not of one camera."""
-        first, *others = (part.view for part in parts)
-        for view in others:
-            same = np.array_equal(view.principal_point, first.principal_point)
-            if view.focal_length != first.focal_length or not same:
-                return None
-        b, c = np.array([part.coefficients for part in parts]).T[..., None]
-        return cls(view=replace(first, nadir=np.stack([part.view.nadir for part in parts])), b=b, c=c)

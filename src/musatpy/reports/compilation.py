@@ -24,8 +24,6 @@ from musatpy.reports.fields import POSITION_UNIT, Document, Each, Field, Group, 
 from musatpy.reports.headings import position
 from musatpy.reports.labels import Texts, sentences_at
 from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
-from musatpy.reports.reduction import reduction_sections
-from musatpy.reports.reduction_record import REDUCTION
 from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
 
@@ -33,7 +31,6 @@ if TYPE_CHECKING:  # a reader of listings knows the tables by their statements a
     from musatpy.compilation.against_run import AgainstRun
     from musatpy.compilation.bottom import Bottom
     from musatpy.compilation.compiled import Compiled, CompiledModel
-    from musatpy.compilation.moved_stage import MovedStage
     from musatpy.compilation.profiles import CompiledProfile, ProfileScan
     from musatpy.model.compilation import ContourSpec
 
@@ -98,35 +95,6 @@ MODELS: Each[Compiled, CompiledModel] = Each(
               heading="RMS py\num", edit="F7.2"),
     ),
 )  # fmt: skip
-INTERIOR: Group[Compiled, Any] = Group(
-    "reduction",
-    "what the reduction of stages that were read raw did, as in the record of a run; null where they came refined",
-    lambda c: c.reduced,
-    REDUCTION.fields,
-    optional=True,
-)
-MOVED: Each[Compiled, CompiledModel] = Each(
-    "moved",
-    "one row per model whose right stage is corrected by the y-parallaxes of points read again",
-    lambda s: [model for model in s.models if model.moved],
-    (
-        Field("model", "string", "model id", lambda m: m.name, heading="Model", edit="A8", is_id=True),
-        Field("points", "integer", "read again", lambda m: _moved(m).points, heading="Points", edit="I6"),
-        Field("freedom", "integer", "points less the corrections that they determine", lambda m: _moved(m).freedom,
-              heading="Freedom", edit="I7"),
-        Field("base", "2 number", "of the base, Y and Z", lambda m: _moved(m).values[:2], "m",
-              heading=("by\nm", "bz\nm"), edit="F8.3"),
-        Field("base_sigma", "2 number?", "null: not determined", lambda m: _moved(m).sigma[:2], "m",
-              heading=("sigma\nm",) * 2, edit="F7.3"),
-        Field("rotation", "3 number", "about X, Y, Z", lambda m: _moved(m).values[2:], "rad",
-              heading=("omega\narc sec", "phi\narc sec", "kappa\narc sec"), edit="F9.2"),
-        Field("rotation_sigma", "3 number?", "null: not determined", lambda m: _moved(m).sigma[2:], "rad",
-              heading=("sigma\narc sec",) * 3, edit="F8.2"),
-        Field("before", "number", "y-parallax, root mean square", lambda m: _moved(m).before, "mm",
-              heading="py before\num", edit="F9.2"),
-        Field("after", "number", "the same", lambda m: _moved(m).after, "mm", heading="after\num", edit="F7.2"),
-    ),
-)  # fmt: skip
 SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
     "shoreline",
     "one row per model with points of the shoreline: their heights over the mean tide",
@@ -163,7 +131,7 @@ DOCUMENT: Document[Compiled] = Document(
     title="musatpy compilation",
     about=_ABOUT,
     nodes=(
-        *(VERDICT, JOB, INTERIOR, MODELS, MOVED, *compilation_points.RECORD, SHORELINES, RECOVERED),
+        *(VERDICT, JOB, MODELS, *compilation_points.RECORD, SHORELINES, RECOVERED),
         *run_comparison.RECORD,
         *compilation_profiles.RECORD,
         *compilation_bottom.RECORD,
@@ -244,11 +212,6 @@ def _index(compiled: Compiled) -> float | None:
     return None if water is None else water.index
 
 
-def _moved(model: CompiledModel) -> MovedStage:
-    assert model.moved is not None  # those only are reported
-    return model.moved
-
-
 def _ids(model: CompiledModel) -> list[str]:
     return [str(name) for name in model.stereo.run.block.photos.ids[list(model.stereo.photos)]]
 
@@ -267,11 +230,6 @@ MODEL_TABLE: Report[Any] = Report(
         *("model", "photos", "mode", "vertical", "tide", "rays"),
         *("pointing", "base", "height", "tides", "points", "y_parallax"),
     ),
-)
-MOVED_TABLE: Report[Any] = Report(
-    title="Right Stages Corrected By Points Read Again",
-    table=MOVED,
-    columns=("model", "points", "freedom", "base", "base_sigma", "rotation", "rotation_sigma", "before", "after"),
 )
 RECOVERED_TABLE: Report[Any] = Report(
     title="Recoverability: Points Read Again, Less What The Run Predicts",
@@ -296,7 +254,7 @@ SHORE_TABLE: Report[Any] = Report(
     columns=("model", "points", "mean", "rms", "largest"),
 )
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
-STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, MOVED_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
+STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
 
 
 def sections_of(
@@ -329,9 +287,7 @@ def model_sections(compiled: Compiled, against: list[AgainstRun], warnings: Sequ
     read = any(part.again.any() for part in against)
     return [
         Section(title="Options", lines=labelled(_options(compiled))),
-        *([] if compiled.reduced is None else reduction_sections(compiled.reduced)),
         MODEL_TABLE.section(compiled, _of_waves(compiled)),
-        *([MOVED_TABLE.section(compiled)] if any(model.moved for model in compiled.models) else []),
         *([RECOVERED_TABLE.section((compiled, against))] if read else []),
         *([Section(title=WARNINGS.title, lines=wrapped(warnings, lead="- "))] if warnings else []),
     ]

@@ -62,14 +62,6 @@ SCANS: Each[list[ProfileScan], ProfileScan] = Each(
         Field("spacing", "number", "of the lines", lambda s: s.spacing, "m", heading="Spacing\nm", edit="F8.1"),
         Field("readings", "integer", "on the lines", lambda s: sum(len(line.rows) for line in s.lines),
               heading="Readings", edit="I8"),
-        Field("zigzag", "boolean", "every other line was read from its end", lambda s: s.zigzag, heading="Zigzag",
-              edit="A6", words={True: "yes", False: ""}),
-        Field("lag", "number?", "of the mark behind the bottom", lambda s: s.lag.length if s.lag else np.nan, "m",
-              heading="Lag\nm", edit="F8.2"),
-        Field("lag_sigma", "number?", "of that", lambda s: s.lag.sigma if s.lag else np.nan, "m",
-              heading="Sigma\nm", edit="F7.2"),
-        Field("lag_time", "number?", "the same, at the speed of the readings", lambda s: s.lag_time, "s",
-              heading="Lag\ns", edit="F8.3"),
     ),
 )  # fmt: skip
 RECORD = (PROFILES, SCANS)
@@ -106,7 +98,7 @@ PACE_TABLE: Report[Any] = Report(
 SCAN_TABLE: Report[Any] = Report(
     title="Scans By Profiles Side By Side",
     table=SCANS,
-    columns=("model", "profile", "along", "lines", "spacing", "readings", "zigzag", "lag", "lag_sigma", "lag_time"),
+    columns=("model", "profile", "along", "lines", "spacing", "readings"),
 )
 STATED = (PROFILE_TABLE, PACE_TABLE, SCAN_TABLE)
 

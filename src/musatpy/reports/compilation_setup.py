@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import compilation
-from musatpy.reports.compilation import INTERIOR, JOB, MODELS, MOVED, RECOVERED
+from musatpy.reports.compilation import JOB, MODELS, RECOVERED
 from musatpy.reports.fields import Document, Field, Rows, same
 from musatpy.reports.table import Report
 
@@ -82,7 +82,7 @@ DOCUMENT: Document[Compiled] = Document(
     title="musatpy models set up",
     about=_ABOUT,
     nodes=(
-        *(JOB, INTERIOR, MODELS, MOVED, RECOVERED, RUN_POINTS, EXPECTED),
+        *(JOB, MODELS, RECOVERED, RUN_POINTS, EXPECTED),
         Field("warnings", "* string", "what is odd about the models", same),
     ),
 )

@@ -17,7 +17,6 @@ class CompilationKeys:
     readings: int = key(31, "of each profile", low=2)
     pace: float = key(0.0, "time between readings of a profile; 0: it is not known", unit="s", low=0.0, quiet=True)
     grid: float = key(0.0, "spacing of a grid of posts over the bottom; 0: none", unit="m", low=0.0, quiet=True)
-    raw: bool = key(False, "stages are read raw, with an interior orientation of every plate", quiet=True)
     depth: Pair = key((2.0, 20.0), "least and greatest depth of the bottom below water.level", unit="m", low=0.01)
     wavelength: float = key(10000.0, "of the two waves that the bottom is made of", unit="m", low=1.0)
     pointing: float = key(5.0, "error of each stage coordinate, 1 sigma, and on the card", unit="um", low=0.0)

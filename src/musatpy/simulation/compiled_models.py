@@ -29,7 +29,6 @@ from musatpy.model.compilation import (
 from musatpy.model.tables import empty, stacked
 from musatpy.simulation.compilation_keys import CompilationKeys
 from musatpy.simulation.flight import FlightPlan, TrueFlight
-from musatpy.simulation.raw_stages import read_raw
 from musatpy.simulation.simulation_spec import SimulationSpec
 from musatpy.simulation.terrain import Ground
 from musatpy.simulation.true_images import project
@@ -131,8 +130,6 @@ class _Scene:
             contours=ContourSpec(interval=self.keys.contours),
             grids=self._grid(),
         )
-        if self.keys.raw:
-            deck = read_raw(deck, self.spec, self.flight.ids, self.keys.pointing, self.draws)
         wet = np.concatenate([read.submerged for read in models])
         tide = np.concatenate(
             [

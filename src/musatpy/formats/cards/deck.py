@@ -134,8 +134,12 @@ class _Reader:
                 last = gap_first + len(found.rstrip()) - 1
                 found = found.strip()
                 columns = (last - len(found) + 1, last)
-                message = f"'{found}' stands in columns of no field"
-                self._add(line, columns=columns, message=message, card=spec.mnemonic, found=found)
+                name, why = next(
+                    ((name, why) for name, first, last, why in spec.given_up if first <= columns[0] <= last),
+                    (None, "stands in columns of no field"),
+                )
+                message = f"'{found}' {why}" if name is None else f"'{found}': {why}"
+                self._add(line, columns=columns, message=message, card=spec.mnemonic, field=name, found=found)
 
     def _check_characters(self) -> None:
         for line, column, what in self.images.bad_characters:

@@ -106,6 +106,13 @@ def _pair(value: Any) -> tuple[str, str]:
     raise ValueError("not two texts")
 
 
+def _given_up(values: Any) -> tuple[tuple[str, int, int, str], ...]:
+    """Return name, first and last column, and message of fields that were given up; raises `ValueError`."""
+    fours = isinstance(values, list) and all(isinstance(value, list) and len(value) == 4 for value in values)
+    require(fours, "not lists of [name, first, last, message]")
+    return tuple((str(name), *columns_of(columns), str(message)) for name, *columns, message in values)
+
+
 def _pairs(values: Any) -> tuple[tuple[str, str], ...]:
     require(isinstance(values, list), "not a list")
     return tuple(_pair(value) for value in values)
@@ -258,6 +265,11 @@ class CardSpec:
     )
     two_ends: tuple[str, str] | None = key(
         None, "an attribute whose two components must differ, and what is said where they do not", convert=_pair
+    )
+    given_up: tuple[tuple[str, int, int, str], ...] = key(
+        (),
+        "lists of four: name, first and last column of a field that is given up, and what is said of its use",
+        convert=_given_up,
     )
     sample: str = key(doc="a canonical card, 80 columns, number 1; it must decode and encode to itself")
     fields: tuple[FieldSpec, ...] = key((), "the fields, one `[[field]]` table each", name="field")
