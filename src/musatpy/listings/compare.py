@@ -7,24 +7,33 @@ from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from musatpy.listings.findings import Finding, FindingKind, Place, RuleUse, Tally
+from musatpy.listings.findings import Finding, FindingKind, Place, RuleUse, SectionSummary
 from musatpy.listings.judge import (
     Field,
     RuleSet,
     Spot,
     allows,
     decider,
+    measured,
     of_row,
     of_section,
+    passes,
     still_open,
-    touch_rows,
-    weighed,
 )
-from musatpy.listings.tokens import Token
+from musatpy.listings.tokens import Placed, Token
 
 Texts = tuple[str | None, str | None]  # of A and of B
 NOWHERE = Place()
-Key = tuple[Hashable, str]  # what a row is about, false where nothing says so; its text
+
+
+class Cell(NamedTuple):
+    """One field of two rows that belong together: what stands there in A and in B."""
+
+    field: Field
+    unit: str
+    a: Sequence[Placed]
+    b: Sequence[Placed]
+    sigmas: float | None = None  # the difference of two numbers in sigmas, where it is known
 
 
 class Pair(NamedTuple):
@@ -38,27 +47,18 @@ class Pair(NamedTuple):
 
 
 class Comparison:
-    """A section of A and of B, or of one only: its rules, and what was found; `rows` are those of both."""
+    """A section of A and of B, or of one only: its rules, and what was found.
+
+    `rows` are those of both; a row has `ids`, a `name` that findings call it by, a `text` and a `place`.
+    """
 
     counts_digits = True  # numbers have a last digit
     rows: tuple[Sequence[Any], Sequence[Any]]
 
     def __init__(self, rules: RuleSet, title: str, titles: Sequence[str]) -> None:
-        self.result = Tally(title)
+        self.result = SectionSummary(title)
         self.rules = of_section(rules, titles)
         self.pending = still_open(self.rules)
-
-    def name_of(self, row: Any) -> str:
-        """Return what a row is called."""
-        raise NotImplementedError
-
-    def place_of(self, row: Any) -> Place:
-        """Return where a row stands."""
-        raise NotImplementedError
-
-    def text_of(self, row: Any) -> str:
-        """Return a row as it is shown where it is alone."""
-        raise NotImplementedError
 
     def spot_of(self, row: Any, side: int, other: Any = None) -> Spot:
         """Return a row of A (side 0) or B, or two that belong together, as rules see them."""
@@ -68,18 +68,14 @@ class Comparison:
         """Tell whether two rows have nothing that could differ."""
         raise NotImplementedError
 
-    def weigh_fields(self, a: Any, b: Any, pair: Pair) -> None:
-        """Weigh the fields of two rows that differ."""
+    def cells(self, a: Any, b: Any, among: RuleSet) -> Iterator[Cell]:
+        """Yield the fields of two rows that may differ, and all where it is open whether rules are of use."""
         raise NotImplementedError
 
-    def fields_of(self, row: Any, pair: Pair) -> Iterator[tuple[Field, Token | None]]:
-        """Yield every field of a row of A with its token, whether it differs or not."""
-        raise NotImplementedError
-
-    def compare_rows(self, keys: tuple[Sequence[Key], Sequence[Key]], *, strict: bool) -> None:
-        """Compare the rows, each with its partner by their keys (see `aligned`)."""
+    def compare_rows(self, *, strict: bool) -> None:
+        """Compare the rows, each with its partner by their names (see `aligned`)."""
         a, b = self.rows
-        for n, other, moved in aligned(*keys, strict=strict):
+        for n, other, moved in aligned(a, b, strict=strict):
             if n is not None and other is not None:
                 self.pair_of_rows(a[n], b[other], moved)
             else:
@@ -92,22 +88,19 @@ class Comparison:
         if same and not moved and not self.pending:
             return
         spot = self.spot_of(a, 0, b) if self.rules else Spot()
-        pair = Pair(self.name_of(a), self.place_of(a), self.place_of(b), spot, self.judged(spot))
+        pair = Pair(a.name, a.place, b.place, spot, of_row(self.rules, spot))
         if moved and not allows(pair.among, pair.spot, "order"):
             self.found("order", pair)
-        if not same:
-            self.weigh_fields(a, b, pair)
-        if waiting := still_open(pair.among):  # that rules decide about values is known, though these do not differ
-            for field, token in self.fields_of(a, pair):
-                decider(pair.among, pair.spot, field, token, token)
-            touch_rows(waiting, pair.spot)
+        if not same or still_open(pair.among):
+            for cell in self.cells(a, b, pair.among):
+                self.weigh_cell(pair, cell)
         self.pending = still_open(self.pending)
 
     def lonely_row(self, row: Any, side: int) -> None:
         """Take a row that the other file has not, unless rules allow it."""
         if not self.allowed(self.spot_of(row, side), "AB"[side]):
             kind: FindingKind = "only in B" if side else "only in A"
-            self.lonely(kind, side, self.text_of(row), self.name_of(row), self.place_of(row))
+            self.lonely(kind, side, row.text, row.name, row.place)
 
     def lonely(
         self, kind: FindingKind, side: int, text: str, name: str = "", place: Place = NOWHERE, column: str = ""
@@ -118,36 +111,74 @@ class Comparison:
 
     def allowed(self, spot: Spot, side: str) -> bool:
         """Tell whether a rule allows a row in one file only (`A`, `B`), or elsewhere (`order`)."""
-        return allows(self.judged(spot), spot, side)
-
-    def judged(self, spot: Spot) -> RuleSet:
-        """Return the rules that select something in a row."""
-        return of_row(self.rules, spot)
+        return allows(of_row(self.rules, spot), spot, side)
 
     def rule(self, pair: Pair, field: Field, a: Token | None = None, b: Token | None = None) -> RuleUse | None:
         """Return the rule that decides about two values of a field, None for exactly equal."""
         return decider(pair.among, pair.spot, field, a, b) if pair.among else None
 
-    def unpaired(self, pair: Pair, field: Field, texts: Texts) -> None:
-        """Take a field whose values cannot be paired, unless rules leave it out."""
+    def weigh_cell(self, pair: Pair, cell: Cell) -> None:
+        """Weigh the tokens of one cell; in no column, every token is a field of its own.
+
+        Of a cell with more tokens in one file, what is left without those equal at both ends is a finding.
+        """
+        a, b, is_open = cell.a, cell.b, bool(still_open(pair.among))
+        if len(a) == len(b):
+            for n, (of_a, of_b) in enumerate(_pairs_of_tokens(a, b), start=1):
+                if is_open or of_a.token.text != of_b.token.text:
+                    self.weigh(pair, _spanning(cell.field, [of_a, of_b], n), cell, of_a.token, of_b.token)
+            return
+        for n, placed in enumerate(a if is_open else (), start=1):
+            self.rule(pair, _spanning(cell.field, [placed], n), placed.token, placed.token)
+        texts = [[placed.token.text for placed in side] for side in (a, b)]
+        shorter, start, end = min(map(len, texts)), 0, 0
+        while start < shorter and texts[0][start] == texts[1][start]:
+            start += 1
+        while end < shorter - start and texts[0][-1 - end] == texts[1][-1 - end]:
+            end += 1
+        rest = [placed for side in (a, b) for placed in side[start : len(side) - end]]
+        left_a, left_b = (" ".join(side[start : len(side) - end]) or None for side in texts)
+        field = _spanning(cell.field, rest, start + 1)
         use = self.rule(pair, field)
         if use is None or not use.rule.skip:
-            self.found("text", pair, texts, field.name, rule=use.name if use else "exact")
+            self.found("text", pair, (left_a, left_b), field.name, rule=use.name if use else "exact")
 
-    def weigh(self, pair: Pair, field: Field, unit: str, a: Token, b: Token, sigmas: float | None = None) -> None:
+    def weigh(self, pair: Pair, field: Field, cell: Cell, a: Token, b: Token) -> None:
         """Weigh two tokens of a field, and take their difference where there is one."""
-        verdict = weighed(self.rule(pair, field, a, b), a, b, sigmas)
-        if verdict.skipped or (verdict.passes and not verdict.difference):
+        use = self.rule(pair, field, a, b)
+        rule, name, texts = (
+            use.rule if use else None,
+            use.name if use else "exact",
+            (a.text or None, b.text or None),
+        )
+        if a.text == b.text or (rule and rule.skip):
             return
-        kind: FindingKind = "angle" if a.kind == "angle" else "number"
-        more: dict[str, Any] = {"difference": verdict.difference, "unit": verdict.unit or unit}
-        if verdict.difference is None:
-            kind = "overflow" if "overflow" in (a.kind, b.kind) else "text"
-            more = {}
-        elif self.counts_digits:
-            more["last_digits"] = verdict.last_digits
-        texts = a.text or None, b.text or None
-        self.found(kind, pair, texts, field.name, passes=verdict.passes, rule=verdict.rule, sigmas=sigmas, **more)
+        if a.value is None or b.value is None or a.kind != b.kind:
+            kind: FindingKind = "overflow" if "overflow" in (a.kind, b.kind) else "text"
+            self.found(kind, pair, texts, field.name, rule=name)
+            return
+        difference, last, unit = measured(rule, a, b)
+        if not difference and (a.kind == "angle" or a.negative_degrees == b.negative_degrees):
+            return
+        is_within = passes(rule, a, b, difference, last, cell.sigmas)
+        if is_within and use:
+            use.passed += 1
+        if not difference:  # `-0` are degrees: their sign is that of what stands behind them
+            if not is_within:
+                self.found("text", pair, texts, field.name, rule=name)
+            return
+        self.found(
+            "angle" if a.kind == "angle" else "number",
+            pair,
+            texts,
+            field.name,
+            passes=is_within,
+            rule=name,
+            sigmas=cell.sigmas,
+            difference=difference,
+            unit=unit or cell.unit,
+            last_digits=last if self.counts_digits else None,
+        )
 
     def found(
         self,
@@ -165,11 +196,11 @@ class Comparison:
         self.result.add(finding, passes=passes)
 
 
-def aligned(a: Sequence[Key], b: Sequence[Key], *, strict: bool) -> Iterator[tuple[int | None, int | None, bool]]:
+def aligned(a: Sequence[Any], b: Sequence[Any], *, strict: bool) -> Iterator[tuple[int | None, int | None, bool]]:
     """Yield the rows of A, each with its partner in B, and whether that stands elsewhere; between them rows of B.
 
-    A row goes by its name, or without one by its text; the second of a key is another than the first. As many rows
-    of A as of B between two pairs are taken for each other one by one; with `strict` only those without names are.
+    A row goes by its ids, or without any by its text. As many rows of A as of B between two pairs are taken for
+    each other one by one; with `strict` only those without ids are.
     """
     counted_a, counted_b = _counted(a), _counted(b)
     places = {key: n for n, key in enumerate(counted_b)}
@@ -182,7 +213,7 @@ def aligned(a: Sequence[Key], b: Sequence[Key], *, strict: bool) -> Iterator[tup
         alike: dict[int, int] = {}
         if len(rows) == len(others):
             pairs = zip(rows, others, strict=True)
-            alike = {n: m for n, m in pairs if not (strict and (a[n][0] or b[m][0]))}
+            alike = {n: m for n, m in pairs if not (strict and (any(a[n].ids) or any(b[m].ids)))}
         for n in range(a0 + 1, a1):
             yield n, partners.get(n, alike.get(n)), n in partners
         paired = set(alike.values())
@@ -191,12 +222,12 @@ def aligned(a: Sequence[Key], b: Sequence[Key], *, strict: bool) -> Iterator[tup
             yield a1, b1, False
 
 
-def _counted(keys: Iterable[Key]) -> list[Hashable]:
-    """Return the name of each row, or else its words, with how many of the same stand before."""
+def _counted(rows: Iterable[Any]) -> list[Hashable]:
+    """Return the ids of each row, or else its words, with how many of the same stand before."""
     counts: Counter[Hashable] = Counter()
     counted: list[Hashable] = []
-    for name, text in keys:
-        key = name or (" ".join(text.split()),)
+    for row in rows:
+        key = row.ids if any(row.ids) else (row.text,)
         counted.append((key, counts[key]))
         counts[key] += 1
     return counted
@@ -220,3 +251,30 @@ def _in_order(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
         longest.append(pairs[n])
         n = before[n]
     return longest[::-1]
+
+
+def _spanning(field: Field, placed: Sequence[Placed], number: int) -> Field:
+    """Return a field with its columns of print; in no column its number counts the fields of the row."""
+    start, end = min(field.start for field in placed), max(field.end for field in placed)
+    return Field(field.column, field.number or number, field.heading, start, end)
+
+
+def _pairs_of_tokens(a: Sequence[Placed], b: Sequence[Placed]) -> Sequence[tuple[Placed, Placed]]:
+    """Return tokens in pairs, words that differ one after the other put together."""
+    if len(a) == 1:
+        return [(a[0], b[0])]
+    pairs: list[tuple[Placed, Placed]] = []
+    joins = False  # the pair before is of words that differ
+    for of_a, of_b in zip(a, b, strict=True):
+        differ = of_a.token.kind == of_b.token.kind == "word" and of_a.token.text != of_b.token.text
+        if differ and joins:
+            pairs[-1] = _joined(pairs[-1][0], of_a), _joined(pairs[-1][1], of_b)
+        else:
+            pairs.append((of_a, of_b))
+        joins = differ
+    return pairs
+
+
+def _joined(first: Placed, second: Placed) -> Placed:
+    gap = " " if second.start > first.end else ""
+    return Placed(Token("word", f"{first.token.text}{gap}{second.token.text}"), first.start, second.end)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 from musatpy.listings.rules import Rule
@@ -37,32 +37,35 @@ class Finding(NamedTuple):
     place_a: Place = Place()
     place_b: Place = Place()
 
+    @property
+    def size(self) -> Any:
+        """How much differs, in sigmas where these are known."""
+        return abs(self.difference or Decimal(0)) if self.sigmas is None else abs(self.sigmas)
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(eq=False)
 class SectionSummary:
-    """One section of the two files: how much was compared, and the largest difference in each unit.
+    """One section of the two files: how much was compared, what differs, and the largest difference in each unit.
 
     `largest` holds passed differences too, so that it shows what the rules let pass.
     """
 
     title: str
     rows: int = 0  # compared
-    different: int = 0  # findings
     passed: int = 0  # differences that a rule lets pass
-    largest: tuple[Finding, ...] = ()
-
-
-@dataclass(eq=False)
-class Tally:
-    """What was found in one section so far."""
-
-    title: str
-    rows: int = 0
-    passed: int = 0
     overflowed: int = 0  # fields of asterisks in both files
     findings: list[Finding] = field(default_factory=list)
-    largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
-    sizes: dict[tuple[str, bool], Any] = field(default_factory=dict)  # of these, a key has numbers of one type
+    _largest: dict[tuple[str, bool], Finding] = field(default_factory=dict)  # by unit, and whether in sigmas
+
+    @property
+    def different(self) -> int:
+        """The number of findings."""
+        return len(self.findings)
+
+    @property
+    def largest(self) -> tuple[Finding, ...]:
+        """The largest difference in each unit, in sigmas where these are known."""
+        return tuple(self._largest.values())
 
     def add(self, finding: Finding, *, passes: bool = False) -> None:
         """Take a difference, which a rule lets pass or not."""
@@ -70,25 +73,11 @@ class Tally:
             self.passed += 1
         else:
             self.findings.append(finding)
-        difference, sigmas = finding.difference, finding.sigmas
-        if difference is None:
-            return
-        key = finding.unit, sigmas is not None
-        size: Any = abs(difference) if sigmas is None else abs(sigmas)
-        known = self.sizes.get(key)
-        if known is None or size > known:
-            self.largest[key] = finding
-            self.sizes[key] = size
-
-    def summary(self) -> SectionSummary:
-        """Return the numbers of the section."""
-        return SectionSummary(
-            title=self.title,
-            rows=self.rows,
-            different=len(self.findings),
-            passed=self.passed,
-            largest=tuple(self.largest.values()),
-        )
+        if finding.difference is not None:
+            key = finding.unit, finding.sigmas is not None
+            known = self._largest.get(key)
+            if known is None or finding.size > known.size:
+                self._largest[key] = finding
 
 
 @dataclass(eq=False)
@@ -106,7 +95,7 @@ class RuleUse:
         return self.rule.name
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Difference:
     """The result of a comparison.
 
@@ -115,28 +104,14 @@ class Difference:
 
     a: str  # names of the files
     b: str
-    findings: tuple[Finding, ...]
     sections: tuple[SectionSummary, ...]
     rules: tuple[RuleUse, ...] = ()
     not_compared: tuple[str, ...] = ()  # sections and columns of a listing that a record cannot answer for
 
-    @classmethod
-    def of(
-        cls,
-        names: tuple[str, str],
-        tallies: Sequence[Tally],
-        rules: Iterable[RuleUse],
-        not_compared: Iterable[str] = (),
-    ) -> Difference:
-        """Return the result of all sections of two files."""
-        return cls(
-            a=names[0],
-            b=names[1],
-            findings=tuple(finding for tally in tallies for finding in tally.findings),
-            sections=tuple(tally.summary() for tally in tallies),
-            rules=tuple(rules),
-            not_compared=tuple(not_compared),
-        )
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """The differences, section by section."""
+        return tuple(finding for section in self.sections for finding in section.findings)
 
     @property
     def same(self) -> bool:

@@ -47,25 +47,18 @@ class Field(NamedTuple):
         return self.heading or (f"field {self.number}" if self.number else "")
 
 
-class Verdict(NamedTuple):
-    """Two values weighed: their difference, and whether it passes."""
-
-    passes: bool
-    rule: str
-    skipped: bool = False
-    difference: Decimal | None = None
-    last_digits: Decimal | None = None
-    unit: str = ""
-
-
 def of_section(rules: RuleSet, titles: Sequence[str]) -> RuleSet:
     """Return the rules that select something in a section with these titles in A and B."""
     return [use for use in rules if use.rule.section is None or any(map(use.rule.section.search, titles))]
 
 
 def of_row(rules: RuleSet, spot: Spot) -> RuleSet:
-    """Return the rules that select something in a row."""
-    return [use for use in rules if _selects_row(use.rule, spot)]
+    """Return the rules that select something in a row; those about whole rows are of use by that."""
+    found = [use for use in rules if _selects_row(use.rule, spot)]
+    for use in found:
+        if (use.rule.order or use.rule.only) and _selects_field(use.rule, spot, Field()):
+            use.matched = use.applied = True
+    return found
 
 
 def decider(rules: RuleSet, spot: Spot, field: Field, a: Token | None, b: Token | None) -> RuleUse | None:
@@ -91,13 +84,6 @@ def allows(rules: RuleSet, spot: Spot, side: str) -> bool:
     return allowed
 
 
-def touch_rows(rules: RuleSet, spot: Spot) -> None:
-    """Mark the rules about order, and rows in one only, that speak of a row."""
-    for use in rules:
-        if (use.rule.order or use.rule.only) and _selects_field(use.rule, spot, Field()):
-            use.matched = use.applied = True
-
-
 def still_open(rules: RuleSet) -> RuleSet:
     """Return the rules of which it is not known yet that they match, and decide about something."""
     return [use for use in rules if not (use.matched and use.applied)]
@@ -108,32 +94,31 @@ def read_angles(rules: RuleSet) -> bool:
     return any(use.rule.arcsec is not None and use.rule.angle == "dms" for use in rules)
 
 
-def weighed(use: RuleUse | None, a: Token, b: Token, sigmas: float | None = None) -> Verdict:
-    """Return the verdict of a rule on two tokens of different texts; within the context `EXACTLY`.
-
-    `sigmas` is their difference in sigmas, where it is known.
-    """
-    rule = use.rule if use else None
-    name = rule.name if rule else "exact"
-    if rule and rule.skip:
-        return Verdict(True, name, True)
-    if a.value is None or b.value is None or a.kind != b.kind:
-        return Verdict(a.text == b.text, name)
-    difference, unit, step = b.value - a.value, "", max(a.step, b.step)
-    last: Decimal | None = difference.scaleb(-step)
+def measured(rule: Rule | None, a: Token, b: Token) -> tuple[Decimal, Decimal | None, str]:
+    """Return B minus A, that in units of the last digit that both print, and its unit where it is an angle."""
+    difference, step = _number(b) - _number(a), max(a.step, b.step)
     if a.kind == "angle":
-        unit, difference = "arc sec", _around(difference)
-        last = difference.scaleb(-step)
-    elif rule and rule.arcsec is not None and rule.angle != "dms":
-        unit, difference = "arc sec", _around(difference * ARC_SECONDS[rule.angle])
-        last = None
-    same = not difference and (a.kind == "angle" or a.negative_degrees == b.negative_degrees)
-    passes = same or (rule is not None and not rule.exact and _within(rule, a, b, difference, last, sigmas))
-    if passes and not same and use:
-        use.passed += 1
-    if not passes and not difference:  # `-0` are degrees: their sign is that of what stands behind them
-        return Verdict(False, name)
-    return Verdict(passes, name, False, difference, last, unit)
+        difference = _around(difference)
+        return difference, difference.scaleb(-step), "arc sec"
+    if rule and rule.arcsec is not None and rule.angle != "dms":
+        return _around(difference * ARC_SECONDS[rule.angle]), None, "arc sec"
+    return difference, difference.scaleb(-step), ""
+
+
+def passes(
+    rule: Rule | None, a: Token, b: Token, difference: Decimal, last: Decimal | None, sigmas: float | None
+) -> bool:
+    """Tell whether a rule lets a difference pass: it is within one of its limits."""
+    if rule is None or rule.exact:
+        return False
+    is_angle = a.kind == "angle"
+    sizes: list[tuple[Decimal | None, Any]] = [(rule.last_digits, last), (rule.sigmas, sigmas)]
+    if is_angle or rule.angle != "dms":
+        sizes.append((rule.arcsec, difference))
+    if not is_angle:
+        plain, largest = _number(b) - _number(a), max(abs(_number(a)), abs(_number(b)))
+        sizes += [(rule.absolute, plain), (None if rule.relative is None else rule.relative * largest, plain)]
+    return any(limit is not None and size is not None and abs(size) <= limit for limit, size in sizes)
 
 
 def _selects_row(rule: Rule, spot: Spot) -> bool:
@@ -188,18 +173,9 @@ def _fits(rule: Rule, a: Token | None, b: Token | None) -> bool:
     return rule.arcsec is None or rule.angle != "dms" or any(limit is not None for limit in others)
 
 
-def _within(
-    rule: Rule, a: Token, b: Token, difference: Decimal, last: Decimal | None, sigmas: float | None
-) -> bool:
-    """Tell whether a difference is within one of the limits of a rule."""
-    is_angle = a.kind == "angle"
-    sizes: list[tuple[Decimal | None, Any]] = [(rule.last_digits, last), (rule.sigmas, sigmas)]
-    if is_angle or rule.angle != "dms":
-        sizes.append((rule.arcsec, difference))
-    if not is_angle and a.value is not None and b.value is not None:
-        plain, largest = b.value - a.value, max(abs(a.value), abs(b.value))
-        sizes += [(rule.absolute, plain), (None if rule.relative is None else rule.relative * largest, plain)]
-    return any(limit is not None and size is not None and abs(size) <= limit for limit, size in sizes)
+def _number(token: Token) -> Decimal:
+    assert token.value is not None
+    return token.value
 
 
 def _around(angle: Decimal) -> Decimal:

@@ -64,7 +64,7 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
             notes.append(f"{section.title}: {', '.join(kinds)}")
     if not tallies:
         raise CannotCompareError([Problem(file=names[listing], message="has no section with numbers of a record")])
-    return Difference.of(names, tallies, uses, [*notes, *overflows(tallies)])
+    return Difference(*names, tuple(tallies), tuple(uses), (*notes, *overflows(tallies)))
 
 
 def _refuse_other_schema(content: Record, name: str) -> None:

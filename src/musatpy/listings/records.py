@@ -11,12 +11,12 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from musatpy.errors import Problem
-from musatpy.listings.compare import Comparison, Key, Pair
+from musatpy.listings.compare import Cell, Comparison
 from musatpy.listings.findings import Difference, Place, RuleUse
-from musatpy.listings.judge import Field, RuleSet, Spot
+from musatpy.listings.judge import Field, RuleSet, Spot, still_open
 from musatpy.listings.lines import CannotCompareError
 from musatpy.listings.rules import Rules
-from musatpy.listings.tokens import Token
+from musatpy.listings.tokens import Placed, Token
 from musatpy.reports.values import at
 
 TOP = "(top)"
@@ -42,6 +42,12 @@ class Row(NamedTuple):
     name: str
     ids: tuple[str, ...]
     fields: Mapping[str, Any]
+    place: Place = Place()
+
+    @property
+    def text(self) -> str:
+        """All of it."""
+        return json.dumps(self.fields)
 
 
 def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Difference:
@@ -55,13 +61,13 @@ def compare_records(a: str, b: str, rules: Rules, names: tuple[str, str]) -> Dif
     tables = [tables_of(content) for content in contents]
     geographic = all(at(content, "options.system") == "GEOG" for content in contents)
     axes = _axes_of(contents[1]) if geographic else None
-    tallies = []
+    sections = []
     for title in (titles := tables[0] | tables[1]):
         comparison = _Tables(uses, title, [side.get(title, []) for side in tables], titles)
         comparison.geographic, comparison.axes = geographic, axes
         comparison.compare()
-        tallies.append(comparison.result)
-    return Difference.of(names, tallies, uses)
+        sections.append(comparison.result)
+    return Difference(*names, tuple(sections), tuple(uses))
 
 
 def read_json(text: str, name: str) -> Any:
@@ -174,15 +180,6 @@ class _Tables(Comparison):
         self.rows = tables[0], tables[1]
         self.titles = titles  # of all tables
 
-    def name_of(self, row: Row) -> str:
-        return row.name
-
-    def place_of(self, row: Row) -> Place:
-        return Place()
-
-    def text_of(self, row: Row) -> str:
-        return json.dumps(row.fields)
-
     def spot_of(self, row: Row, side: int, other: Row | None = None) -> Spot:
         def named(*keys: str) -> tuple[str, ...]:
             return tuple([text for key in keys if key in row.fields for text in _texts(row.fields[key])])
@@ -199,37 +196,31 @@ class _Tables(Comparison):
         side = int(not self.rows[0])
         if all(self.rows):
             single = all(len(rows) == 1 for rows in self.rows)
-            keys: list[list[Key]] = [
-                [((), "")] if single else [(row.ids, "" if row.ids else json.dumps(row.fields)) for row in rows]
-                for rows in self.rows
-            ]
-            self.compare_rows((keys[0], keys[1]), strict=not single and bool(self.rows[0][0].ids))
+            self.compare_rows(strict=not single and bool(self.rows[0][0].ids))
             return
         fields = [field for row in self.rows[side] for field in _leaves(row.fields).items()]
         is_empty = all(self.is_empty_table(path, value) for path, value in fields)
         if not is_empty and not self.allowed(Spot(), "AB"[side]):
             self.lonely("section", side, f"{len(self.rows[side])} rows")
 
-    def weigh_fields(self, a: Row, b: Row, pair: Pair) -> None:
+    def cells(self, a: Row, b: Row, among: RuleSet) -> Iterator[Cell]:
         first, second = _leaves(a.fields), _leaves(b.fields)
+        is_open = bool(still_open(among))
         for number, path in enumerate(first | second, start=1):
             values = first.get(path, _ABSENT), second.get(path, _ABSENT)
             if values[0] == values[1]:
+                if is_open:
+                    token = (_placed(values[0]),)
+                    yield Cell(Field(-1, number, path), "", token, token)
                 continue
-            field, (of_a, of_b) = Field(-1, number, path), map(_token, values)
-            if of_a is not None and of_b is not None:
-                sigmas = None
-                if of_a.value is not None and of_b.value is not None:
-                    sigmas = self.in_sigmas(path, of_b.value - of_a.value, (b.fields, a.fields))
-                self.weigh(pair, field, self.unit_of(path, a.fields), of_a, of_b, sigmas)
-            elif self.is_empty_table(path, values[of_a is None]):
-                self.rule(pair, field, of_a, of_b)  # of use, though there is nothing to decide
-            else:
-                self.unpaired(pair, field, (of_a and of_a.text, of_b and of_b.text))
-
-    def fields_of(self, row: Row, pair: Pair) -> Iterator[tuple[Field, Token | None]]:
-        for number, (path, value) in enumerate(_leaves(row.fields).items(), start=1):
-            yield Field(-1, number, path), _token(value)
+            of_a, of_b = (() if value is _ABSENT else (_placed(value),) for value in values)
+            numbers = [side[0].token.value if side else None for side in (of_a, of_b)]
+            sigmas = None
+            if numbers[0] is not None and numbers[1] is not None:
+                sigmas = self.in_sigmas(path, numbers[1] - numbers[0], (b.fields, a.fields))
+            elif not (of_a and of_b) and self.is_empty_table(path, values[not of_a]):
+                continue
+            yield Cell(Field(-1, number, path), self.unit_of(path, a.fields), of_a, of_b, sigmas)
 
     def is_empty_table(self, path: str, value: Any) -> bool:
         """Tell whether a field is the empty list of a table of the other record, which is a finding of its own."""
@@ -276,17 +267,17 @@ def number_of(value: Any) -> float | None:
     return value if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
-def _token(value: Any) -> Token | None:
-    """Return the token of what stands in a field; None where the row has no such field."""
-    if (number := number_of(value)) is not None:
-        text = str(number)
-        if (parts := _NUMBER.fullmatch(text)) is None:
-            return Token("word", text)
-        decimals, exponent = parts.groups(default="")
-        return Token("number", text, Decimal(text), int(exponent or 0) - len(decimals))
+def _placed(value: Any) -> Placed:
+    """Return what stands in a field; it has no columns of print."""
     if isinstance(value, str):
-        return Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value)
-    return None if value is _ABSENT else Token("word", json.dumps(value))
+        return Placed(Token("word", json.dumps(value) if value in ("null", "true", "false", "") else value), 0, 0)
+    if number_of(value) is None:
+        return Placed(Token("word", json.dumps(value)), 0, 0)
+    text = str(value)
+    if (parts := _NUMBER.fullmatch(text)) is None:
+        return Placed(Token("word", text), 0, 0)
+    decimals, exponent = parts.groups(default="")
+    return Placed(Token("number", text, Decimal(text), int(exponent or 0) - len(decimals)), 0, 0)
 
 
 @cache

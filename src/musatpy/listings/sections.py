@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
+from musatpy.listings.findings import Place
 from musatpy.listings.lines import Line, Paper
 from musatpy.listings.rules import Layout
 from musatpy.listings.tokens import Placed, angle_of, begins_with_number, tokens_of, with_angles
@@ -19,6 +20,7 @@ _INDEX = "Index Of Pages"  # where pages break does not count
 
 _RULE = re.compile(r"\s*[-=_][-=_\s]*[-=_]{2}\s*")
 _GROUP = re.compile(r"[-=_]{1,}")
+_DIGITS = re.compile(r"\d+")
 _CELL = re.compile(r"\S+(?: \S+)*")
 _DMS = re.compile(r"\bD +M +S\b|\bdeg\w*,? *min\w*,? *sec|\bDMS\b", re.IGNORECASE)
 _CONTINUED = re.compile(r"(?<![\s,(-])[\s,(-]*+\b(?:continued|cont\.|cont'd|contd\.?)\)?\s*$", re.IGNORECASE)
@@ -51,6 +53,21 @@ class Row(NamedTuple):
     ids: tuple[str, ...]  # what it is about: photo, point, ... or its label
     block: int  # rows between two rules have one number
 
+    @property
+    def name(self) -> str:
+        """What findings call it."""
+        return " ".join(filter(None, self.ids)) or self.text[:40]
+
+    @property
+    def text(self) -> str:
+        """Its words, one blank apart."""
+        return squeezed(self.line.text)
+
+    @property
+    def place(self) -> Place:
+        """Where it stands."""
+        return Place(page=self.line.page, line=self.line.number)
+
 
 @dataclass(eq=False)
 class Section:
@@ -61,6 +78,11 @@ class Section:
     head: list[Line] = field(default_factory=list)  # rules included
     lines: list[tuple[Line, int]] = field(default_factory=list)  # with their block
     ruled: bool = False  # rules stand between rows
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """What it is called, whatever numbers its title has."""
+        return (_DIGITS.sub("#", self.title) or " ",)
 
     @cached_property
     def head_texts(self) -> frozenset[str]:
