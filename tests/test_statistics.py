@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from altered import altered
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model import ControlKind, CoordinateSystem, PlateResiduals, PointStatus
+from musatpy.model import ControlKind, CoordinateSystem, PlateResiduals
 from musatpy.model.tables import taken
 from musatpy.statistics import Statistics, difference_statistics, metric_differences
 from musatpy.units import ARC_SECOND, DEGREE
@@ -177,17 +177,6 @@ def test_a_kind_without_points_has_no_largest_frame():
     found = Statistics(dataclasses.replace(solution, plates=plates)).plates
     assert found.largest == (4, -1, 4)
     assert np.isnan(found.total_rms[1]).all()
-
-
-def test_sigmas_are_roots_of_the_diagonals():
-    solution = sample_solution()
-    found = Statistics(solution)
-    for row in range(10):
-        for axis in range(6):
-            variance = solution.stations.covariance[row, axis, axis]
-            assert found.station_sigmas[row, axis] == math.sqrt(variance)
-    undetermined = solution.points.status == PointStatus.NOT_DETERMINED
-    np.testing.assert_array_equal(np.isnan(found.point_sigmas).all(axis=1), undetermined)
 
 
 def test_bathymetric_points_of_a_geographic_job_are_geocentric():

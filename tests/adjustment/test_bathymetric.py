@@ -86,17 +86,6 @@ def test_straight_rays_meet_where_traced_ones_do(system: str, mode: str) -> None
         np.testing.assert_allclose(level[:, :2], frame.level(frame.working(sea.apparent))[:, :2], rtol=1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("system", ["LOCL", "GEOG"])
-def test_the_programs_agree_with_soundings_as_control(system: str) -> None:
-    block = soundings_as_control(system, noise=3.0).block
-    assert (block.points.bathymetric[block.control.point] & (block.control.kind == ControlKind.VERTICAL)).sum() == 8
-    first, *others = (adjust(with_options(block, **mode)).bathymetric for mode in MODES.values())
-    for other in others:
-        for name in ("water_level", "apparent_depth", "predicted_depth", "depth", "incidence"):
-            np.testing.assert_allclose(getattr(other, name), getattr(first, name), atol=0.02, err_msg=name)
-
-
 def test_straight_rays_know_nothing_of_control() -> None:
     """Points held at their soundings by NONE are not: the stations alone are bent by these."""
     block = with_options(soundings_as_control().block, program=Program.IIA, refraction=Refraction.NONE)

@@ -19,7 +19,6 @@ from json_schema import violations
 from musatpy.arrays import FloatArray
 from musatpy.compilation.contoured import NO_BOTTOM, NOT_IN_OTHER, NOT_ON_IT, PAST_ENDS, contoured
 from musatpy.compilation.joined_surfaces import BottomPoints, Surface
-from musatpy.compilation.pictures import height_of
 from musatpy.errors import SoundingError
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
@@ -319,13 +318,3 @@ def test_an_empty_raster_and_a_raster_of_no_system(tmp_path: Path) -> None:
     result = drawn_by(local, "-o", tmp_path / "a.geojson", "--interval", "5")
     assert result.exit_code == 1 and "the coordinates are local" in result.output
     assert drawn_by(local, "-o", tmp_path / "a.csv", "--interval", "5").exit_code == 1
-
-
-@pytest.mark.parametrize(("north", "height"), [(5000.0, 6.0), (1000.0, 5.4), (500.0, 3.3)])
-def test_a_figure_is_as_high_as_the_highest_of_its_maps(north: float, height: float) -> None:
-    from matplotlib.figure import Figure
-
-    maps = Figure().subplots(1, 2)
-    for axes, length in zip(maps, (north, 0.5 * north), strict=True):
-        axes.set(xlim=(0.0, 1000.0), ylim=(0.0, length))
-    assert height_of(list(maps)) == pytest.approx(height, abs=0.01)

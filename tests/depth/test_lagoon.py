@@ -17,6 +17,7 @@ from musatpy.depth.correction import CHUNK, Correction
 from musatpy.depth.csv_points import ADDED, correct_csv
 from musatpy.depth.las_points import correct_las
 from musatpy.errors import DepthError
+from musatpy.pointfiles.las_files import point_count
 from musatpy.pointfiles.las_headers import checked_head
 from musatpy.refraction.apparent import Stations
 
@@ -175,12 +176,7 @@ def test_a_file_without_points_has_a_line_of_names(tmp_path: Path) -> None:
 
 
 def test_las_has_the_same_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import laspy
-
     monkeypatch.setattr("musatpy.pointfiles.las_files.CHUNK", 50)
-    from musatpy.depth.las_points import correct_las
-    from musatpy.pointfiles.las_files import point_count
-
     given = rows(FOLDER / "points.csv")
     assert len(given) > 50  # more than a chunk
     xyz = np.array([[float(row[axis]) for axis in "xyz"] for row in given])
@@ -216,10 +212,6 @@ def test_las_has_the_same_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
-    import laspy
-
-    from musatpy.depth.las_points import correct_las
-
     position = np.column_stack([np.linspace(0.0, 6900.0, 70), np.zeros(70), np.full(70, 900.0)])
     stations = Stations(position=position, level=np.zeros(70))
     cameras = Cameras(names=tuple(map(str, range(70))), stations=stations, limit=np.radians(30.0))
@@ -238,8 +230,6 @@ def test_las_has_a_bit_for_each_of_many_cameras(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_no_las(tmp_path: Path) -> None:
-    from musatpy.pointfiles.las_files import point_count
-
     (tmp_path / "no.las").write_text("x,y,z\n")
     with pytest.raises(DepthError, match="is no LAS file"):
         point_count(tmp_path / "no.las")
