@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from musatpy.canvas import check_matplotlib
 from musatpy.errors import numerics
+from musatpy.figures import check_matplotlib
 from musatpy.files import write_files
 from musatpy.reports.encoding import number
 from musatpy.reports.record import held_tables
@@ -57,8 +57,7 @@ def check_packages(wanted: Shown) -> None:
 def draw_run(result: RunResult) -> Drawn:
     """Draw the pictures of a run beside its listing. Raises `MusatError` without matplotlib, and `OSError`."""
     from musatpy.plots.files import Drawn, pictures_of
-    from musatpy.plots.gallery import GALLERY
-    from musatpy.plots.records import KINDS
+    from musatpy.plots.gallery import GALLERY, KINDS
 
     kind = KINDS[b"schema"]
     stem, tables = _stem(result), _tables(result, {*kind.required, *kind.optional})

@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGE = "musatpy"
 
-EVERYONE = {"errors", "units", "fortran", "files", "specs", "spec_keys", "draws", "json_files", "arrays", "canvas"}
+EVERYONE = {"errors", "units", "fortran", "files", "specs", "spec_keys", "draws", "json_files", "arrays", "figures"}
 EVERYONE |= {"image_observations", "probability"}
 # Room -> the rooms whose modules it may import, besides EVERYONE and itself.
 MAY_IMPORT: dict[str, set[str]] = {
@@ -29,8 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "spec_keys": {"specs"},
     "draws": set(),
     "probability": set(),
-    "canvas": {"lettering"},
-    "lettering": set(),
+    "figures": set(),
     "pointfiles": set(),
     "interchange": {"pointfiles", "geometry"},
     "json_files": set(),

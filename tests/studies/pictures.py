@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.canvas import new_figure, png
+from musatpy.figures import image_of, new_figure
 from musatpy.sea.experiment import Histogram
 from musatpy.sea.pictures.error_maps import bars
 from studies import collocation, stereo
@@ -43,7 +43,7 @@ def unknown_waves(results: Sequence[tuple[Cell, Summary]]) -> bytes:
         panel.set_ylim(bottom=0.0)
     panels[0].set_ylabel("RMS error in height, m")
     panels[0].legend(fontsize="x-small")
-    return png(figure)
+    return image_of(figure, "png")
 
 
 def collocation_picture(
@@ -68,7 +68,7 @@ def collocation_picture(
         row[0].set_ylabel(f"{name}: part of the RMS removed")
     plots[0, 0].set_ylim(-0.1, 1.05)
     plots[0, 0].legend(fontsize="x-small")
-    return png(figure)
+    return image_of(figure, "png")
 
 
 def _removed(plot: Any, at: Sequence[float], outcomes: Sequence[collocation.Outcome]) -> None:
@@ -87,7 +87,7 @@ def stereo_picture(families: Sequence[tuple[str, Sequence[stereo.Outcome]]]) -> 
         _panel(plot, name, outcomes)
     figure.axes[0].set_ylabel("error in height due to the waves, m RMS")
     figure.axes[0].legend(fontsize="small")
-    return png(figure)
+    return image_of(figure, "png")
 
 
 def _panel(plot: Any, name: str, outcomes: Sequence[stereo.Outcome]) -> None:
@@ -110,7 +110,7 @@ def height_histogram(histogram: Histogram, title: str) -> bytes:
     plot = figure.subplots()
     bars(plot, histogram.edges[2], histogram.count[2], "Z")
     plot.set_title(title)
-    return png(figure)
+    return image_of(figure, "png")
 
 
 def refraction_picture(crossing: Crossing, title: str) -> bytes:
@@ -139,4 +139,4 @@ def refraction_picture(crossing: Crossing, title: str) -> bytes:
     handles, labels = plot.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     figure.legend(list(once.values()), list(once), loc="outside right center", fontsize="small")
-    return png(figure)
+    return image_of(figure, "png")

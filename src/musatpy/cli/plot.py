@@ -15,7 +15,7 @@ def show_names(context: click.Context, _: click.Parameter, shown: bool) -> None:
     """List the pictures of each kind of record."""
     if not shown:
         return
-    from musatpy.plots.records import KINDS
+    from musatpy.plots.gallery import KINDS
 
     for kind in KINDS.values():
         tell(f"of a {kind.what}:")

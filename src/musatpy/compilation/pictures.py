@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.canvas import new_figure, pdf, png
 from musatpy.compilation.bottom import Bottom
 from musatpy.compilation.compiled import Compiled
 from musatpy.compilation.joined_surfaces import Of, Surface
+from musatpy.figures import image_of, new_figure, styled
 from musatpy.surfaces.contours import Contour
 
 _PANEL = 6.0  # inches
 _BESIDE, _ABOVE = 1.8, 1.2  # inches: bar and numbers beside a map, title and numbers above and below it
 
 
+@styled
 def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
     """Return the surfaces side by side, north up, as `png` and `pdf`. Raises `MusatError` without matplotlib."""
     shown = [(surface, _lines_of(bottom, surface)) for surface in bottom.surfaces if surface.tin is not None]
@@ -34,7 +35,7 @@ def contour_pictures(compiled: Compiled, bottom: Bottom) -> dict[str, bytes]:
     if shade is not None:
         figure.set_figheight(height_of(figure.axes))
         figure.colorbar(shade, ax=axes, label=f"{bottom.of}, m")
-    return {"png": png(figure), "pdf": pdf(figure)}
+    return {"png": image_of(figure, "png"), "pdf": image_of(figure, "pdf")}
 
 
 def height_of(maps: list[Any]) -> float:

@@ -11,8 +11,7 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.gis.target_system import TargetSystem, target_system
 from musatpy.interchange.layers import Column, Lines, Points, Polygons
-from musatpy.plots.footprints import ground_of, outlines
-from musatpy.plots.plane import map_about, plane_of
+from musatpy.plots.plane import ground_of, map_about, outlines, plane_of
 from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
 from musatpy.units import DEGREE
 

@@ -14,9 +14,9 @@ import musatpy
 from musatpy.errors import Problem, RecordError
 from musatpy.json_files import known_of, read_json_file
 from musatpy.page.rendering import Chapter, Fact, Facts, Page, PagePicture, check_packages, html_of
-from musatpy.plots.gallery import COMPILED, GALLERY, SOUNDED, file_of
+from musatpy.plots.gallery import COMPILED, GALLERY, SOUNDED, rendered
 from musatpy.plots.picture import Picture
-from musatpy.plots.tables import SharedTables, Tables, part
+from musatpy.plots.tables import Tables, part
 
 _OF_RUN, _OF_COMPILATION, _OF_SOUNDINGS = "schema_version", "compilation_version", "soundings_version"
 _BEFORE_PICTURES = "Accuracy"  # a chapter
@@ -47,7 +47,7 @@ def page_of_tables(tables: Tables, files: Iterable[Path]) -> str:
     chapters: list[Chapter] = []
     for chapter in page.chapters:
         chapters.append(chapter)
-        if chapter.title == _BEFORE_PICTURES and (shown := list(pictures(gallery, SharedTables(tables)))):
+        if chapter.title == _BEFORE_PICTURES and (shown := list(pictures(gallery, tables))):
             chapters.append(Chapter(title="Pictures", parts=shown))
     chapters.append(_provenance(tables, {file.name: _sha256(file) for file in files}))
     closing = (
@@ -112,10 +112,9 @@ def _provenance(tables: Tables, files: Mapping[str, str]) -> Chapter:
 def pictures(gallery: Iterable[Picture[Any]], tables: Tables) -> Iterator[PagePicture]:
     """Yield the pictures that a record has something to show in."""
     for picture in gallery:
-        drawn = picture.drawn(tables)
-        if drawn is not None:
-            uri = _uri(*file_of(drawn[0], picture.name))
-            yield PagePicture(title=picture.title, name=picture.name, sentence=drawn[1], uri=uri)
+        if found := rendered(picture, tables):
+            suffix, data, sentence = found
+            yield PagePicture(title=picture.title, name=picture.name, sentence=sentence, uri=_uri(suffix, data))
 
 
 def _uri(suffix: str, data: bytes) -> str:

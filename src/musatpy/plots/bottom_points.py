@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.plots.plane import Plane, plane_of
-from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts, worked_out_once
+from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, rows_of, texts
 
 _ABOUT = {"name": "GRS80", "semi_major_axis": None, "inverse_flattening": None}  # of plans of older compilations
 
@@ -40,7 +40,6 @@ class BottomPoints:
         return self.depth / np.where(apparent > 0.0, apparent, np.nan)
 
 
-@worked_out_once
 def bottom_points(tables: Tables) -> BottomPoints:
     """Return the points of a record with what is known of those below the water.
 

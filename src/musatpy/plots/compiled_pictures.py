@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
+from musatpy.figures import GREY, add_legend, shades
 from musatpy.plots import corrections, normalised, profile, sigma_map
-from musatpy.plots.mapping import SHADES, dot_size, finish, new_map, view_of
+from musatpy.plots.maps import PointMap, dot_size, name_places, new_maps, point_map
 from musatpy.plots.normalised import Residuals
-from musatpy.plots.panels import PointMap, point_map
-from musatpy.plots.picture import Picture
+from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
-from musatpy.plots.wording import counted, measure
 
 _POINTS_NEED = {"job": ("system",), "points": ("point", "submerged", "position", "sigma", "covariance", "apparent")}
 _CLASSES = {"G": ("o", "points"), "P": ("s", "profiles"), "S": ("^", "shoreline"), "R": ("D", "points of the run")}
@@ -59,29 +58,24 @@ def _depth_sentence(data: CompiledDepths) -> str:
 
 
 def _depth_figure(data: CompiledDepths) -> Any:
-    bounds, _ = view_of(data.places, data.places)
-    drawing, axes = new_map(bounds, data.block.plane, f"Compiled depths below {data.datum}")
-    size = (1.5 * dot_size(bounds, len(data.ids))) ** 2
-    high = max(float(data.depth.max()), 0.1)
-    shade = None
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    figure, (axes,) = new_maps(data.block.bounds, data.block.plane, f"Compiled depths below {data.datum}")
+    size, wet = dot_size(data.block.bounds, len(data.ids)) ** 2, data.depth > 0.0
+    shade = ScalarMappable(Normalize(0.0, max(float(data.depth.max()), 0.1)), shades())
     for kind, (marker, label) in _CLASSES.items():
-        for wet in (False, True):
-            rows = (data.kind == kind) & ((data.depth > 0.0) == wet)
-            if not rows.any():
-                continue
-            drawn = axes.scatter(
-                *data.places[rows].T, c=data.depth[rows], marker=marker, s=size, cmap=SHADES, vmin=0.0, vmax=high,
-                edgecolors="0.3", linewidths=0.3, label=f"{rows.sum():,} {label}{'' if wet else ' on land'}",
-            )  # fmt: skip
-            if wet:
-                shade = drawn
-            else:
-                drawn.set_facecolor("none")
-    for row in range(0, len(data.ids), -(-len(data.ids) // _NAMED)):
-        axes.annotate(
-            f"{data.depth[row]:z.1f}", data.places[row], textcoords="offset points", xytext=(4, 4), fontsize=6
-        )
-    return finish(drawing, axes, shade=shade, label="depth, m")
+        for rows, where in ((wet & (data.kind == kind), ""), (~wet & (data.kind == kind), " on land")):
+            if rows.any():
+                colour = "none" if where else shade.to_rgba(data.depth[rows])
+                axes.scatter(
+                    *data.places[rows].T, marker=marker, s=size, facecolors=colour, edgecolors=GREY, linewidths=0.5,
+                    label=f"{rows.sum():,} {label}{where}",
+                )  # fmt: skip
+    figure.colorbar(shade, ax=axes, label="depth, m")
+    name_places(axes, data.places, np.array([f"{depth:z.1f}" for depth in data.depth.tolist()]))
+    add_legend(figure)
+    return figure
 
 
 def _parallaxes(tables: Tables) -> list[Residuals]:

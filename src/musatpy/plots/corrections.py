@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray
+from musatpy.figures import LIGHT, add_legend, shades
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
-from musatpy.plots.mapping import MOST_ARROWS, SHADES, dot_size, draw_arrows, finish, new_map, shown_size, view_of
-from musatpy.plots.painted import add_names
-from musatpy.plots.picture import Picture
-from musatpy.plots.wording import counted, measure
+from musatpy.plots.maps import add_arrows, dot_size, name_places, new_maps, view_of
+from musatpy.plots.picture import Picture, counted, measure
 
 _NAMED = 25  # points whose corrections are written
 
@@ -36,25 +34,22 @@ def figure(data: BottomPoints) -> Any:
     """Return the figure of corrections. Raises `MusatError` where matplotlib is missing."""
     rows = data.submerged & np.isfinite(data.shift).all(axis=1)
     places, shift, number = data.places[rows, :2], data.shift[rows], int(rows.sum())
-    bounds, _ = view_of(places, places, keys=1)
-    drawing, axes = new_map(bounds, data.plane, "Refraction: corrected minus apparent points")
+    bounds, _ = view_of(places, places, keys=True)
+    figure, (axes,) = new_maps(bounds, data.plane, "Refraction: corrected minus apparent points")
     dry = data.places[~data.submerged, :2]
-    axes.plot(*dry[np.isfinite(dry).all(axis=1)].T, ".", color="0.6", markersize=2, label="other points")
-    shade = axes.scatter(
-        *places.T, c=-shift[:, 2], s=(1.5 * dot_size(bounds, number)) ** 2, cmap=SHADES, edgecolors="0.3",
-        linewidths=0.4 if number <= MOST_ARROWS else 0.0, label=counted(number, "submerged point"),
+    dry = dry[((dry > bounds[0]) & (dry < bounds[1])).all(axis=1)]
+    if len(dry):
+        axes.plot(*dry.T, ".", color=LIGHT, label=counted(len(dry), "other point"))
+    drawn = axes.scatter(
+        *places.T, c=-shift[:, 2], s=dot_size(bounds, number) ** 2, cmap=shades(),
+        label=counted(number, "submerged point"),
     )  # fmt: skip
-    drawn = 2.0 * shown_size(bounds, min(number, MOST_ARROWS))
-    draw_arrows(axes, places, shift[:, :2], drawn, "moved sideways")
-    _write_some(axes, places, -shift[:, 2])
-    return finish(drawing, axes, shade=shade, label="lowered by, m")
-
-
-def _write_some(axes: Any, places: FloatArray, fall: FloatArray) -> None:
-    """Write the corrections of some points beside them: shades alone do not say a number."""
-    step = -(-len(fall) // _NAMED)
-    rows = np.argsort(fall, kind="stable")[::step]
-    add_names(axes, places[rows], np.array([f"{value:z.1f}" for value in fall[rows].tolist()]))
+    figure.colorbar(drawn, ax=axes, label="lowered by, m")
+    add_arrows(axes, places, shift[:, :2], "moved sideways", share=0.5)
+    order = np.argsort(-shift[:, 2], kind="stable")  # those that are written have all sizes
+    name_places(axes, places[order], np.array([f"{-value:z.1f}" for value in shift[order, 2].tolist()]), _NAMED)
+    add_legend(figure)
+    return figure
 
 
 CORRECTIONS = Picture(

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.plots.mapping import SHADES
-from musatpy.plots.picture import Picture
-from musatpy.plots.sheet import Margins, bar_beside, new_sheet, room_of
+from musatpy.figures import INK, new_figure, shades
+from musatpy.plots.picture import Picture, counted
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
-from musatpy.plots.wording import counted
 
 _ELEMENTS = ("east", "north", "up", "X-tilt", "Y-tilt", "heading")
 _MOST = 16  # unknowns of all photos that are drawn
@@ -100,33 +98,27 @@ def figure(data: Correlations) -> Any:
     """Return the figure of correlations. Raises `MusatError` where matplotlib is missing."""
     number, bars = len(data.names), len(data.inflated)
     side = max(_CELL * number, _LEAST)
-    room = room_of(data.names)
-    beside = 0.9 + room_of(data.inflated.tolist())
-    margins = Margins(left=room, below=max(room, 0.55), beside=beside, right=0.2 if bars else 0.9)
-    sheet = new_sheet(([side, 3.0] if bars else [side], [side]), margins)
-    panels = sheet.panels[0]
-    axes = panels[0]
-    shade = axes.imshow(np.abs(data.value), cmap=SHADES, vmin=0.0, vmax=1.0)
+    figure = new_figure(side + (6.5 if bars else 2.0), side + 1.5, "Correlations")
+    axes, *beside = figure.subplots(1, 2 if bars else 1, squeeze=False, width_ratios=[side, 3.0][: 1 + bool(bars)])[
+        0
+    ]
+    drawn = axes.imshow(np.abs(data.value), cmap=shades(), vmin=0.0, vmax=1.0)
     for (row, column), value in np.ndenumerate(data.value):
         if np.isfinite(value) and row != column:
-            ink = "black" if abs(value) > 0.6 else "white"
-            axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7, color=ink)
-    axes.set_xticks(range(number), data.names, rotation=90, fontsize=8)
-    axes.set_yticks(range(number), data.names, fontsize=8)
-    axes.set_title(f"Correlations of the unknowns of photo {data.photo}", fontsize=10)
-    bar_beside(sheet.figure, axes, shade, "size of the correlation")
-    if bars:
-        panels[1].barh(range(bars), data.inflation, color="0.7", edgecolor="0.3", height=0.5)
-        panels[1].set_yticks(range(bars), data.inflated.tolist(), fontsize=8)
-        panels[1].set_ylim(max(bars, 4) - 0.5, -0.5)
-        panels[1].set_xscale("log")
-        panels[1].set_xlim(1.0, 3.0 * max(float(np.nanmax(data.inflation)), 1.0))
-        panels[1].set_xlabel("variance inflation factor")
-        panels[1].set_title("Unknowns of all photos", fontsize=10)
-        for row, value in enumerate(data.inflation.tolist()):
-            place = (max(value, 1.0), row)
-            panels[1].annotate(f"{value:.3g}", place, textcoords="offset points", xytext=(3, -3), fontsize=7)
-    return sheet.figure
+            axes.text(column, row, f"{value:+z.2f}", ha="center", va="center", fontsize=7, color="white")
+    axes.set_xticks(range(number), data.names, rotation=90)
+    axes.set_yticks(range(number), data.names)
+    axes.set_title(f"unknowns of photo {data.photo}")
+    figure.colorbar(drawn, ax=axes, label="size of the correlation")
+    for panel in beside:
+        drawn = panel.barh(data.inflated, data.inflation, color="0.7", edgecolor=INK, height=0.5)
+        panel.bar_label(drawn, [f"{value:.3g}" for value in data.inflation.tolist()], padding=3)
+        panel.set_ylim(max(bars, 4) - 0.5, -0.5)
+        panel.set_xscale("log")
+        panel.set_xlim(1.0, 3.0 * max(float(np.nanmax(data.inflation)), 1.0))
+        panel.set_xlabel("variance inflation factor")
+        panel.set_title("unknowns of all photos")
+    return figure
 
 
 CORRELATIONS = Picture(

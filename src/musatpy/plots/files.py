@@ -9,12 +9,11 @@ from typing import Any
 
 from musatpy.errors import MusatError
 from musatpy.files import real_path, write_files
-from musatpy.plots.gallery import rendered
+from musatpy.plots.gallery import KINDS, read_tables, rendered
 from musatpy.plots.given_lines import given_line, given_soundings
 from musatpy.plots.picture import Picture
 from musatpy.plots.profile import Profile, profile_picture
-from musatpy.plots.records import KINDS, read_tables
-from musatpy.plots.tables import SharedTables, Tables
+from musatpy.plots.tables import Tables
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,16 +71,15 @@ def pictures_of(
 
     Raises `MusatError` without matplotlib, and where what is given for a profile cannot be brought there.
     """
-    tables = SharedTables(tables)
     files, sentences, reasons = {}, [], {}
     for picture in pictures:
-        picture_file = rendered(picture, tables)
-        if picture_file is None:
-            reasons[picture.name] = picture.reason(tables)
+        found = rendered(picture, tables, stem.name)
+        if found is None:
+            reasons[picture.name] = picture.sentence(tables)
             continue
-        suffix, data = picture_file
+        suffix, data, sentence = found
         files[stem.with_name(f"{stem.name}.{picture.name}.{suffix}")] = data
-        sentences.append(picture.sentence(tables))
+        sentences.append(sentence)
     return files, sentences, reasons
 
 

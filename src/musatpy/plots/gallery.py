@@ -1,23 +1,26 @@
-"""The pictures of records, and how they become files."""
+"""The pictures of records: which there are of each kind, what they need of one, and how they become files."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from musatpy.canvas import small_png, svg
+from musatpy.errors import Problem, RecordError
+from musatpy.figures import image_of
+from musatpy.json_files import Schema, read_record
 from musatpy.plots import compiled_pictures
 from musatpy.plots.corrections import CORRECTIONS
 from musatpy.plots.correlations import CORRELATIONS
 from musatpy.plots.gnss import GNSS
-from musatpy.plots.mean_residuals import MEANS
 from musatpy.plots.normalised import NORMALISED
 from musatpy.plots.picture import Picture
 from musatpy.plots.plan import PLAN
-from musatpy.plots.plate_residuals import PHOTOS
 from musatpy.plots.profile import PROFILE
 from musatpy.plots.redundancy import REDUNDANCY
+from musatpy.plots.residuals import MEANS, PHOTOS
 from musatpy.plots.sigma_map import SIGMAS
 from musatpy.plots.sounded import SOUNDINGS
 from musatpy.plots.tables import Tables
@@ -47,37 +50,96 @@ COMPILED: tuple[Picture[Any], ...] = (
 SOUNDED: tuple[Picture[Any], ...] = (SOUNDINGS,)
 
 MOST_MARKS = 2000  # of a picture that is SVG: 10,000 ellipses are 7.1 MB, and 0.5 MB as PNG
+_VERSION = re.compile(rb'\s*\{\s*"(\w+)_version"')  # the first field of a record, of whichever kind
+_RUN = {"options": ("system",), "stations": ("photo", "position")}
+# What pictures take where it is there: records without observations, and earlier ones, lack some of it.
+_OF_RUN: dict[str, tuple[str, ...]] = {
+    "titles": (),
+    "stated": ("answer",),
+    "ellipsoid": (),
+    "adjusted_water": ("tide",),
+    "dependence": ("globals",),
+}
 
 
-def rendered(picture: Picture[Any], tables: Tables) -> tuple[str, bytes] | None:
-    """Return the suffix and the bytes of a picture of a record, None where it has nothing to show.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordKind:
+    """What a record is of, and the pictures of it."""
 
-    SVG up to `MOST_MARKS` marks, PNG above; the same record gives the same bytes. Raises `MusatError` where
-    matplotlib is missing.
+    what: str
+    pictures: tuple[Picture[Any], ...]
+    schema: Callable[[], Schema | None]  # None: of a run
+    required: dict[str, tuple[str, ...]]
+    optional: dict[str, tuple[str, ...]]
+
+
+def needs_of(pictures: Iterable[Picture[Any]]) -> dict[str, tuple[str, ...]]:
+    """Return the tables that pictures need, with their fields."""
+    needs: dict[str, tuple[str, ...]] = {}
+    for picture in pictures:
+        for table, fields in picture.needs.items():
+            needs[table] = tuple(dict.fromkeys([*needs.get(table, ()), *fields]))
+    return needs
+
+
+def _compilation() -> Schema:
+    from musatpy.reports import compilation
+
+    return compilation.DOCUMENT.schema()
+
+
+def _soundings() -> Schema:
+    from musatpy.reports import soundings
+
+    return soundings.DOCUMENT.schema()
+
+
+KINDS = {
+    b"schema": RecordKind(
+        what="run", pictures=GALLERY, schema=lambda: None, required=_RUN, optional=needs_of(GALLERY) | _OF_RUN
+    ),
+    b"compilation": RecordKind(
+        what="compilation", pictures=COMPILED, schema=_compilation, required=needs_of(COMPILED), optional={}
+    ),
+    b"soundings": RecordKind(
+        what="comparison", pictures=SOUNDED, schema=_soundings, required=needs_of(SOUNDED), optional={}
+    ),
+}
+
+
+def read_tables(path: Path) -> tuple[RecordKind, Tables]:
+    """Return what a record is of, and the tables that its pictures need.
+
+    Raises `RecordError` where it is none, or not as its schema says, and `OSError`.
     """
-    figure = picture.draw(tables)
-    return None if figure is None else file_of(figure, picture.name)
+    with path.open("rb") as file:
+        begin = _VERSION.match(file.read(200))
+    kind = KINDS.get(begin[1]) if begin else None
+    if kind is None:
+        message = "is not the record of a run, of a compilation or of a comparison with soundings"
+        raise RecordError([Problem(file=str(path), message=message)])
+    optional = {table: fields for table, fields in kind.optional.items() if table not in kind.required}
+    return kind, read_record(path, kind.required, optional, schema=kind.schema(), what=kind.what)
 
 
-def file_of(figure: Any, name: str) -> tuple[str, bytes]:
-    """Return the suffix and the bytes of a figure, whose ids have a name, as `rendered` does."""
-    return ("svg", svg(figure, name)) if marks(figure) <= MOST_MARKS else ("png", small_png(figure))
+def rendered(picture: Picture[Any], tables: Tables, job: str = "") -> tuple[str, bytes, str] | None:
+    """Return suffix and bytes of a picture of a record, and its sentence; None where it has nothing to show.
+
+    SVG up to `MOST_MARKS` marks, PNG above; the same record gives the same bytes. `job` names one whose record has
+    no title. Raises `MusatError` where matplotlib is missing.
+    """
+    drawn = picture.drawn(tables, job)
+    if drawn is None:
+        return None
+    figure, sentence = drawn
+    suffix = "svg" if marks(figure) <= MOST_MARKS else "png"
+    return suffix, image_of(figure, suffix), sentence
 
 
 def marks(figure: Any) -> int:
-    """Return how many markers, lines, arrows, ellipses and cells a figure has."""
-    return sum(_marks_of(artist) for axes in figure.axes for artist in axes.get_children())
-
-
-def _marks_of(artist: Any) -> int:
-    from matplotlib.collections import Collection, LineCollection, PolyCollection
-    from matplotlib.lines import Line2D
-
-    if (number := getattr(artist, "marks", None)) is not None:
-        return int(number)
-    if isinstance(artist, Line2D):
-        return np.size(artist.get_xdata()) if artist.get_marker() not in ("", "None", " ", None) else 1
-    if isinstance(artist, Collection):
-        paths = len(artist.get_paths()) if isinstance(artist, LineCollection | PolyCollection) else 1
-        return max(paths, len(np.atleast_2d(artist.get_offsets())))
-    return 1
+    """Return how many markers, lines, arrows, ellipses and bars a figure has."""
+    number = 0
+    for axes in figure.axes:
+        number += len(axes.patches) + len(axes.texts) + sum(len(line.get_xdata()) for line in axes.lines)
+        number += sum(max(len(one.get_offsets()), len(one.get_paths())) for one in axes.collections)
+    return number

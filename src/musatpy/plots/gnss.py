@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.plots.enlarged import NORMAL, turned
-from musatpy.plots.mapping import INK, WET, draw_arrows, dress, name_places, shown_size, view_of
-from musatpy.plots.picture import Picture
-from musatpy.plots.plane import Plane, plane_of
-from musatpy.plots.sheet import Margins, legend_below, new_sheet
+from musatpy.figures import BAND, INK, WET, add_legend, new_figure
+from musatpy.plots.maps import NORMAL, add_arrows, dress, name_places, view_of
+from musatpy.plots.picture import Picture, counted, measure, rms
+from musatpy.plots.plane import Plane, plane_of, turned
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
-from musatpy.plots.wording import counted, measure, rms
 
 _AXES = ("east", "north", "up")
 _LOCAL = ("X", "Y", "Z")
-_MAP, _WIDE, _LOW = 6.0, 8.0, 0.95  # inches: of the map, and of the panels of components
+_WIDE, _LOW = 8.0, 1.1  # inches: width of all, height of the panel of a component
 _TICKS = 40  # photos that are named, at most
 
 
@@ -79,42 +77,28 @@ def sentence(data: ObservedStations) -> str:
 
 def figure(data: ObservedStations) -> Any:
     """Return the figure of stations. Raises `MusatError` where matplotlib is missing."""
-    bounds, _ = view_of(data.places, data.places, keys=1)
+    bounds, _ = view_of(data.places, data.places, keys=True)
     width, height = (bounds[1] - bounds[0]).tolist()
-    tall = max(_MAP * height / max(width, height), 3.0)
-    sizes = [_WIDE], [tall, _LOW, _LOW, _LOW]
-    margins = Margins(below=1.0, between=0.5)
-    sheet = new_sheet(sizes, margins, title="Stations, adjusted minus observed", legend=1)
-    axes, *components = sheet.panels[:, 0].tolist()
-    axes.set_aspect("equal")
+    tall = max((_WIDE - 1.5) * height / max(width, height), 3.0)
+    figure = new_figure(_WIDE, tall + 3.0 * _LOW + 2.0, "Stations, adjusted minus observed")
+    axes, *components = figure.subplots(4, 1, height_ratios=[tall, _LOW, _LOW, _LOW])
     dress(axes, bounds, data.plane)
-    axes.plot(*data.places.T, "o", color=INK, markerfacecolor="white", markersize=4)
+    axes.plot(*data.places.T, "o", color=INK, markerfacecolor="white", label="stations")
     name_places(axes, data.places, data.photos)
-    shown = 2.0 * shown_size(bounds, len(data.photos))
-    draw_arrows(axes, data.places, turned(data.difference[:, :2], data.turns), shown, "in plan", color=WET)
+    add_arrows(axes, data.places, turned(data.difference[:, :2], data.turns), "difference in plan", color=WET)
+    place = np.arange(len(data.photos))
     for axis, (panel, name) in enumerate(zip(components, data.names, strict=True)):
-        if axis:
-            panel.sharex(components[0])
-        _draw_component(panel, data, axis)
-        panel.tick_params(labelbottom=panel is components[-1])
-        panel.set_ylabel(f"{name}, m", fontsize=9)
-    step = -(-len(data.photos) // _TICKS)
-    number = np.arange(1.0, len(data.photos) + 1.0)
-    panel.set_xticks(number[::step], data.photos[::step].tolist(), rotation=90, fontsize=7)
+        band = NORMAL * data.sigma[:, axis]
+        panel.fill_between(place, -band, band, step="mid", label=f"{NORMAL:g} sigma of the observed", **BAND)
+        panel.axhline(0.0, color=INK, linewidth=0.6)
+        panel.plot(place, data.difference[:, axis], "o", color=WET, label="difference")
+        panel.set_ylabel(f"{name}, m")
+        panel.set_xticks([])
+    rows = slice(None, None, -(-len(data.photos) // _TICKS))
+    panel.set_xticks(place[rows], data.photos[rows], rotation=90)
     panel.set_xlabel("photo")
-    legend_below(sheet.figure, 2, *panel.get_legend_handles_labels())
-    return sheet.figure
-
-
-def _draw_component(axes: Any, data: ObservedStations, axis: int) -> None:
-    number = np.arange(1.0, len(data.photos) + 1.0)
-    band = NORMAL * data.sigma[:, axis]
-    axes.fill_between(
-        number, -band, band, step="mid", color="0.85", linewidth=0, label=f"{NORMAL:g} sigma of the observed"
-    )
-    axes.axhline(0.0, color=INK, linewidth=0.6)
-    axes.plot(number, data.difference[:, axis], ".", color=WET, markersize=4, label="difference")
-    axes.tick_params(labelsize=8)
+    add_legend(figure)
+    return figure
 
 
 GNSS = Picture(

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.plots.enlarged import NORMAL
-from musatpy.plots.mapping import DRY, INK, WET
-from musatpy.plots.picture import Picture
-from musatpy.plots.sheet import Margins, legend_below, new_sheet
+from musatpy.figures import DRY, INK, WET, add_legend, new_figure
+from musatpy.plots.maps import NORMAL
+from musatpy.plots.picture import Picture, counted
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
-from musatpy.plots.wording import counted
 
 LEAST = 3  # residuals of a kind
 _SPAN = 4.5  # sigmas of a histogram; what is beyond counts in its last bars
@@ -22,7 +20,7 @@ _BARS = (9, 36)  # least and most
 _DRAWN = 200  # quantiles at most, the ends all
 _ENDS = 20
 _FAR = 3.29  # 99.9 %
-_WIDTH, _HEIGHT = 3.7, 1.8  # inches, of a panel
+_WIDTH, _HEIGHT = 4.2, 2.3  # inches, of a panel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,40 +81,32 @@ def sentence(data: list[Residuals]) -> str:
 
 def figure(data: list[Residuals]) -> Any:
     """Return the figure of all kinds. Raises `MusatError` where matplotlib is missing."""
-    sizes = [_WIDTH] * 2, [_HEIGHT] * len(data)
-    title = "Normalised residuals beside the normal distribution"
-    sheet = new_sheet(sizes, Margins(between=0.6, beside=0.7), title=title, legend=1)
-    panels = sheet.panels
+    figure = new_figure(
+        2.0 * _WIDTH, _HEIGHT * len(data) + 1.0, "Normalised residuals beside the normal distribution"
+    )
+    panels = figure.subplots(len(data), 2, squeeze=False)
     for (bars, dots), of_kind in zip(panels, data, strict=True):
         _draw_bars(bars, of_kind)
         _draw_quantiles(dots, of_kind)
     panels[-1, 0].set_xlabel("residual over its own sigma")
     panels[-1, 1].set_xlabel("expected of a normal distribution")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    more = panels[0, 1].get_legend_handles_labels()
-    legend_below(sheet.figure, 5, handles + more[0], labels + more[1])
-    return sheet.figure
+    add_legend(figure)
+    return figure
 
 
 def _draw_bars(axes: Any, of_kind: Residuals) -> None:
     bars = int(np.clip(np.sqrt(len(of_kind.values)), *_BARS))
     edges = np.linspace(-_SPAN, _SPAN, bars + 1)
-    axes.hist(
-        np.clip(of_kind.values, -_SPAN, _SPAN),
-        edges,
-        color="0.8",
-        edgecolor="0.35",
-        linewidth=0.5,
-        label="residuals",
-    )
+    inside = np.clip(of_kind.values, -_SPAN, _SPAN)
+    axes.hist(inside, edges, color="0.8", edgecolor=INK, linewidth=0.5, label="residuals")
     x = np.linspace(-_SPAN, _SPAN, 121)
     curve = len(of_kind.values) * (edges[1] - edges[0]) * np.exp(-0.5 * np.square(x)) / np.sqrt(2.0 * np.pi)
     axes.plot(x, curve, "-", color=WET, linewidth=1.4, label="normal distribution")
-    for sign in (-1.0, 1.0):
-        axes.axvline(sign * _FAR, color=DRY, linestyle="--", linewidth=0.9, label="99.9 %" if sign > 0.0 else None)
+    for limit in (-_FAR, _FAR):
+        axes.axvline(limit, color=DRY, linestyle="--", label="99.9 %")
     axes.set_ylabel("residuals")
-    axes.set_title(f"{of_kind.kind}: {len(of_kind.values):,}, RMS {of_kind.deviation:.2f}", fontsize=9)
-    axes.tick_params(labelsize=8)
+    axes.set_title(f"{of_kind.kind}: {len(of_kind.values):,}, RMS {of_kind.deviation:.2f}")
+    axes.yaxis.get_major_locator().set_params(integer=True)
 
 
 def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
@@ -124,11 +114,10 @@ def _draw_quantiles(axes: Any, of_kind: Residuals) -> None:
     expected = normal_quantiles(len(of_kind.values), rows)
     ends = [expected[0] - 0.3, expected[-1] + 0.3]
     axes.plot(ends, ends, "-", color=WET, linewidth=1.4)
-    axes.plot(expected, of_kind.values[rows], ".", color=INK, markersize=4, label="quantiles")
-    for sign in (-1.0, 1.0):
-        axes.axhline(sign * _FAR, color=DRY, linestyle="--", linewidth=0.9)
-    axes.set_ylabel("residual over sigma", fontsize=9)
-    axes.tick_params(labelsize=8)
+    axes.plot(expected, of_kind.values[rows], ".", color=INK, label="quantiles")
+    for limit in (-_FAR, _FAR):
+        axes.axhline(limit, color=DRY, linestyle="--")
+    axes.set_ylabel("residual over sigma")
 
 
 NORMALISED = Picture(

@@ -6,9 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from musatpy.plots.tables import NothingToShowError, Tables
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.figures import set_title, styled
+from musatpy.plots.tables import NothingToShowError, Tables, part
 
 N = TypeVar("N")
+_SMALLEST = 5e-5  # what does not print as zero
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,35 +27,19 @@ class Picture(Generic[N]):
     figure: Callable[[N], Any]  # of matplotlib; raises `MusatError` where that is missing
     words: Callable[[N], str]
 
-    def reason(self, tables: Tables) -> str:
-        """Return why there is nothing to show of a record; empty where there is."""
-        try:
-            self._numbers(tables)
-        except NothingToShowError as error:
-            return str(error)
-        return ""
+    def drawn(self, tables: Tables, job: str = "") -> tuple[Any, str] | None:
+        """Return the figure, with the job in its title, and its sentence; None where there is nothing to show.
 
-    def draw(self, tables: Tables) -> Any | None:
-        """Return the figure of matplotlib, None where there is nothing to show.
-
-        Raises `MusatError` where matplotlib is missing.
+        `job` names one whose record has no title. Raises `MusatError` where matplotlib is missing.
         """
         try:
             content = self._numbers(tables)
         except NothingToShowError:
             return None
-        return self.figure(content)
-
-    def drawn(self, tables: Tables) -> tuple[Any, str] | None:
-        """Return figure and sentence of one look at the numbers, None where there is nothing to show.
-
-        Raises `MusatError` where matplotlib is missing.
-        """
-        try:
-            content = self._numbers(tables)
-        except NothingToShowError:
-            return None
-        return self.figure(content), self.words(content)
+        figure = styled(self.figure)(content)
+        titles = tables.get("titles") or part(tables, "job").get("titles") or [job]
+        set_title(figure, *filter(None, [figure.get_suptitle(), " ".join(titles[0].split())]))
+        return figure, self.words(content)
 
     def sentence(self, tables: Tables) -> str:
         """Return what the picture says, in numbers: also its alternative text. Of none, the reason."""
@@ -64,3 +53,22 @@ class Picture(Generic[N]):
             if table not in tables:
                 raise NothingToShowError(f"the record has no table {table}")
         return self.numbers(tables)
+
+
+def counted(number: int, noun: str, many: str = "") -> str:
+    """Return a number with its noun, in the plural where it needs it."""
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {many or f'{noun}s'}"
+
+
+def measure(value: float, unit: str) -> str:
+    """Return a value to three figures and four decimals at most, with its unit."""
+    if abs(value) < _SMALLEST:
+        return f"0 {unit}".rstrip()
+    digits = np.clip(2 - np.floor(np.log10(abs(value))), 0, 4) if np.isfinite(value) else 0
+    return f"{value:z.{int(digits)}f} {unit}".rstrip()
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square of what is known of values, NaN of nothing."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan

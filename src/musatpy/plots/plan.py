@@ -8,31 +8,24 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, TextArray
-from musatpy.plots.enlarged import confidence_ellipses, largest_of_cells, magnification, round_length, turned
-from musatpy.plots.footprints import ground_of, outlines
-from musatpy.plots.mapping import (
-    CONTROL,
-    DRY,
-    GREY,
-    INK,
+from musatpy.figures import CONTROL, DRY, GREY, INK, WET, add_legend
+from musatpy.plots.maps import (
     MOST_ARROWS,
-    OF_CELLS,
-    WET,
+    add_arrows,
+    confidence_ellipses,
     dot_size,
-    draw_arrows,
     draw_outlines,
-    finish,
-    key_place,
+    largest_of_cells,
+    magnification,
     name_places,
-    new_map,
-    shown_size,
+    new_maps,
+    round_length,
+    spacing,
     view_of,
-    write_key,
 )
-from musatpy.plots.picture import Picture
-from musatpy.plots.plane import Plane, plane_of
+from musatpy.plots.picture import Picture, counted, measure
+from musatpy.plots.plane import Plane, ground_of, outlines, plane_of, turned
 from musatpy.plots.tables import Tables, at_rows, flags, numbers, part, rows_of, texts
-from musatpy.plots.wording import counted, measure
 
 CONTROL_MARKERS = {"full": "^", "horizontal": "s", "vertical": "D", "check": "P"}  # kind of control -> marker
 
@@ -115,69 +108,55 @@ def sentence(plan: BlockPlan) -> str:
 def figure(plan: BlockPlan) -> Any:
     """Return the figure of a plan. Raises `MusatError` where matplotlib is missing."""
     core = np.concatenate([plan.stations, plan.outlines.reshape(-1, 2)])
-    bounds, seen = view_of(core, plan.points, keys=2)
-    drawing, axes = new_map(bounds, plan.plane, "Block plan")
+    bounds, seen = view_of(core, plan.points, keys=True)
+    figure, (axes,) = new_maps(bounds, plan.plane, "Block plan")
     draw_outlines(axes, plan.outlines)
     marker = dot_size(bounds, int(seen.sum()))
     axes.plot(*plan.stations.T, "o", color=INK, markerfacecolor="white", markersize=1.3 * marker, label="stations")
-    for rows, sign, shade, label in (
-        (seen & ~plan.submerged, ".", DRY, "dry point"),
-        (seen & plan.submerged, "x", WET, "submerged point"),
-    ):
+    for wet, sign, shade, label in ((False, ".", DRY, "dry point"), (True, "x", WET, "submerged point")):
+        rows = seen & (plan.submerged == wet)
         if rows.any():
             label = counted(int(rows.sum()), label)
             axes.plot(*plan.points[rows].T, sign, color=shade, markersize=marker, label=label)
-    _draw_ellipses(axes, plan, seen, shown_size(bounds, min(int(seen.sum()), MOST_ARROWS)))
-    _draw_control(axes, plan, shown_size(bounds, len(plan.control)))
+    _draw_ellipses(axes, plan, seen)
+    for kind, sign in CONTROL_MARKERS.items():
+        rows = plan.kind == kind
+        if rows.any():
+            label = counted(int(rows.sum()), *(["check point"] if kind == "check" else [f"{kind} control"] * 2))
+            axes.plot(
+                *plan.control_places[rows].T, sign, color=CONTROL, fillstyle="none", markersize=8, label=label
+            )
+    add_arrows(axes, plan.control_places, plan.discrepancy, "control, adjusted minus given", color=CONTROL)
     name_places(axes, plan.stations, plan.photos)
+    name_places(axes, plan.control_places, plan.control, color=CONTROL)
     if outside := int((~seen).sum()):
         axes.plot([], [], " ", label=f"{counted(outside, 'point')} outside, or without a place")
-    return finish(drawing, axes)
+    add_legend(figure)
+    return figure
 
 
-def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray, shown: float) -> None:
+def _draw_ellipses(axes: Any, plan: BlockPlan, seen: BoolArray) -> None:
+    """Draw ellipses nine in ten of which are within a fifth of the distance of points, and one of a round size."""
     from matplotlib.collections import EllipseCollection
 
     known = np.flatnonzero(seen & np.isfinite(plan.axes).all(axis=1))
     rows = known[largest_of_cells(plan.points[known], plan.axes[known, 0], MOST_ARROWS)]
-    factor = magnification(plan.axes[rows, 0], shown)
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    factor = magnification(plan.axes[rows, 0], spacing(np.array([east - west, north - south]), len(rows)))
     if not factor:
         return
-    cells = OF_CELLS if len(rows) < len(known) else ""
-    radius = round_length(1.5 * shown / factor)
-    place = key_place(axes, 1)
+    radius = round_length(0.02 * (east - west) / factor)
+    place = np.array([west + 0.4 * (east - west), south + 0.035 * (north - south)])
     size = 2.0 * factor * np.concatenate([plan.axes[rows], [[radius, radius]]])
-    style: dict[str, Any] = {"facecolors": "none", "edgecolors": INK if cells else GREY, "linewidths": 0.7}
-    offsets = np.concatenate([plan.points[rows], [place]])
-    angle = np.degrees(np.append(plan.angle[rows], 0.0))
-    axes.add_collection(
-        EllipseCollection(
-            size[:, 0],
-            size[:, 1],
-            angle,
-            units="xy",
-            offsets=offsets,
-            offset_transform=axes.transData,
-            zorder=2.5,
-            **style,
-        ),
-        autolim=False,
-    )
-    write_key(axes, place, f"95 % ellipses{cells}, {factor:,g} times enlarged: semi-axis of {radius:g} m")
-
-
-def _draw_control(axes: Any, plan: BlockPlan, shown: float) -> None:
-    for kind, marker in CONTROL_MARKERS.items():
-        rows = plan.kind == kind
-        if rows.any():
-            noun, many = ("check point", "") if kind == "check" else (f"{kind} control",) * 2
-            axes.plot(
-                *plan.control_places[rows].T, marker, color=CONTROL, markerfacecolor="none", markersize=9,
-                markeredgewidth=1.3, label=counted(int(rows.sum()), noun, many),
-            )  # fmt: skip
-    draw_arrows(
-        axes, plan.control_places, plan.discrepancy, 2.0 * shown, "control, adjusted minus given", color=CONTROL
-    )
+    drawn = EllipseCollection(
+        size[:, 0], size[:, 1], np.degrees(np.append(plan.angle[rows], 0.0)), units="xy", linewidths=0.7,
+        zorder=2.5, facecolors="none", edgecolors=GREY, offsets=np.concatenate([plan.points[rows], [place]]),
+        offset_transform=axes.transData,
+    )  # fmt: skip
+    axes.add_collection(drawn, autolim=False)
+    axes.annotate(f"{radius:g} m", place, (14, -3), textcoords="offset points")
+    of = ", the largest of each cell" if len(rows) < len(known) else ""
+    axes.plot([], [], "o", color=GREY, fillstyle="none", markersize=7, label=f"ellipses of 95 %{of}")
 
 
 PLAN = Picture(

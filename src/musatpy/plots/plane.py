@@ -1,4 +1,7 @@
-"""The plane on which a job is drawn: its own coordinates where these are metres of a map, else a map about it."""
+"""The plane on which a job is drawn, and what its photos show there.
+
+It has the coordinates of the job where these are metres of a map; else it is a map about the stations.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,16 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.depth.run_cameras import job_system, level_positions
 from musatpy.errors import SystemsError
+from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.crs import local_map
 from musatpy.geometry.projected import Projected
 from musatpy.geometry.systems import System, TangentPlane, geographic
-from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, worked_out_once
+from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, rows_of, texts
 
 _FARTHEST = 1e6  # m from the middle of the stations, of what has a place
+_CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+_LOWEST = -0.1  # cosine from straight up of a ray that still goes down
+_BORDER = 1.05  # of what was measured, where a camera has no format
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +89,6 @@ def _kept(positions: FloatArray, distance: FloatArray) -> FloatArray:
     return np.where((distance < _FARTHEST)[:, None], positions, np.nan)
 
 
-@worked_out_once
 def plane_of(tables: Tables) -> Plane:
     """Return the plane of a record. Raises `NothingToShowError` where its system, or a station, is not there."""
     system, middle = _system_and_middle(tables)
@@ -121,3 +127,61 @@ def _angle(degrees: float, letters: str) -> str:
     """Return an angle in degrees and minutes, with its letter."""
     minutes = round(abs(degrees) * 60.0 * 1000.0) / 1000.0
     return f"{int(minutes // 60)}\N{DEGREE SIGN}{minutes % 60:06.3f}'{letters[degrees < 0.0]}"
+
+
+def turned(vectors: FloatArray, turn: FloatArray) -> FloatArray:
+    """Return vectors (n, 2) of east and north along axes that stand `turn` (n,) rad clockwise of these."""
+    c, s = np.cos(turn), np.sin(turn)
+    return np.column_stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]])
+
+
+def footprints(
+    station: FloatArray, attitude: FloatArray, corners: FloatArray, focal_length: FloatArray, ground: float
+) -> FloatArray:
+    """Return corners (n, 4, 2) m east and north of stations (n, 3) where their rays (n, 4, 2) mm meet a height.
+
+    `attitude` (n, 3) rad, `focal_length` (n,) mm; rays through image points from the principal point. NaN where one
+    of the rays of a photo does not go down, or the station is not above the ground.
+    """
+    M = attitude_matrix(attitude)
+    image = np.concatenate([corners, np.broadcast_to(-focal_length[:, None, None], (*corners.shape[:2], 1))], 2)
+    ray = np.einsum("nji,ncj->nci", M, image)
+    ray /= np.linalg.norm(ray, axis=2, keepdims=True)
+    reach = (ground - station[:, 2])[:, None] / ray[..., 2]
+    down = (ray[..., 2] < _LOWEST).all(axis=1) & (station[:, 2] > ground)
+    return np.where(down[:, None, None], ray[..., :2] * reach[..., None], np.nan)
+
+
+def frames(tables: Tables) -> tuple[FloatArray, FloatArray]:
+    """Return the corners (n, 4, 2) mm of the photos from the principal point, and focal lengths (n,) mm.
+
+    Of a camera without a format these are the corners of what was measured on its photos.
+    """
+    cameras, stations, plates = part(tables, "cameras"), part(tables, "stations"), part(tables, "plates")
+    of = rows_of(texts(cameras, "camera"), texts(stations, "camera"))
+    size, centre = numbers(cameras, "format_size", 2), numbers(cameras, "principal_point", 2)
+    unknown = np.flatnonzero(~np.isfinite(size).all(axis=1)).tolist()
+    camera = of[rows_of(texts(stations, "photo"), texts(plates, "photo"))] if unknown else of
+    for row in unknown:
+        mine = numbers(plates, "xy", 2)[camera == row]
+        if len(mine):
+            size[row] = 2.0 * _BORDER * np.abs(mine).max(axis=0)
+    corners = _CORNERS * size[of, None, :] - centre[of, None, :]
+    return corners, numbers(cameras, "focal_length")[of]
+
+
+def ground_of(places: FloatArray) -> float:
+    """Return the median height of places (n, 3), 0 where none is known."""
+    heights = places[np.isfinite(places).all(axis=1), 2]
+    return float(np.median(heights)) if len(heights) else 0.0
+
+
+def outlines(tables: Tables, plane: Plane, ground: float) -> FloatArray:
+    """Return the corners (n, 4, 2) m on the plane of what each photo shows at a height; NaN where it has none."""
+    stations = part(tables, "stations")
+    position = numbers(stations, "position", 3)
+    places = plane.places(position)
+    corners, focal_length = frames(tables)
+    flat = footprints(places, numbers(stations, "attitude", 3), corners, focal_length, ground)
+    turns = np.repeat(plane.turns(position), 4)
+    return places[:, None, :2] + turned(flat.reshape(-1, 2), turns).reshape(-1, 4, 2)

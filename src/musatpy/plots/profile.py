@@ -10,17 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
+from musatpy.figures import BAND, DRY, GREY, INK, WATER, WET, add_legend, new_figure
 from musatpy.geometry.collinearity import wrapped
 from musatpy.plots.bottom_points import BottomPoints, submerged_points
 from musatpy.plots.corrections import CORRECTIONS
-from musatpy.plots.enlarged import NORMAL
-from musatpy.plots.mapping import DRY, GREY, INK, WET
-from musatpy.plots.picture import Picture
+from musatpy.plots.maps import NORMAL
+from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.plane import Plane
-from musatpy.plots.sheet import Margins, legend_below, legend_lines, new_sheet
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
-from musatpy.plots.wording import counted, measure
 
 _WANTED = 12  # submerged points of a profile, where there are as many
 _SOUNDED = 40  # soundings, likewise: where there are more, the nearest
@@ -28,8 +26,8 @@ _NARROW, _WIDE = 0.005, 0.16  # of the length of a line: half a corridor, at lea
 _BEND, _GAP = 60.0, 2.5  # degrees, and typical distances, at which a strip ends
 _BESIDE_AXIS = 0.05  # of the length of a line: what counts where the line is chosen
 _BESIDE = 1.0  # flying heights from the line, within which the water of photos is that of the line
-_COLUMNS = 4  # of the legend
 _JOINED = 400  # points that are joined by lines, at most
+_NEAR = 0.1  # of the length of a line: so near it are points that are joined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,6 +54,7 @@ class Profile:
     line: Line
     half: float
     distance: FloatArray  # (n,) of submerged points
+    near: BoolArray  # (n,) those that are joined: within a tenth of the length of the line
     corrected: FloatArray  # (n,) heights
     apparent: FloatArray  # (n,)
     sigma: FloatArray  # (n,) of the corrected heights
@@ -132,9 +131,10 @@ def profile(
     rows = np.flatnonzero(known)[np.nan_to_num(offset, nan=np.inf) <= half]
     if not len(rows):
         raise NothingToShowError(f"no submerged point lies within {half:.0f} m of {best.name}")
-    distance = along(best.vertices, bottom.places[rows, :2])[0]
+    distance, offset = along(best.vertices, bottom.places[rows, :2])
     order = np.argsort(distance, kind="stable")
     rows = rows[order]
+    near = offset[order] <= _NEAR * _length(best)
     sounded, beside = np.empty((0, 3)), half
     if soundings:
         data = soundings(bottom.plane)
@@ -147,6 +147,7 @@ def profile(
         line=best,
         half=half,
         distance=distance[order],
+        near=near,
         corrected=bottom.places[rows, 2],
         apparent=bottom.apparent[rows, 2],
         sigma=bottom.sigma[rows],
@@ -232,54 +233,53 @@ def sentence(data: Profile) -> str:
 
 def figure(data: Profile) -> Any:
     """Return the figure of a profile. Raises `MusatError` where matplotlib is missing."""
-    number = 4 + bool(len(data.dry)) + bool(len(data.sounded))
-    sheet = new_sheet(([9.0], [3.9]), Margins(), legend=legend_lines(number, _COLUMNS))
-    axes = sheet.panels[0, 0]
-    axes.set_title(f"Profile along {data.line.name}, points within {measure(data.half, 'm')}", fontsize=11)
-    joined = len(data.distance) <= _JOINED
+    title = f"Profile along {data.line.name}, points within {measure(data.half, 'm')}"
+    figure = new_figure(9.5, 5.0, title)
+    axes = figure.subplots()
+    axes.set_ylim(*_heights(data))
+    rows = data.near & (len(data.distance) <= _JOINED)
     band = NORMAL * np.nan_to_num(data.sigma)
     low, high = data.corrected - band, data.corrected + band
-    axes.fill_between(data.distance, low, high, color="0.85", linewidth=0, label=f"{NORMAL:g} sigma")
+    axes.fill_between(data.distance[rows], low[rows], high[rows], **BAND)
+    axes.errorbar(
+        data.distance, data.corrected, band, fmt="none", ecolor=WET, elinewidth=0.8, label=f"{NORMAL:g} sigma"
+    )
     for height, marker, style, shade, label in (
         (data.apparent, "^", "--", GREY, "apparent: straight rays"),
         (data.corrected, "o", "-", WET, "corrected"),
     ):
-        axes.plot(
-            data.distance, height, marker, color=shade, markersize=4 if joined else 2, linewidth=1.0, label=label,
-            linestyle=style if joined else "none",
-        )  # fmt: skip
-    if len(data.dry):
-        axes.plot(*data.dry.T, "s", color=DRY, markersize=3, label="dry points")
+        axes.plot(data.distance[rows], height[rows], style, color=shade)
+        axes.plot(data.distance, height, marker, color=shade, label=label)
+    dry = data.dry[(data.dry[:, 1:] > axes.get_ylim()[0]).ravel() & (data.dry[:, 1:] < axes.get_ylim()[1]).ravel()]
+    if len(dry):
+        axes.plot(*dry.T, "s", color=DRY, label="dry points")
     _draw_water(axes, data)
     if len(data.sounded):
         label = f"soundings within {measure(data.beside, 'm')}"
         axes.plot(*data.sounded[:, :2].T, "+", color=INK, markersize=5, label=label, zorder=4)
-    _set_heights(axes, data)
     axes.set_xlabel("distance along the line, m")
     axes.set_ylabel("height, m")
-    axes.ticklabel_format(useOffset=False, style="plain")
-    axes.grid(alpha=0.3)
-    legend_below(sheet.figure, _COLUMNS, *axes.get_legend_handles_labels())
-    return sheet.figure
+    axes.grid()
+    add_legend(figure)
+    return figure
 
 
-def _set_heights(axes: Any, data: Profile) -> None:
-    """Have the bottom fill the picture: land that is higher is cut off."""
+def _heights(data: Profile) -> tuple[float, float]:
+    """Return from which height to which the bottom fills the picture: land that is higher is cut off."""
     lowest = data.corrected - NORMAL * np.nan_to_num(data.sigma)
-    shown = [data.corrected, lowest, data.apparent, data.water[:, 1], data.sounded[:, 1]]
-    low, high = (float(of([of(part) for part in shown if len(part)])) for of in (np.nanmin, np.nanmax))
+    shown = np.concatenate([data.corrected, lowest, data.apparent, data.water[:, 1], data.sounded[:, 1]])
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
     border = 0.15 * max(high - low, 0.1)
-    axes.set_ylim(low - border, high + 2.0 * border)
+    return low - border, high + 2.0 * border
 
 
 def _draw_water(axes: Any, data: Profile) -> None:
     order = np.argsort(data.water[:, 0], kind="stable")
-    axes.plot(*data.water[order].T, "-", color="#2a7fb8", linewidth=1.2, label="water, at each photo")
+    label = "water, at each photo" if data.photos.any() else "water"
+    axes.plot(*data.water[order].T, "-", color=WATER, linewidth=1.2, label=label)
     if len(data.water) <= 30:
-        for (distance, height), name in zip(data.water.tolist(), data.photos.tolist(), strict=True):
-            axes.annotate(
-                name, (distance, height), textcoords="offset points", xytext=(0, 5), fontsize=7, ha="center"
-            )
+        for place, name in zip(data.water.tolist(), data.photos.tolist(), strict=True):
+            axes.annotate(name, place, (0, 5), textcoords="offset points", fontsize=7, ha="center")
 
 
 def profile_picture(

@@ -8,19 +8,9 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
-from musatpy.plots.panels import (
-    MAPS_NEED,
-    NAMED,
-    PointMap,
-    draw_block,
-    draw_grades,
-    finish_panels,
-    new_panels,
-    point_map,
-)
-from musatpy.plots.picture import Picture
+from musatpy.plots.maps import MAPS_NEED, PointMap, class_maps, point_map
+from musatpy.plots.picture import Picture, counted
 from musatpy.plots.tables import NothingToShowError, Tables, flags, numbers, part, texts
-from musatpy.plots.wording import counted
 
 _RAYS = (2, 3, 4, 6, 9)  # most of a class
 _NUMBERS = (0.1, 0.2, 0.35, 0.5)  # limits of classes
@@ -92,15 +82,11 @@ def figure(data: RedundancyMap) -> Any:
     rays = np.where(data.rays > 0, np.searchsorted(_RAYS, data.rays), -1)
     known = np.isfinite(data.redundancy)
     grade = np.where(known, np.searchsorted(_NUMBERS, np.nan_to_num(data.redundancy), side="right"), -1)
-    classes = (_RAY_CLASSES, _NUMBER_CLASSES)
-    used = [np.unique(values[values >= 0])[::-1].tolist() for values in (rays, grade)]
-    titles = ["rays of points", "mean redundancy number r of their images"]
-    named = NAMED + sum(map(len, used))
-    sheet, panels = new_panels(data.block, titles, "How well images check each other", named)
-    for axes, names, values, drawn in zip(panels, classes, (rays, grade), used, strict=True):
-        draw_block(axes, data.block)
-        draw_grades(axes, data.block, values, names, drawn)
-    return finish_panels(sheet, panels)
+    panels = [
+        ("rays of points", rays, _RAY_CLASSES),
+        ("mean redundancy number r of their images", grade, _NUMBER_CLASSES),
+    ]
+    return class_maps(data.block, "How well images check each other", panels, together=False)
 
 
 REDUNDANCY = Picture(

@@ -10,24 +10,12 @@ import numpy as np
 from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.plots.bottom_points import bottom_points
 from musatpy.plots.corrections import CORRECTIONS
-from musatpy.plots.enlarged import CONFIDENCE, NORMAL
-from musatpy.plots.panels import (
-    MAPS_NEED,
-    NAMED,
-    PointMap,
-    draw_block,
-    draw_grades,
-    finish_panels,
-    new_panels,
-    point_map,
-)
-from musatpy.plots.picture import Picture
+from musatpy.plots.maps import CONFIDENCE, ELLIPSE, MAPS_NEED, NORMAL, PointMap, class_maps, point_map
+from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part
-from musatpy.plots.wording import counted, measure
 from musatpy.soundings.s44 import survey_orders
 from musatpy.statistics.analyses import ellipses
 
-_PLAN = float(np.sqrt(-2.0 * np.log(1.0 - CONFIDENCE)))
 _FINER, _COARSER = 0.5, 3.0  # of the strictest and the last order: photographs may be better or worse than they ask
 
 
@@ -73,7 +61,7 @@ def sigma_maps(tables: Tables) -> SigmaMaps:
     covariance = numbers(part(tables, "points"), "covariance", 3, 3)
     depth = np.nan_to_num(bottom.depth)
     depth_sigma = np.where(bottom.submerged, bottom.depth_sigma, np.nan)
-    up, plan = NORMAL * ellipses(covariance).vertical, _PLAN * ellipses(covariance).major
+    up, plan = NORMAL * ellipses(covariance).vertical, ELLIPSE * ellipses(covariance).major
     vertical = steps([order.vertical(depth) for order in survey_orders()])
     horizontal, names = steps([order.horizontal(depth) for order in survey_orders()]), class_names()
     maps = [
@@ -105,15 +93,8 @@ def sentence(sigmas: SigmaMaps) -> str:
 
 def figure(sigmas: SigmaMaps) -> Any:
     """Return the figure of the maps. Raises `MusatError` where matplotlib is missing."""
-    titles = [f"{sigma.what}, 95 %" for sigma in sigmas.maps]
-    grades = np.unique([sigma.grade[sigmas.block.seen] for sigma in sigmas.maps])
-    used = grades[grades >= 0].tolist()
-    title = "Uncertainty of points in steps of S-44"
-    sheet, panels = new_panels(sigmas.block, titles, title, NAMED + len(used))
-    for axes, sigma in zip(panels, sigmas.maps, strict=True):
-        draw_block(axes, sigmas.block)
-        draw_grades(axes, sigmas.block, sigma.grade, sigma.classes, used)
-    return finish_panels(sheet, panels)
+    panels = [(f"{sigma.what}, 95 %", sigma.grade, sigma.classes) for sigma in sigmas.maps]
+    return class_maps(sigmas.block, "Uncertainty of points in steps of S-44", panels, together=True)
 
 
 SIGMAS = Picture(

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.plots.picture import Picture
+from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
-from musatpy.plots.wording import counted, measure
 from musatpy.soundings.differences import Differences, median_and_spread, order_shares
 from musatpy.soundings.pictures import difference_figure
 

@@ -6,39 +6,14 @@ A table is a mapping of fields to columns, one entry per row; tables of groups a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import wraps
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 
 Tables = Mapping[str, Any]
-N = TypeVar("N")
-
-
-class SharedTables(dict[str, Any]):
-    """Tables that several pictures are made of, with what `worked_out_once` has made of them."""
-
-    def __init__(self, tables: Tables) -> None:
-        super().__init__(tables)
-        self.results: dict[Callable[[Tables], Any], Any] = {}
-
-
-def worked_out_once(function: Callable[[Tables], N]) -> Callable[[Tables], N]:
-    """Return a function of tables that is asked once of each `SharedTables`: nobody changes what it returns."""
-
-    @wraps(function)
-    def once(tables: Tables) -> N:
-        if not isinstance(tables, SharedTables):
-            return function(tables)
-        if function not in tables.results:
-            tables.results[function] = function(tables)
-        known: N = tables.results[function]
-        return known
-
-    return once
 
 
 class NothingToShowError(Exception):

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.plots.enlarged import NORMAL
-from musatpy.plots.mapping import GREY, INK, WET
-from musatpy.plots.picture import Picture
-from musatpy.plots.sheet import Margins, legend_below, new_sheet
+from musatpy.figures import BAND, GREY, INK, WET, add_legend, new_figure
+from musatpy.plots.maps import NORMAL
+from musatpy.plots.picture import Picture, counted, measure
 from musatpy.plots.tables import NothingToShowError, Tables, numbers, part, texts
-from musatpy.plots.wording import counted, measure
 
 _BARS = 60  # exposures with error bars, at most; of more there is a band
 _NAMES = 30  # of photos on the axis, at most
@@ -82,51 +80,46 @@ def sentence(data: Tides) -> str:
 
 def figure(data: Tides) -> Any:
     """Return the figure of tides. Raises `MusatError` where matplotlib is missing."""
-    turned = not data.timed and len(data.photos) > _UPRIGHT
-    sheet = new_sheet(([8.0], [3.5]), Margins(below=1.0 if turned else 0.55), legend=1)
-    axes = sheet.panels[0, 0]
-    axes.set_title("Water at the exposures", fontsize=11)
+    figure = new_figure(8.0, 4.0, "Water at the exposures")
+    axes = figure.subplots()
     _draw_given(axes, data)
-    axes.plot(data.at, data.adjusted, "x", color=WET, markersize=5, label="adjusted")
+    if np.nanmax(np.abs(data.correction), initial=0.0) > 0.0 or not np.isfinite(data.given).any():
+        axes.plot(data.at, data.adjusted, "x", color=WET, markersize=6, label="adjusted")
     _draw_groups(axes, data)
     if data.timed:
         axes.set_xlabel("time of the exposure, s")
     else:
-        step = -(-len(data.photos) // _NAMES)
-        names = data.photos[::step].tolist()
-        axes.set_xticks(data.at[::step], names, rotation=90 if turned else 0, fontsize=8)
+        rows = slice(None, None, -(-len(data.photos) // _NAMES))
+        axes.set_xticks(data.at[rows], data.photos[rows], rotation=90 if len(data.photos) > _UPRIGHT else 0)
         axes.set_xlabel("photo")
     axes.set_ylabel("height of the water, m")
-    axes.ticklabel_format(axis="y", useOffset=False, style="plain")
-    axes.grid(alpha=0.3)
-    legend_below(sheet.figure, 3, *axes.get_legend_handles_labels())
-    return sheet.figure
+    axes.grid()
+    add_legend(figure)
+    return figure
 
 
 def _draw_given(axes: Any, data: Tides) -> None:
     half = np.where(data.sigma > 0.0, NORMAL * data.sigma, 0.0)
-    label = f"given, with {NORMAL:g} sigma"
-    style: dict[str, Any] = {"color": GREY, "markerfacecolor": "none", "markersize": 5}
-    if len(data.at) <= _BARS:
-        axes.errorbar(data.at, data.given, half, fmt="o", linewidth=0.8, capsize=2, label=label, **style)
+    label = f"given, with {NORMAL:g} sigma" if half.any() else "given"
+    style: dict[str, Any] = {"color": GREY, "markerfacecolor": "none", "markersize": 5, "label": label}
+    if half.any() and len(data.at) <= _BARS:
+        axes.errorbar(data.at, data.given, half, fmt="o", linewidth=0.8, capsize=2, **style)
         return
-    order = np.argsort(data.at, kind="stable")
-    low, high = (data.given - half)[order], (data.given + half)[order]
-    axes.fill_between(data.at[order], low, high, color="0.9", linewidth=0)
-    axes.plot(data.at, data.given, "o", label=label, **style)
+    if half.any():
+        order = np.argsort(data.at, kind="stable")
+        axes.fill_between(data.at[order], (data.given - half)[order], (data.given + half)[order], **BAND)
+    axes.plot(data.at, data.given, "o", **style)
 
 
 def _draw_groups(axes: Any, data: Tides) -> None:
-    """Draw a line where a group of common corrections ends, and its name."""
+    """Draw a line where a group of common corrections begins, and its name."""
     if data.timed or len(set(data.groups.tolist())) < 2:
         return
     begins = np.flatnonzero(np.append(True, data.groups[1:] != data.groups[:-1]))
     for row in begins.tolist():
         axes.axvline(data.at[row] - 0.5, color=INK, linestyle=":", linewidth=0.7)
-        axes.annotate(
-            str(data.groups[row]), (data.at[row] - 0.5, 1.0), xycoords=("data", "axes fraction"), fontsize=7,
-            textcoords="offset points", xytext=(3, -9),
-        )  # fmt: skip
+        place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "fontsize": 7}
+        axes.annotate(str(data.groups[row]), (data.at[row] - 0.5, 1.0), (3, -9), **place)
 
 
 TIDES = Picture(

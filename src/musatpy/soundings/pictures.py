@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import BoolArray, FloatArray
-from musatpy.canvas import new_figure, png
+from musatpy.figures import image_of, new_figure, styled
 from musatpy.soundings.differences import Differences, regression
 
 _WIDTH, _HEIGHT = 16.0, 5.2  # inches
@@ -19,17 +19,17 @@ _MOST = 98.0  # percentile of the sizes of differences that have shades of their
 
 def difference_picture(differences: Differences, xy: FloatArray, title: str) -> bytes:
     """Return a PNG of differences at places xy (k, 2) m. Raises `MusatError` where matplotlib is missing."""
-    return png(difference_figure(differences, xy, title))
+    return image_of(difference_figure(differences, xy, title), "png")
 
 
+@styled
 def difference_figure(differences: Differences, xy: FloatArray | None, title: str) -> Any:
     """Return the figure of differences at places xy (k, 2) m; blunders are crosses. Without places there is no map.
 
     Raises `MusatError` where matplotlib is missing.
     """
     panels = 2 if xy is None else 3
-    figure = new_figure(_WIDTH * panels / 3.0, _HEIGHT)
-    figure.suptitle(title)
+    figure = new_figure(_WIDTH * panels / 3.0, _HEIGHT, title)
     against, by_size, *on_map = figure.subplots(1, panels)
     blunders = differences.blunders
     _draw_depths(against, differences, blunders)

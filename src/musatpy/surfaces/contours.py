@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.canvas import new_figure
 from musatpy.errors import Problem, SurfaceError
+from musatpy.figures import new_figure
 from musatpy.surfaces.tin import Tin
 
 _MOST_LEVELS = 2000

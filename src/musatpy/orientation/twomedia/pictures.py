@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, TextArray
-from musatpy.canvas import new_figure, png
+from musatpy.figures import image_of, new_figure, styled
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS, paper_partials
 from musatpy.orientation.twomedia.oriented import LIMIT, Oriented
 from musatpy.orientation.twomedia.rays import WATER
@@ -18,6 +18,7 @@ _OUTCOMES = (("this solution", _BLUE, "o"), ("another solution", _RED, "x"), ("n
 _STRONG = 0.95  # correlation from which its number is printed
 
 
+@styled
 def correlation_picture(oriented: Oriented) -> bytes:
     """Return the matrix of the correlations of all unknowns, under the symbols of Okamoto and Mori."""
     J = paper_partials(oriented.at)
@@ -39,13 +40,13 @@ def correlation_picture(oriented: Oriented) -> bytes:
     plot.set_yticks(range(len(matrix)), symbols[unknown])
     plot.set_title(f"{oriented.method.name}: correlations (numbers from {_STRONG:g})", fontsize="medium")
     figure.colorbar(drawn, ax=plot, shrink=0.8)
-    return png(figure)
+    return image_of(figure, "png")
 
 
+@styled
 def basins_picture(basins: Basins, title: str = "") -> bytes:
     """Return the shares of the starts that lead to the solution, elsewhere and nowhere, and where they lie."""
-    figure = new_figure(10.0, 4.2)
-    figure.suptitle(title)
+    figure = new_figure(10.0, 4.2, title)
     left, right = figure.subplots(1, 2)
     places, shares = np.arange(len(basins.levels)), 100.0 * basins.shares
     below = np.cumsum(shares, axis=1) - shares
@@ -58,7 +59,7 @@ def basins_picture(basins: Basins, title: str = "") -> bytes:
     left.set_ylabel("starts, %")
     left.legend(fontsize="x-small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(_OUTCOMES))
     _starts(right, basins)
-    return png(figure)
+    return image_of(figure, "png")
 
 
 def _starts(plot: Any, basins: Basins) -> None:
@@ -77,6 +78,7 @@ def _starts(plot: Any, basins: Basins) -> None:
     plot.set_ylim(bottom=0.0)
 
 
+@styled
 def precision_picture(precision: Precision, title: str = "", limit: float = LIMIT) -> bytes:
     """Return the sigma of the level over the depth, a line for each share of dry points.
 
@@ -96,13 +98,13 @@ def precision_picture(precision: Precision, title: str = "", limit: float = LIMI
     plot.set_title(title)
     plot.grid(True, which="both", alpha=0.25)
     plot.legend(fontsize="x-small")
-    return png(figure)
+    return image_of(figure, "png")
 
 
+@styled
 def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray | None, title: str = "") -> bytes:
     """Return the sigmas (m, 3) of stations along a strip, with differences (m, 3) from another solution."""
-    figure = new_figure(10.0, 5.4)
-    figure.suptitle(title)
+    figure = new_figure(10.0, 5.4, title)
     place = np.arange(len(photos))
     for axis, (plot, name) in enumerate(zip(figure.subplots(3, 1, sharex=True), "XYZ", strict=True)):
         plot.fill_between(
@@ -115,4 +117,4 @@ def strip_picture(photos: TextArray, sigma: FloatArray, differences: FloatArray 
     step = max(1, len(photos) // 20)
     plot.set_xticks(place[::step], photos[::step], rotation=90, fontsize="x-small")
     figure.legend(*plot.get_legend_handles_labels(), fontsize="x-small", loc="upper right", ncols=2)
-    return png(figure)
+    return image_of(figure, "png")

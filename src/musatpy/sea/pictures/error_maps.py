@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.canvas import new_figure, png
+from musatpy.figures import image_of, new_figure, styled
 from musatpy.sea.experiment import Histogram
 from musatpy.sea.study import Trials, WaveStudy
 
@@ -23,12 +23,12 @@ def pictures(study: WaveStudy) -> dict[str, bytes]:
     return files
 
 
+@styled
 def error_maps(study: WaveStudy) -> bytes:
     """Return maps of the errors over the model, one per coordinate, contoured; cameras as triangles."""
     shape = study.spec.area.numbers
     points, error = study.errors.points.reshape(*shape, 3), study.errors.error.reshape(*shape, 3)
-    figure = new_figure(11.0, 5.6)
-    figure.suptitle(study.spec.title)
+    figure = new_figure(11.0, 5.6, study.spec.title)
     for axis, plot in enumerate(np.atleast_1d(figure.subplots(1, 3, sharey=True))):
         reach = max(float(np.abs(error[..., axis]).max()), 1e-6)
         levels = np.linspace(-reach, reach, 17)
@@ -41,16 +41,16 @@ def error_maps(study: WaveStudy) -> bytes:
         plot.set_aspect("equal")
         figure.colorbar(filled, ax=plot, orientation="horizontal", format="%.2f", ticks=levels[::4], label="m")
     figure.axes[0].set_ylabel("y, m")
-    return png(figure)
+    return image_of(figure, "png")
 
 
+@styled
 def histograms(histogram: Histogram, title: str) -> bytes:
     """Return the histograms of the three coordinates side by side."""
-    figure = new_figure(11.0, 3.6)
-    figure.suptitle(title)
+    figure = new_figure(11.0, 3.6, title)
     for axis, plot in enumerate(figure.subplots(1, 3)):
         bars(plot, histogram.edges[axis], histogram.count[axis], _COORDINATES[axis])
-    return png(figure)
+    return image_of(figure, "png")
 
 
 def bars(plot: Any, edges: FloatArray, count: IntArray, name: str) -> None:
@@ -61,10 +61,10 @@ def bars(plot: Any, edges: FloatArray, count: IntArray, name: str) -> None:
     plot.set_ylabel("points")
 
 
+@styled
 def dependence(studies: tuple[Trials, ...], title: str) -> bytes:
     """Return how standard error and maximum depend on what was varied, one panel each."""
-    figure = new_figure(3.7 * max(2, len(studies)), 3.8)
-    figure.suptitle(title)
+    figure = new_figure(3.7 * max(2, len(studies)), 3.8, title)
     for plot, trials in zip(np.atleast_1d(figure.subplots(1, len(studies))), studies, strict=True):
         done = [trial for trial in trials.trials if trial.spread is not None]
         value = [trial.value for trial in done]
@@ -78,4 +78,4 @@ def dependence(studies: tuple[Trials, ...], title: str) -> bytes:
         plot.set_ylabel("error, m")
         plot.set_ylim(bottom=0.0)
     figure.axes[0].legend(fontsize="x-small")
-    return png(figure)
+    return image_of(figure, "png")

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.canvas import new_figure, png
+from musatpy.figures import image_of, new_figure, styled
 from musatpy.sea.interpolation.interpolate import Interpolation
 
 _BLUE, _RED, _GREY = "#1f5a8c", "#b5402a", "#666666"
 _GRID = 81  # places along the longer side of a map
 
 
+@styled
 def interpolation_picture(interpolation: Interpolation) -> bytes:
     """Return a map of the predicted errors with the control points, one of their sigmas, and the covariances."""
     figure = new_figure(12.0, 4.4)
@@ -37,7 +38,7 @@ def interpolation_picture(interpolation: Interpolation) -> bytes:
             plot.plot(*place[~interpolation.used].T, "rx", markersize=7, label="outlier")
     figure.legend(*left.get_legend_handles_labels(), loc="upper left", fontsize="x-small")
     _covariances(right, interpolation)
-    return png(figure)
+    return image_of(figure, "png")
 
 
 def _map(figure: Any, plot: Any, axes: Any, value: Any, scale: tuple[str, float, float | None], name: str) -> None:

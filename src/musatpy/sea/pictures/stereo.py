@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from musatpy.canvas import new_figure, png
+from musatpy.figures import image_of, new_figure, styled
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fitted import height_sigma
 
@@ -12,6 +12,7 @@ _STEPS = 121  # of a map, the longer way
 _RED = "#b5402a"
 
 
+@styled
 def surface_picture(fit: SurfaceFit, title: str) -> bytes:
     """Return maps of the height and of its sigma where the surface is known; rejected points as crosses."""
     fitted = fit.fitted
@@ -23,8 +24,7 @@ def surface_picture(fit: SurfaceFit, title: str) -> bytes:
     known = fitted.covers(xy)
     height = np.where(known, fitted.surface.relief(xy).height, np.nan)
     sigma = np.where(known, height_sigma(fitted, xy), np.nan)
-    figure = new_figure(11.0, 5.6)
-    figure.suptitle(title)
+    figure = new_figure(11.0, 5.6, title)
     maps = ((height, "height of the water, m", "viridis"), (sigma, "its sigma, m", "magma"))
     for plot, (values, name, colours) in zip(figure.subplots(1, 2, sharey=True), maps, strict=True):
         X, Y = (grid + shift for grid, shift in zip(np.moveaxis(xy, -1, 0), fitted.origin, strict=True))
@@ -40,4 +40,4 @@ def surface_picture(fit: SurfaceFit, title: str) -> bytes:
     figure.axes[0].set_ylabel("Y, m")
     names = figure.axes[0].get_legend_handles_labels()
     figure.legend(*names, loc="upper left", fontsize="small", markerscale=2.0, facecolor="lightgrey")
-    return png(figure)
+    return image_of(figure, "png")
