@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from musatpy.model import Block, Solution
-from musatpy.reports import bathymetric, ground_points, stations
+from musatpy.reports import bathymetric, positions
 from musatpy.reports.editing import edited
 from musatpy.reports.table import Report
 from musatpy.statistics import Statistics
@@ -14,7 +14,7 @@ from musatpy.statistics import Statistics
 _ROWS = 12  # of a table that are shown
 _REASONS = 5
 _TEXT = 200  # characters of a title or a reason
-_REPORTS = (stations.POSITIONS, bathymetric.DEPTHS, ground_points.GROUND_POINTS)
+_REPORTS = (positions.POSITIONS, bathymetric.DEPTHS, positions.GROUND_POINTS)
 
 
 def to_html(shown: Solution | Block) -> str:

@@ -87,7 +87,7 @@ def sample_table(every: Samples) -> PageTable:
     )
 
 
-def analysis_table(rows: Sequence[Any], title: str, noun: str, *, folded: bool = True) -> PageTable:
+def analysis_table(rows: Sequence[Any], title: str, of_maximum: str, *, folded: bool = True) -> PageTable:
     """Return one of the standard analyses of a record, a row for each component."""
     units = [row.get("unit", "m") for row in rows]
     edits = [analyses.EDITS[unit] for unit in units]
@@ -101,7 +101,7 @@ def analysis_table(rows: Sequence[Any], title: str, noun: str, *, folded: bool =
                 (label, "F16.2", [cell_text(edit, row[name]) for edit, row in zip(edits, rows, strict=True)])
                 for label, name in analyses.ROWS
             ),
-            (f"{noun} with Max. Difference", "A8", [row["maximum_id"] for row in rows]),
+            (of_maximum, "A8", [row["maximum_id"] for row in rows]),
         ],
         folded=folded,
     )

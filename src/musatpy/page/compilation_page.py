@@ -134,6 +134,6 @@ def _data(tables: Tables) -> Iterator[Part]:
 
 def _accuracy(tables: Tables, depths: Depths) -> Sequence[Part]:
     against = tables["analysis"]
-    shown = [analysis_table(against, _AGAINST, "Point", folded=False)] if against else []
+    shown = [analysis_table(against, _AGAINST, "Point with Max. Difference", folded=False)] if against else []
     nothing = Sentences(texts=["No point of the run was read again, and no depth has a sigma."])
     return [*shown, *orders_table(depths)] or [nothing]

@@ -27,25 +27,22 @@ from musatpy.reports import (
     analyses,
     answer,
     bathymetric,
+    blunders,
     common_errors,
-    constraints,
     control,
     echo,
-    flags,
-    ground_points,
     iterations,
     job_record,
-    plate_rms,
-    quality_record,
+    positions,
     reduction,
     solution_summary,
-    stations,
     statistical_tests,
     titles,
     waves_page,
 )
 from musatpy.reports.fields import Field, same
 from musatpy.reports.table import Report
+from musatpy.reports.values import at
 from musatpy.statistics.quality import TEST_LIMIT
 
 _PHOTOS = 250  # rows of tables of photos
@@ -67,14 +64,14 @@ _OPTION_WORDS: Mapping[str, Mapping[Any, str]] = {
 }
 _FINDINGS: Report[Any] = Report(
     title=answer.BLUNDERS.title,
-    table=quality_record.FINDINGS,
+    table=blunders.FINDINGS,
     worst=lambda t: np.abs(t["test"]),
     columns=(*answer.BLUNDERS.columns, "note"),
 )
 _open = partial(PageReport, folded=False)
 _of_photos = partial(PageReport, listed=_PHOTOS)
 
-_LEFT_OUT = (_open(ground_points.NO_PART), _open(_FINDINGS))
+_LEFT_OUT = (_open(positions.NO_PART), _open(_FINDINGS))
 _DIFFERENCES = (
     _open(control.RESIDUALS, _CONTROL, note=control.NOTE),
     _open(control.DIFFERENCES, _CONTROL),
@@ -93,7 +90,7 @@ _ACCURACY = (
 )
 _CAMERA = (_open(echo.card("CAM")), *(PageReport(echo.card(card)) for card in ("DST", "LNS", "FID", "FDS")))
 _WATER = (
-    _open(flags.TABLE),
+    _open(bathymetric.FLAG_TABLE),
     _of_photos(adjusted_water.CORRECTIONS),
     _open(adjusted_water.CONSIDERED),
     PageReport(waves_page.SEA),
@@ -122,18 +119,18 @@ _OBSERVATIONS = (
     PageReport(common_errors.HIDDEN),
 )
 _RESULTS = (
-    _of_photos(stations.POSITIONS),
-    _of_photos(stations.ATTITUDES),
-    PageReport(ground_points.GROUND_POINTS),
-    _of_photos(plate_rms.BY_PHOTO),
+    _of_photos(positions.POSITIONS),
+    _of_photos(positions.ATTITUDES),
+    PageReport(positions.GROUND_POINTS),
+    _of_photos(analyses.BY_PHOTO),
     _of_photos(statistical_tests.STATION_ELLIPSES),
     PageReport(statistical_tests.POINT_ELLIPSES, _FEW),
     _of_photos(statistical_tests.STATION_INFLATION),
-    *map(_of_photos, constraints.STATED),
+    *map(_of_photos, control.CONSTRAINTS),
 )
 _COMPUTED = (
-    PageReport(iterations.ITERATIONS),
-    PageReport(iterations.PASSES),
+    PageReport(iterations.ITERATION_TABLE),
+    PageReport(iterations.PASS_TABLE),
     _of_photos(reduction.PLATES),
     *(PageReport(report) for report in (reduction.MARKS, reduction.DISTANCES, reduction.SPREADS)),
 )
@@ -247,8 +244,8 @@ def _computed(tables: Tables) -> Iterator[Part]:
     if settings := tables.get("settings"):
         yield Sentences(texts=[f"Set for this run: {', '.join(settings)}."])
     yield _options(tables["options"])
-    for layout in analyses.LAYOUTS:
-        yield analysis_table(tables["analyses"][layout.table], layout.title, layout.row)
+    for report in analyses.REPORTS:
+        yield analysis_table(at(tables, report.path), report.title, str(report.columns[-1].heading))
     yield from tables_of(_COMPUTED, tables)
 
 

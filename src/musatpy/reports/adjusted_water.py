@@ -6,18 +6,179 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from musatpy.model import AdjustedWater, AdjustedWaves
-from musatpy.reports import quality_record
+from musatpy.arrays import FloatArray
+from musatpy.model import (
+    AdjustedWater,
+    AdjustedWaves,
+    ConsideredWater,
+    WaterPrecision,
+)
+from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Field
+from musatpy.reports.fields import Field, Group, Rows, same
 from musatpy.reports.labels import Content, Labels, numbers_at
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.text import labelled, wrapped
-from musatpy.reports.values import at
+from musatpy.reports.values import Values, at
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import exact_water
-from musatpy.units import ARC_SECOND
+from musatpy.units import ARC_SECOND, DEGREE
+
+_CONSIDERED_UNITS = {"m": 1.0, "arc sec": ARC_SECOND, "deg": DEGREE, "": 1.0}
+
+
+def _water(statistics: Statistics) -> AdjustedWater:
+    water = statistics.solution.water
+    if water is None:
+        raise ValueError("a job without water")
+    return water
+
+
+_WAVES = Rows[AdjustedWaves, AdjustedWaves](
+    "waves",
+    "the waves as adjusted",
+    same,
+    (
+        Field("wave", "string", "wave id; of waves without one, their number", lambda w: w.ids, heading="Wave",
+              edit="A4", is_id=True),
+        Field("period", "number?", "length over speed; null where the wave stands still",
+              lambda w: np.where(np.isinf(w.period), np.nan, w.period), "s", heading="Period\ns", edit="F8.3"),
+        Field("speed", "number", "of the crests", unit="m/s", heading="Speed\nm/s", edit="F8.3"),
+        Field("height", "number", "from trough to crest", lambda w: w.value[:, 0], "m", heading="Height\nm",
+              edit="F8.3"),
+        Field("length", "number", "from crest to crest", lambda w: w.value[:, 1], "m", heading="Length\nm",
+              edit="F9.3"),
+        Field("azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
+              lambda w: w.value[:, 2], "rad", heading="Towards\ndegrees", edit="F9.3"),
+        Field("crest", "number", "distance from the origin, in that direction, of a crest at time 0",
+              lambda w: w.value[:, 3], "m", heading="Crest\nm", edit="F10.3"),
+        Field("crests_open", "number",
+              "part of a length (1 sigma) that what was given leaves open of its crests, at the typical distance "
+              "of the points from the origin", lambda w: w.open),
+    ),
+)  # fmt: skip
+_OF_WAVE = "m or rad"
+
+
+def _in_printed_units(t: Values, name: str) -> FloatArray:
+    """Return values of parameters of waves (n,), azimuths in degrees."""
+    return np.asarray(t[name] / np.where(t["parameter"] == "azimuth", DEGREE, 1.0))
+
+
+_PARAMETERS = Rows[AdjustedWaves, AdjustedWaves](
+    "parameters",
+    "one row per parameter of a wave, known or not",
+    same,
+    (
+        Field("wave", "string", "wave id", lambda w: np.repeat(w.ids, len(WAVE_VALUES)), heading="Wave", edit="A4",
+              is_id=True),
+        Field("parameter", "string", "of the wave", lambda w: WAVE_VALUES * len(w.ids), choices=WAVE_VALUES,
+              heading="Parameter", edit="A14", is_id=True,
+              words={"height": "height, m", "length": "length, m", "azimuth": "towards, deg", "crest": "crest, m"}),
+        Field("given", "number", "of the deck", lambda w: w.prior.ravel(), _OF_WAVE, heading="Given", edit="F10.4",
+              shown=lambda t: _in_printed_units(t, "given")),
+        Field("given_sigma", "number?", "of the deck; null where it was known", lambda w: w.prior_sigma.ravel(),
+              _OF_WAVE, heading="Sigma", edit="F9.4", shown=lambda t: _in_printed_units(t, "given_sigma")),
+        Field("adjusted", "number", "adjusted", lambda w: w.value.ravel(), _OF_WAVE, heading="Adjusted",
+              edit="F10.4", shown=lambda t: _in_printed_units(t, "adjusted")),
+        Field("sigma", "number?", "a posteriori; null where it was known", lambda w: w.sigma.ravel(), _OF_WAVE,
+              heading="Sigma", edit="F9.4", shown=lambda t: _in_printed_units(t, "sigma")),
+        Field("kept", "number?",
+              "sigma, with the a priori unit weight, over that given: 1 where nothing was learnt",
+              lambda w: w.kept.ravel()),
+        Field("inflation", "number?", "variance inflation factor; null where it was known",
+              lambda w: w.inflation.ravel(), heading="Variance\ninflation", edit="F10.1"),
+        Field("verdict", "string", "whether it was determined, and if not, why; empty where it was known",
+              lambda w: w.verdicts.ravel(), heading="", edit="A38", words={"": "known"}),
+    ),
+)  # fmt: skip
+_CORRELATIONS_OF_WAVES = Rows[AdjustedWaves, AdjustedWaves](
+    "correlations",
+    "of the unknown parameters with one another, with the other unknowns of the water, and with the station height "
+    "most correlated",
+    same,
+    (
+        Field("first", "string", "a parameter of a wave", heading="Unknown", edit="A18", is_id=True),
+        Field("second", "string", "the other unknown", heading="With", edit="A26", is_id=True),
+        Field("correlation", "number?", "between -1 and 1", heading="Correlation", edit="F9.4"),
+    ),
+)  # fmt: skip
+
+
+def _considered_sigmas(water: ConsideredWater) -> FloatArray:
+    """Return the sigmas (c,) of what is known with an error, in the units in which they are read."""
+    return water.sigma / np.array([_CONSIDERED_UNITS[unit] for unit in water.units.tolist()])
+
+
+_CORRECTIONS = Rows[Statistics, AdjustedWater](
+    "corrections",
+    "corrections of tides",
+    _water,
+    (
+        Field("group", "string", "photo, group or day; empty for all photos", lambda w: w.correction_ids,
+              heading="Photo or group", edit="A14", words={"": "all photos"}, is_id=True),
+        Field("correction", "number?", "to be added to the given tides; null: not determined", unit="m",
+              heading="Correction\nm", edit="F11.4"),
+        Field("correction_sigma", "number?", "of the correction", unit="m", heading="Sigma\nm", edit="F9.4"),
+    ),
+)  # fmt: skip
+_CONSIDERED = Rows[Statistics, ConsideredWater](
+    "considered",
+    "water that was known with a sigma and not adjusted; its errors are in all sigmas",
+    lambda s: s.solution.considered,
+    (
+        Field("quantity", "string",
+              "the level of a tide group, day or photo; the tilt; the index; a parameter of a wave",
+              lambda c: c.names, heading="Quantity", edit="A36", is_id=True),
+        Field("sigma", "number", "in the unit beside", _considered_sigmas, heading="Sigma", edit="F12.6"),
+        Field("unit", "enum", "of the sigma", lambda c: c.units, choices=("m", "arc sec", "deg", ""),
+              heading="Unit", edit="A8"),
+    ),
+)  # fmt: skip
+ADJUSTED_WATER = Group[Statistics, Statistics](
+    "adjusted_water",
+    "the water after the adjustment; null without a water card",
+    lambda s: None if s.solution.water is None else s,
+    (
+        Field("tide", "* number?", "height of the water at each photo", lambda s: _water(s).tide, "m"),
+        _CORRECTIONS,
+        Field("tilt", "* number", "slopes towards east and north", lambda s: _water(s).tilt, "rad"),
+        Field("tilt_sigma", "* number?", "null: known, or not determined", lambda s: _water(s).tilt_sigma, "rad"),
+        Field("index", "number", "refractive index", lambda s: _water(s).index),
+        Field("index_sigma", "number?", "null: known, or not determined", lambda s: _water(s).index_sigma),
+        Group[Statistics, AdjustedWaves](
+            "waves",
+            "waves whose parameters were unknown; null without such",
+            lambda s: _water(s).waves,
+            (_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES),
+            optional=True,
+        ),
+        _CONSIDERED,
+        Field("undetermined", "* string", "unknown water that no observation determines, in words: it has no sigma",
+              lambda s: list(_water(s).undetermined)),
+        Field("without_error", "* string", "water that was known without a sigma, in words",
+              lambda s: exact_water(s.block)),
+    ),
+    optional=True,
+)  # fmt: skip
+
+
+WATER_PRECISION = Rows[Statistics, WaterPrecision](
+    "water_precision",
+    "one row per quantity of the water that is adjusted or considered, but unknown levels of single photos",
+    lambda s: s.solution.water_precision,
+    (
+        Field("quantity", "string", "level, tilt, index or parameter of a wave", lambda w: w.names),
+        Field("covariance", "* number?", "a posteriori, with all of them in this order", unit="m, rad"),
+        Field("stations", "* number?",
+              "a posteriori, with east, north, up, X-tilt, Y-tilt, heading of each station, one after the other",
+              lambda w: w.stations.reshape(-1, len(w.names)).T, "m, rad"),
+        Field("levels", "* number?",
+              "a posteriori, with the unknown level of each photo; empty where there are none",
+              lambda w: w.levels.T, "m", exact=True),
+    ),
+)  # fmt: skip
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -54,7 +215,7 @@ def _not_adjusted(statistics: Statistics) -> list[Section]:
 
 WAVES: Report[AdjustedWaves] = Report(
     title="Water: Adjusted Waves",
-    table=quality_record.WAVES,
+    table=_WAVES,
     path="adjusted_water.waves.waves",
     columns=("wave", "period", "length", "speed", "height", "azimuth", "crest"),
 )
@@ -62,7 +223,7 @@ WAVES: Report[AdjustedWaves] = Report(
 
 PARAMETERS_OF_WAVES: Report[AdjustedWaves] = Report(
     title="Water: How Well The Waves Are Known",
-    table=quality_record.PARAMETERS_OF_WAVES,
+    table=_PARAMETERS,
     path="adjusted_water.waves.parameters",
     columns=(
         "wave",
@@ -74,9 +235,7 @@ PARAMETERS_OF_WAVES: Report[AdjustedWaves] = Report(
             "change",
             heading="Adjusted\n- given",
             edit="F10.4",
-            shown=lambda t: (
-                quality_record.in_units_of_waves(t, "adjusted") - quality_record.in_units_of_waves(t, "given")
-            ),
+            shown=lambda t: _in_printed_units(t, "adjusted") - _in_printed_units(t, "given"),
         ),
         "sigma",
         "inflation",
@@ -85,20 +244,20 @@ PARAMETERS_OF_WAVES: Report[AdjustedWaves] = Report(
 )
 CORRELATIONS: Report[AdjustedWaves] = Report(
     title="Water: Correlations Of The Waves",
-    table=quality_record.WAVE_CORRELATIONS,
+    table=_CORRELATIONS_OF_WAVES,
     path="adjusted_water.waves.correlations",
     worst=lambda t: np.abs(t["correlation"]),
     columns=("first", "second", "correlation"),
 )
 CONSIDERED: Report[Statistics] = Report(
     title="Water: Known With An Error",
-    table=quality_record.CONSIDERED,
+    table=_CONSIDERED,
     path="adjusted_water.considered",
     columns=("quantity", "sigma", "unit"),
 )
 CORRECTIONS: Report[Statistics] = Report(
     title="Water: Corrections Of The Tides",
-    table=quality_record.CORRECTIONS,
+    table=_CORRECTIONS,
     path="adjusted_water.corrections",
     worst=lambda t: np.abs(t["correction"]),
     columns=("group", "correction", "correction_sigma"),

@@ -1,24 +1,23 @@
-"""The analyses of stations and control that MUSAT printed (ETL-0306, Tables 6-1 to 6-3 and 6-5 to 6-7)."""
+"""What MUSAT printed of stations, control and plates (ETL-0306, Tables 6-1 to 6-8), a column for each of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from musatpy.model import Block, Refraction
-from musatpy.reports import result_record
 from musatpy.reports.editing import edited, prints_as_zero
+from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
-from musatpy.statistics import Analysis, Statistics
+from musatpy.statistics import PLATE_KINDS, Analysis, DifferenceStatistics, Statistics
+from musatpy.units import MICROMETRE
 
-_LABEL_WIDTH, _CELL_WIDTH = 36, 18
 EDITS = {"rad": "S16.3", "m": "F16.2"}
-_HEADINGS = {"X": "X (M)", "Y": "Y (M)", "Z": "Z (M)", "Elevation": "Elev. (M)"}
-_HEADINGS |= {"East": "East (M)", "North": "North (M)", "Up": "Up (M)"}
-
+_HEADINGS = {"Elevation": "Elev. (M)"} | {name: f"{name} (M)" for name in ("X", "Y", "Z", "East", "North", "Up")}
 ROWS = (  # with their fields in the record
     ("Sum of Differences", "sum"),
     ("Mean Value of Differences", "mean"),
@@ -26,75 +25,234 @@ ROWS = (  # with their fields in the record
     ("Standard Deviation from Mean", "deviation"),
     ("Maximum Difference", "maximum"),
 )
-_SIZE = "Sample Size"
+_LABEL_WIDTH, _CELL_WIDTH = 36, 18
+_ACROSS = 10  # frames on the width of the paper
+_RMS = "F9.3"  # mm, of the plates
+
+Component = tuple[str, str, DifferenceStatistics]
+_OF_ROW = "the row's"
+_DIFFERENCES: tuple[Field[Component], ...] = (
+    Field("component", "string", "name of the component", lambda c: c[0], heading="Component", edit="A10",
+          is_id=True),
+    Field("unit", "string", "unit of the numbers of the row", lambda c: c[1], choices=("rad", "m"), heading="Unit",
+          edit="A4"),
+    Field("size", "integer", "sample size N", lambda c: c[2].size, heading="Sample Size", edit="I8"),
+    Field("sum", "number", "sum of differences", lambda c: c[2].sum, _OF_ROW),
+    Field("mean", "number?", "sum / N", lambda c: c[2].mean, _OF_ROW),
+    Field("rms", "number?", "root of the sum of squares / N", lambda c: c[2].rms, _OF_ROW),
+    Field("deviation", "number?", "standard deviation from the mean, N - 1", lambda c: c[2].deviation, _OF_ROW),
+    Field("maximum", "number?", "signed difference of the largest magnitude", lambda c: c[2].maximum, _OF_ROW),
+    Field("maximum_id", "string?", "photo or point of the maximum", lambda c: c[2].maximum_id or None),
+)  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """One analysis in print: its title, what its rows are, and where its numbers are, in the record too."""
+def _analysis(name: str, text: str, of: Callable[[Statistics], Analysis]) -> Each[Statistics, Component]:
+    def components(statistics: Statistics) -> list[Component]:
+        analysis = of(statistics)
+        return list(zip(analysis.components, analysis.units, analysis.statistics, strict=True))
 
-    title: str
-    row: str
-    analysis: Callable[[Statistics], Analysis]
-    table: str
-
-    @property
-    def report(self) -> Report[Statistics]:
-        """The same with a row for each component."""
-        table: Any = next(node for node in result_record.ANALYSES.fields if node.name == self.table)
-        row = f"{self.row} with Max. Difference"
-        return Report(
-            title=self.title,
-            table=table,
-            path=f"analyses.{self.table}",
-            layout="across",
-            columns=(
-                *("component", "unit", "size", *(table.column(name, label, "F16.3") for label, name in ROWS)),
-                table.column("maximum_id", row, "A8", shown=_maximum),
-            ),
-        )
+    return Each(name, text, components, _DIFFERENCES, shared="analysis", length=3)
 
 
-def _maximum(t: Values) -> list[str]:
-    """Return the names of the largest differences, blank where these print as zero."""
-    of_components = zip(t["maximum_id"], t["maximum"], t["unit"], strict=True)
-    return ["" if prints_as_zero(EDITS[unit], value) else name or "" for name, value, unit in of_components]
-
-
-LAYOUTS = (
-    Layout("Camera Station Position Analysis", "Camera", lambda s: s.station_positions, "camera_station_position"),
-    Layout("Camera Station Attitude Analysis", "Camera", lambda s: s.station_attitudes, "camera_station_attitude"),
-    Layout("Ground Point Analysis", "Point", lambda s: s.ground_points, "ground_point"),
+_ANALYSES = (
+    _analysis("camera_station_position", "adjusted minus initial positions of stations",
+              lambda s: s.station_positions),
+    _analysis("camera_station_attitude", "adjusted minus given attitudes of stations",
+              lambda s: s.station_attitudes),
+    _analysis("ground_point", "adjusted minus given positions of control points, in the components that were known",
+              lambda s: s.ground_points),
+    _analysis("check_point", "adjusted minus given positions of check points", lambda s: s.check_points),
+)  # fmt: skip
+ANALYSIS = _ANALYSES[0]
+ANALYSES = Group[Statistics, Statistics](
+    "analyses", "the standard analyses, one row per component", same, _ANALYSES
 )
-STATED = tuple(layout.report for layout in LAYOUTS)
+
+
+def _report(table: Each[Statistics, Component], title: str, row: str) -> Report[Statistics]:
+    """Return an analysis in print; `row` is what its differences are of."""
+    return Report(
+        title=title,
+        table=table,
+        path=f"analyses.{table.name}",
+        layout="across",
+        columns=(
+            *("component", "unit", "size", *(table.column(name, label, "F16.3") for label, name in ROWS)),
+            table.column("maximum_id", f"{row} with Max. Difference", "A8", shown=_maximum),
+        ),
+    )
+
+
+def _maximum(t: Values, edits: Mapping[str, str] = EDITS) -> list[str]:
+    """Return the names of the largest differences, blank where these print as zero."""
+    of_components = zip(t["maximum_id"], t["maximum"], t.get("unit", ["m"] * t.count), strict=True)
+    return ["" if prints_as_zero(edits[unit], value) else name or "" for name, value, unit in of_components]
+
+
+REPORTS = (
+    _report(_ANALYSES[0], "Camera Station Position Analysis", "Camera"),
+    _report(_ANALYSES[1], "Camera Station Attitude Analysis", "Camera"),
+    _report(_ANALYSES[2], "Ground Point Analysis", "Point"),
+)
+CHECK_POINTS = _report(_ANALYSES[3], "Check Point Analysis", "Point")
+
+FRAMES = Rows[Statistics, Statistics](
+    "frames",
+    "one row per photo",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
+        Field("count", "3 integer", "points of each kind", lambda s: s.plates.count),
+        Field("rms", "3x2 number?", "x and y of each kind", lambda s: s.plates.rms, "mm"),
+    ),
+)  # fmt: skip
+
+
+def _largest(statistics: Statistics) -> list[str | None]:
+    ids = statistics.block.photos.ids
+    return [str(ids[photo]) if photo >= 0 else None for photo in statistics.plates.largest]
+
+
+PLATE_STATISTICS = Group[Statistics, Statistics](
+    "plate_statistics",
+    "RMS plate residuals",
+    same,
+    (
+        Field("kinds", "3 string", "order of the kinds in count, rms, largest and the totals",
+              lambda s: PLATE_KINDS, heading="Points", edit="A16", is_id=True),
+        FRAMES,
+        Field("largest", "3 string?", "photo of the largest root of x^2 + y^2 of each kind", _largest),
+        Field("total_count", "3 integer", "points of each kind in the job", lambda s: s.plates.total_count,
+              heading="Number", edit="I8"),
+        Field("total_rms", "3x2 number?", "x and y of each kind in the job", lambda s: s.plates.total_rms, "mm",
+              heading=("RMS x\num", "RMS y\num"), edit="F10.2"),
+    ),
+)  # fmt: skip
+
+
+def _by_kind(kind: int, name: str) -> Iterator[Field[Statistics]]:
+    """Yield number and RMS of the points of a kind, by photo."""
+    yield FRAMES.column(f"count[{kind}]", f"{name}\npoints", "I6")
+    for n, axis in enumerate("xy"):
+        yield FRAMES.column(f"rms[{kind}][{n}]", f"{name}\nRMS {axis} um", "F10.2")
+
+
+def _rms(label: str, kind: int, axis: int) -> Field[Statistics]:
+    """Return a row of Table 6-4; MUSAT printed .000 for a frame without points of the kind."""
+    return Field(label, heading=label, edit=_RMS, shown=lambda t: np.nan_to_num(t["rms"][:, kind, axis]))
+
+
+def _stars(label: str, kind: int) -> Field[Statistics]:
+    """Return the row that marks the frame with the largest RMS, unless even that prints as zero."""
+
+    def shown(t: Values) -> list[str]:
+        rows = zip(t["photo"], t["largest"][:, kind], np.nan_to_num(t["rms"][:, kind]).max(axis=1), strict=True)
+        return ["****" if photo == most and not prints_as_zero(_RMS, rms) else "" for photo, most, rms in rows]
+
+    return Field(label, heading=label, edit="A4", shown=shown)
+
+
+BY_PHOTO: Report[Statistics] = Report(
+    title="Plate Residuals By Photo",
+    table=FRAMES,
+    path="plate_statistics.frames",
+    worst=lambda t: np.linalg.norm(np.nan_to_num(t["rms"][:, 0]), axis=1) / MICROMETRE,
+    columns=("photo", *_by_kind(0, "Trig."), *_by_kind(1, "Not trig."), *_by_kind(2, "All")),
+)
+FRAMES_ACROSS: Report[Statistics] = Report(
+    title="Plate Residuals",
+    layout="across",
+    table=PLATE_STATISTICS,
+    nested="frames",
+    columns=(
+        FRAMES.column("photo", "Frame", "A8"),
+        *(
+            _rms(f"RMS of {name} - {axis}", kind, n)
+            for kind, name in enumerate(("Trig. Points", "Points Not Trig.", "All Points"))
+            for n, axis in enumerate("xy")
+        ),
+        *(
+            _stars(f"Frame With Max. RMS {name} Points", kind)
+            for kind, name in enumerate(("Trig.", "Non-Trig.", "All"))
+        ),
+    ),
+)
+STATED = (*REPORTS, BY_PHOTO, FRAMES_ACROSS)
 
 
 def sections(statistics: Statistics) -> list[Section]:
-    """Return the three analyses, together on a page where they fit."""
-    return [analysis_section(layout, statistics, new_page=number == 0) for number, layout in enumerate(LAYOUTS)]
+    """Return the three analyses, together on a page where they fit, and a section for every ten frames."""
+    return [*_analyses(statistics), *_frames(statistics)]
 
 
-def analysis_section(layout: Layout, statistics: Statistics, *, new_page: bool = False) -> Section:
+def brief(statistics: Statistics) -> list[Section]:
+    """Return the analyses, and the RMS of the photos in a line for each."""
+    return [*_analyses(statistics), BY_PHOTO.section(statistics)]
+
+
+def _analyses(statistics: Statistics) -> Iterator[Section]:
+    for number, report in enumerate(REPORTS):
+        yield analysis_section(report, statistics, new_page=number == 0)
+
+
+def analysis_section(report: Report[Statistics], statistics: Statistics, *, new_page: bool = False) -> Section:
     """Return one analysis, laid out as Table 6-1."""
-    section = laid_out(layout.analysis(statistics), layout.title, run_titles(statistics.block), layout.row)
-    return replace(section, values=lambda: layout.report.cells(statistics), new_page=new_page)
+    values, runs = report.values(statistics), run_titles(statistics.block)
+    return laid_out(report, values, runs, values=lambda: report.cells(values), new_page=new_page)
 
 
 def laid_out(
-    analysis: Analysis, title: str, runs: Sequence[str], row: str, edits: Mapping[str, str] = EDITS
+    report: Report[Any], t: Values, runs: Sequence[str], edits: Mapping[str, str] = EDITS, **layout: Any
 ) -> Section:
     """Return an analysis as Table 6-1 has it, with the lines below its title that say which run it was."""
-    titles = [title, *runs]
-    if "rad" in analysis.units:
-        titles.append("(Degrees, Minutes, Seconds)")
-    double, single = ("=" * (_LABEL_WIDTH + 3 * _CELL_WIDTH), "-" * (_LABEL_WIDTH + 3 * _CELL_WIDTH))
-    headings = [_HEADINGS.get(name, name) for name in analysis.components]
-    head = [double, _row("", headings), single]
+    units = t.get("unit", ["m"] * t.count)
+    numbers = {label: np.where(t["size"] == 0, np.nan, t[name]) for label, name in ROWS}
+    rows = {"Sample Size": list(map(str, t["size"]))}
+    rows |= {
+        label: [edited(edits[unit], [value])[0] for unit, value in zip(units, values, strict=True)]
+        for label, values in numbers.items()
+    }
+    rows[str(report.columns[-1].heading)] = _maximum(t, edits)
+    title = "\n".join((report.title, *runs, *(["(Degrees, Minutes, Seconds)"] if "rad" in units else [])))
+    heads = [_HEADINGS.get(name, name) for name in t["component"]]
+    return _across(title, {"": heads}, rows, (_LABEL_WIDTH, _CELL_WIDTH), **layout)
+
+
+def _frames(statistics: Statistics) -> Iterator[Section]:
+    """Yield a section for every ten frames."""
+    title = "\n".join((FRAMES_ACROSS.title, *run_titles(statistics.block), "(MM)"))
+    values = FRAMES_ACROSS.values(statistics)
+    columns = FRAMES_ACROSS.side_by_side(values)
+    texts = {str(column.heading): edited(str(column.edit), column.printed(values)) for column in columns}
+    for first in range(0, len(statistics.block.photos.ids), _ACROSS):
+        (head, *rows) = ((label, cells[first : first + _ACROSS]) for label, cells in texts.items())
+        cells = (lambda: BY_PHOTO.cells(statistics)) if first == 0 else None
+        yield _across(title, dict([head]), dict(rows), (38, 9), values=cells, new_page=first == 0)
+
+
+def _across(
+    title: str,
+    head: Mapping[str, Sequence[str]],
+    rows: Mapping[str, Sequence[str]],
+    widths: tuple[int, int],
+    **layout: Any,
+) -> Section:
+    """Return a table whose rows are led by labels, below heads that stand between rules."""
+
+    def lines(texts: Mapping[str, Sequence[str]]) -> list[str]:
+        return [
+            (label.ljust(widths[0]) + "".join(cell.strip().rjust(widths[1]) for cell in cells)).rstrip()
+            for label, cells in texts.items()
+        ]
+
+    (heads,) = head.values()
+    width = widths[0] + widths[1] * len(heads)
     return Section(
-        title="\n".join(titles),
-        head=head,
-        lines=[*_lines(analysis, row, edits), double],
+        title=title,
+        head=["=" * width, *lines(head), "-" * width],
+        lines=[*lines(rows), "=" * width],
         together=True,
+        **layout,
     )
 
 
@@ -104,23 +262,3 @@ def run_titles(block: Block) -> tuple[str, str]:
     if block.options.refraction is Refraction.NONE:
         return f"Standard {name}", "No Refraction Correction"
     return f"Modified {name}", "Refraction Correction Applied"
-
-
-def _lines(analysis: Analysis, row: str, edits: Mapping[str, str]) -> list[str]:
-    lines = [_row(_SIZE, [str(d.size) for d in analysis.statistics])]
-    for label, name in ROWS:
-        cells = [
-            edited(edits[unit], [getattr(d, name) if d.size else float("nan")])[0]
-            for unit, d in zip(analysis.units, analysis.statistics, strict=True)
-        ]
-        lines.append(_row(label, cells))
-    names = [
-        "" if d.size == 0 or prints_as_zero(edits[unit], d.maximum) else d.maximum_id
-        for unit, d in zip(analysis.units, analysis.statistics, strict=True)
-    ]
-    lines.append(_row(f"{row} with Max. Difference", names))
-    return lines
-
-
-def _row(label: str, cells: list[str]) -> str:
-    return (label.ljust(_LABEL_WIDTH) + "".join(cell.rjust(_CELL_WIDTH) for cell in cells)).rstrip()

@@ -11,7 +11,7 @@ import numpy as np
 import musatpy
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Editing, Grade
-from musatpy.reports import observation_record, pages, quality_record
+from musatpy.reports import blunders, pages, residuals
 from musatpy.reports.common_errors import MOVED, moved_names
 from musatpy.reports.editing import number_text
 from musatpy.reports.labels import Content, Labels, Texts, count_at, numbers_at, sentences_at
@@ -81,16 +81,16 @@ def _run_numbers(content: Content) -> dict[str, Sequence[float | None]]:
 
 BLUNDERS: Report[Statistics] = Report(
     title="Blunders Found",
-    table=quality_record.FINDINGS,
+    table=blunders.FINDINGS,
     columns=("blunder", "photo", "point", "test", "action"),
 )
 WORST: Report[Statistics] = Report(
     title="Worst Observations",
-    table=observation_record.OBSERVATIONS,
+    table=residuals.OBSERVATIONS,
     which=lambda t: t.source.worst_observations[:_WORST],
     some=True,
     columns=(
-        *("kind", "of", "component", observation_record.UNIT, "residual"),
+        *("kind", "of", "component", residuals.UNIT, "residual"),
         *("normal_test", "estimated_error"),
     ),
 )

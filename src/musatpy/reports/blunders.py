@@ -8,18 +8,70 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.model import Cause, Editing, Solution
-from musatpy.reports.fields import Field
+from musatpy.model import (
+    Cause,
+    Editing,
+    Finding,
+    Solution,
+)
+from musatpy.reports.fields import Each, Field
 from musatpy.reports.headings import printed_unit
 from musatpy.reports.pages import Section
-from musatpy.reports.quality_record import CAUSES, FINDINGS
 from musatpy.reports.table import Report
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
+FINDINGS = Each[Statistics, Finding](
+    "findings",
+    "one row per finding of the search for blunders",
+    lambda s: s.solution.findings,
+    (
+        Field("blunder", "string", "what is wrong", heading="Blunder", edit="A21", is_id=True),
+        Field("photo", "string?", "photo id; of tides also a group, a day, or all", lambda f: f.photo or None,
+              heading="Photo", edit="A17", is_id=True),
+        Field("point", "string?", "point id, as in the deck", lambda f: f.point or None, heading="Point",
+              edit="A17", is_id=True),
+        Field("test", "number?", "test value, null where nothing checks", heading="Test", edit="F9.1"),
+        Field("size", "* number?", "estimated: given minus what all else says, by component"),
+        Field("unit", "string", "of the size", lambda f: f.kind.unit),
+        Field("action", "string", "what was done, or with LIST would be", heading="Action", edit="A11"),
+        Field("note", "string", "explanation", heading="Note", edit="A80"),
+    ),
+)  # fmt: skip
+CAUSES = Each[Statistics, Cause](
+    "causes",
+    "ranked causes of what does not fit: of a search that was asked for, and of runs that failed or are doubtful",
+    lambda s: s.solution.causes,
+    (
+        Field("group", "integer", "causes of one group explain the same misfit", heading="Group", edit="I5"),
+        Field("rank", "integer",
+              "in the group; causes of one rank explain it equally well, the cheaper to check first",
+              heading="Rank", edit="I4"),
+        Field("cause", "string", "what may be wrong", lambda c: c.kind, heading="Cause", edit="A27"),
+        Field("cards", "* string", "mnemonics of the cards to read again"),
+        Field("photos", "* string", "photo ids"),
+        Field("points", "* string", "point ids"),
+        Field("component", "string", "of the card; empty: none of its own"),
+        Field("size", "* number?", "estimated: given minus true, by component"),
+        Field("sigma", "* number?", "of the size"),
+        Field("unit", "string", "of size and sigma", heading="Unit", edit="A7"),
+        Field("parameters", "integer", "that the cause takes"),
+        Field("drop", "number?", "of the weighted sum of squares; null where the block fits only under it"),
+        Field("test", "number?", "root of the drop for each parameter, in sigma0", heading="Test", edit="F9.1"),
+        Field("advice", "string", "what to check"),
+    ),
+)  # fmt: skip
+
+
 _EDITS = {"um": "F10.1", "m": "F10.3", "arc sec": "F10.1"}
 _SHOWN = 2  # ids of one cause
 _TITLES = {"um": "Blunders: Images", "m": "Blunders: Control, Stations, Water", "arc sec": "Blunders: Attitudes"}
+
+
+UNEDITED = Field[Statistics](
+    "unedited", "string", "why EDIT has edited nothing; empty where it has, or was not asked to",
+    lambda s: s.solution.unedited,
+)  # fmt: skip
 
 
 def sections(statistics: Statistics) -> list[Section]:

@@ -14,8 +14,8 @@ from musatpy.reports import (
     compilation_bottom,
     compilation_points,
     compilation_profiles,
+    iterations,
     job_record,
-    quality_record,
     run_comparison,
 )
 from musatpy.reports.answer import MARKS, USE
@@ -56,7 +56,7 @@ JOB: Group[Compiled, Compiled] = Group(
         Field("datum_sigma", "number", "of that", lambda c: c.datum.sigma, "m"),
     ),
 )
-VERDICT: Group[Verdict, Verdict] = Group("verdict", "what it is worth", same, quality_record.VERDICT.fields)
+VERDICT: Group[Verdict, Verdict] = Group("verdict", "what it is worth", same, iterations.VERDICT.fields)
 MODELS: Each[Compiled, CompiledModel] = Each(
     "models",
     "one row per stereomodel",

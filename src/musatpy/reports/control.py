@@ -1,25 +1,55 @@
-"""Residuals of control points, and the differences of check points with their statistics."""
+"""Control and check points with their statistics; equal elevations, air bases, distances, height differences."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from musatpy.arrays import BoolArray, FloatArray
-from musatpy.model import ControlKind
-from musatpy.reports.analyses import Layout, analysis_section
-from musatpy.reports.fields import Field
+from musatpy.arrays import BoolArray, FloatArray, TextArray
+from musatpy.model import (
+    ControlKind,
+    ObservationKind,
+)
+from musatpy.reports.analyses import CHECK_POINTS, analysis_section
+from musatpy.reports.encoding import names, plain
+from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, same
+from musatpy.reports.headings import along_axes
 from musatpy.reports.pages import Section
-from musatpy.reports.result_record import CONTROL
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.quality import TEST_LIMIT
 
+Table = Rows[Statistics, Statistics]
+CONTROL = Table(
+    "control",
+    "one row per control card",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point], heading="Point",
+              edit="A8", is_id=True),
+        Field("kind", "string", "components that are known", lambda s: names(ControlKind, s.block.control.kind),
+              choices=("full", "horizontal", "vertical", "check"), heading="Kind", edit="A10", is_id=True),
+        Field("fixed", "boolean", "held without error", lambda s: s.block.control.fixed, heading="Fixed", edit="A5",
+              words={True: "X", False: ""}),
+        Field("given_position", "3 number?", "of the deck, null where blank", lambda s: s.block.control.position,
+              POSITION_UNIT),
+        Field("given_sigma", "3 number?", f"of the deck, {ENU}", lambda s: s.block.control.sigma, "m",
+              heading=along_axes("Sigma ")),
+        Field("difference", "3 number?", f"adjusted minus given, {ENU}", lambda s: s.control_difference, "m",
+              heading=along_axes()),
+        Field("used", "3 boolean", "the component took part in the adjustment", lambda s: s.block.control.known),
+        Field("adjusted_sigma", "3 number?", f"of the adjusted position, {ENU}",
+              lambda s: s.point_sigmas[s.block.control.point], "m", heading=along_axes("Sigma ")),
+        Field("test", "3 number?", f"test values of the components, {ENU}, as `normal_test` of the observations",
+              lambda s: s.control_tests, heading=along_axes("Test\n", edit="F6.1", unit="")),
+    ),
+)  # fmt: skip
+
+
 NOTE = (
     f"*  A component fails its own test: its residual is beyond {TEST_LIMIT:.2f} of the standard deviations of "
     "that residual. Blank: not given, or nothing else checks it."
 )
-CHECK_POINTS = Layout("Check Point Analysis", "Point", lambda s: s.check_points, "check_point")
 RESIDUALS: Report[Statistics] = Report(
     title="Control Residuals: Adjusted Minus Given, With The Sigmas Given",
     table=CONTROL,
@@ -42,11 +72,107 @@ DIFFERENCES: Report[Statistics] = Report(
     worst=lambda t: np.nan_to_num(np.abs(t["difference"]), nan=-1.0).max(axis=1),
     columns=("point", "difference", "adjusted_sigma"),
 )
-STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS.report)
+
+
+def _members(statistics: Statistics) -> list[list[str]]:
+    """Return the points of each group of equal elevations."""
+    groups = statistics.block.equal_elevations
+    ids = statistics.block.points.ids[groups.point]
+    return [ids[groups.group == group].tolist() for group in range(len(groups.ids))]
+
+
+def _level_differences(statistics: Statistics) -> list[list[float | None]]:
+    groups = statistics.block.equal_elevations
+    return [plain(statistics.level_differences[groups.group == group]) for group in range(len(groups.ids))]
+
+
+EQUAL_ELEVATIONS = Table(
+    "equal_elevations",
+    "one row per group",
+    same,
+    (
+        Field("group", "string", "group id", lambda s: s.block.equal_elevations.ids, heading="Group", edit="A8",
+              is_id=True),
+        Field("given_sigma", "number", "of a point about the level", lambda s: s.block.equal_elevations.sigma, "m",
+              heading="Sigma given\nm", edit="F9.4"),
+        Field("level", "number?", "adjusted", lambda s: s.solution.levels, "m", heading="Level\nm", edit="F11.4"),
+        Field("level_sigma", "number?", "a posteriori", lambda s: s.solution.level_sigmas, "m", heading="Sigma\nm",
+              edit="F9.4"),
+        Field("points", "* string", "point ids", _members, heading="Point", edit="A8", is_id=True),
+        Field("difference", "* number?", "adjusted elevation of each point minus the level", _level_differences,
+              "m", heading="Point minus level\nm", edit="F11.4"),
+    ),
+)  # fmt: skip
+_K = ObservationKind
+
+
+def _between(name: str, text: str, ends: str, what: str, kind: ObservationKind) -> Table:
+    """Return what was measured between two photos or points: `what` of the table of the deck, and as adjusted."""
+    end = ends.removesuffix("s")
+
+    def ids(statistics: Statistics) -> TextArray:
+        block = statistics.block
+        return getattr(block, ends).ids[getattr(getattr(block, name), end)]
+
+    return Table(
+        name,
+        text,
+        same,
+        (
+            Field(ends, "2 string", f"{end} ids", ids, heading=(end.capitalize(),) * 2, edit="A8", is_id=True),
+            Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what), "m",
+                  heading="Given\nm", edit="F13.4"),
+            Field("given_sigma", "number", "of the deck", lambda s: getattr(s.block, name).sigma, "m",
+                  heading="Sigma given\nm", edit="F9.4"),
+            Field(what, "number?", "adjusted", lambda s: s.solution.measured[kind], "m", heading="Adjusted\nm",
+                  edit="F13.4"),
+        ),
+    )  # fmt: skip
+
+
+AIR_BASES = _between("air_bases", "one row per air base", "photos", "length", _K.AIR_BASE)
+DISTANCES = _between("distances", "one row per measured distance", "points", "length", _K.DISTANCE)
+HEIGHT_DIFFERENCES = _between(
+    "height_differences", "one row per measured height difference, second point minus first", "points",
+    "difference", _K.HEIGHT_DIFFERENCE,
+)  # fmt: skip
+# What is measured between two photos or points: title, table of the record, its ends, what it is.
+BETWEEN = (
+    ("Air Bases", AIR_BASES, "photos", "length"),
+    ("Distances", DISTANCES, "points", "length"),
+    ("Height Differences", HEIGHT_DIFFERENCES, "points", "difference"),
+)
+_COUNT: Field[Statistics] = Field(
+    "count", heading="Points", edit="I6", shown=lambda t: [len(points) for points in t["points"]]
+)
+
+
+def _adjusted(title: str, table: Table, ends: str, what: str) -> Report[Statistics]:
+    change: Field[Statistics] = Field(
+        "change", heading="Adjusted minus given\nm", edit="F10.4", shown=lambda t: t[what] - t[f"given_{what}"]
+    )
+    return Report(title=title, table=table, columns=(ends, f"given_{what}", what, change, "given_sigma"))
+
+
+CONSTRAINTS: tuple[Report[Statistics], ...] = (
+    Report(
+        title="Equal Elevation Levels",
+        table=EQUAL_ELEVATIONS,
+        columns=("group", _COUNT, "level", "level_sigma"),
+    ),
+    Report(
+        title="Equal Elevation Points",
+        table=EQUAL_ELEVATIONS,
+        expand=("points", "difference"),
+        columns=("group", "points", "difference", "given_sigma"),
+    ),
+    *(_adjusted(*kind) for kind in BETWEEN),
+)
+STATED = (RESIDUALS, DIFFERENCES, CHECK_POINTS, *CONSTRAINTS)
 
 
 def sections(statistics: Statistics) -> list[Section]:
-    """Return control residuals, check point differences and the check point analysis, as far as there are any."""
+    """Return control and check points, the analysis of these, and constraints, as far as there are any."""
     is_check = statistics.block.control.kind == ControlKind.CHECK
     sections = []
     if not is_check.all():
@@ -54,7 +180,7 @@ def sections(statistics: Statistics) -> list[Section]:
     if is_check.any():
         worst = worst_first(statistics.check_test.squares).tolist()
         sections += [DIFFERENCES.section(statistics, worst=worst), analysis_section(CHECK_POINTS, statistics)]
-    return sections
+    return sections + [section for report in CONSTRAINTS if (section := report.section(statistics)).lines]
 
 
 def _fails(tests: FloatArray) -> BoolArray:

@@ -15,7 +15,7 @@ from musatpy.formats.cards.spec import STATED_UNIT, CardSpec
 from musatpy.formats.musat import card_family
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Table, columns
-from musatpy.reports import brevity, job_record, result_record, waves_page
+from musatpy.reports import brevity, job_record, residuals, waves_page
 from musatpy.reports.editing import field_width
 from musatpy.reports.fields import Field, Group, Rows, same
 from musatpy.reports.headings import SEXAGESIMAL
@@ -38,12 +38,12 @@ _OTHERWISE = ("plates.sigma", "plates.triangulated", "waves.shape")
 
 REFINED: Report[Statistics] = Report(
     title="Input: Plate Measurements, Refined",
-    table=result_record.PLATES,
+    table=residuals.PLATES,
     columns=(
         "photo",
         "point",
-        result_record.PLATES.column("xy", ("x\nmm", "y\nmm"), "F12.7"),
-        result_record.PLATES.column("sigma", ("sigma x\num", "sigma y\num"), "F7.2"),
+        residuals.PLATES.column("xy", ("x\nmm", "y\nmm"), "F12.7"),
+        residuals.PLATES.column("sigma", ("sigma x\num", "sigma y\num"), "F7.2"),
         of_job("Bath", "A4", lambda s: s.block.points.letters[s.block.plates.point]),
         of_job("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
     ),

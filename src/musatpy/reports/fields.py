@@ -165,9 +165,19 @@ class Tabled(Node[Source], Generic[Source, Item]):
             changes |= {"name": path, "kind": f"{left} {base}".strip(), "shown": None}
         return replace(said, **changes)
 
+    def items(self, source: Source) -> Iterable[Item]:
+        """Return what its rows are of, one for each."""
+        raise NotImplementedError
+
     def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
         """Return its columns by name, one entry per row, those of a `nested` table too."""
-        raise NotImplementedError
+        items = list(self.items(source))
+        fields = [field for field in self.fields if isinstance(field, Field)]
+        outer = {field.name: [field.of(item) for item in items] for field in fields}
+        if not nested:
+            return outer
+        part: Any = next(field for field in self.fields if field.name == nested)
+        return unnested(outer, [part.raw(item) for item in items], nested)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +208,9 @@ class Group(Tabled[Source, Item]):
         item = self.of(source)
         return None if item is None else {field.name: field.held(item) for field in self.fields}
 
-    def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
+    def items(self, source: Source) -> Iterable[Item]:
         item = self.of(source)
-        fields = [field for field in self.fields if isinstance(field, Field)]
-        return {field.name: [] if item is None else [field.of(item)] for field in fields}
+        return [] if item is None else [item]
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,14 +277,8 @@ class Each(Tabled[Source, Item]):
     def json(self, source: Source) -> Json:
         return [{field.name: field.json(item) for field in self.fields} for item in self.of(source)]
 
-    def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
-        items = list(self.of(source))
-        fields = [field for field in self.fields if isinstance(field, Field)]
-        outer = {field.name: [field.of(item) for item in items] for field in fields}
-        if not nested:
-            return outer
-        part: Any = next(field for field in self.fields if field.name == nested)
-        return unnested(outer, [part.raw(item) for item in items], nested)
+    def items(self, source: Source) -> Iterable[Item]:
+        return self.of(source)
 
 
 def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:

@@ -12,16 +12,19 @@ from typing import Any
 import musatpy
 from musatpy.model import RecordContent, Solution
 from musatpy.reports import (
+    adjusted_water,
+    analyses,
     bathymetric,
-    ground_points,
+    blunders,
+    control,
+    iterations,
     job_record,
     listing,
-    observation_record,
-    quality_record,
-    reduction_record,
-    result_record,
+    positions,
+    reduction,
+    residuals,
     stated_record,
-    stations,
+    statistical_tests,
     waves_page,
 )
 from musatpy.reports.encoding import Json
@@ -67,33 +70,33 @@ _HEAD: tuple[Node[Statistics], ...] = (
 _RESULTS: tuple[Node[Statistics], ...] = (
     waves_page.WAVES,
     waves_page.ORIGIN,
-    quality_record.VERDICT,
-    result_record.SOLUTION,
-    result_record.ITERATIONS,
-    result_record.PASSES,
-    result_record.ANALYSES,
-    result_record.PLATE_STATISTICS,
-    stations.STATIONS,
-    result_record.PAIRS,
-    result_record.LEVEL_PAIRS,
-    ground_points.POINTS,
+    iterations.VERDICT,
+    iterations.SOLUTION,
+    iterations.ITERATIONS,
+    iterations.PASSES,
+    analyses.ANALYSES,
+    analyses.PLATE_STATISTICS,
+    positions.STATIONS,
+    positions.PAIRS,
+    positions.LEVEL_PAIRS,
+    positions.POINTS,
     stated_record.STATED,
     bathymetric.BATHYMETRIC,
-    result_record.CONTROL,
-    result_record.EQUAL_ELEVATIONS,
-    result_record.AIR_BASES,
-    result_record.DISTANCES,
-    result_record.HEIGHT_DIFFERENCES,
-    quality_record.ADJUSTED_WATER,
-    result_record.WATER_PRECISION,
-    quality_record.TESTS,
-    observation_record.BESIDES_IMAGES,
-    quality_record.DEPENDENCE,
-    quality_record.FINDINGS,
-    quality_record.CAUSES,
-    result_record.UNEDITED,
-    observation_record.PLATES,
-    reduction_record.REDUCTION,
+    control.CONTROL,
+    control.EQUAL_ELEVATIONS,
+    control.AIR_BASES,
+    control.DISTANCES,
+    control.HEIGHT_DIFFERENCES,
+    adjusted_water.ADJUSTED_WATER,
+    adjusted_water.WATER_PRECISION,
+    statistical_tests.TESTS,
+    residuals.BESIDES_IMAGES,
+    statistical_tests.DEPENDENCE,
+    blunders.FINDINGS,
+    blunders.CAUSES,
+    blunders.UNEDITED,
+    residuals.TESTED_PLATES,
+    reduction.REDUCTION,
 )  # fmt: skip
 
 
@@ -126,8 +129,8 @@ def _nodes() -> list[Node[Statistics]]:
 def read_tables() -> Sequence[Node[Statistics]]:
     """Return what readers of a record have: all observations in one table, those of images too."""
     read: dict[Node[Statistics], Node[Statistics]] = {
-        observation_record.BESIDES_IMAGES: observation_record.OBSERVATIONS,
-        observation_record.PLATES: result_record.PLATES,
+        residuals.BESIDES_IMAGES: residuals.OBSERVATIONS,
+        residuals.TESTED_PLATES: residuals.PLATES,
     }
     return [*_version(RecordContent.FULL), *(job_record.with_cards(read.get(node, node)) for node in _nodes())]
 
@@ -162,8 +165,8 @@ def schema() -> Schema:
     return {
         **document_schema("musatpy record", _ABOUT, tables()),
         "$defs": {
-            "factor": quality_record.FACTOR_DEFINITION.definition(),
-            "analysis": result_record.ANALYSIS.definition(),
+            "factor": statistical_tests.FACTOR_DEFINITION.definition(),
+            "analysis": analyses.ANALYSIS.definition(),
         },
     }
 

@@ -11,7 +11,7 @@ from musatpy.reports.fields import Document, Each, Field, Rows, same
 from musatpy.reports.pages import Section, print_titled
 from musatpy.reports.table import Report
 from musatpy.reports.text import labelled
-from musatpy.statistics.differences import Analysis, DifferenceStatistics, analysis_of
+from musatpy.statistics.differences import DifferenceStatistics, analysis_of
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
@@ -65,6 +65,11 @@ RUN_TABLE: Report[Any] = Report(
     columns=("model", "point", "shared", "difference", "length", "sigma", "test", "stages"),
 )
 STATED = (RUN_TABLE,)
+_ANALYSIS_TABLE: Report[Any] = Report(
+    title="Ground Point Analysis",
+    table=ANALYSIS,
+    columns=(*("component", "size"), ANALYSIS.column("maximum_id", "Point with Max. Difference", "A8")),
+)
 DOCUMENT: Document[tuple[Compiled, list[AgainstRun]]] = Document(
     name="point_comparison_version",
     version=_VERSION,
@@ -95,26 +100,21 @@ def vectors(against: list[AgainstRun]) -> tuple[float, float, float]:
     return float(length.min()), float(length.mean()), float(length.max())
 
 
-def _differences(against: list[AgainstRun]) -> Analysis:
-    """Return the analysis of the differences of models from the run."""
-    return analysis_of(
-        dict.fromkeys(("East", "North", "Up"), "m"),
-        np.concatenate([part.model.readings.ids[part.rows] for part in against]),
-        np.concatenate([part.difference for part in against]),
-    )
-
-
 def _statistics(against: list[AgainstRun]) -> list[tuple[str, DifferenceStatistics]]:
     """Return the components of the differences with their statistics, none where there are no differences."""
     if not sum(len(part.rows) for part in against):
         return []
-    analysis = _differences(against)
+    analysis = analysis_of(
+        dict.fromkeys(("East", "North", "Up"), "m"),
+        np.concatenate([part.model.readings.ids[part.rows] for part in against]),
+        np.concatenate([part.difference for part in against]),
+    )
     return list(zip(analysis.components, analysis.statistics, strict=True))
 
 
 def _analysis(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
     """Return the differences from the run in the layout of Table 6-7, and the lengths of their vectors."""
-    analysis = _differences(against)
+    values = _ANALYSIS_TABLE.values((compiled, against))
     lengths = ", ".join(f"{length:.4f}" for length in vectors(against))
     lines = {"Least, mean and largest vector, m": lengths}
     tests = np.concatenate([part.test for part in against])
@@ -123,7 +123,7 @@ def _analysis(compiled: Compiled, against: list[AgainstRun]) -> list[Section]:
     run = f"Compiled Less MUSAT-{compiled.run.block.options.program}"
     water = "No Refraction Correction" if compiled.run.block.water is None else "Refraction Correction Applied"
     return [
-        analyses.laid_out(analysis, "Ground Point Analysis", (run, water), "Point", {"m": "F16.4"}),
+        analyses.laid_out(_ANALYSIS_TABLE, values, (run, water), {"m": "F16.4"}),
         Section(title="Comparison With The Run: Vectors And Tests", lines=labelled(lines)),
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from musatpy.reports import answer, result_record
+from musatpy.reports import analyses, answer
 from musatpy.reports.editing import number_text
 from musatpy.reports.labels import Content, Labels, Texts, numbers_at, sentences_at
 from musatpy.reports.pages import Section
@@ -16,7 +16,7 @@ from musatpy.statistics import Statistics
 LISTED_WARNINGS = 10  # of a kind; the record has them all
 PLATE_RESIDUALS: Report[Statistics] = Report(
     title="Plate Residuals Of The Job",
-    table=result_record.PLATE_STATISTICS,
+    table=analyses.PLATE_STATISTICS,
     expand=("kinds", "total_count", "total_rms"),
     columns=("kinds", "total_count", "total_rms"),
 )

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.model import PlateSigma
-from musatpy.reports import ground_points, observation_record, quality_record, stations
+from musatpy.model import (
+    Dependence,
+    PlateSigma,
+)
+from musatpy.model.kinds import ANGLES, ENU
+from musatpy.reports import positions, residuals
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Field
+from musatpy.reports.fields import Each, Field, Group, Rows, same
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.text import wrapped
@@ -19,12 +24,152 @@ from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import Ellipses, ellipses
 from musatpy.statistics.quality import ALPHA, BETA, FAR, TEST_LIMIT, ChiSquare
+from musatpy.units import ARC_SECOND
 
 HIDDEN = "Statistics: Points That Undetected Errors May Move"
 LISTED = 20  # observations, at least: all beyond the limit of the test are listed
 _LEAST = 1e-300  # probability: zero has no logarithm
 _INFLATION, _LENGTHS = 1, 3  # decimals of the tables that are in the order of them
-_CORRELATIONS = 40  # listed, the strongest
+_LISTED_CORRELATIONS = 40  # listed, the strongest
+
+
+FACTOR: tuple[Field[ChiSquare], ...] = (
+    Field("redundancy", "number", "degrees of freedom"),
+    Field("factor", "number?", "weighted squares over the redundancy"),
+    Field("low", "number?", "lower limit"),
+    Field("high", "number?", "upper limit"),
+    Field("accepted", "boolean", "the factor lies within the limits"),
+)
+FACTOR_DEFINITION = Group[ChiSquare, ChiSquare](
+    "factor", "a variance factor with its two-sided test at 95 %", same, FACTOR, optional=True
+)
+_COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
+    "variance_components",
+    "variance components",
+    lambda s: list(s.components.items()),
+    (
+        Field("group", "string", "group of observations", lambda g: g[0], heading="Group", edit="A28", is_id=True),
+        Field("redundancy", "number", "sum of the redundancy numbers", lambda g: g[1].redundancy,
+              heading="Redundancy", edit="F11.2"),
+        Field("factor", "number?", "v'Pv over the redundancy", lambda g: g[1].factor, heading="Variance\nfactor",
+              edit="F9.3"),
+        Field("low", "number?", "lower limit of the test", lambda g: g[1].low, heading="Lower\nlimit", edit="F8.3"),
+        Field("high", "number?", "upper limit", lambda g: g[1].high, heading="Upper\nlimit", edit="F8.3"),
+        Field("accepted", "boolean", "the factor agrees with 1", lambda g: g[1].accepted),
+    ),
+)  # fmt: skip
+_CHECK_POINTS = Rows[Statistics, Statistics](
+    "check_points",
+    "one row per check point",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point[s.check_test.row]],
+              heading="Point", edit="A8", is_id=True),
+        Field("chi_square", "number", "difference against its covariance", lambda s: s.check_test.squares,
+              heading="Chi-square", edit="F10.3"),
+        Field("components", "integer", "given components", lambda s: s.check_test.components, heading="Components",
+              edit="I5"),
+        Field("probability", "number?", "of as much by chance", lambda s: s.check_test.probability,
+              heading="Probability", edit="F8.4"),
+    ),
+)  # fmt: skip
+
+
+def _moved(statistics: Statistics) -> IntArray:
+    """Return the points that an error may move which its test does not find."""
+    return np.flatnonzero(~np.isnan(statistics.hidden.shift))
+
+
+_HIDDEN_ERRORS = Rows[Statistics, Statistics](
+    "hidden_errors",
+    "one row per point that an error may move which its test does not find",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids[_moved(s)], heading="Point",
+              edit="A8", is_id=True),
+        Field("rays", "integer", "plate measurements of the position",
+              lambda s: s.solution.points.rays[_moved(s)], heading="Rays", edit="I4"),
+        Field("shift", "number?",
+              "by the largest such error of one image or control component; null: without limit",
+              lambda s: s.hidden.shift[_moved(s)], "m", heading="Moved by\nm", edit="F11.3",
+              shown=lambda t: np.where(t["unlimited"], np.nan, t["shift"])),
+        Field("sigmas", "number?", "the same in sigmas of the coordinate that moves most of its own",
+              lambda s: s.hidden.sigmas[_moved(s)], heading="In its\nsigmas", edit="F11.1",
+              shown=lambda t: np.where(np.isinf(t["sigmas"]), np.nan, t["sigmas"])),
+        Field("unlimited", "boolean", "nothing checks an observation of the point",
+              lambda s: np.isinf(s.hidden.shift[_moved(s)]), heading="", edit="A14",
+              words={True: "without limit", False: ""}),
+        Field("weak", "boolean", "they are more than five", lambda s: s.hidden.weak[_moved(s)]),
+    ),
+)  # fmt: skip
+TESTS = Group[Statistics, Statistics](
+    "tests",
+    "tests of the solution",
+    lambda s: None if s.solution.observed is None else s,
+    (
+        Group[Statistics, ChiSquare]("sigma0", "", lambda s: s.sigma0, FACTOR, shared="factor"),
+        _COMPONENTS,
+        _CHECK_POINTS,
+        Group[Statistics, ChiSquare](
+            "check_points_total", "", lambda s: s.check_test.total, FACTOR, shared="factor"
+        ),
+        _HIDDEN_ERRORS,
+    ),
+    optional=True,
+)
+_STATION_INFLATION = Rows[Statistics, Statistics](
+    "stations",
+    "one row per photo",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
+        Field("inflation", "6 number?", "variance inflation factors: east, north, up, X-tilt, Y-tilt, heading",
+              lambda s: s.dependence.station_inflation, heading=(*ENU, *ANGLES), edit="F10.1"),
+    ),
+)  # fmt: skip
+
+
+def _dependence(statistics: Statistics) -> Dependence:
+    return statistics.dependence
+
+
+_ANGLE = re.compile("tilt of the water.*|wave .* azimuth")  # unknowns by such names are angles
+
+
+def _global_sigmas(t: Values) -> FloatArray:
+    """Return the sigmas (n,) of levels, water and points, those of angles in arc seconds."""
+    is_angle = [bool(_ANGLE.fullmatch(name)) for name in t["unknown"]]
+    return np.asarray(t["sigma"] / np.where(is_angle, ARC_SECOND, 1.0))
+
+
+_GLOBALS = Rows[Statistics, Dependence](
+    "globals",
+    "levels, water, and points with distances or height differences",
+    _dependence,
+    (
+        Field("unknown", "string", "name", lambda d: d.names, heading="Unknown", edit="A32", is_id=True),
+        Field("sigma", "number?", "a posteriori; null: nothing observes it", heading="Sigma\nm, arc sec, 1",
+              edit="F12.6", shown=_global_sigmas),
+        Field("inflation", "number?", "variance inflation factor", heading="Variance\ninflation", edit="F12.1"),
+    ),
+)  # fmt: skip
+_CORRELATIONS = Rows[Statistics, Dependence](
+    "correlations",
+    "correlations of 0.95 and more, the strongest first",
+    _dependence,
+    (
+        Field("first", "string", "unknown", heading="Unknown", edit="A32", is_id=True),
+        Field("second", "string", "unknown", heading="With", edit="A32", is_id=True),
+        Field("correlation", "number", "coefficient", heading="Correlation", edit="F9.4"),
+    ),
+)  # fmt: skip
+DEPENDENCE = Group[Statistics, Statistics](
+    "dependence",
+    "how the unknowns depend on one another",
+    lambda s: None if s.solution.dependence is None else s,
+    (_STATION_INFLATION, _GLOBALS, _CORRELATIONS),
+    optional=True,
+)
 
 
 def _listed(t: Values) -> IntArray:
@@ -44,7 +189,7 @@ _STAR: Field[Statistics] = Field(
 )
 COMPONENTS: Report[Statistics] = Report(
     title="Statistics: Sigma0 And Variance Components",
-    table=quality_record.COMPONENTS,
+    table=_COMPONENTS,
     path="tests.variance_components",
     columns=(
         "group",
@@ -57,19 +202,19 @@ COMPONENTS: Report[Statistics] = Report(
 )
 OBSERVATIONS: Report[Statistics] = Report(
     title="Statistics: Observations, The Worst First",
-    table=observation_record.OBSERVATIONS,
+    table=residuals.OBSERVATIONS,
     which=_listed,
     worst=lambda t: np.abs(t["test"]),
     some=True,
     columns=(
-        *("kind", "of", "component", observation_record.UNIT, "residual", "sigma", "redundancy", "standardised"),
-        observation_record.OBSERVATIONS.column("test", shown=_tests),
+        *("kind", "of", "component", residuals.UNIT, "residual", "sigma", "redundancy", "standardised"),
+        residuals.OBSERVATIONS.column("test", shown=_tests),
         *(_STAR, "detectable", "effect"),
     ),
 )
 CHECKS: Report[Statistics] = Report(
     title="Statistics: Check Points Against Their Own Covariance",
-    table=quality_record.CHECK_POINTS,
+    table=_CHECK_POINTS,
     path="tests.check_points",
     which=lambda t: worst_first(-np.log10(np.maximum(t["probability"], _LEAST))),
     worst=lambda t: -t["probability"],
@@ -77,16 +222,16 @@ CHECKS: Report[Statistics] = Report(
 )
 HIDDEN_ERRORS: Report[Statistics] = Report(
     title=HIDDEN,
-    table=quality_record.HIDDEN_ERRORS,
+    table=_HIDDEN_ERRORS,
     path="tests.hidden_errors",
-    which=lambda t: _moved(t),
+    which=lambda t: _listed_points(t),
     worst=lambda t: np.where(np.isnan(t["sigmas"]), np.inf, t["sigmas"]),
     some=True,
     columns=("point", "rays", "shift", "sigmas", "unlimited"),
 )
 WATER: Report[Statistics] = Report(
     title="Statistics: Global Unknowns",
-    table=quality_record.GLOBALS,
+    table=_GLOBALS,
     path="dependence.globals",
     which=lambda t: worst_first(t["inflation"], _INFLATION),
     worst=lambda t: t["inflation"],
@@ -94,16 +239,16 @@ WATER: Report[Statistics] = Report(
 )
 CORRELATIONS: Report[Statistics] = Report(
     title="Statistics: Correlations Of 0.95 And More",
-    table=quality_record.CORRELATIONS,
+    table=_CORRELATIONS,
     path="dependence.correlations",
-    which=lambda t: np.arange(t.count)[:_CORRELATIONS],
+    which=lambda t: np.arange(t.count)[:_LISTED_CORRELATIONS],
     worst=lambda t: np.abs(t["correlation"]),
     some=True,
     columns=("first", "second", "correlation"),
 )
 STATION_INFLATION: Report[Statistics] = Report(
     title="Statistics: Variance Inflation Of Stations",
-    table=quality_record.STATION_INFLATION,
+    table=_STATION_INFLATION,
     path="dependence.stations",
     which=lambda t: worst_first(_most_inflated(t), _INFLATION),
     worst=lambda t: _most_inflated(t),
@@ -142,7 +287,7 @@ def _largest(kind: str, t: Values) -> IntArray:
 
 STATION_ELLIPSES: Report[Statistics] = Report(
     title="Statistics: Error Ellipses Of Stations",
-    table=stations.STATIONS,
+    table=positions.STATIONS,
     which=partial(_largest, "station"),
     worst=lambda t: np.linalg.norm(t["position_sigma"], axis=1),
     columns=("photo", *_ellipse_columns("station", "position_sigma")),
@@ -150,7 +295,7 @@ STATION_ELLIPSES: Report[Statistics] = Report(
 POINT_ELLIPSES: Report[Statistics] = Report(
     title=f"Statistics: Error Ellipses Of Ground Points, The {LISTED} Largest",
     pattern=r"Statistics: Error Ellipses Of Ground Points, The \d+ Largest",
-    table=ground_points.POINTS,
+    table=positions.POINTS,
     which=lambda t: _largest("point", t)[:LISTED],
     worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
     some=True,
@@ -203,11 +348,10 @@ def _plane(statistics: Statistics) -> tuple[str, str]:
     return (", In The Plane Of The System", words.units[0][:14]) if words and words.has_plane else ("", "m")
 
 
-def _moved(t: Values) -> IntArray:
+def _listed_points(t: Values) -> IntArray:
     """Return the rows that are listed: the weakly checked points, or the worst."""
     hidden = t.source.hidden
-    points = hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))]
-    return np.searchsorted(np.flatnonzero(~np.isnan(hidden.shift)), points)
+    return np.searchsorted(_moved(t.source), hidden.worst_first[: max(LISTED, int(hidden.weak.sum()))])
 
 
 def _verdicts(t: Values) -> list[str]:

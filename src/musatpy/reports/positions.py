@@ -1,0 +1,199 @@
+"""Adjusted exposure stations and ground points with their sigmas, and why others took no part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from musatpy.arrays import FloatArray, TextArray
+from musatpy.model import (
+    LevelPairs,
+    PointStatus,
+    StationPairs,
+)
+from musatpy.reports import stated
+from musatpy.reports.encoding import names
+from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, same
+from musatpy.reports.headings import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, along_axes, position
+from musatpy.reports.pages import Section
+from musatpy.reports.table import Report
+from musatpy.reports.text import wrapped
+from musatpy.reports.wording import place_columns, place_sigma_columns
+from musatpy.statistics import Statistics, Words
+
+STATIONS = Rows[Statistics, Statistics](
+    "stations",
+    "one row per photo",
+    same,
+    (
+        Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
+        Field("camera", "string", "camera id", lambda s: s.block.cameras.ids[s.block.photos.camera],
+              heading="Camera", edit="A6"),
+        Field("position", "3 number", "adjusted", lambda s: s.solution.stations.position, POSITION_UNIT,
+              heading=position(3)),
+        Field("position_sigma", "3 number?", f"a posteriori, {ENU}", lambda s: s.station_sigmas[:, :3], "m",
+              heading=along_axes("Sigma ")),
+        Field("attitude", "3 number", "adjusted", lambda s: s.solution.stations.attitude, "rad",
+              heading=ATTITUDES_AS_ANGLES, edit="S14.3"),
+        Field("attitude_sigma", "3 number?", "a posteriori", lambda s: s.station_sigmas[:, 3:], "rad",
+              heading=ATTITUDE_SIGMAS, edit="F9.2"),
+        Field("covariance", "6x6 number?", "a posteriori, of east, north, up, X-tilt, Y-tilt, heading",
+              lambda s: s.solution.stations.covariance, "m2, m rad, rad2"),
+        Field("given_position", "3 number", "of the deck", lambda s: s.block.photos.position, POSITION_UNIT),
+        Field("given_position_sigma", "3 number?", f"of the deck, {ENU}; null where not observed",
+              lambda s: s.block.photos.position_sigma, "m"),
+        Field("given_attitude", "3 number", "of the deck", lambda s: s.block.photos.attitude, "rad"),
+        Field("given_attitude_sigma", "3 number?", "of the deck; null where not observed",
+              lambda s: s.block.photos.attitude_sigma, "rad"),
+        Field("tide", "number?", "height of the water surface at the exposure", lambda s: s.block.photos.tide, "m"),
+        Field("tide_sigma", "number?", "of the tide", lambda s: s.block.photos.tide_sigma, "m"),
+        Field("tide_group", "string", "group of photos with a common correction of their tides",
+              lambda s: s.block.photos.tide_group),
+        Field("tide_day", "string", "day of the exposure", lambda s: s.block.photos.tide_day),
+        Field("time", "number?", "of the exposure, on one clock for all photos", lambda s: s.block.photos.time,
+              "s"),
+    ),
+)  # fmt: skip
+
+
+def _pairs(statistics: Statistics) -> tuple[TextArray, StationPairs] | None:
+    pairs = statistics.solution.pairs
+    return None if pairs is None else (statistics.block.photos.ids, pairs)
+
+
+PAIRS = Rows[Statistics, tuple[TextArray, StationPairs]](
+    "station_pairs",
+    "one row per pair of photos that share a point",
+    _pairs,
+    (
+        Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
+        Field(
+            "covariance",
+            "6x6 number?",
+            "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with those of the second",
+            lambda p: p[1].covariance,
+            "m2, m rad, rad2",
+        ),
+    ),
+)
+
+
+def _level_pairs(statistics: Statistics) -> tuple[TextArray, LevelPairs] | None:
+    pairs = statistics.solution.level_pairs
+    return None if pairs is None else (statistics.block.photos.ids, pairs)
+
+
+LEVEL_PAIRS = Rows[Statistics, tuple[TextArray, LevelPairs]](
+    "level_pairs",
+    "levels that photos have of their own as unknowns: one row per pair of photos that share a point, and of each "
+    "alone; empty where there are none",
+    _level_pairs,
+    (
+        Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
+        Field("of_first", "6 number?",
+              "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with the level of the second",
+              lambda p: p[1].of_first, "m2, m rad"),
+        Field("of_second", "6 number?", "of the first's level with those of the second", lambda p: p[1].of_second,
+              "m2, m rad"),
+        Field("level", "number?", "of both levels", lambda p: p[1].level, "m2"),
+    ),
+)  # fmt: skip
+
+
+POSITIONS: Report[Statistics] = Report(
+    title="Adjusted Exposure Stations: Positions",
+    table=STATIONS,
+    columns=("photo", "camera", "position", "position_sigma"),
+    worst=lambda t: np.linalg.norm(t["position_sigma"], axis=1),
+)
+ATTITUDES: Report[Statistics] = Report(
+    title="Adjusted Exposure Stations: Attitudes",
+    table=STATIONS,
+    columns=("photo", "attitude", "attitude_sigma"),
+    worst=lambda t: np.linalg.norm(t["attitude_sigma"], axis=1),
+)
+
+
+def _reasons(statistics: Statistics) -> list[str | None]:
+    reasons = statistics.solution.points.reasons
+    return [reasons.get(row) for row in range(len(statistics.block.points.ids))]
+
+
+POINTS = Rows[Statistics, Statistics](
+    "points",
+    "one row per ground point",
+    same,
+    (
+        Field("point", "string", "point id", lambda s: s.block.points.ids, heading="Point", edit="A8", is_id=True),
+        Field("bathymetric", "boolean", "submerged", lambda s: s.block.points.bathymetric, heading="Bath",
+              edit="A4", words={True: "B", False: ""}),
+        Field("dry", "boolean", "flagged as dry for certain", lambda s: s.block.points.dry, heading="Dry",
+              edit="A3", words={True: "D", False: ""}, when=lambda t: bool(t["dry"].any())),
+        Field("status", "string", "what became of it", lambda s: names(PointStatus, s.solution.points.status),
+              choices=("triangulated", "intersected", "not_determined"), heading="Status", edit="A14",
+              words={"not_determined": "not determined"}),
+        Field("reason", "string?", "why it has no position, or took no part", _reasons, heading="Reason",
+              edit="A80", words={None: "no reason given"}),
+        Field("rays", "integer", "plate measurements used for the position", lambda s: s.solution.points.rays,
+              heading="Rays", edit="I4"),
+        Field("position", "3 number?", "adjusted", lambda s: s.solution.points.position, POSITION_UNIT,
+              heading=position(3)),
+        Field("sigma", "3 number?", f"a posteriori, {ENU}", lambda s: s.point_sigmas, "m",
+              heading=along_axes("Sigma ")),
+        Field("covariance", "3x3 number?", "a posteriori, of east, north, up",
+              lambda s: s.solution.points.covariance, "m2"),
+    ),
+)  # fmt: skip
+GROUND_POINTS: Report[Statistics] = Report(
+    title="Adjusted Ground Points",
+    table=POINTS,
+    which=lambda t: np.flatnonzero(t["status"] != "not_determined"),
+    worst=lambda t: np.linalg.norm(t["sigma"], axis=1),
+    columns=("point", "bathymetric", "dry", "status", "rays", "position", "sigma"),
+)
+NO_PART: Report[Statistics] = Report(
+    title="Points That Took No Part, Or Have No Position",
+    layout="texts",
+    table=POINTS,
+    which=lambda t: np.flatnonzero(t["status"] != "triangulated"),
+    columns=("point", "status", "reason"),
+)
+
+
+def _in_words(statistics: Statistics, words: Words) -> Report[Statistics]:
+    """Return the table with coordinates and sigmas in the words of the answer."""
+    rows = statistics.solution.points.status != PointStatus.NOT_DETERMINED
+    places = (
+        *place_columns(words, lambda s: _stated(s)[rows], 3),
+        *place_sigma_columns(words, lambda s: s.answer_point_sigmas[rows]),
+    )
+    return replace(GROUND_POINTS, columns=(*GROUND_POINTS.columns[:-2], *places))
+
+
+def _stated(statistics: Statistics) -> FloatArray:
+    assert statistics.answer is not None
+    return statistics.answer.points
+
+
+def _points(statistics: Statistics) -> list[Section]:
+    """Return the points that have a position, and the reasons why others have none or took no part."""
+    words = statistics.answer_words
+    sections = [
+        (_in_words(statistics, words) if words else GROUND_POINTS).section(statistics, new_page=True),
+        *(stated.far_points(statistics, words) if words else []),
+    ]
+    _, *rows = NO_PART.cells(statistics)
+    lines = [line for point, status, why in rows for line in wrapped([why], lead=f"{point:<8.8}  {status:<14}  ")]
+    return [*sections, Section(title=NO_PART.title, lines=lines, worst=range(len(lines)))] if lines else sections
+
+
+STATED = (POSITIONS, stated.MAP, ATTITUDES, GROUND_POINTS, NO_PART)
+
+
+def sections(statistics: Statistics) -> list[Section]:
+    """Return the adjusted stations, the points that have a position, and the reasons of those that have none."""
+    words = statistics.answer_words
+    if words is not None:
+        return [*stated.stations(statistics, words), *_points(statistics)]
+    return [POSITIONS.section(statistics, new_page=True), ATTITUDES.section(statistics), *_points(statistics)]
