@@ -20,7 +20,6 @@ from musatpy.reports import (
     compilation_bottom,
     compilation_points,
     compilation_profiles,
-    reduction,
     run_comparison,
 )
 from musatpy.reports.answer import USE
@@ -36,11 +35,8 @@ _LEFT_OUT: Report[Any] = Report(
 )
 _open = partial(PageReport, folded=False)
 _MODELS = (
-    *map(_open, (compilation.MODEL_TABLE, compilation.RECOVERED_TABLE, compilation.MOVED_TABLE)),
-    *map(
-        PageReport,
-        (compilation.SHORE_TABLE, reduction.PLATES, reduction.MARKS, reduction.DISTANCES, reduction.SPREADS),
-    ),
+    *map(_open, (compilation.MODEL_TABLE, compilation.RECOVERED_TABLE)),
+    PageReport(compilation.SHORE_TABLE),
 )
 _BOTTOM = tuple(map(_open, (*compilation_profiles.STATED, *compilation_bottom.STATED)))
 _OF_POINTS = tuple(
