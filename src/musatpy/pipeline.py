@@ -14,7 +14,7 @@ from musatpy.adjustment.wavy_water import Sea, sea_of
 from musatpy.errors import AdjustmentError, NumericalError, Problem, and_warnings, numerics
 from musatpy.model import Block, Cause, CauseKind, CauseSearch, Editing, Finding, Order, Solution
 from musatpy.model.block import in_order_of_ids
-from musatpy.model.findings import NO_CARD_EXPLAINS, OF_FLAGS
+from musatpy.model.findings import NO_CARD_EXPLAINS, OF_FLAGS, SEARCH_GIVEN_UP
 from musatpy.model.progress import Progress
 from musatpy.statistics import Statistics
 from musatpy.statistics.verdict import verdict
@@ -155,7 +155,7 @@ def _edited(block: Block, progress: Progress | None, sea: Sea | None) -> Solutio
             why = "points or stations run away in it"
         elif isinstance(error, SearchLimitError):
             why = "it came to no end: more is wrong than it can tell apart"
-        message = f"the search for blunders was given up: {why}"
+        message = f"{SEARCH_GIVEN_UP}: {why}"
         return replace(solution, warnings=(*solution.warnings, message))
     edits = block.options.editing is Editing.EDIT
     refused = unedited(result) if edits else ""

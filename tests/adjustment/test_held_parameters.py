@@ -150,12 +150,11 @@ def test_the_focal_length_of_a_job_without_observed_stations_has_no_test_and_pag
     solution = adjust(altered(BLOCKS["st_thomas"](), cameras={"focal_length": lambda focal: 1.02 * focal}))
     statistics = Statistics(solution)
     errors = statistics.common_errors
-    assert errors.held.names[errors.untested[0]] == "focal length of RC8"
     assert (
         not errors.tested[0] and np.isnan(errors.test[0]) and np.isnan(errors.moved_by(errors.smallest)[1][0]).all()
     )
     line = next(line for line in listing(solution).split("\n") if line.startswith("Common errors without test"))
-    assert "focal length of RC8" in line
+    assert " focal length of RC8: " in line
 
 
 @pytest.mark.slow
@@ -165,12 +164,12 @@ def test_an_error_that_moves_something_far_before_its_test_finds_it_is_named_on_
     statistics = Statistics(adjust(raised))
     errors = statistics.common_errors
     most = np.nanmax(errors.moved_by(errors.smallest)[1][errors.tested], axis=1)
-    assert sorted(errors.weakly_tested) == np.flatnonzero(errors.tested)[most > 4.0].tolist()
+    far = set(errors.held.names[errors.tested][most > 4.0].tolist())
     row = errors.held.names.tolist().index("tides less heights of control")
-    assert row in errors.weakly_tested and errors.smallest[row] > 0.5
-    lines = listing(statistics.solution).split("\n")
-    start = next(at for at, line in enumerate(lines) if line.startswith("Common errors weakly tested"))
-    assert "tides less heights of control" in " ".join(lines[start : start + 2])
+    assert errors.held.names[row] in far and errors.smallest[row] > 0.5
+    text = " ".join(listing(statistics.solution).split())
+    text = text.partition("Common errors weakly tested")[2].partition("(page")[0]
+    assert {name for name in errors.held.names.tolist() if name in text} == far
     assert not statistics.verdict.reasons  # a metre moves nothing but all heights together
 
 

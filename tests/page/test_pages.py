@@ -36,6 +36,13 @@ def test_the_verdict_stands_first(page):
     assert "Accuracy" not in before and "no test speaks against it" in after[:60]
 
 
+def test_the_figures_are_those_of_page_1(page):
+    assert page.fact("Sigma0").startswith("0.9361by chance 0.735 to 1.265 (95 %), at most 1.433")
+    assert page.fact("RMS of plate residuals, x and y").startswith("1.36 and 3.15 µm")
+    assert page.fact("Common errors without test").startswith("focal length of RC80.1522 mm moves station 22")
+    assert page.fact("Common errors weakly tested").startswith("principal point x, RC8")
+
+
 def test_control_and_check_points_against_the_cards_and_the_record(page):
     control = record()["control"]
     difference, used = (np.array(control[name], dtype=float) for name in ("difference", "used"))

@@ -16,6 +16,7 @@ from musatpy.listings.audit import audit
 from musatpy.listings.audit import listing_of as read_text
 from musatpy.model import Action, CauseKind, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
 from musatpy.reports import answer, brevity
+from musatpy.reports.headline import content_of, headline
 from musatpy.reports.listing import REPORTS, listing, listing_of
 from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH
 from musatpy.reports.record import dumps, record_of
@@ -80,6 +81,14 @@ def test_page_1_has_the_verdict_and_every_reason_with_its_page(grade):
         place = text.index(reason.text) + len(reason.text)
         page = int(re.match(r" \(page (\d+)\)", text[place:])[1])
         assert any(line.startswith(reason.section) for line in pages[page - 1])
+
+
+@pytest.mark.parametrize("grade", Grade)
+def test_a_record_says_the_figures_of_its_run(grade):
+    statistics = run(grade)
+    figures = list(headline(content_of(statistics)))
+    assert figures == list(headline(record_of(statistics)))
+    assert {"Sigma0", "RMS of check points, East, North, Up", "Blunders"} <= {figure.label for figure in figures}
 
 
 @pytest.mark.parametrize("brief", [False, True])

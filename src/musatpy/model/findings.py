@@ -13,6 +13,7 @@ from musatpy.units import ARC_SECOND, MICROMETRE
 _SHOWN = 5  # ids in a row, the others by their number
 _SCALES = {"um": MICROMETRE, "arc sec": ARC_SECOND}  # of units, in those inside
 CONTROL_CARD, STATION_CARD = "CTG/CTX", "STA/STX"  # the card of geographic jobs, and that of all others
+SEARCH_GIVEN_UP = "the search for blunders was given up"  # how the warning begins that says so
 _POSITION = "east north up"
 
 

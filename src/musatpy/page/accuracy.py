@@ -13,16 +13,14 @@ from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.page.cells import cell_text, count_of
 from musatpy.page.page_tables import page_table
 from musatpy.page.rendering import PageTable
-from musatpy.plots.tables import Tables, flags, numbers, part, rows_of, texts
+from musatpy.plots.tables import Tables, numbers, part, rows_of, texts
 from musatpy.reports import analyses
+from musatpy.reports.headline import CHECKS, CONTROL, differences
 from musatpy.soundings.s44 import orders_met, source, survey_orders
 from musatpy.statistics.differences import DifferenceStatistics, difference_statistics
 
 SAMPLES = "Control And Check Points: Adjusted Minus Given"
 ORDERS = "Orders Of S-44 Met By The Depths"
-CONTROL, CHECKS = "Control", "Check points"
-_AXES = {"LOCL": ("X", "Y", "Z")}
-_EAST_NORTH_UP = ("East", "North", "Up")
 _ANGLE = "rad"
 
 Samples = dict[tuple[str, str], DifferenceStatistics]  # by control or check points, and component; metres
@@ -50,19 +48,12 @@ class Depths:
 
 def samples(tables: Tables) -> Samples:
     """Return control residuals and check points, adjusted minus given, by component, and given depths."""
-    control, wet = part(tables, "control"), part(tables, "bathymetric_points")
-    check, fixed = texts(control, "kind") == "check", flags(control, "fixed", 1)[:, 0]
-    difference, used = numbers(control, "difference", 3), flags(control, "used", 3) & ~fixed[:, None]
-    depth, depth_check = numbers(wet, "residual"), texts(wet, "control") == "check"
-    found: Samples = {}
-    for what, shown, depth_shown in (
-        (CONTROL, used & ~check[:, None], ~depth_check),
-        (CHECKS, np.repeat(check[:, None], 3, axis=1), depth_check),
-    ):
-        for axis, component in enumerate(_AXES.get(tables["options"]["system"], _EAST_NORTH_UP)):
-            values = np.where(shown[:, axis], difference[:, axis], np.nan)
-            found[what, component] = difference_statistics(values, texts(control, "point"))
-        found[what, "Depth"] = difference_statistics(np.where(depth_shown, depth, np.nan), texts(wet, "point"))
+    wet = tables["bathymetric_points"]
+    is_check, found = texts(wet, "control") == "check", Samples()
+    for label, what in (("Control", CONTROL), ("Check points", CHECKS)):
+        found |= {(label, axis): statistics for axis, statistics in differences(tables, what).items()}
+        depths = np.where(is_check == (what == CHECKS), numbers(wet, "residual"), np.nan)
+        found[label, "Depth"] = difference_statistics(depths, texts(wet, "point"))
     return {names: statistics for names, statistics in found.items() if statistics.size}
 
 

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from musatpy.model import Cause, CauseKind, Grade, Refraction
-from musatpy.page.accuracy import CHECKS, CONTROL, ORDERS, SAMPLES, Depths, Samples, depths_of, samples
-from musatpy.page.cells import count_of, number_text
+from musatpy.page.accuracy import ORDERS, Depths, depths_of
+from musatpy.page.cells import cell_text, count_of
 from musatpy.page.page_tables import place_of, places_of, reasons_of
 from musatpy.page.rendering import Chapter, Fact, Facts, Page
-from musatpy.plots.tables import Tables, flags, part, texts
+from musatpy.plots.tables import Tables, part
 from musatpy.reports.answer import USE
+from musatpy.reports.headline import headline
 from musatpy.reports.titles import REFRACTION
 from musatpy.soundings.s44 import NO_ORDER
-from musatpy.statistics.quality import FAR
-from musatpy.units import MICROMETRE
 
 _CAUSES = 5
 _ENOUGH = 0.95  # share of the points that meet an order, from which on it is that of the run
@@ -37,28 +35,24 @@ def top_of(tables: Tables, chapters: Sequence[Chapter]) -> Page:
         reasons=reasons_of(tables, places),
         causes=_causes(tables["causes"][:_CAUSES]) if verdict["reasons"] else (),
         notes=verdict["notes"],
-        figures=Facts(facts=_figures(tables, places), large=True),
+        figures=Facts(facts=list(_figures(tables, places)), large=True),
         chapters=chapters,
     )
 
 
 def _what(tables: Tables) -> str:
-    points = part(tables, "points")
-    wet = int(flags(points, "bathymetric", 1).sum())
-    photos = len(texts(part(tables, "stations"), "photo"))
-    refraction = REFRACTION[Refraction(part(tables, "options")["refraction"])]
-    return (
-        f"{count_of(photos, 'photo')}, {count_of(len(points.get('point', ())), 'ground point')} "
-        f"({wet:,} submerged), {count_of(_images(tables), 'image')}. Refraction: {refraction}."
+    points, wet, photos = (
+        tables["points"]["point"],
+        sum(tables["points"]["bathymetric"]),
+        tables["stations"]["photo"],
     )
-
-
-def _images(tables: Tables) -> int:
-    """Return the number of plate measurements; of a record without them that of those with a residual."""
-    plates = part(tables, "plates")
-    if plates:
-        return len(plates["photo"])
-    return int(part(tables, "plate_statistics").get("total_count", [0])[-1])
+    images = part(tables, "plates").get("photo")  # a record may be without them
+    count = tables["plate_statistics"]["total_count"][-1] if images is None else len(images)
+    refraction = REFRACTION[Refraction(tables["options"]["refraction"])]
+    return (
+        f"{count_of(len(photos), 'photo')}, {count_of(len(points), 'ground point')} ({wet:,} submerged), "
+        f"{count_of(count, 'image')}. Refraction: {refraction}."
+    )
 
 
 def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -81,101 +75,33 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return sentences
 
 
-def _figures(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
-    every, depths = samples(tables), depths_of(tables)
-    facts = [_sigma0(tables, places), *_plates(tables, places)]
-    facts += [_rms(every, what, places) for what in (CONTROL, CHECKS)]
-    facts += [_depths(depths, places), *_s44(depths, places), *_hidden(tables, places), _blunders(tables, places)]
-    return [fact for fact in facts if fact.value]
+def _figures(tables: Tables, places: Mapping[str, str]) -> Iterator[Fact]:
+    """Yield the figures of page 1 of the listing, and those of the depths."""
+    for figure in headline(tables, cell_text):
+        value, detail = figure.value.replace(" um", " µm"), figure.detail.lstrip(",: ")
+        yield Fact(label=figure.label, value=value, detail=detail, link=place_of(places, figure.section))
+    depths = depths_of(tables)
+    yield from _depths(depths, places)
+    yield from _s44(depths, places)
 
 
-def _sigma0(tables: Tables, places: Mapping[str, str]) -> Fact:
-    solution, test = part(tables, "solution"), part(tables, "tests").get("sigma0")
-    detail = f"{solution.get('degrees_of_freedom', 0):,} degrees of freedom"
-    if test and test["low"] is not None and part(tables, "options").get("plate_sigma_is") != "GUESS":
-        low, high = (number_text(math.sqrt(test[name]), 3) for name in ("low", "high"))
-        detail = f"by chance {low} to {high} (95 %)" + ("" if test["accepted"] else ": outside")
-    value = number_text(solution.get("sigma0"), 4) or "not finite"
-    return Fact(label="Sigma0", value=value, detail=detail, link=place_of(places, "Statistics: Sigma0"))
-
-
-def _plates(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
-    statistics = part(tables, "plate_statistics")
-    count, rms = (statistics.get(name, [0])[0] for name in ("total_count", "total_rms"))
-    if not count:
-        return []
-    value = " and ".join(number_text(axis / MICROMETRE, 2) for axis in rms)
-    detail = f"{count:,} images that took part"
-    link = place_of(places, "Plate Residuals Of The Job")
-    return [Fact(label="RMS of plate residuals, x and y", value=f"{value} µm", detail=detail, link=link)]
-
-
-def _rms(every: Samples, what: str, places: Mapping[str, str]) -> Fact:
-    statistics = {component: of for (points, component), of in every.items() if points == what}
-    names = list(statistics)
-    value = ", ".join(number_text(statistics[name].rms, 3) for name in names)
-    sizes = sorted({statistics[name].size for name in names})
-    least = f"{sizes[0]:,} to " if len(sizes) > 1 else ""
-    return Fact(
-        label=f"RMS of {'control residuals' if what == CONTROL else 'check points'}, {', '.join(names)}",
-        value=f"{value} m" if value else "",
-        detail=f"{least}{count_of(sizes[-1], 'point')} in each component" if sizes else "",
-        link=place_of(places, SAMPLES),
-    )
-
-
-def _depths(depths: Depths, places: Mapping[str, str]) -> Fact:
+def _depths(depths: Depths, places: Mapping[str, str]) -> Iterator[Fact]:
     sigma, depth = depths.sigma[np.isfinite(depths.sigma)], depths.depth[np.isfinite(depths.depth)]
-    if not len(sigma) or not len(depth):
-        return Fact(label="", value="")
-    return Fact(
-        label="Sigma of depths, median",
-        value=f"{np.median(sigma):.3f} m",
-        detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m deep",
-        link=place_of(places, "Depths Of Bathymetric Points"),
-    )
+    if len(sigma) and len(depth):
+        yield Fact(
+            label="Sigma of depths, median",
+            value=f"{np.median(sigma):.3f} m",
+            detail=f"{count_of(len(depth), 'point')}, {depth.min():.2f} to {depth.max():.2f} m deep",
+            link=place_of(places, "Depths Of Bathymetric Points"),
+        )
 
 
-def _s44(depths: Depths, places: Mapping[str, str]) -> list[Fact]:
-    count = int(depths.ranked.sum())
-    if not count:
-        return []
-    best = next((order for order, met in depths.shares() if met >= _ENOUGH * count), NO_ORDER)
-    exclusive, met = depths.shares()[0]
-    return [
-        Fact(
+def _s44(depths: Depths, places: Mapping[str, str]) -> Iterator[Fact]:
+    count, shares = int(depths.ranked.sum()), depths.shares()
+    if count:
+        yield Fact(
             label="Order of S-44 that 95 % of the depths meet",
-            value=best,
-            detail=f"{exclusive}: {met:,} of {count:,} points",
+            value=next((order for order, met in shares if met >= _ENOUGH * count), NO_ORDER),
+            detail=f"{shares[0][0]}: {shares[0][1]:,} of {count:,} points",
             link=place_of(places, ORDERS),
         )
-    ]
-
-
-def _hidden(tables: Tables, places: Mapping[str, str]) -> list[Fact]:
-    table: Any = part(tables, "tests").get("hidden_errors") or {}
-    weak = table.get("weak", ())
-    if not len(weak):
-        return []
-    return [
-        Fact(
-            label="Points weakly checked",
-            value=f"{sum(weak):,} of {len(weak):,}",
-            detail=f"an undetected error may move them by more than {FAR:.0f} sigmas",
-            link=place_of(places, "Statistics: Points That Undetected"),
-        )
-    ]
-
-
-def _blunders(tables: Tables, places: Mapping[str, str]) -> Fact:
-    editing = part(tables, "options").get("editing", "NONE")
-    actions = Counter(row["action"] for row in tables["findings"])
-    if editing == "NONE":
-        return Fact(label="Blunders", value="not looked for")
-    detail = ", ".join(f"{action} {count}" for action, count in actions.items()) or "none were found"
-    return Fact(
-        label="Blunders",
-        value=f"{sum(actions.values()):,}",
-        detail=detail,
-        link=place_of(places, "Blunders Found"),
-    )

@@ -9,22 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import musatpy
-from musatpy.arrays import FloatArray, IntArray
-from musatpy.model import Editing, Grade
+from musatpy.model import Grade
 from musatpy.reports import blunders, pages, residuals
-from musatpy.reports.common_errors import MOVED, moved_names
-from musatpy.reports.editing import number_text
-from musatpy.reports.labels import Content, Labels, Texts, count_at, numbers_at, sentences_at
+from musatpy.reports.headline import content_of, headline
+from musatpy.reports.labels import Content, Labels, Texts, count_at, sentences_at
 from musatpy.reports.pages import Section
-from musatpy.reports.statistical_tests import HIDDEN
 from musatpy.reports.table import Report
 from musatpy.reports.text import by_kind, labelled, wrapped
 from musatpy.reports.titles import REFRACTION, SYSTEMS
 from musatpy.reports.values import at
-from musatpy.statistics import Statistics, metric_components
-from musatpy.statistics.quality import FAR, ChiSquare
-from musatpy.statistics.verdict import COMMON_ERRORS, sigma0_doubt
-from musatpy.units import MICROMETRE
+from musatpy.statistics import Statistics
+from musatpy.statistics.verdict import COMMON_ERRORS
 
 INDEX = "Index Of Pages"
 ALL_REASONS = "Verdict: All Reasons And Notes"
@@ -53,18 +48,7 @@ UNSETTLED = "nothing has converged: what is blamed here may itself be carried aw
 
 def _quality_numbers(content: Content) -> dict[str, Sequence[float | None]]:
     """Return the numbers of the quality in short by their labels, as a record has them."""
-    checks = numbers_at(content, *(f"analyses.check_point[{axis}].rms" for axis in range(3)))
-    total = [f"tests.check_points_total.{name}" for name in ("factor", "low", "high")]
-    rms = [f"plate_statistics.total_rms[0][{axis}]" for axis in (0, 1)]
-    return {
-        "Sigma0": numbers_at(content, "solution.sigma0"),
-        "RMS of plate residuals, x and y": numbers_at(content, *rms, unit=MICROMETRE),
-        "RMS of check points, East, North, Up": checks,
-        "RMS of check points, X, Y, Z": checks,
-        "Check points, chi-square over components": numbers_at(content, *total),
-        "Points weakly checked": [count_at(content, "tests.hidden_errors", "weak")],
-        "Blunders": [count_at(content, "findings")],
-    }
+    return {figure.label: figure.numbers for figure in headline(content) if figure.numbers}
 
 
 def _run_numbers(content: Content) -> dict[str, Sequence[float | None]]:
@@ -125,7 +109,7 @@ class _Answer:
 
     def reference(self, section: str) -> str:
         """Return ` (page 9)`, as wide for every page; nothing for a section that is not listed."""
-        page = self.page_of(section)
+        page = self.page_of(section) if section else 0
         return f" (page{_BLANK}{str(page).rjust(len(str(_LONGEST_PAGE)), _PAD)})" if page else ""
 
 
@@ -218,112 +202,15 @@ def _cut(blocks: Sequence[Sequence[str]], room: int, reference: str) -> list[str
 
 
 def _quality(answer: _Answer) -> Section:
-    """Return the numbers that say how good the run is, each with its page."""
-    statistics = answer.statistics
-    solution, plates = statistics.solution, statistics.plates
-    lines = {"Sigma0": f"{_sigma0(statistics)}{answer.reference('Statistics: Sigma0')}"}
-    if plates.total_count[0]:
-        rms = " and ".join(number_text("F12.2", value / MICROMETRE) for value in plates.total_rms[0])
-        where = answer.reference("Plate Residuals Of The Job")
-        lines["RMS of plate residuals, x and y"] = f"{rms} um of {plates.total_count[0]} images{where}"
-    names = ", ".join(metric_components(statistics.block))
-    for what, analysis, where in (
-        ("control residuals", statistics.control_residuals, "Control Residuals"),
-        ("check points", statistics.check_points, "Check Points"),
-    ):
-        sizes = [component.size for component in analysis.statistics]
-        if any(sizes):
-            rms = ", ".join(number_text("F12.3", component.rms) or "-" for component in analysis.statistics)
-            counts = ", ".join(map(str, sizes))
-            lines[f"RMS of {what}, {names}"] = f"{rms} m of {counts} points{answer.reference(where)}"
-    total = statistics.check_test.total
-    if total is not None:
-        where = answer.reference("Statistics: Check Points")
-        lines["Check points, chi-square over components"] = f"{_limits(total)}{where}"
-    if solution.observed is not None:
-        weak, known = statistics.hidden.weak, ~np.isnan(statistics.hidden.shift)
-        where = answer.reference(HIDDEN)
-        lines["Points weakly checked"] = (
-            f"{int(weak.sum())} of {int(known.sum())}: "
-            f"an undetected error may move them by more than {FAR:.0f} sigmas{where}"
-        )
-    lines["Blunders"] = _blunder_count(answer)
-    return Section(title="Quality In Short", lines=_printed([*labelled(lines), *_common_errors(answer)]))
-
-
-def _common_errors(answer: _Answer) -> list[str]:
-    """Return the lines that name the parameters whose errors no test finds, or large ones alone."""
-    errors = answer.statistics.common_errors
-    if errors is None:
-        return []
-    named = {
-        "Common errors without test": (errors.untested, errors.held.reference),
-        "Common errors weakly tested": (errors.weakly_tested, errors.smallest),
-    }
-    return [
-        line
-        for label, (rows, error) in named.items()
-        if len(rows)
-        for line in wrapped([_worst_movement(answer, rows, error)], lead=labelled({label: ""})[0])
-    ]
-
-
-def _worst_movement(answer: _Answer, rows: IntArray, error: FloatArray) -> str:
-    """Return what an `error` (h,) of the first of some parameters moves most, and the names of the others."""
-    errors = answer.statistics.common_errors
-    assert errors is not None
-    row, *others = rows.tolist()
-    held = errors.held
-    shifts, all_sigmas = errors.moved_by(error)
-    kind = int(np.nanargmax(all_sigmas[row]))
-    size = f"{number_text('F12.4', error[row])} {held.units[row]}".rstrip()
-    shift, sigmas = shifts[row, kind], all_sigmas[row, kind]
-    moved = f"{MOVED[kind]} {moved_names(answer.statistics, kind)[row]}"
-    text = f"{held.names[row]}: {size} moves {moved} by {number_text('F12.3', shift)} m, "
-    text += f"{number_text('F12.1', sigmas)} sigmas"
-    if others:
-        text += f"; also {'; '.join(held.names[others].tolist())}"
-    return text + answer.reference(COMMON_ERRORS)
-
-
-def _sigma0(statistics: Statistics) -> str:
-    solution, test = statistics.solution, statistics.sigma0
-    if not np.isfinite(solution.sigma0):
-        return "not finite: nothing can be tested"
-    value = number_text("F12.4", solution.sigma0)
-    if solution.considered is not None:
-        value += f", {number_text('F12.4', solution.unit_sigma)} with the errors of known water allowed for"
-    if test is None:
-        return f"{value}, not tested: there is no redundancy"
-    if not statistics.tests_sigma0:
-        return f"{value}, not tested: the sigmas of the plates are estimated by it"
-    low, high = (number_text("F8.3", float(np.sqrt(limit))) for limit in (test.low, test.high))
-    doubt = number_text("F8.3", sigma0_doubt(solution.degrees_of_freedom))
-    return f"{value}, by chance {low} to {high} (95 %), at most {doubt} (99.9 %){_failed(test)}"
-
-
-def _limits(test: ChiSquare) -> str:
-    factor, low, high = (number_text("F12.3", value) for value in (test.factor, test.low, test.high))
-    return f"{factor}, by chance {low} to {high} (95 %){_failed(test)}"
-
-
-def _failed(test: ChiSquare) -> str:
-    if test.accepted:
-        return ""
-    return ": too low" if test.factor < test.low else ": TOO HIGH"
-
-
-def _blunder_count(answer: _Answer) -> str:
-    solution = answer.statistics.solution
-    if solution.block.options.editing is Editing.NONE:
-        return "not looked for"
-    if solution.edited is None:
-        return "the search was given up"
-    if not solution.findings:
-        return "none were found"
-    actions = Counter(finding.action.value for finding in solution.findings)
-    counts = ", ".join(f"{action} {count}" for action, count in actions.items())
-    return f"{len(solution.findings)}: {counts}{answer.reference('Blunders')}"
+    """Return the figures that say how good the run is, each with its page."""
+    lines: list[str] = []
+    for figure in headline(content_of(answer.statistics)):
+        text = f"{figure.value}{figure.detail}{answer.reference(figure.section)}"
+        if figure.section == COMMON_ERRORS:
+            lines += wrapped([text], lead=labelled({figure.label: ""})[0])
+        else:
+            lines += labelled({figure.label: text})
+    return Section(title="Quality In Short", lines=_printed(lines))
 
 
 def _blunders(answer: _Answer) -> tuple[Section, list[list[str]]] | None:

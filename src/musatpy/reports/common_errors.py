@@ -20,7 +20,7 @@ from musatpy.statistics.verdict import COMMON_ERRORS
 MOVED = ("station", "point", "depth")  # what an error moves
 
 
-def moved_names(statistics: Statistics, kind: int) -> list[str]:
+def _moved_names(statistics: Statistics, kind: int) -> list[str]:
     """Return which station, point or depth every parameter moves most; empty where nothing has a sigma."""
     ids = statistics.block.photos.ids if kind == 0 else statistics.block.points.ids
     rows: IntArray = _errors(statistics).held.moved[:, kind]
@@ -43,8 +43,8 @@ def _moves(kind: int) -> tuple[Field[Statistics], ...]:
 
     reference, smallest = (lambda e: e.held.reference), (lambda e: e.smallest)
     return (
-        Field(noun, "string", f"{noun} that moves most in its sigmas", lambda s: moved_names(s, kind), heading=head,
-              edit="A8"),
+        Field(noun, "string", f"{noun} that moves most in its sigmas", lambda s: _moved_names(s, kind),
+              heading=head, edit="A8"),
         Field(f"{noun}_shift", "number?", "by the reference error", by(reference, 0), "m", heading=f"{head}\nm",
               edit="F8.3"),
         Field(f"{noun}_sigmas", "number?", "the same in sigmas", by(reference, 1), heading=f"{head}\nsigmas",
@@ -73,6 +73,7 @@ PARAMETERS = Rows[Statistics, Statistics](
               heading="Smallest\nfound", edit="F9.4"),
         Field("reference", "number", "error by which movements are stated", lambda s: _errors(s).held.reference,
               heading="Reference\nerror", edit="F9.4"),
+        Field("believed", "number", "largest error that anybody would believe", lambda s: _errors(s).held.limit),
         *_moves(0),
         *_moves(1),
         *_moves(2),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from musatpy.reports import analyses, answer
+from musatpy.reports import analyses, answer, iterations
 from musatpy.reports.editing import number_text
 from musatpy.reports.labels import Content, Labels, Texts, numbers_at, sentences_at
 from musatpy.reports.pages import Section
@@ -22,6 +22,13 @@ PLATE_RESIDUALS: Report[Statistics] = Report(
 )
 
 
+_EDITS = {  # of what is no whole number
+    "Weighted sum of squares": "F18.4",
+    "Sigma0 (standard deviation of unit weight)": "F12.6",
+    "Sigma0, errors of known water allowed for": "F12.6",
+}
+
+
 def _numbers(content: Content) -> dict[str, Sequence[float | None]]:
     """Return the numbers of the summary by their labels, as a record has them."""
     labels: dict[str, Sequence[float | None]] = {}
@@ -29,12 +36,8 @@ def _numbers(content: Content) -> dict[str, Sequence[float | None]]:
         counts = at(content, f"solution.{noun.lower()}") or {}
         labels |= {f"{noun}, {kind}": [count] for kind, count in counts.items()}
         labels[f"{noun}, all"] = [sum(count for count in counts.values() if isinstance(count, int | float))]
-    for label, name in (
-        ("Degrees of freedom", "degrees_of_freedom"),
-        ("Weighted sum of squares", "sum_of_squares"),
-        ("Sigma0 (standard deviation of unit weight)", "sigma0"),
-        ("Sigma0, errors of known water allowed for", "unit_sigma"),
-    ):
+    labels["Degrees of freedom"] = numbers_at(content, "solution.degrees_of_freedom")
+    for label, name in zip(_EDITS, ("sum_of_squares", "sigma0", "unit_sigma"), strict=True):
         labels[label] = numbers_at(content, f"solution.{name}")
     return labels
 
@@ -65,13 +68,11 @@ def sections(statistics: Statistics) -> list[Section]:
 def _lines(statistics: Statistics) -> list[str]:
     solution = statistics.solution
     verdict = "CONVERGED" if solution.converged else f"NOT CONVERGED: {solution.reason}"
-    numbers = {f"Observations, {kind}": str(count) for kind, count in solution.observations.items() if count}
-    numbers["Observations, all"] = str(sum(solution.observations.values()))
-    numbers |= {f"Unknowns, {kind}": str(count) for kind, count in solution.unknowns.items() if count}
-    numbers["Unknowns, all"] = str(sum(solution.unknowns.values()))
-    numbers["Degrees of freedom"] = str(solution.degrees_of_freedom)
-    numbers["Weighted sum of squares"] = number_text("F18.4", solution.sum_of_squares)
-    numbers["Sigma0 (standard deviation of unit weight)"] = number_text("F12.6", solution.sigma0)
-    if solution.considered is not None:
-        numbers["Sigma0, errors of known water allowed for"] = number_text("F12.6", solution.unit_sigma)
-    return [*wrapped([verdict]), "", *labelled(numbers)]
+    values = {name: value for name, (value,) in iterations.SOLUTION.raw(statistics).items()}
+    lines = {}
+    for label, (number,) in _numbers({"solution": values}).items():
+        *_, considered = _EDITS
+        is_said = label != considered or solution.considered is not None
+        if number is not None and is_said and (number or not label.startswith(("Observations, ", "Unknowns, "))):
+            lines[label] = number_text(_EDITS[label], number) if label in _EDITS else str(int(number))
+    return [*wrapped([verdict]), "", *labelled(lines)]

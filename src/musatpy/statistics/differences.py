@@ -88,8 +88,11 @@ def position_components(block: Block) -> dict[str, str]:
     return {"X": "m", "Y": "m", "Z": "m"}
 
 
+def axes_of(system: str) -> tuple[str, str, str]:
+    """Return the components of differences and sigmas in metres along the vertical and across it."""
+    return ("X", "Y", "Z") if system == CoordinateSystem.LOCAL else ("East", "North", "Up")
+
+
 def metric_components(block: Block) -> dict[str, str]:
-    """Return component -> unit of differences and sigmas in metres along the vertical and across it."""
-    if block.options.system is CoordinateSystem.LOCAL:
-        return {"X": "m", "Y": "m", "Z": "m"}
-    return {"East": "m", "North": "m", "Up": "m"}
+    """Return component -> unit of these."""
+    return dict.fromkeys(axes_of(block.options.system), "m")

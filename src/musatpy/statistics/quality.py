@@ -105,23 +105,6 @@ class CommonErrors(Table):
         """Return by how much errors (h,) move what they move most in its sigmas: (h, 3) m, and in sigmas."""
         return self.held.shift * error[:, None], self.held.sigmas * error[:, None]
 
-    @property
-    def untested(self) -> IntArray:
-        """The parameters without a test an error of which may move something by over `_BELIEVED` of its sigmas.
-
-        Those first whose reference error moves most.
-        """
-        reference = np.nan_to_num(self.moved_by(self.held.reference)[1]).max(axis=1, initial=0.0)
-        most = reference / self.held.reference * self.held.limit
-        named = ~self.tested & (most > _BELIEVED)
-        return falling(np.where(named, reference, -1.0), _DECIMALS)[: np.count_nonzero(named)]
-
-    @property
-    def weakly_tested(self) -> IntArray:
-        """The parameters whose `smallest` moves something by over `_BELIEVED` of its sigmas, the worst first."""
-        most = np.nan_to_num(self.moved_by(self.smallest)[1]).max(axis=1, initial=0.0)
-        return falling(most, _DECIMALS)[: np.count_nonzero(most > _BELIEVED)]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HiddenErrors(Table):
@@ -430,6 +413,26 @@ def check_test(rows: IntArray, difference: FloatArray, covariance: FloatArray) -
     probability = np.array([probability_beyond(q, k) if k else np.nan for q, k in pairs])
     total = chi_square(float(squares.sum()), float(components.sum())) if components.any() else None
     return CheckTest(row=rows, squares=squares, components=components, probability=probability, total=total)
+
+
+def untested(tested: BoolArray, moved: FloatArray, reference: FloatArray, believed: FloatArray) -> IntArray:
+    """Return the parameters without a test an error of which may move something by over `_BELIEVED` of its sigmas.
+
+    Of h parameters, with what their `reference` errors move (h, 3), in sigmas, and the largest that are `believed`.
+    Those first whose reference error moves most.
+    """
+    most = np.nan_to_num(moved).max(axis=1, initial=0.0)
+    named = ~tested & (most / reference * believed > _BELIEVED)
+    return falling(np.where(named, most, -1.0), _DECIMALS)[: np.count_nonzero(named)]
+
+
+def weakly_tested(moved: FloatArray) -> IntArray:
+    """Return the parameters whose smallest error found moves something by over `_BELIEVED` of its sigmas (h, 3).
+
+    The worst first.
+    """
+    most = np.nan_to_num(moved).max(axis=1, initial=0.0)
+    return falling(most, _DECIMALS)[: np.count_nonzero(most > _BELIEVED)]
 
 
 def _tests(sigma: FloatArray) -> int:
