@@ -10,8 +10,7 @@ import pytest
 from musatpy.errors import ProblemsError
 from musatpy.fortran import parse_edit, write_number
 from musatpy.listings import RulesError, compare_bytes, compare_texts, load_rules, parse_rules
-from musatpy.listings.machine import json_text, junit_text
-from musatpy.listings.render import render
+from musatpy.listings.output import json_text, junit_text, render
 from musatpy.listings.tokens import angle_of, parse, tokens_of, with_angles
 
 

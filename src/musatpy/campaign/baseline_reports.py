@@ -8,8 +8,7 @@ from xml.etree import ElementTree
 
 from musatpy.campaign.baselines import Check, Checked
 from musatpy.errors import printable
-from musatpy.listings.machine import json_text
-from musatpy.listings.render import Style, plain, render
+from musatpy.listings.output import Style, json_text, plain, render
 
 SCHEMA_VERSION = "1.0"
 

@@ -52,7 +52,7 @@ def command(
     """
     from musatpy.files import write_files
     from musatpy.listings import compare_bytes
-    from musatpy.listings.machine import json_text, junit_of_problems, junit_text
+    from musatpy.listings.output import json_text, junit_of_problems, junit_text
 
     try:
         data, loaded = _read(first, second, rules)
@@ -71,7 +71,7 @@ def command(
     elif quiet:
         _tell_shortly(comparison)
     else:
-        from musatpy.listings.render import render
+        from musatpy.listings.output import render
 
         tell_escaped(render(comparison, listed=listed, style=styled))
     ctx.exit(0 if comparison.same else 1)
@@ -89,7 +89,7 @@ def cycles_left_alone() -> Iterator[None]:
 
 
 def _tell_shortly(found: Difference) -> None:
-    from musatpy.listings.render import verdict
+    from musatpy.listings.output import verdict
 
     if not found.same:
         tell_escaped(f"{verdict(found, styled)}\n")

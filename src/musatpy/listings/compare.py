@@ -53,6 +53,7 @@ class Comparison:
     """
 
     counts_digits = True  # numbers have a last digit
+    counts_order = True  # a row that stands elsewhere is a difference
     rows: tuple[Sequence[Any], Sequence[Any]]
 
     def __init__(self, rules: RuleSet, title: str, titles: Sequence[str]) -> None:
@@ -77,7 +78,7 @@ class Comparison:
         a, b = self.rows
         for n, other, moved in aligned(a, b, strict=strict):
             if n is not None and other is not None:
-                self.pair_of_rows(a[n], b[other], moved)
+                self.pair_of_rows(a[n], b[other], moved and self.counts_order)
             else:
                 self.lonely_row(a[n] if n is not None else b[other or 0], int(n is None))
 

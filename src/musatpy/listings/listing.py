@@ -50,8 +50,9 @@ def compare_sections(rules: RuleSet, a: Section | None, b: Section | None, *, mo
 
 
 def compare_rows(rules: RuleSet, a: Section, b: Section) -> SectionSummary:
-    """Return what differs between the rows of two sections of one title, in columns of both."""
+    """Return what differs between the rows of two sections of one title, in any order and in columns of both."""
     comparison = _Sections(rules, a, b, [a.title])
+    comparison.counts_order = False
     comparison.compare_rows(strict=a.grouped and b.grouped)
     return comparison.result
 
@@ -123,6 +124,8 @@ class _Sections(Comparison):
         for n, name in enumerate(self.names[0]):
             if name in self.names[1]:
                 column, other = self.a.columns[n], self.names[1].index(name)
+                if (name in self.a.blank and n not in first) or (name in self.b.blank and other not in second):
+                    continue
                 yield Cell(Field(n, n + 1, column.name), column.unit, first.get(n, ()), second.get(other, ()))
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter, defaultdict, deque
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from decimal import Decimal
 from functools import cache
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from musatpy.image_observations import are_apart, with_images
 from musatpy.listings.findings import Difference, RuleUse
 from musatpy.listings.lines import CUT, CannotCompareError, Line, paper_of
 from musatpy.listings.listing import compare_rows, overflows
-from musatpy.listings.records import read_json
+from musatpy.listings.records import major, read_json
 from musatpy.listings.rules import Rules
 from musatpy.listings.sections import Row, Section, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, tokens_of
@@ -43,13 +43,8 @@ Record = Mapping[str, Any]
 def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *, listing: int) -> Difference:
     """Return what differs between a listing and a record; `listing` says which of the two is the listing."""
     uses, texts, name = [RuleUse(rule) for rule in rules.rules], (a, b), names[1 - listing]
-    content = read_json(texts[1 - listing], name)
-    if not isinstance(content, dict):
-        message = "is no record of a run, and cannot be held against a listing"
-        raise CannotCompareError([Problem(file=name, message=message)])
-    _refuse_other_schema(content, name)
-    content = _with_images(content)
-    tallies, notes = [], []
+    content = _record_of(texts[1 - listing], name)
+    found, notes = [], []
     for section in sections_of(paper_of(texts[listing], rules.layout), rules.layout):
         stated = next((one for one in stated_sections() if re.fullmatch(_title(one), section.title)), None)
         table = str(getattr(stated, "place", "") or getattr(stated, "table", ""))
@@ -58,23 +53,33 @@ def compare_with_record(a: str, b: str, rules: Rules, names: tuple[str, str], *,
             continue
         printed = _Printed(section, stated, content)
         both = printed.sections()
-        tallies.append(compare_rows(uses, *(both if listing == 0 else both[::-1])))
+        found.append(compare_rows(uses, *(both if listing == 0 else both[::-1])))
         if printed.unknown:
             kinds = [f"{what} ({count} rows)" if count > 1 else what for what, count in printed.unknown.items()]
             notes.append(f"{section.title}: {', '.join(kinds)}")
-    if not tallies:
+    if not found:
         raise CannotCompareError([Problem(file=names[listing], message="has no section with numbers of a record")])
-    return Difference(*names, tuple(tallies), tuple(uses), (*notes, *overflows(tallies)))
+    return Difference(*names, tuple(found), tuple(uses), (*notes, *overflows(found)))
 
 
-def _refuse_other_schema(content: Record, name: str) -> None:
-    """Raise `CannotCompareError` for the record of a run that another version wrote."""
+def _record_of(text: str, name: str) -> Record:
+    """Return a record with all observations in one table, unless it is not as its schema says.
+
+    Raises `CannotCompareError` for what is none, and for the record of a run that another version wrote.
+    """
     from musatpy.reports.record import SCHEMA_VERSION  # two listings need it not
 
-    schema = str(content.get("schema_version", SCHEMA_VERSION))
-    if schema.partition(".")[0] != SCHEMA_VERSION.partition(".")[0]:
+    content, message = read_json(text, name), ""
+    if not isinstance(content, dict):
+        message = "is no record of a run, and cannot be held against a listing"
+    elif major(content, SCHEMA_VERSION) != major({}, SCHEMA_VERSION):
+        schema = content["schema_version"]
         message = f"is a record of schema {schema}, and this program knows {SCHEMA_VERSION}; run the deck again"
+    if message:
         raise CannotCompareError([Problem(file=name, message=message)])
+    with suppress(*_SPOILT):
+        return with_images(content) if are_apart(content) else content
+    return content
 
 
 @cache
@@ -83,14 +88,6 @@ def stated_sections() -> tuple[Any, ...]:
     from musatpy.reports.statements import statements  # two listings need them not
 
     return tuple(one for one in statements() if not isinstance(one, Report) or one.place)
-
-
-def _with_images(content: Record) -> Record:
-    """Return a record with all observations in one table; one that is not as its schema says stays as it is."""
-    try:
-        return with_images(content) if are_apart(content) else content
-    except (LookupError, TypeError, ValueError, ZeroDivisionError):
-        return content
 
 
 class _Printed:
@@ -117,7 +114,7 @@ class _Printed:
             self.grid()
         listed = replace(self.section)
         listed.rows, recorded.rows = self.listed, self.recorded
-        listed.id_columns = self.section.id_columns
+        listed.id_columns, listed.blank = self.section.id_columns, self.section.blank
         return listed, recorded
 
     def values(self) -> Values:
@@ -130,54 +127,41 @@ class _Printed:
             return Values([], list)
 
     def table(self) -> Section:
-        """Print a table with a row for each entry, in the order of the listing."""
+        """Print a table with a row for each entry."""
         values, lines = self.values(), []
         columns = [part for column in self.stated.stated() for part in column.columns(values.system)]
-        sheet: Table[Any] = Table(tuple(columns))
         with suppress(*_SPOILT):
             given = self.stated.side_by_side(values)
             headings = {column.heading for column in given}
             columns = [*given, *(column for column in columns if column.heading not in headings)]
-            sheet = Table(tuple(columns))
-            lines = sheet.lines(values)
-        recorded = Section(self.section.title, head=[Line(text, 0, 0) for text in sheet.head()])
-        recorded.lines = [(Line(text, 0, 0), 0) for text in lines]
+            lines = Table[Any](tuple(columns)).lines(values)
+        recorded = Section(self.section.title, head=_lines(Table[Any](tuple(columns)).head()))
+        recorded.lines = [(line, 0) for line in _lines(lines)]
         names, known = (numbered([head.name for head in one.columns]) for one in (self.section, recorded))
         if not names:
             self.unknown["rows without headings"] += len(self.section.lines)
             return recorded
-        for name in names:
-            if name not in known:
-                self.unknown[f"column {name}" if name else "a column without a heading"] += 1
-        ids = {name for name, column in zip(known, columns, strict=True) if column.is_id and name in names}
-        for section, heads in ((self.section, names), (recorded, known)) if ids else ():
-            section.id_columns = tuple([n for n, name in enumerate(heads) if name in ids])
-        blanks = [
-            (self.section.columns[names.index(name)], recorded.columns[n])
-            for n, name in enumerate(known)
-            if columns[n].blank and name in names
-        ]
-        waiting: dict[tuple[str, ...], deque[Row]] = defaultdict(deque)
-        for row in recorded.rows:
-            waiting[row.ids if ids else ()].append(row)
-        is_cut, in_note = self.stated.some, False
+        others = [name for name in names if name not in known]
+        self.unknown.update(f"column {name}" if name else "a column without a heading" for name in others)
+        self.section.blank = {name for name, column in zip(known, columns, strict=True) if column.blank}
+        if ids := {name for name, column in zip(known, columns, strict=True) if column.is_id and name in names}:
+            for section, heads in ((self.section, names), (recorded, known)):
+                section.id_columns = tuple([n for n, name in enumerate(heads) if name in ids])
+        is_cut, in_note, there = self.stated.some, False, {row.ids for row in recorded.rows}
         for row in self.section.rows:
-            text, left = row.line.text, waiting.get(row.ids if ids else ())
-            is_last = CUT.match(text)
-            in_note = bool(is_last) or self.section.is_note(text) or (in_note and not left)
+            is_last = CUT.match(row.line.text) is not None
+            in_note = is_last or self.section.is_note(row.line.text) or (in_note and row.ids not in there)
+            is_cut = is_cut or is_last
             if in_note:
                 self.unknown["notes"] += 1
-                is_cut = is_cut or bool(is_last)
-                continue
-            self.listed.append(row)
-            if left:
-                printed = left.popleft().line.text
-                for here, there in blanks:
-                    if not text[here.start : here.end].strip():
-                        printed = f"{printed[: there.start]:<{there.end}}{printed[there.end :]}".rstrip()
-                self.recorded.append(row._replace(line=Line(printed, 0, 0)))
-        if not is_cut:
-            self.recorded += [row for left in waiting.values() for row in left]
+            else:
+                self.listed.append(row)
+        here = {row.ids for row in self.listed}
+        rows = recorded.rows
+        if not ids:  # they go by their places
+            rows = [row._replace(ids=one.ids) for row, one in zip(rows, self.listed, strict=False)]
+            rows += [] if is_cut else recorded.rows[len(rows) :]
+        self.recorded = [row for row in rows if row.ids in here or not is_cut]
         return recorded
 
     def grid(self) -> None:
@@ -185,24 +169,19 @@ class _Printed:
         values, of_points = self.values(), self.stated.layout == "xyz"
         columns = {str(column.heading): column for column in self.stated.stated()}
         printed = {heading: _printed(column, values) for heading, column in columns.items()}
-        names = [
-            printed[heading] for heading, one in columns.items() if one.name in ("photo", "point") and one.is_id
-        ]
-        entries = {str(name): entry for entry, name in enumerate(names[0] if names else ())}
         heads = [head.name for head in self.section.columns]
-        places = [entries.get(head) if names else n for n, head in enumerate(heads)]
+        names = [heading for heading, one in columns.items() if one.name in ("photo", "point") and one.is_id]
+        entries = {str(name): entry for entry, name in enumerate(printed[names[0]] if names else range(len(heads)))}
         for row in self.section.rows:
             name, axis = row.ids[0], "XYZ".find(row.ids[-1] or "-")
             if of_points and name in entries and axis >= 0:
-                texts = [_entry(printed.get(head), entries[name]) for head in heads]
-                self.reprint(row, {n: _entry(text, axis) for n, text in enumerate(texts) if heads[n] in printed})
+                texts = {n: printed[head][entries[name]] for n, head in enumerate(heads) if head in printed}
+                self.reprint(row, {n: _entry(text, axis) for n, text in texts.items()})
             elif not of_points and name in printed:
-                self.reprint(
-                    row, {n: printed[name][entry] for n, entry in enumerate(places) if _is_in(entry, values)}
-                )
-                self.unknown.update(
-                    f"column {heads[n]}" for n, entry in enumerate(places) if not _is_in(entry, values)
-                )
+                places = {n: entries.get(head if names else str(n), -1) for n, head in enumerate(heads)}
+                known = {n: printed[name][at] for n, at in places.items() if 0 <= at < values.count}
+                self.reprint(row, known)
+                self.unknown.update(f"column {head}" for n, head in enumerate(heads) if n not in known)
             elif any(placed.token.kind == "number" for placed in tokens_of(row.line.text)):
                 self.listed.append(row)
             else:
@@ -261,7 +240,7 @@ class _Printed:
             unbroken = "".join(text.split())
             if unbroken in listed or not is_cut:
                 known = listed.get(unbroken, text)
-                self.recorded.append(Row(Line(known, 0, 0), (known,), 0))
+                self.recorded.append(Row(_lines([known])[0], (known,), 0))
 
     def recorded_texts(self) -> Sequence[str]:
         """Return the texts that the record has of the section."""
@@ -287,12 +266,13 @@ def _sentences(rows: Sequence[Row]) -> list[Line]:
     return sentences
 
 
-def _entry(values: Any, number: int | None) -> Any:
-    return values[number] if isinstance(values, list) and number is not None and number < len(values) else None
+def _lines(texts: Sequence[str]) -> list[Line]:
+    """Return lines that stand in no file."""
+    return [Line(text, 0, 0) for text in texts]
 
 
-def _is_in(entry: int | None, values: Values) -> TypeGuard[int]:
-    return entry is not None and entry < values.count
+def _entry(values: Any, number: int) -> Any:
+    return values[number] if isinstance(values, list) and number < len(values) else None
 
 
 def _title(stated: Any) -> str:

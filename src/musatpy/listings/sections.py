@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -78,6 +78,7 @@ class Section:
     head: list[Line] = field(default_factory=list)  # rules included
     lines: list[tuple[Line, int]] = field(default_factory=list)  # with their block
     ruled: bool = False  # rules stand between rows
+    blank: Set[str] = frozenset()  # columns that may be blank, whatever the other file has there
 
     @property
     def ids(self) -> tuple[str, ...]:

@@ -1,17 +1,23 @@
-"""A difference -> text for people: section by section, then the largest differences of each section."""
+"""A difference -> text for people: the largest differences of each section; and JSON and JUnit XML for programs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal
 from itertools import groupby
+from typing import Any
+from xml.etree import ElementTree
 
-from musatpy.errors import printable
+from musatpy.errors import Problem, printable
 from musatpy.listings.findings import Difference, Finding, SectionSummary
 
+SCHEMA_VERSION = "1.0"
 Style = Callable[[str, str], str]  # text, and what it is: "title", "a", "b", "same", "different", "warning"
 _TEXT_WIDTH = 38  # of values and labels
 _SUMMARY_TITLE = 52
+_LISTED = 50  # differences in the text of a failed test; all of them are in the JSON
 _HEADINGS = ("Row", "Column", "A", "B", "Difference", "Unit", "Last digits", "Sigmas", "Rule", "Line A", "Line B")
 _RIGHT = {"A", "B", "Difference", "Last digits", "Sigmas", "Line A", "Line B"}
 
@@ -139,3 +145,104 @@ def _cut(text: str) -> str:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def json_text(difference: Difference) -> str:
+    """Return the whole comparison as JSON; numbers of listings are texts, as they are written there."""
+    head = {
+        "schema_version": SCHEMA_VERSION,
+        "a": difference.a,
+        "b": difference.b,
+        "same": difference.same,
+        "counts": difference.counts,
+        "sections": [
+            {
+                "title": section.title,
+                "rows": section.rows,
+                "different": section.different,
+                "passed": section.passed,
+                "largest": [_entry(finding) for finding in section.largest],
+            }
+            for section in difference.sections
+        ],
+        "rules": [
+            {"name": rule.name, "matched": rule.matched, "applied": rule.applied, "passed": rule.passed}
+            for rule in difference.rules
+        ],
+        "not_compared": list(difference.not_compared),
+    }
+    # one difference a line: there may be a million, and an indented one takes eight times as long
+    findings = ",\n  ".join(json.dumps(_entry(finding)) for finding in difference.findings)
+    return json.dumps(head, indent=1).removesuffix("\n}") + f',\n "findings": [\n  {findings}\n ]\n}}\n'
+
+
+def _entry(finding: Finding) -> dict[str, Any]:
+    """Return what JSON says of a difference."""
+    entry = finding._asdict()
+    for side in "ab":
+        place = entry.pop(f"place_{side}")
+        entry |= {f"page_{side}": place.page or None, f"line_{side}": place.line or None}
+    return entry | {
+        "difference": None if finding.difference is None else str(finding.difference),
+        "unit": finding.unit or None,
+        "last_digits": _finite(finding.last_digits),
+        "sigmas": _finite(finding.sigmas),
+    }
+
+
+def _finite(value: Decimal | float | None) -> float | None:
+    if value is None:
+        return None
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def junit_text(difference: Difference) -> str:
+    """Return a test suite of JUnit XML: a test for each section, which fails where something differs."""
+    found: dict[str, list[Finding]] = {section.title: [] for section in difference.sections}
+    for finding in difference.findings:
+        found[finding.section].append(finding)
+    failed = sum(map(bool, found.values()))
+    suite = _suite(f"{difference.a} {difference.b}", tests=len(found), failures=failed, errors=0)
+    for title, failures in found.items():
+        test = ElementTree.SubElement(suite, "testcase", classname="musat.diff", name=printable(title))
+        if failures:
+            message = f"{len(failures)} differences" if len(failures) > 1 else "1 difference"
+            lines = [_line(finding) for finding in failures[:_LISTED]]
+            lines += [f"and {len(failures) - _LISTED} more"] if len(failures) > _LISTED else []
+            ElementTree.SubElement(test, "failure", message=message).text = printable("\n".join(lines))
+    notes = [f"not compared: {note}" for note in difference.not_compared]
+    notes += [f"rule never matched: {name}" for name in difference.unused_rules]
+    if notes:
+        ElementTree.SubElement(suite, "system-err").text = printable("\n".join(notes))
+    return _document(suite)
+
+
+def junit_of_problems(problems: Iterable[Problem], names: tuple[str, str]) -> str:
+    """Return a test suite with the one error that the files cannot be compared."""
+    suite = _suite(" ".join(names), tests=1, failures=0, errors=1)
+    test = ElementTree.SubElement(suite, "testcase", classname="musat.diff", name="comparison")
+    error = ElementTree.SubElement(test, "error", message="cannot compare")
+    error.text = printable("\n".join(problem.headline() for problem in problems))
+    return _document(suite)
+
+
+def _suite(name: str, **counts: int) -> ElementTree.Element:
+    attributes = {"name": printable(name), **{key: str(count) for key, count in counts.items()}}
+    return ElementTree.Element("testsuite", attributes)
+
+
+def _document(suite: ElementTree.Element) -> str:
+    ElementTree.indent(suite)
+    text = ElementTree.tostring(suite, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def _line(finding: Finding) -> str:
+    where = ", ".join(part for part in (finding.row, finding.column) if part)
+    line = f"{finding.kind}: {where}: A {finding.a or '-'}, B {finding.b or '-'}"
+    if finding.difference is not None:
+        line += f", difference {number_text(finding.difference)} {finding.unit}".rstrip()
+    if finding.sigmas is not None:
+        line += f", {finding.sigmas:+.3g} sigmas"
+    return f"{line} [{finding.rule}]"
