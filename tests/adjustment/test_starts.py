@@ -11,9 +11,7 @@ from adjustment.oblique_blocks import Oblique, drawn, make_oblique
 from altered import altered, with_options
 from musatpy import listing, read_deck, verdict
 from musatpy.adjustment import adjust, ground
-from musatpy.adjustment.collinear import Simultaneous
 from musatpy.adjustment.job import prepared
-from musatpy.adjustment.musat3a import straight_start
 from musatpy.model import Grade, Program, Solution
 from musatpy.units import ARC_SECOND, DEGREE
 from reference import compare
@@ -52,17 +50,6 @@ def test_the_lower_of_two_starts_is_taken_and_the_other_told() -> None:
     assert not adjust(
         with_options(wild, plate_sigma_is="GUESS", sigma0_limit=20.0)
     ).start  # a guess may be so far off
-
-
-def test_points_that_poor_stations_intersect_nowhere_start_as_far_as_the_control() -> None:
-    job, state = prepared(drawn(111).started(), None)
-    network = job.network
-    start = straight_start(network, state)
-    changed = (start.ground != state.ground).any(axis=1)
-    assert 0 < changed.sum() < network.points // 2
-    assert not changed[network.priors.known.all(axis=1)].any()
-    away = start.ground[network.point] - state.position[network.photo]
-    assert (np.einsum("mi,mi->m", away, state.M[network.photo][:, 2]) < 0.0).all()  # all in front
 
 
 @pytest.mark.slow
@@ -150,19 +137,6 @@ def test_points_reach_the_level_ground_however_flat_their_rays() -> None:
     np.testing.assert_allclose(network.frame.height(start.ground[points]), typical, atol=1e-6)  # rounding
     # ten flying heights at the cosine of 0.1, and the stations are within one of the middle
     assert np.linalg.norm(start.ground[points], axis=1).max() < 11.0 * plan.height
-
-
-def test_a_step_damped_enough_lowers_the_sum_of_squares() -> None:
-    """Points take their whole step, however short that of the stations is: alone it may raise the sum."""
-    plan = Oblique(tilt=45.0 * DEGREE, submerged=True, height=1000.0, heading=0.7, seed=1)
-    job, state = prepared(make_oblique(plan).started(), None)
-    network = job.network.with_plates(job.network.xy, job.bathymetric[job.network.point])
-    problem = Simultaneous(network=network, options=job.block.options)
-    start = problem.with_squares(ground.level_start(network, state))
-    line = problem.linearise(start)
-    assert np.isfinite(line.objective)
-    still = problem.apply(start, np.zeros(line.matrix.size), line.context)
-    assert problem.evaluate(still, line.context) < line.objective
 
 
 BASES = {

@@ -55,24 +55,6 @@ def drawn(cov: Covariance, place: np.ndarray, rng: np.random.Generator) -> np.nd
 
 
 @pytest.mark.parametrize("family", CORRELATIONS)
-def test_partials_of_a_correlation_are_those_of_central_differences(family: Family) -> None:
-    lag = np.random.default_rng(1).uniform(-150.0, 150.0, (30, 2))
-    given = correlation(family)
-    value, partials = given.with_partials(lag)
-    assert np.array_equal(value, given(lag))
-    for row, partial in enumerate(partials):
-        step = 1e-6 * max(abs(given.parameters[row]), 1e-3)
-        around = []
-        for sign in (1.0, -1.0):
-            moved = list(given.parameters)
-            moved[row] += sign * step
-            around.append(Correlation(family=family, parameters=tuple(moved))(lag))
-        numerical = (around[0] - around[1]) / (2.0 * step)
-        # rounding over the step, and the step squared: eight digits of the largest are left
-        assert np.abs(partial - numerical).max() < 1e-7 * max(1.0, np.abs(numerical).max())
-
-
-@pytest.mark.parametrize("family", CORRELATIONS)
 def test_a_correlation_is_one_at_no_distance_and_positive_definite(family: Family) -> None:
     place = places(60)
     R = correlation(family)(lags(place, place))

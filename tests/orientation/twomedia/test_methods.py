@@ -218,6 +218,7 @@ def test_both_pairs_are_one_model():
         ("lab", "SINGLE-RAY", 20, 0.0),
         ("lab", "SINGLE-RAY", 20, 0.01),
         ("tank", "SINGLE-FERMAT", 20, 0.0),
+        ("lab", "SINGLE-FERMAT", 20, 0.01),
         ("aerial", "SINGLE-RAY", 20, 0.0),
         ("lab", "COMBINED", 5, 0.0),
         ("aerial", "COMBINED", 12, 0.0),

@@ -60,14 +60,6 @@ def recovered(method: str, control: int, seed: int) -> tuple[set[int], bool]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["COMBINED", "SINGLE-RAY", "PAIR-SUCCESSIVE"])
-def test_wrong_images_and_control_are_named(method):
-    touched, right = recovered(method, control_of(METHODS[method]), 10)
-    assert touched
-    assert right
-
-
-@pytest.mark.slow
 def test_contaminated_orientations_are_recovered():
     """By all methods together, two each; of a hundred by each (minutes) 95 and more are, too.
 
