@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from musatpy.arrays import TextArray
 from musatpy.errors import DeckError, Problem, nearest_or_all
 from musatpy.formats import assembly, mapping, system_rows
-from musatpy.formats.cards.deck import CardTable, read_cards
+from musatpy.formats.cards.deck import CardDeck, CardTable
 from musatpy.formats.cards.images import card_images
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import cross_check
-from musatpy.formats.draft import Draft, draft_of, draft_of_rows
-from musatpy.formats.job_tables import POINT_FLAGS, ROLES, Rows, attributes, blank, card_family
+from musatpy.formats.draft import Draft, draft_of_rows
+from musatpy.formats.job_tables import (
+    ROLES,
+    Rows,
+    Table,
+    attributes,
+    blank,
+    card_family,
+    flags_of,
+    nothing,
+    roles_of,
+    with_flags,
+)
 from musatpy.formats.musat import has_errors
 from musatpy.model import Block, CoordinateSystem, EllipsoidSpec, Options, WaterConditions
 
@@ -45,26 +55,9 @@ _CALLS = {
     "distances": "add_distance",
     "height_differences": "add_height_difference",
 }
+_OF_OPTIONS = ("options", "more_options")  # roles of the cards that have them
 _OPTIONS = 1  # number of the row of the options, before all that calls add
 _NEEDED = {"cameras": "a camera", "plates": "images"}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Chunk:
-    """Rows of a role that one call has added."""
-
-    role: str
-    start: int  # number of its first row among all that were added
-    count: int
-    call: str
-    ids: tuple[NDArray[Any], ...]  # (count,) what the rows are called
-    values: dict[str, NDArray[Any]]  # model attribute -> (count, ...)
-
-    def label(self, line: int) -> str:
-        """Return the call that has added a row, with what that is about."""
-        about = dict.fromkeys(str(ids[line - self.start]) for ids in self.ids)
-        names = [name for name in ([self.role] if self.call == _ANY else []) + list(about) if name]
-        return f"{self.call}({', '.join(map(repr, names))})"
 
 
 class BlockBuilder:
@@ -77,7 +70,7 @@ class BlockBuilder:
 
     def __init__(self, *titles: str, ellipsoid: EllipsoidSpec | str | None = None, **options: Any) -> None:
         """Begin a block with titles, the ellipsoid of a job that is not local, and attributes of `Options`."""
-        self._chunks: list[_Chunk] = []
+        self._given: list[Rows] = []  # what each call has added; their lines number the rows of all calls
         self._slips: list[Problem] = []
         self._options = self._options_of(options)
         if titles:
@@ -221,11 +214,11 @@ class BlockBuilder:
 
         Values are of one row, or (k, ...) of k rows; what is left out is blank, as on a card.
         """
-        known = {path.rpartition(".")[2]: path for path in attributes(role)} if role in ROLES else {}
+        known = {path.rpartition(".")[2]: path for path in nothing(role)} if role in ROLES else {}
         if role in system_rows.TABLES or not known:
             self._slip(f"add({role!r})", f"nothing is called so{nearest_or_all(role, ROLES)}")
             return
-        values: dict[str, NDArray[Any]] = {}
+        values: Table = {}
         for name, value in columns.items():
             if name not in known:
                 self._slip(_CALLS.get(role, f"add({role!r})"), f"no '{name}' here{nearest_or_all(name, known)}")
@@ -267,26 +260,19 @@ class BlockBuilder:
         self._slips.append(Problem(card=call, message=message, line=self._next()))
 
     def _next(self) -> int:
-        return self._chunks[-1].start + self._chunks[-1].count if self._chunks else _OPTIONS + 1
+        return int(self._given[-1].lines[-1]) + 1 if self._given else _OPTIONS + 1
 
-    def _take(self, role: str, values: dict[str, NDArray[Any]]) -> None:
+    def _take(self, role: str, values: Table) -> None:
         """Add rows to a role; those of one value are as many as the others."""
-        call = _CALLS.get(role, _ANY)
         count = max((len(value) for value in values.values()), default=1)
         if any(len(value) not in (1, count) for value in values.values()):
             sizes = ", ".join(f"{path.rpartition('.')[2]} {len(value)}" for path, value in values.items())
-            self._slip(call, f"not as many rows of each: {sizes}")
+            self._slip(_CALLS.get(role, _ANY), f"not as many rows of each: {sizes}")
             return
-        full = {path: values[path] if path in values else blank(role, path, 1) for path in attributes(role)}
-        full = {
-            path: np.repeat(value, count, axis=0) if len(value) < count else value for path, value in full.items()
-        }
-        ids = [path for path, about in attributes(role).items() if about.identity or about.key]
-        ids = ids or [path for path, about in attributes(role).items() if about.link][:1]
-        names = tuple(
-            full[path].reshape(count, -1)[:, number] for path in ids for number in range(_width(full[path]))
-        )
-        self._chunks.append(_Chunk(role=role, start=self._next(), count=count, call=call, ids=names, values=full))
+        full = {path: values[path] if path in values else blank(role, path, 1) for path in nothing(role)}
+        full = {path: np.repeat(one, count, axis=0) if len(one) < count else one for path, one in full.items()}
+        if count:
+            self._given.append(Rows.of(role, (), full, self._next() + np.arange(count)))
 
     def _checked(self) -> tuple[Draft, tuple[Problem, ...]]:
         draft = self._draft()
@@ -298,48 +284,36 @@ class BlockBuilder:
         return draft, tuple(replace(problem, line=None) for problem in problems)
 
     def _draft(self) -> Draft:
-        family = card_family()
-        base = draft_of(read_cards(b"", family), family)
+        options = assembly.single_values(self._options, "options")
+        of_options = ({path: options[path] for path in nothing(role)} for role in _OF_OPTIONS)
+        first = np.array([_OPTIONS])
+        given = [Rows.of(role, (), one, first) for role, one in zip(_OF_OPTIONS, of_options, strict=True)]
+        given += self._given
+        flags = flags_of((one.role, one.values) for one in given)
         rows: dict[str, Rows] = {}
         tables: dict[str, CardTable] = {}
-        chunks = [*self._chunks, *self._of_options(base)]
-        marked = [chunk for chunk in chunks if POINT_FLAGS[0] in chunk.values]
-        flagged: dict[str, TextArray] = {}
-        for flag in POINT_FLAGS if marked else ():
-            names = [chunk.values[f"{chunk.role}.point"][chunk.values[flag]] for chunk in marked]
-            flagged[flag] = np.concatenate(names)
-        for role, empty in base.rows.items():
-            if role in system_rows.TABLES:
-                rows[role] = empty
+        for role, specs in roles_of(card_family()).items():
+            of_role = [one for one in given if one.role == role]
+            if not of_role:
+                rows[role] = Rows.of(
+                    role, specs if role in system_rows.TABLES else (self._spec(role),), nothing(role)
+                )
                 continue
-            spec = self._spec(role, empty.specs)
-            rows[role] = _rows(role, spec, [chunk for chunk in chunks if chunk.role == role], empty)
-            for flag in flagged if POINT_FLAGS[0] in empty.values and len(rows[role]) else ():
-                rows[role].values[flag] = np.isin(rows[role][f"{role}.point"], flagged[flag])
-            if len(rows[role]) and role != "equal_elevations":  # groups have as many points as they have
+            spec, lines = self._spec(role), np.concatenate([one.lines for one in of_role])
+            values = {path: _stacked([one[path] for one in of_role]) for path in nothing(role)}
+            rows[role] = Rows.of(role, (spec,), with_flags(role, values, flags), lines)
+            if role != "equal_elevations":  # groups have as many points as they have
                 columns = mapping.scatter(spec, rows[role].values)
-                tables[f"{role} {spec.mnemonic}"] = CardTable(spec=spec, columns=columns, lines=rows[role].lines)
-        images = card_images(b"\n" * max((chunk.start + chunk.count for chunk in chunks), default=1))
-        return draft_of_rows(
-            rows, replace(base.deck, file="", tables=tables, problems=(), images=images), self._label
-        )
+                tables[f"{role} {spec.mnemonic}"] = CardTable(spec=spec, columns=columns, lines=lines)
+        deck = CardDeck(file="", tables=tables, problems=(), images=card_images(b"\n" * self._next()))
+        return draft_of_rows(rows, deck, self._label)
 
-    def _of_options(self, base: Draft) -> Iterable[_Chunk]:
-        """Yield the options as rows of the roles whose cards have them."""
-        values = assembly.single_values(self._options, "options")
-        for role in ("options", "more_options"):
-            paths = [slot.path for spec in base.rows[role].specs for slot in mapping.slots(spec)]
-            of_role = {path: values[path] for path in paths}
-            yield _Chunk(role=role, start=_OPTIONS, count=1, call=_CALLS[role], ids=(), values=of_role)
-
-    def _spec(self, role: str, specs: tuple[CardSpec, ...]) -> CardSpec:
+    def _spec(self, role: str) -> CardSpec:
         """Return the card of a role that has its units, by the name of the call in place of its own."""
         geographic = self._options.system is CoordinateSystem.GEOGRAPHIC
-        angular = [spec for spec in specs if mapping.is_angular(spec, ROLES[role])]
-        plain = [spec for spec in specs if spec not in angular]
-        wanted = angular if (geographic and angular) or not plain else plain
-        spec = next(spec for spec in wanted if not mapping.has_stated_unit(spec))
-        return replace(spec, mnemonic=_CALLS.get(role, f"add({role!r})"))
+        specs = [spec for spec in roles_of(card_family())[role] if not mapping.has_stated_unit(spec)]
+        of_system = [spec for spec in specs if mapping.is_angular(spec, ROLES[role]) == geographic]
+        return replace((of_system or specs)[0], mnemonic=_CALLS.get(role, f"add({role!r})"))
 
     def _placed(self, problem: Problem) -> Problem:
         """Return a problem of a card as one of the call that has added it."""
@@ -347,17 +321,18 @@ class BlockBuilder:
         return replace(problem, card=card, file=None, columns=None, text=None)
 
     def _label(self, line: int) -> str:
-        chunk = next((one for one in reversed(self._chunks) if one.start <= line), None)
-        return chunk.label(line) if chunk and line < chunk.start + chunk.count else _CALLS["options"]
-
-
-def _rows(role: str, spec: CardSpec, chunks: Sequence[_Chunk], empty: Rows) -> Rows:
-    """Return the rows of a role that calls have added, none where there are no such calls."""
-    if not chunks:
-        return replace(empty, specs=(spec,))
-    lines = np.concatenate([np.arange(chunk.start, chunk.start + chunk.count) for chunk in chunks])
-    values = {path: _stacked([chunk.values[path] for chunk in chunks]) for path in chunks[0].values}
-    return Rows(role=role, specs=(spec,), kind=np.zeros(len(lines), dtype=np.int64), lines=lines, values=values)
+        """Return the call that has added a row, with what that is about."""
+        rows = next((one for one in reversed(self._given) if one.lines[0] <= line <= one.lines[-1]), None)
+        if rows is None:
+            return _CALLS["options"]
+        about = attributes(rows.role).items()
+        ids = [path for path, one in about if one.identity or one.key] or [path for path, one in about if one.link][
+            :1
+        ]
+        names = [str(name) for path in ids for name in np.ravel(rows[path][line - rows.lines[0]])]
+        call = _CALLS.get(rows.role, _ANY)
+        names = [rows.role, *names] if call == _ANY else names
+        return f"{call}({', '.join(map(repr, filter(None, dict.fromkeys(names))))})"
 
 
 def _stacked(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -366,10 +341,6 @@ def _stacked(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
         width = max(part.shape[1] for part in parts)
         parts = [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values="") for part in parts]
     return np.concatenate(parts)
-
-
-def _width(values: NDArray[Any]) -> int:
-    return int(np.prod(values.shape[1:], dtype=int))
 
 
 def _column(role: str, path: str, value: Any) -> NDArray[Any]:

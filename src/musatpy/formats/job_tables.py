@@ -216,6 +216,15 @@ def repeated(role: str, table: Table) -> list[int]:
     return rows
 
 
+def flags_of(tables: Iterable[tuple[str, Table]]) -> dict[str, list[str]]:
+    """Return the points that plate or control rows of tables, each with its role, flag."""
+    flags: dict[str, list[str]] = {flag: [] for flag in POINT_FLAGS}
+    for role, table in tables:
+        for flag, ids in flags.items() if role in ("plates", "control") else ():
+            ids += table[f"{role}.point"][table[flag].astype(bool)].tolist()
+    return flags
+
+
 def with_flags(role: str, table: Table, flags: Flags) -> Table:
     """Return a table in which every plate or control row of some points has flags besides its own."""
     more = {flag: ids for flag, ids in flags.items() if ids and role in ("plates", "control")}

@@ -15,7 +15,6 @@ from musatpy.formats.cards.spec import Family
 from musatpy.formats.draft import draft_of, draft_of_rows
 from musatpy.formats.job_tables import (
     KEYS,
-    POINT_FLAGS,
     ROLES,
     Array,
     Rows,
@@ -23,6 +22,7 @@ from musatpy.formats.job_tables import (
     Tables,
     blank,
     card_family,
+    flags_of,
     keys_of,
     nothing,
     roles_of,
@@ -229,9 +229,5 @@ def _add_cameras(parts: Tables) -> None:
 
 def _add_flags(parts: Tables, given: Tables) -> None:
     """Flag the points that the given deck flags, on every row of theirs."""
-    flags: dict[str, list[str]] = {flag: [] for flag in POINT_FLAGS}
-    for source in (given, parts):
-        for role in ("plates", "control"):
-            for flag, ids in flags.items() if role in source else ():
-                ids.extend(source[role][f"{role}.point"][source[role][flag].astype(bool)].tolist())
+    flags = flags_of([*given.items(), *parts.items()])
     parts.update({role: with_flags(role, table, flags) for role, table in parts.items()})
