@@ -11,9 +11,9 @@ from musatpy.errors import DeckError
 from musatpy.formats import parts, system_rows
 from musatpy.formats.families import agencies
 from musatpy.formats.job_tables import role_of
+from musatpy.formats.records.files import read_records
 from musatpy.formats.records.frames import JobFrame, matrix_of, values_of_matrix
 from musatpy.formats.records.layout import ATTITUDES
-from musatpy.formats.records.reader import read_records
 from musatpy.geometry.collinearity import attitude_matrix
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import CoordinateSystem

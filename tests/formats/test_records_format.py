@@ -11,10 +11,8 @@ from musatpy.errors import CardFormatError, DeckError
 from musatpy.formats.cards import card_formats_folder
 from musatpy.formats.families import agencies, families
 from musatpy.formats.records.fields import RecordField
-from musatpy.formats.records.lines import record_line, record_values
-from musatpy.formats.records.loading import load_files
-from musatpy.formats.records.reader import read_records
-from musatpy.formats.records.writer import write_records
+from musatpy.formats.records.files import read_records, write_records
+from musatpy.formats.records.layout import load_files, record_line, record_values
 from musatpy.formats.recordset import RecordSet
 from musatpy.fortran import FieldError, parse_edit
 from musatpy.units import ARC_SECOND, DEGREE

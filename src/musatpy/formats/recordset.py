@@ -15,10 +15,9 @@ from musatpy.files import write_files
 from musatpy.formats import parts, system_rows
 from musatpy.formats.cards.spec import card_formats_folder
 from musatpy.formats.job_tables import KEYS, Table, Tables, is_said, noun_of, noun_of_role, size
+from musatpy.formats.records.files import RecordFile, read_records, write_records
 from musatpy.formats.records.frames import JobFrame
-from musatpy.formats.records.layout import FileSpec
-from musatpy.formats.records.loading import load_files
-from musatpy.formats.records.reader import RecordFile, read_records
+from musatpy.formats.records.layout import FileSpec, load_files
 from musatpy.formats.records.rows import (
     can_hold_control,
     check_targets,
@@ -27,9 +26,9 @@ from musatpy.formats.records.rows import (
     parts_of_file,
     resolved,
     rows_of_parts,
+    said_by,
     with_origin,
 )
-from musatpy.formats.records.writer import write_records
 
 if TYPE_CHECKING:
     from musatpy.systems import Statement
@@ -253,19 +252,14 @@ class RecordSet:
 
     def _one_row(self, *roles: str) -> bool:
         """Return whether one kind of row says all roles."""
-        rows = [self._only(file, leaf.name) for file in self.files for leaf in file.leaves()]
-        return any(set(roles) <= set(held([row])) for row in rows)
-
-    @staticmethod
-    def _only(file: FileSpec, leaf: str) -> FileSpec:
-        return replace(file, records=file.chain(file.record(leaf)))
+        return any(set(roles) <= said_by(file, leaf).keys() for file in self.files for leaf in file.leaves())
 
     def _control_left_out(self, table: Table, given: Tables) -> list[str]:
         frame = _frame(given)
         fits = np.zeros(size(table), dtype=bool)
         for file in self.files:
             for leaf in file.leaves():
-                if "control" in held([self._only(file, leaf.name)]):
+                if "control" in said_by(file, leaf):
                     fits |= can_hold_control(file, leaf, table, frame)
         lines = []
         for kind in model.ControlKind:

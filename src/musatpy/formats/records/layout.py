@@ -1,4 +1,4 @@
-"""What a file of records looks like: stated once in TOML and checked on loading.
+"""What a file of records looks like, stated once in TOML and checked on loading; and one of its lines <-> values.
 
 A card says by its mnemonic what it is; a record of other agencies is known by what stands before it. So a record
 says which records it may follow, and a file is read by that rule alone.
@@ -6,22 +6,26 @@ says which records it may follow, and a file is read by that rule alone.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from musatpy.errors import CardFormatError
+from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.files import name_fault
 from musatpy.formats import mapping
-from musatpy.formats.cards.spec import check_fields, named, texts
+from musatpy.formats.cards.spec import check_fields, format_of, named, texts
 from musatpy.formats.records.fields import RecordField, pairs_of
+from musatpy.fortran import FieldError
 from musatpy.specs import key, read_toml, require
 
 START = "start"  # what the first record of a file follows
 ATTITUDES = ("omega-phi-kappa", "phi-omega-kappa", "matrix ground to photo", "matrix photo to ground")
 _CONSTANT = re.compile(r"\w+\.\w+", re.ASCII)
+_WORD = re.compile(r"\S+")
+Value = float | str
 
 
 def _second_of(first: str, second: str) -> Callable[[Any], bool]:
@@ -155,6 +159,128 @@ class FileSpec:
     def row_fields(self, record: RecordSpec) -> tuple[RecordField, ...]:
         """Return the fields of a row."""
         return tuple(field for one in self.chain(record) for field in one.fields)
+
+
+# --- a line ---
+
+
+def record_values(record: RecordSpec, line: str) -> dict[str, Value]:
+    """Return the values of a line by field; raises `DeckError` with every field that does not decode."""
+    words = [(word.group(), (word.start() + 1, word.end())) for word in _WORD.finditer(line)]
+    free = bool(record.mark) or any(field.free for field in record.fields)
+    if free:
+        pieces = dict(enumerate(words, 1))
+        most = len(record.fields) + bool(record.mark)
+        bad = [Problem(columns=at, found=word, message=f"'{word}' is a word too many") for word, at in words[most:]]
+    else:
+        pieces = {field.first: (line[field.first - 1 : field.last], field.columns) for field in record.fields}
+        bad = _words_of_no_field(record, line)
+    nothing = ("", (len(line) + 1, len(line) + 1))
+    values: dict[str, Value] = {}
+    for field in record.fields:
+        text, columns = pieces.get(field.first, nothing)
+        try:
+            values[field.name] = field.decode(text)
+        except FieldError as error:
+            bad.append(field.problem(error, columns=columns))
+    if bad:
+        raise DeckError(sorted(bad, key=lambda problem: problem.columns or (0, 0)))
+    return values
+
+
+def _words_of_no_field(record: RecordSpec, line: str) -> list[Problem]:
+    """Return what stands in columns of no field."""
+    rest = list(line)
+    for field in record.fields:
+        end = min(field.last, len(line))
+        rest[field.first - 1 : end] = " " * max(end - field.first + 1, 0)
+    words = [(word.group(), (word.start() + 1, word.end())) for word in _WORD.finditer("".join(rest))]
+    message = "'{}' stands in columns of no field"
+    return [Problem(columns=columns, found=word, message=message.format(word)) for word, columns in words]
+
+
+def record_line(record: RecordSpec, values: Mapping[str, Value], free: bool) -> str:
+    """Return the line of values; raises `DeckError` with every value that does not fit its field.
+
+    Of a free layout no word may be missing where a later one is given: it would shift the others.
+    """
+    texts: list[tuple[RecordField, str]] = []
+    bad = []
+    for field in record.fields:
+        try:
+            texts.append((field, field.encode(values[field.name])))
+        except FieldError as error:
+            bad.append(field.problem(error, f"'{error.found}' is not {error.expected}"))
+    if bad:
+        raise DeckError(bad)
+    if not free:
+        line = ""
+        for field, text in texts:
+            line = line.ljust(field.first - 1) + text
+        return line.rstrip(" ")
+    given = [bool(text.strip()) for _, text in texts]
+    for place, (field, _) in enumerate(texts):
+        if not given[place] and any(given[place:]):
+            value = values[field.name]
+            shown = "nan" if isinstance(value, float) and math.isnan(value) else str(value)
+            missing = FieldError(shown, "given where a later word is")
+            raise DeckError([field.problem(missing, str(missing))])
+    return " ".join([*([record.mark] if record.mark else []), *(text for _, text in texts)]).rstrip(" ")
+
+
+# --- loading ---
+
+
+def load_files(folder: Path | str) -> tuple[FileSpec, ...]:
+    """Return the files of the family that the TOML files of `folder` state, in their order.
+
+    Raises `CardFormatError`, naming file and key, for whatever is wrong with them.
+    """
+    folder = Path(folder)
+    paths = sorted(folder.glob("*.toml"))
+    if not paths:
+        raise CardFormatError(f"{folder}: no formats (*.toml)")
+    return tuple(sorted((_load_file(path, folder.resolve().name) for path in paths), key=lambda spec: spec.order))
+
+
+def _load_file(path: Path, family: str) -> FileSpec:
+    spec: FileSpec = replace(format_of(FileSpec, path), family=family, stated_in=str(path))
+    try:
+        records = []
+        for number, record in enumerate(spec.records, 1):
+            with named(f"record {number} ({record.name})"):
+                records.append(record.laid_out(spec.free))
+        spec = replace(spec, records=tuple(records))
+        _check_order(spec)
+    except ValueError as error:
+        raise CardFormatError(f"{path}: {error}") from error
+    return spec
+
+
+def _check_order(spec: FileSpec) -> None:
+    """Raise `ValueError` for records that do not fit together, or with bad samples."""
+    names = [record.name for record in spec.records]
+    require(len(set(names)) == len(names), "record: two have the same name")
+    require(any(record.last for record in spec.records), "last: the file may end after no record")
+    for number, record in enumerate(spec.records):
+        with named(f"record {record.name}"):
+            unknown = set(record.follows) - {START, *names}
+            require(not unknown, f"follows: no record {', '.join(sorted(unknown))}")
+            require(not record.joins or record.joins in names[:number], "joins: no record before it")
+            with named("sample"):
+                _check_sample(spec, record)
+    for leaf in spec.leaves():
+        fields = spec.row_fields(leaf)
+        require(len({one.name for one in fields}) == len(fields), f"{leaf.name}: fields of one name")
+
+
+def _check_sample(spec: FileSpec, record: RecordSpec) -> None:
+    try:
+        line = record_line(record, record_values(record, record.sample), spec.free)
+    except DeckError as error:
+        faults = (replace(problem, columns=None).headline() for problem in error.problems)
+        raise ValueError("; ".join(faults)) from error
+    require(line == record.sample, f"does not encode to itself:\n    {record.sample}\n    {line}")
 
 
 def is_record_folder(folder: Path) -> bool:

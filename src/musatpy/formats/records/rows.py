@@ -13,10 +13,9 @@ from musatpy.errors import CardFormatError, DeckError, Problem
 from musatpy.formats import mapping, parts
 from musatpy.formats.job_tables import KEYS, Table, Tables, blank, noun_of_role, repeated, role_of, size
 from musatpy.formats.records.fields import JOB_UNIT, PACKED, RecordField
+from musatpy.formats.records.files import Columns, RecordFile, RowTable
 from musatpy.formats.records.frames import JobFrame
 from musatpy.formats.records.layout import FileSpec, RecordSpec
-from musatpy.formats.records.reader import RecordFile, RowTable, problem_of
-from musatpy.formats.records.writer import Columns
 
 Array = NDArray[Any]
 _KIND = "control.kind"
@@ -117,33 +116,32 @@ def roles_of_row(paths: Iterable[str]) -> list[str]:
 
 
 def parts_of_file(file: RecordFile, frame: JobFrame) -> tuple[Tables, list[Problem]]:
-    """Return what a file says, and what is wrong between its rows."""
-    tables_of: dict[str, list[tuple[Table, RowTable]]] = {}
+    """Return what a file says, and what is wrong between its rows.
+
+    Raises `CardFormatError` where no field of it says by which name a row is known.
+    """
+    tables_of: dict[str, list[Table]] = {}
     problems: list[Problem] = []
     for rows in file.tables:
-        if len(rows):
-            problems += _no_rotations(file, rows)
-            for role, table in _tables(file.spec, rows, frame).items():
-                tables_of.setdefault(role, []).append((table, rows))
-    result: Tables = {}
-    for role, tables in tables_of.items():
-        for table, rows in tables:
-            _require_keys(file.spec, role, table)
-            problems += _repeated(file, role, table, rows)
-        result[role] = joined(role, [table for table, _ in tables])
+        if not len(rows):
+            continue
+        problems += _no_rotations(file, rows)
+        for role, table in _tables(file.spec, rows, frame).items():
+            for path in (key for key in KEYS.get(role, ()) if key not in table):
+                message = f"no field has the target {path}, which names each {noun_of_role(role)}"
+                raise CardFormatError(f"{file.spec.family}, {file.spec.file}: {message}")
+            if not file.spec.fiducials or role != "plates":  # a mark may have the name of a point
+                for row in repeated(role, table):
+                    known = " ".join(str(table[path][row]) for path in KEYS[role])
+                    message = f"{noun_of_role(role)} {known} is given twice"
+                    problems.append(file.problem(int(rows.lines[row]), message))
+            tables_of.setdefault(role, []).append(table)
+    result = {role: joined(role, tables) for role, tables in tables_of.items()}
     if "control.position" in result.get("control", {}) and frame.joins_control(file.spec):
         problems += _place_control(file, result["control"], frame)
     if file.spec.fiducials and "plates" in result:
         problems += _split_fiducials(file, result)
     return result, problems
-
-
-def _require_keys(spec: FileSpec, role: str, table: Table) -> None:
-    """Raise `CardFormatError` where no field of a file says by which name a row is known."""
-    for path in KEYS.get(role, ()):
-        if path not in table:
-            message = f"no field has the target {path}, which names each {noun_of_role(role)}"
-            raise CardFormatError(f"{spec.family}, {spec.file}: {message}")
 
 
 def _no_rotations(file: RecordFile, rows: RowTable) -> list[Problem]:
@@ -156,21 +154,7 @@ def _no_rotations(file: RecordFile, rows: RowTable) -> list[Problem]:
     off = np.abs(M @ np.swapaxes(M, -1, -2) - np.eye(3)).max(axis=(1, 2))
     wrong = (off > _OFF_ROTATION) | (np.linalg.det(M) < 0.0)
     message = "the nine elements are no rotation"
-    return [problem_of(file, int(line), message) for line in rows.lines[wrong]]
-
-
-def _repeated(file: RecordFile, role: str, table: Table, rows: RowTable) -> list[Problem]:
-    if file.spec.fiducials and role == "plates":
-        return []  # a mark may have the name of a point
-    noun = noun_of_role(role)
-    return [
-        problem_of(
-            file,
-            int(rows.lines[row]),
-            f"{noun} {' '.join(str(table[path][row]) for path in KEYS[role])} is given twice",
-        )
-        for row in repeated(role, table)
-    ]
+    return [file.problem(int(line), message) for line in rows.lines[wrong]]
 
 
 def _tables(spec: FileSpec, rows: RowTable, frame: JobFrame) -> Tables:
@@ -311,11 +295,10 @@ def rows_of_parts(spec: FileSpec, given: Tables, frame: JobFrame) -> dict[str, C
     given = _with_fiducials(spec, given) if spec.fiducials else given
     rows: dict[str, Columns] = {}
     for leaf in spec.leaves():
-        row = row_of(spec, leaf)
-        table = _row_table(spec, leaf, row, given, frame)
-        if table is None:
+        table = _row_table(spec, leaf, given, frame)
+        if not size(table):
             continue
-        columns = mapping.scatter(row, table)
+        columns = mapping.scatter(row_of(spec, leaf), table)
         for head, pieces in _several(spec, leaf).items():
             columns |= _split(columns[head], pieces)
         rows[leaf.name] = columns
@@ -340,12 +323,12 @@ def paths_of(spec: FileSpec, leaf: RecordSpec) -> set[str]:
     return {slot.path for slot in mapping.slots(row_of(spec, leaf))} | {path for path, _ in leaf.constants}
 
 
-def _row_table(spec: FileSpec, leaf: RecordSpec, row: Row, given: Tables, frame: JobFrame) -> Table | None:
-    """Return the attributes of a kind of row, in the units of the model, for the rows that can be written."""
+def _row_table(spec: FileSpec, leaf: RecordSpec, given: Tables, frame: JobFrame) -> Table:
+    """Return the attributes of a kind of row, in the units of the file, for the rows that can be written."""
     paths = paths_of(spec, leaf)
     roles = roles_of_row(paths)
     if any(role not in given for role in roles):
-        return None
+        return {}
     table = _together(roles, given)
     keep = np.ones(size(table), dtype=bool)
     if "plates" in roles and "plates.triangulated" not in paths:
@@ -353,8 +336,8 @@ def _row_table(spec: FileSpec, leaf: RecordSpec, row: Row, given: Tables, frame:
     if "control" in roles:
         keep &= can_hold_control(spec, leaf, given["control"], frame)
     table = {path: column[keep] for path, column in table.items()}
-    _from_model(spec, row, table, frame)
-    return table if keep.any() else None
+    _from_model(spec, row_of(spec, leaf), table, frame)
+    return table
 
 
 def _together(roles: list[str], given: Tables) -> Table:
@@ -419,31 +402,26 @@ def _with_fiducials(spec: FileSpec, given: Tables) -> Tables:
 
     Raises `DeckError` with every photo that has another number of them than the file wants.
     """
-    plates = given.get("plates", {})
-    marks = given.get("fiducial_measurements", {})
-    photos = list(dict.fromkeys([*_column(marks, "fiducial_measurements.photo"), *_column(plates, "plates.photo")]))
-    counts = dict.fromkeys(photos, 0)
-    for photo in _column(marks, "fiducial_measurements.photo"):
-        counts[photo] += 1
+    plates, marks = given.get("plates", {}), given.get("fiducial_measurements", {})
+    marked = _column(marks, "fiducial_measurements.photo")
+    photos = list(dict.fromkeys([*marked, *_column(plates, "plates.photo")]))
+    message = "photo {} has {} fiducial measurements (FMS); {} wants {}"
     wrong = [
-        Problem(
-            message=f"photo {photo} has {count} fiducial measurements (FMS); {spec.family} wants {spec.fiducials}"
-        )
-        for photo, count in counts.items()
-        if count != spec.fiducials
+        Problem(message=message.format(photo, marked.count(photo), spec.family, spec.fiducials))
+        for photo in photos
+        if marked.count(photo) != spec.fiducials
     ]
     if wrong:
         raise DeckError(wrong)
+    if not photos:
+        return given
     as_plates = {
         "plates.photo": marks["fiducial_measurements.photo"],
         "plates.point": marks["fiducial_measurements.ids"],
         "plates.xy": marks["fiducial_measurements.xy"],
         "plates.triangulated": np.ones(size(marks), dtype=bool),
-    } if marks else {}  # fmt: skip
-    tables = [table for table in (as_plates, plates) if table]
-    if not tables:
-        return given
-    table = joined("plates", tables)
+    }
+    table = joined("plates", [as_plates, plates] if plates else [as_plates])
     order = np.argsort([photos.index(photo) for photo in table["plates.photo"].tolist()], kind="stable")
     return given | {"plates": {path: column[order] for path, column in table.items()}}
 
@@ -473,14 +451,22 @@ def _column(table: Mapping[str, Array], path: str) -> list[Any]:
 # --- what cannot be held ---
 
 
+def said_by(file: FileSpec, leaf: RecordSpec) -> dict[str, set[str]]:
+    """Return the model attributes that a kind of row says, by role."""
+    paths = paths_of(file, leaf)
+    by_role: dict[str, set[str]] = {}
+    for path in paths:
+        by_role.setdefault(role_of(path, paths), set()).add(path)
+    return by_role
+
+
 def held(files: Iterable[FileSpec]) -> dict[str, set[str]]:
     """Return the model attributes that the files of a family hold, by role."""
     by_role: dict[str, set[str]] = {}
     for file in files:
         for leaf in file.leaves():
-            paths = paths_of(file, leaf)
-            for path in paths:
-                by_role.setdefault(role_of(path, paths), set()).add(path)
+            for role, paths in said_by(file, leaf).items():
+                by_role[role] = by_role.get(role, set()) | paths
         if file.fiducials:
             by_role["fiducial_measurements"] = {f"fiducial_measurements.{name}" for name in ("photo", "ids", "xy")}
     return by_role
