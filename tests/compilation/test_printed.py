@@ -38,33 +38,6 @@ def test_own_rays_give_the_truth(tides: tuple[float, float], depth: float) -> No
     assert np.abs(errors(model, points, xy, Printed())).max() < 1e-10
 
 
-def test_one_model_point_for_both_rays_is_wrong_by_centimetres() -> None:
-    """Largest .083, mean .0155 m at 30 m: the apparent rays do not meet."""
-    model, points, xy = flat((0.0, 0.0), 30.0)
-    error = np.linalg.norm(errors(model, points, xy, Printed(shared_point=True)), axis=1)
-    assert error.max() == pytest.approx(0.083, rel=0.05) and error.mean() == pytest.approx(0.0155, rel=0.05)
-    assert errors(model, points, xy, AS_1983) == pytest.approx(
-        errors(model, points, xy, Printed(shared_point=True))
-    )
-
-
-@pytest.mark.parametrize(("depth", "parallax"), [(1, 1.0), (5, 5.1), (10, 10.1), (20, 20.2), (30, 30.1)])
-def test_the_y_parallax_of_the_apparent_model(depth: float, parallax: float) -> None:
-    """Largest, um in the photo, at the height without x-parallax."""
-    model, _, xy = flat((0.0, 0.0), depth)
-    reach = model.base / (xy[:, 0, 0] - xy[:, 1, 0])
-    off = (xy[:, 0, 1] - xy[:, 1, 1]) * reach * 152.4 / 3000.0
-    assert 1e3 * np.abs(off).max() == pytest.approx(parallax, abs=0.1)
-
-
-def test_a_mean_tide_is_wrong_by_a_decimetre() -> None:
-    """Tides of .4 and -.3 m: largest .13, mean .07 m on these places, whatever the depth."""
-    for depth in (2.0, 30.0):
-        model, points, xy = flat((0.4, -0.3), depth)
-        error = np.linalg.norm(errors(model, points, xy, Printed(mean_tide=True)), axis=1)
-        assert error.max() == pytest.approx(0.13, abs=0.01) and error.mean() == pytest.approx(0.07, abs=0.005)
-
-
 @pytest.mark.parametrize(
     ("height", "base", "half", "largest", "rms"),
     [(2400.0, 1500.0, 1300.0, 0.092, 0.038), (6100.0, 3600.0, 3200.0, 0.536, 0.225)],

@@ -250,12 +250,3 @@ def test_the_study_is_deterministic_and_says_what_surfaces_take_away() -> None:
     assert first.removed("fourier") > 0.9 and first.removed("grid") > 0.5
     assert first.waves == 1.0
     assert (first.rms["true"] < first.rms["level"]).all()
-
-
-@pytest.mark.slow
-def test_too_few_points_to_a_wave_length_take_nothing_away() -> None:
-    """The chop at one and a half points to its length: its alias is found in its place."""
-    chop = Setup(periods=(4.0,), deep_heights=(0.3,), azimuths=(70.0,), bottom_points=60, regular=True)
-    coarse = run(replace(chop, surface_points=750), (1,))
-    assert coarse.spacing == pytest.approx(17.0, abs=1.0)
-    assert coarse.removed("fourier") < 0.3 and coarse.removed("grid") < 0.3

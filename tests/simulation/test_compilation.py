@@ -18,7 +18,6 @@ from musatpy.formats.compilation_deck import read_compilation
 from musatpy.model.compilation import StageReadings
 from musatpy.simulation import Simulation, simulate
 from musatpy.simulation.simulation_spec import spec_from_table
-from musatpy.soundings.differences import Differences, regression
 
 # St. Thomas: a strip of four photos at three tides, depths to 30 m, nothing with errors.
 SPEC = {
@@ -82,23 +81,6 @@ def test_a_grid_and_the_pace_of_profiles_are_asked_for() -> None:
         time = deck.stages.time[(deck.stages.ids == name) & (deck.stages.model == 0)]
         np.testing.assert_allclose(np.diff(time), 2.0)
     assert np.isnan(deck.stages.time[deck.stages.kind == "G"]).all()
-
-
-def test_refraction_shows_in_the_slope_of_differences(exact: tuple[Simulation, Compiled]) -> None:
-    """b of true depth: of apparent depths a quarter (1 - 1 / n) and more to the corners, of true ones nothing."""
-    simulation, result = exact
-    assert simulation.compiled is not None
-    wet = np.flatnonzero(result.submerged)
-    level, true = result.gathered("water_level")[wet], simulation.compiled.depth[result.rows][wet]
-    apparent = level - result.gathered("apparent")[wet, 2]
-    slopes = []
-    for depth in (apparent, result.gathered("depth")[wet]):
-        names = np.arange(len(wet)).astype(str)
-        sigma = np.full(len(wet), 0.01)
-        fit = regression(Differences(names=names, compiled=depth, sounded=true, sigma=sigma))
-        assert fit is not None
-        slopes.append(fit.b)
-    assert -0.33 < slopes[0] < -0.25 and abs(slopes[1]) < 1e-4
 
 
 def test_an_operator_above_the_bottom_reads_it_too_shallow(exact: tuple[Simulation, Compiled]) -> None:

@@ -63,15 +63,6 @@ def test_rays_join_camera_and_point():
     np.testing.assert_allclose(camera + up * rays.air, rays.incidence, rtol=0, atol=1e-8)
 
 
-def test_equal_indices_do_not_bend():
-    camera, ground, level = scene()
-    rays = trace(camera, ground, level, 1.0, (AXIS, E2))
-    straight = EARTH.geocentric(ground) - camera
-    straight /= np.linalg.norm(straight, axis=1)[:, None]
-    np.testing.assert_allclose(rays.air, rays.water, rtol=0, atol=1e-14)  # last places of unit vectors
-    np.testing.assert_allclose(rays.air, straight, rtol=0, atol=1e-10)  # 1e-9 m of geocentric coordinates in 100 m
-
-
 def test_nadir_ray_goes_straight_down():
     foot = np.array([[np.deg2rad(-35.0), np.deg2rad(12.0), -1.0]])
     ground, level = foot - [0.0, 0.0, 8.0], np.array([-1.0])
