@@ -16,7 +16,8 @@ from formats.raw_deck_cases import RAW, RAW_CASES
 from musatpy.errors import DeckError, Problem
 from musatpy.formats import musat
 from musatpy.formats.cards.deck import read_cards
-from musatpy.formats.checks import CHECKS, Check
+from musatpy.formats.checks import CHECKS
+from musatpy.formats.checks.check import Check
 from musatpy.formats.draft import Draft, draft_of
 
 ALL = [*DECK_CASES, *bad_system_cases.CASES, *bad_wave_cases.CASES, *RAW_CASES]
@@ -59,7 +60,7 @@ def test_what_taking_in_shows_is_reported_at_its_card(name: str) -> None:
         one.check(problem)
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.find.__name__)
 def test_every_check_has_a_case(check: Check) -> None:
     assert any(list(check(draft(data))) for data, _ in ALL)
 

@@ -8,21 +8,23 @@ import numpy as np
 
 from musatpy.errors import Problem
 from musatpy.formats.assembly import waves_of
+from musatpy.formats.checks.check import check
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Datum, Editing, Program, Refraction, Treatment, WaveShape
 from musatpy.model.water import WAVE_SIGMAS
 
 _PERIODS = 100.0  # from time 0; a thousandth of so many is a tenth of a length
-_TILTS = ("tilt_east", "tilt_north")
 
 
-def sigmas(draft: Draft) -> Iterator[Problem]:
+@check()
+def sigmas_of_no_wave(draft: Draft) -> Iterator[Problem]:
     """Yield sigmas of no wave."""
     ids, known = draft.rows["wave_sigmas"]["waves.ids"], draft.rows["waves"]["waves.ids"]
     message = f"wave {{}} has no {draft.card('waves')}"
     yield from draft.problems("wave_sigmas", ~np.isin(ids, known) & (ids != ""), message, ids, path="waves.ids")
 
 
+@check()
 def origin(draft: Draft) -> Iterator[Problem]:
     """Yield waves without the place from which their crests count, a second such place, and one without waves."""
     waves, places = len(draft.rows["waves"]), len(draft.rows["wave_origin"])
@@ -31,18 +33,16 @@ def origin(draft: Draft) -> Iterator[Problem]:
         message = f"waves, and no {card} with the place from which their crests count"
         yield draft.problem("waves", 0, message)
     for row in range(1, places):
-        yield draft.problem(
-            "wave_origin", row, f"a second origin of the waves; the first is {draft.place('wave_origin', 0)}"
-        )
+        message = f"a second origin of the waves; the first is {draft.place('wave_origin', 0)}"
+        yield draft.problem("wave_origin", row, message)
     if places and not waves:
         message = f"an origin of waves, and no {draft.card('waves')}: it takes no part"
         yield draft.problem("wave_origin", 0, message, severity="warning")
 
 
+@check(of_card=True, needs="waves")
 def parameters(draft: Draft) -> Iterator[Problem]:
     """Yield waves that say too much or too little, that break, or that the theory of their shape does not know."""
-    if not len(draft.rows["waves"]):
-        return
     from musatpy.sea.deck_waves import faults  # most decks have none
 
     for row, name, message, wrong in faults(waves_of(draft)):
@@ -51,10 +51,9 @@ def parameters(draft: Draft) -> Iterator[Problem]:
             yield draft.problem("waves", row, message, path=path, severity="error" if wrong else "warning")
 
 
+@check(needs="waves")
 def programs(draft: Draft) -> Iterator[Problem]:
     """Yield what excludes waves: a refraction that knows none, and a tilt of the water."""
-    if not len(draft.rows["waves"]):
-        return
     options = draft.options
     if options.program is Program.IIA and options.refraction is not Refraction.RIGOROUS:
         role = "options" if len(draft.rows["options"]) else "waves"
@@ -65,14 +64,14 @@ def programs(draft: Draft) -> Iterator[Problem]:
     why = "waves stand on level water: a tilt of it and waves exclude each other"
     if options.water_tilt is Treatment.ADJUST:
         yield draft.problem("more_options", 0, why, path="options.water_tilt")
-    if len(draft.rows["water"]):
-        for name in _TILTS:
-            tilt = draft.rows["water"][f"water.{name}"][0]
-            if tilt and np.isfinite(tilt):
-                yield draft.problem("water", 0, why, path=f"water.{name}")
-                return
+    paths = [
+        path for path in ("water.tilt_east", "water.tilt_north") if np.nan_to_num(draft.rows["water"][path]).any()
+    ]
+    for path in paths[:1]:
+        yield draft.problem("water", 0, why, path=path)
 
 
+@check()
 def unknown(draft: Draft) -> Iterator[Problem]:
     """Yield sigmas of waves that cannot be unknown, by datum, editing, or the shape of a wave.
 
@@ -99,20 +98,20 @@ def unknown(draft: Draft) -> Iterator[Problem]:
             yield draft.problem("waves", row, message, path="waves.shape")
 
 
+@check(needs="waves")
 def times(draft: Draft) -> Iterator[Problem]:
     """Yield the tides without the time of their exposure, which says where the crests are."""
-    if not len(draft.rows["waves"]):
-        return
     path = "photos.time"
     blank = np.isnan(draft.rows["tides"][path]) & ~draft.unread("tides", path)
     message = "photo {}: blank, and waves need the time of every exposure above water"
     yield from draft.problems("tides", blank, message, draft.names("photos", "tides"), path=path)
 
 
+@check(needs="waves")
 def clock(draft: Draft) -> Iterator[Problem]:
     """Yield the latest exposure where it is so late that nobody knows where the crests are by then."""
     time = draft.rows["tides"]["photos.time"]
-    if not len(draft.rows["waves"]) or not np.isfinite(time).any():
+    if not np.isfinite(time).any():
         return
     from musatpy.sea.deck_waves import wave_trains  # most decks have none
 
@@ -127,11 +126,10 @@ def clock(draft: Draft) -> Iterator[Problem]:
         yield draft.problem("tides", row, message, path="photos.time", severity="warning")
 
 
+@check(of_job=True, needs="waves")
 def submerged(draft: Draft) -> Iterator[Problem]:
     """Yield waves over no submerged point, and submerged control that a trough may leave dry (not geocentric)."""
     rows = draft.rows["waves"]
-    if not len(rows):
-        return
     if not np.append(draft.bathymetric, False)[draft.point["plates"]].any():
         yield draft.problem(
             "waves", 0, "waves, and no submerged point is measured: they take no part", severity="warning"

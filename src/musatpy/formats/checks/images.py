@@ -1,0 +1,152 @@
+"""Headings, units and cameras against the images: where neighbouring stations and the control lie on a photo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from musatpy.arrays import ComplexArray, FloatArray, IntArray
+from musatpy.errors import Problem
+from musatpy.formats.checks.check import check
+from musatpy.formats.checks.rays import PhotoPairs, by_camera, photo_pairs, plan, rays_of, sums
+from musatpy.formats.checks.systems import fits_system
+from musatpy.formats.draft import Draft
+from musatpy.model import ControlKind, CoordinateSystem
+from musatpy.model.block import other_focal_length
+from musatpy.units import DEGREE, length_unit
+
+_LIMIT = 45 * DEGREE
+_STEEPEST = 20 * DEGREE  # tilts up to which a photo is taken as vertical
+_BASE = 5.0  # mm: the neighbour's nadir must lie this far from the photo's own
+_AGREEMENT = 0.8  # length of the mean of unit vectors that point the same way
+_FEWEST = 3  # control points of a photo that tell a scale
+_SAME = 0.1  # relative difference of scales that are the same
+_WIDE = 20.0  # mm: the control must spread this far (RMS) on the plate
+
+
+@check(of_job=True, of_run=True, raw=False)
+def headings(draft: Draft) -> Iterator[Problem]:
+    """Yield the photos whose heading differs by more than 45 degrees from what the images say (readings say none).
+
+    On a photo without tilt the images lie around the nadir as the ground does around the station, turned by the
+    heading. The points in common with a neighbour give the place of the neighbour's nadir on the photo; its
+    direction against that of the neighbour's station is the heading, good to a few degrees for small tilts. They
+    also give the turn from photo to photo, without the stations. A heading is wrong where both contradict it; where
+    only the directions do, some station may be wrong instead, unless all photos are off by the same angle.
+    """
+    if draft.may_lack_station or not all(fits_system(draft, "stations")):
+        return
+    attitude = draft.by_photo("attitudes", "photos.attitude")
+    pairs, heading = photo_pairs(draft, rays_of(draft).sound), np.exp(1j * attitude[:, 2])
+    seen = _by_stations(draft, pairs, attitude)
+    off = seen * np.conj(heading)
+    wrong = np.abs(np.angle(off)) > _LIMIT  # False where nothing is seen
+    contradicted = wrong & (np.abs(np.angle(_by_neighbours(pairs, heading))) > _LIMIT)
+    known = off[off != 0]
+    if known.size > 1 and wrong[off != 0].all() and abs(known.sum()) > _AGREEMENT * np.abs(known).sum():
+        contradicted = wrong
+    for row, link in enumerate(draft.photo["attitudes"].tolist()):
+        if link >= 0 and contradicted[link]:
+            given, image = attitude[link, 2] / DEGREE, np.angle(seen[link]) / DEGREE
+            message = f"a heading of {round(given)} degrees, where the images point to about {round(image)}"
+            yield draft.problem("attitudes", row, message, path="photos.attitude", component=2, severity="warning")
+
+
+def _by_stations(draft: Draft, pairs: PhotoPairs, attitude: FloatArray) -> ComplexArray:
+    """Return (photos,) unit vectors of the headings that the neighbours' nadirs and stations give, else 0."""
+    ground = plan(draft, draft.by_photo("stations", "photos.position"))
+    photo = np.concatenate([pairs.first, pairs.second])
+    neighbour = np.concatenate([pairs.second, pairs.first])
+    nadir = np.concatenate([-pairs.b / pairs.a, pairs.b])  # of the other photo
+    turn = (ground[neighbour] - ground[photo]) * np.conj(nadir)  # direction on the ground less that on the plate
+    level = np.abs(attitude[:, :2]).max(axis=1, initial=0) < _STEEPEST
+    good = level[photo] & level[neighbour] & (np.abs(nadir) > _BASE) & (np.abs(turn) > 0)
+    return _mean_directions(photo[good], turn[good], np.tile(pairs.count, 2)[good], len(attitude))
+
+
+def _by_neighbours(pairs: PhotoPairs, heading: ComplexArray) -> ComplexArray:
+    """Return (photos,) unit vectors of how far each heading is off if its neighbours' are right, else 0."""
+    # y = a x turns by the heading of the first photo less that of the second.
+    off = pairs.a * np.conj(heading[pairs.first]) * heading[pairs.second]
+    photo = np.concatenate([pairs.first, pairs.second])
+    both = np.concatenate([off, np.conj(off)])
+    good = np.abs(both) > 0
+    return _mean_directions(photo[good], both[good], np.tile(pairs.count, 2)[good], len(heading))
+
+
+def _mean_directions(photo: IntArray, vectors: ComplexArray, weight: IntArray, photos: int) -> ComplexArray:
+    """Return (photos,) unit vectors of the weighted mean directions, 0 where there are none or they disagree."""
+    total = sums(weight * vectors / np.abs(vectors), photo, photos)
+    agree = np.abs(total) > _AGREEMENT * np.bincount(photo, weights=weight, minlength=photos)
+    return np.where(agree, total / np.where(agree, np.abs(total), 1), 0)
+
+
+@check(of_job=True, of_run=True, raw=False)
+def scales(draft: Draft) -> Iterator[Problem]:
+    """Yield a unit, or another camera, that most photos with control agree on (not in geocentric jobs).
+
+    On a photo without tilt the control lies as on the plate, at H/f times its size. Tilts and relief make that
+    wrong by some percent, units and cameras by much more.
+    """
+    if draft.may_lack_station or draft.system is CoordinateSystem.GEOCENTRIC:
+        return
+    if not all(fits_system(draft, role).all() for role in ("stations", "control")):
+        return
+    ratios = _ratios(draft)
+    if not len(ratios):
+        return
+    ratio = float(np.median(ratios))
+    if not np.all(np.abs(ratios / ratio - 1.0) < _SAME):
+        return
+    for factor, text in (
+        (ratio, "control in feet, and stations in metres"),
+        (1.0 / ratio, "stations in feet, and control in metres"),
+    ):
+        if length_unit(factor, _SAME) == "feet":
+            message = f"the control is {ratio:.2f} times as wide as on the photos, as with {text}"
+            yield draft.problem("control", 0, message, path="control.position", severity="warning")
+            return
+    focal = draft.rows["cameras"]["cameras.focal_length"]
+    other = other_focal_length(float(np.median(focal)), ratio, _SAME)
+    if other:
+        message = (
+            f"the control is {ratio:.2f} times as wide as on the photos, as with a focal length of {other:g} mm"
+        )
+        yield draft.problem("cameras", 0, message, path="cameras.focal_length", severity="warning")
+
+
+def _ratios(draft: Draft) -> FloatArray:
+    """Return, of each photo with enough control, the width of the control over that on the photo by its station."""
+    position = _control(draft)
+    ground, photo, point = plan(draft, position), draft.photo["plates"], draft.point["plates"]
+    seen = rays_of(draft).sound & np.isfinite(ground[point]) & np.isfinite(position[point, 2])
+    photo, point = photo[seen], point[seen]
+    image = (draft.rows["plates"]["plates.xy"] @ np.array([1.0, 1j]))[seen]
+
+    def total(values: FloatArray | ComplexArray) -> ComplexArray:
+        return sums(np.asarray(values, dtype=complex), photo, len(draft.photo_ids))
+
+    count = np.maximum(total(np.ones(len(photo))).real, 1.0)
+    x = image - (total(image) / count)[photo]
+    squares = total(np.abs(x) ** 2).real
+    good = (count >= _FEWEST) & (squares > count * _WIDE**2)
+    scale = np.abs(total(np.conj(x) * ground[point])) / np.where(good, squares, np.nan)  # m a mm
+    above = draft.by_photo("stations", "photos.position")[:, 2] - total(position[point, 2]).real / count
+    focal = by_camera(draft, "cameras.focal_length")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = scale * focal[draft.camera_of_photo] / above
+    return ratios[np.isfinite(ratios) & (ratios > 0.0)]
+
+
+def _control(draft: Draft) -> FloatArray:
+    """Return (points + 1, 3) positions of full control, NaN for all others and for the last: no point.
+
+    Of control on land: through the water photos show it nearer, and another camera would explain that as well.
+    """
+    rows, links = draft.rows["control"], draft.point["control"]
+    position = np.full((len(draft.point_ids) + 1, 3), np.nan)
+    dry = np.append(~draft.bathymetric, False)
+    full = (rows["control.kind"] == ControlKind.FULL) & (links >= 0) & dry[links]
+    position[links[full]] = rows["control.position"][full]
+    return position

@@ -1,0 +1,352 @@
+"""Plate coordinates that cannot be, zeros of cards that were not punched, and what raw plates need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.errors import Problem
+from musatpy.formats.checks.check import check
+from musatpy.formats.checks.rays import by_camera, common_rays, photo_pairs, rays_of
+from musatpy.formats.checks.references import repeats
+from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import ROLES
+from musatpy.model import Atmosphere, CoordinateSystem, Curvature, Refused, Transformation
+
+_SOME, _SMALL = 3, 0.01  # images of a camera, and the share of its format in which all of them do not lie
+_FOCAL_LENGTHS_OFF = 5.0  # 79 degrees off the axis: no frame camera has images farther out
+_NEAR = 30.0  # mm: so well the images of another photo say where one is
+_AROUND = 3.0  # extents of all other positions, beyond which zeros are no position
+_OF_REDUCTION = (
+    *("distortion", "fiducials", "fiducial_measurements"),
+    *("comparator", "lenses", "mark_distances", "reseau", "cross_measurements"),
+)
+_MARKS = {Transformation.SIMILARITY: 2, Transformation.AFFINE: 3, Transformation.PROJECTIVE: 4}
+_DIRECTIONS = (("X", "Y"), ("D1", "D2"))  # the axes of side marks, the diagonals of corner marks
+
+
+def _camera_of_plates(draft: Draft) -> IntArray:
+    """Return (m,) the camera of each plate measurement, -1 where it is not known."""
+    return np.append(draft.camera_of_photo, -1)[draft.photo["plates"]]
+
+
+@check(raw=False)
+def plate_coordinates(draft: Draft) -> Iterator[Problem]:
+    """Yield the plate coordinates outside the format of their camera; readings lie anywhere.
+
+    Those outside by more than half the format are errors; without a format, those that no frame camera has.
+    """
+    camera, xy = _camera_of_plates(draft), draft.rows["plates"]["plates.xy"]
+    size, focal = by_camera(draft, "cameras.format_size")[camera], by_camera(draft, "cameras.focal_length")[camera]
+    known = size > 0
+    reach = np.where(focal > 0, _FOCAL_LENGTHS_OFF * focal, np.inf)[:, np.newaxis]
+    far = np.abs(xy) > np.where(known, size, np.where(np.isnan(size), reach, np.inf))
+    outside = known & (np.abs(xy) > size / 2) | far
+    for component, name in enumerate("xy"):
+        for row in np.flatnonzero(outside[:, component]).tolist():
+            what = f"{name} = {xy[row, component]:g} mm lies"
+            owner = f"of camera {draft.camera_ids[camera[row]]}"
+            message = f"{what} outside the format of {size[row, component]:g} mm {owner}"
+            if not known[row, component]:
+                message = f"{what} {_FOCAL_LENGTHS_OFF:g} focal lengths off the axis {owner}, which has no format"
+            severity: Literal["error", "warning"] = "error" if far[row, component] else "warning"
+            yield draft.problem("plates", row, message, path="plates.xy", component=component, severity=severity)
+
+
+@check(raw=False)
+def small_plates(draft: Draft) -> Iterator[Problem]:
+    """Yield the first image of each camera all of whose images lie near the middle of its format: another unit."""
+    camera, xy = _camera_of_plates(draft), np.abs(draft.rows["plates"]["plates.xy"])
+    sizes = draft.rows["cameras"]["cameras.format_size"]
+    for link, size in zip(draft.camera["cameras"].tolist(), sizes, strict=True):
+        rows = np.flatnonzero((camera == link) & (link >= 0) & np.isfinite(xy).all(axis=1))
+        if len(rows) >= _SOME and (xy[rows] <= _SMALL * size).all() and xy[rows].any():
+            message = (
+                f"all {len(rows)} images of camera {draft.camera_ids[link]} lie within a hundredth of its "
+                "format: are they in millimetres?"
+            )
+            yield draft.problem("plates", int(rows[0]), message, path="plates.xy", severity="warning")
+
+
+@check()
+def plates_at_zero(draft: Draft) -> Iterator[Problem]:
+    """Yield the images at x = y = 0 that cannot be there: a card that was not punched reads as one.
+
+    Two of different points on one photo (a single one may lie at the principal point), and one that the same
+    point on another photo does not put there. One of which no other photo tells is an error where the principal
+    point lies elsewhere, else a warning.
+    """
+    rows, photo = draft.rows["plates"], draft.photo["plates"]
+    zero = _at_zero(rows["plates.xy"])
+    if not zero.any():
+        return
+    several = _several(zero, photo, draft.point["plates"])
+    distance = np.full(len(zero), np.nan) if draft.raw else _distances(draft, zero)
+    centre = by_camera(draft, "cameras.principal_point", np.nan_to_num)
+    centred = _at_zero(centre)[_camera_of_plates(draft)]
+    for row in np.flatnonzero(zero).tolist():
+        where = ""
+        severity: Literal["error", "warning"] = "error"
+        if several[row]:
+            where = ", and of another one on the photo"
+        elif distance[row] > _NEAR:
+            where = f", which by other photos lies {distance[row]:.0f} mm from there"
+        elif draft.raw or not np.isnan(distance[row]):
+            continue
+        elif centred[row]:
+            severity = "warning"
+        name = draft.point_ids[draft.point["plates"][row]]
+        message = f"x = y = 0 of point {name}{where}: an image that was not punched reads so"
+        yield draft.problem("plates", row, message, path="plates.xy", severity=severity)
+
+
+def _distances(draft: Draft, zero: BoolArray) -> FloatArray:
+    """Return how far (m,) mm from zero each image lies by another photo, the least; NaN where none tells."""
+    photo, xy = draft.photo["plates"], draft.rows["plates"]["plates.xy"]
+    image, sound, count = xy[:, 0] + 1j * xy[:, 1], rays_of(draft).sound, len(draft.photo_ids)
+    pairs, (one, other) = photo_pairs(draft, sound & ~zero), common_rays(draft, sound)
+    fits = {key: row for row, key in enumerate((pairs.first * count + pairs.second).tolist())}
+    place = np.array([fits.get(key, -1) for key in (photo[one] * count + photo[other]).tolist()], dtype=np.int64)
+    one, other, place = one[place >= 0], other[place >= 0], place[place >= 0]
+    a, b = pairs.a[place], pairs.b[place]
+    out = np.full(len(photo), np.nan)
+    np.fmin.at(out, other, np.abs(a * image[one] + b))
+    np.fmin.at(out, one, np.abs((image[other] - b) / a))
+    return out
+
+
+@check()
+def marks_at_zero(draft: Draft) -> Iterator[Problem]:
+    """Yield the fiducial marks and crosses at 0/0 of which one camera, or photo, has several."""
+    for role, owners in (
+        ("fiducials", draft.camera),
+        ("fiducial_measurements", draft.photo),
+        ("reseau", draft.camera),
+        ("cross_measurements", draft.photo),
+    ):
+        rows, path = draft.rows[role], f"{role}.xy"
+        names = np.unique(rows[f"{role}.ids"], return_inverse=True)[1].reshape(-1)
+        several = _several(_at_zero(rows[path]), owners[role], names)
+        message = "x = y = 0, and so has another one: marks that were not punched read so"
+        yield from draft.problems(role, several, message, path=path)
+
+
+@check()
+def positions_at_zero(draft: Draft) -> Iterator[Problem]:
+    """Yield stations and control points at 0/0 where several are, or where nothing else is near."""
+    for role, what in (("stations", "the station"), ("control", "the control point")):
+        path = ROLES[role]
+        names = draft.photo["stations"] if role == "stations" else draft.point["control"]
+        zero = _at_zero(draft.rows[role][path][:, :2])
+        several = _several(zero, np.zeros(len(zero), dtype=np.int64), names)
+        message = f"zeros for the position of {what}, {{}}: a card that was not punched reads so"
+        why = np.where(several, "as of another one", "far from all others")
+        yield from draft.problems(role, zero & (several | ~_reached(draft, role, zero)), message, why, path=path)
+
+
+def _reached(draft: Draft, role: str, zero: BoolArray) -> BoolArray:
+    """Return (k,) whether zeros on a card of a role lie about all other positions on cards of its words."""
+    out = np.ones(len(zero), dtype=bool)
+    for angular in (True, False):
+        others = []
+        for one in ("stations", "control"):
+            xy = draft.rows[one][ROLES[one]][:, :2]
+            alike = (draft.is_angular(one, ROLES[one]) == angular) & ~_at_zero(xy) & np.isfinite(xy).all(axis=1)
+            others.append(xy[alike])
+        xy = np.concatenate(others)
+        if len(xy) > 1:
+            low, high = xy.min(axis=0), xy.max(axis=0)
+            far = bool((_AROUND * (high - low).max() < np.maximum(low, -high)).any())
+            out[(draft.is_angular(role, ROLES[role]) == angular) & far] = False
+    return out
+
+
+def _at_zero(xy: FloatArray) -> BoolArray:
+    return (xy == 0.0).all(axis=1)
+
+
+def _several(zero: BoolArray, owner: IntArray, name: IntArray) -> BoolArray:
+    """Return (k,) the zeros whose owner has zeros of another name too; -1 is no owner and no name."""
+    out = np.zeros(len(zero), dtype=bool)
+    counts = zero & (owner >= 0) & (name >= 0)
+    for one in np.unique(owner[counts]).tolist():
+        of_owner = counts & (owner == one)
+        out[of_owner] = len(np.unique(name[of_owner])) > 1
+    return out
+
+
+@check(raw=False)
+def plates_taken_as_refined(draft: Draft) -> Iterator[Problem]:
+    """Yield once for each kind of card that plate reduction would need: such cards are carried, not applied."""
+    for role in _OF_REDUCTION:
+        number = len(draft.rows[role])
+        if number:
+            count = "1 card" if number == 1 else f"{number} cards"
+            message = f"plate coordinates are taken as refined: {count} carried and listed, not applied"
+            yield draft.problem(role, 0, message, severity="warning")
+
+
+@check(of_card=True)
+def lenses(draft: Draft) -> Iterator[Problem]:
+    """Yield principal points of best symmetry of which a coordinate is missing."""
+    half = np.isnan(draft.rows["lenses"]["lenses.centre"])
+    for row in np.flatnonzero(half.any(axis=1) & ~half.all(axis=1)).tolist():
+        component = int(half[row].argmax())
+        if draft.lacks("lenses", row, "lenses.centre", component):
+            message = "the principal point of best symmetry needs both x and y, or neither"
+            yield draft.problem("lenses", row, message, path="lenses.centre", component=component)
+
+
+@check(raw=True)
+def distortions(draft: Draft) -> Iterator[Problem]:
+    """Yield what cannot be used of the distortion of cameras with raw plates: second records, radii that repeat."""
+    role, camera = "distortion", draft.camera["distortion"]
+    kind, (radius, value) = draft.rows[role]["distortion.kind"], draft.rows[role]["distortion.values"].T[:2]
+    for name in ("RADL", "DCEN"):
+        for row, first in repeats(np.where(kind == name, camera, -1)):
+            message = f"the {name} distortion of camera {draft.camera_ids[camera[row]]} is already given"
+            yield draft.problem(role, row, f"{message} {draft.place(role, first)}", path="distortion.kind")
+    table = np.where((kind == "TABL") & ~np.isnan(radius), camera, -1)
+    for row, first in repeats(table, np.unique(radius, return_inverse=True)[1].reshape(-1)):
+        message = f"the distortion at this radius is already given {draft.place(role, first)}"
+        yield draft.problem(role, row, message, path="distortion.values", component=0)
+    bad = (table >= 0) & ((radius < 0.0) | ((radius == 0.0) & (value != 0.0)))
+    message = "a calibrated radius must be greater than zero, or zero without distortion"
+    yield from draft.problems(role, bad, message, path="distortion.values", component=0)
+
+
+@check(raw=True, of_run=True)
+def calibrations(draft: Draft) -> Iterator[Problem]:
+    """Yield the cameras of raw plates that lack what the fiducial transformation goes by."""
+    options = draft.reduction
+    if options is None or options.transformation is Transformation.NONE:
+        return
+    cameras = len(draft.camera_ids)
+    if options.transformation is Transformation.DISTANCES:
+        role, lacking = "mark_distances", ~_with_axes(draft)
+        message = "no distances along both axes (X and Y) or both diagonals (D1 and D2)"
+    else:
+        role, needed = "fiducials", _MARKS[options.transformation]
+        marks = _counts(draft.camera[role], cameras)
+        lacking = (marks < needed) & ((marks > 0) | (_counts(draft.camera["reseau"], cameras) == 0))
+        message = f"fewer than the {needed} calibrated marks of a transformation {options.transformation}"
+    lacking &= np.isin(np.arange(cameras), _cameras_of_plates(draft))
+    for row, link in enumerate(draft.camera["cameras"].tolist()):
+        if link >= 0 and lacking[link]:
+            text = f"camera {draft.camera_ids[link]} has {message} ({draft.cards(role)})"
+            yield draft.problem("cameras", row, text, path="cameras.ids")
+
+
+@check(raw=True)
+def reseaux(draft: Draft) -> Iterator[Problem]:
+    """Yield the reseaux of cameras with raw plates that have no cell: fewer than two rows or columns."""
+    places = np.stack([draft.rows["reseau"][f"reseau.{name}"] for name in ("row", "column")])
+    for link in _cameras_of_plates(draft).tolist():
+        crosses = np.flatnonzero(draft.camera["reseau"] == link)
+        if len(crosses) and min(len(np.unique(place)) for place in places[:, crosses]) < 2:
+            message = f"the reseau of camera {draft.camera_ids[link]} has not two rows and two columns of crosses"
+            yield draft.problem("reseau", int(crosses[0]), message, path="reseau.camera")
+
+
+@check(raw=True, of_run=True)
+def unmeasured_marks(draft: Draft) -> Iterator[Problem]:
+    """Yield the raw plates on which no fiducial mark is measured, nor crosses that stand for them.
+
+    They will be refused: an error where that stops the run, a warning where it goes on.
+    """
+    options = draft.reduction
+    if options is None or options.transformation is Transformation.NONE:
+        return
+    without_marks = np.append(_counts(draft.camera["fiducials"], len(draft.camera_ids)) == 0, False)
+    by_crosses = without_marks[draft.camera_of_photo] & (options.transformation is not Transformation.DISTANCES)
+    unmeasured = ~(_measured(draft, "fiducial") | by_crosses & _measured(draft, "cross"))
+    message = f"photo {{}} has no measured fiducial marks ({draft.cards('fiducial_measurements')})"
+    severity: Literal["error", "warning"] = "error" if options.refused is Refused.STOP else "warning"
+    yield from _of_plates(draft, unmeasured, message, severity)
+
+
+@check(raw=True, of_run=True)
+def unmeasured_crosses(draft: Draft) -> Iterator[Problem]:
+    """Yield once the raw plates of a camera with a reseau on which no cross is measured."""
+    with_reseau = np.append(_counts(draft.camera["reseau"], len(draft.camera_ids)) > 0, False)
+    lacking = with_reseau[draft.camera_of_photo] & ~_measured(draft, "cross")
+    count = len(_first_plates(draft, lacking))
+    more = f", like {count - 1} more," if count > 1 else ""
+    cards = draft.cards("cross_measurements")
+    message = f"photo {{}}{more} has no measured crosses ({cards}): its film deformation is not corrected"
+    yield from list(_of_plates(draft, lacking, message, "warning"))[:1]
+
+
+@check(raw=True)
+def curvature(draft: Draft) -> Iterator[Problem]:
+    """Yield a correction of the earth's curvature in a job that is not in a grid."""
+    options = draft.reduction
+    if options and options.curvature is Curvature.YES and draft.system is not CoordinateSystem.LOCAL:
+        message = f"earth curvature belongs to jobs in a grid (LOCL), not to {draft.system} ones"
+        yield draft.problem("reduction", 0, message, path="reduction.curvature")
+
+
+@check(raw=True, of_run=True)
+def heights(draft: Draft) -> Iterator[Problem]:
+    """Yield refraction or curvature without the heights of the ground and of every station."""
+    options, path = draft.reduction, "reduction.ground_height"
+    if options is None or (options.atmosphere is Atmosphere.NONE and options.curvature is Curvature.NO):
+        return
+    if draft.lacks("reduction", 0, path):
+        yield draft.problem("reduction", 0, "refraction and curvature need the height of the ground", path=path)
+    if draft.may_lack_station:  # else other checks miss the stations
+        unknown = np.isnan(draft.by_photo("stations", "photos.position")).any(axis=1)
+        message = "photo {} has no station card: refraction and curvature need its height"
+        yield from _of_plates(draft, unknown, message, "error")
+
+
+@check(raw=True)
+def flags(draft: Draft) -> Iterator[Problem]:
+    """Yield the readings of a point whose flag is not that of its first reading on the photo."""
+    taken = draft.rows["plates"]["plates.triangulated"]
+    for row, first in repeats(draft.photo["plates"], draft.point["plates"]):
+        if taken[row] != taken[first]:
+            message = f"the reading {draft.place('plates', first)} says otherwise"
+            yield draft.problem("plates", row, message, path="plates.triangulated")
+
+
+def _first_plates(draft: Draft, wanted: BoolArray) -> IntArray:
+    """Return the rows of the plate cards that name each of the `wanted` (photos,) first."""
+    links, first = np.unique(draft.photo["plates"], return_index=True)
+    return first[(links >= 0) & wanted[links]]
+
+
+def _of_plates(
+    draft: Draft, wanted: BoolArray, message: str, severity: Literal["error", "warning"]
+) -> Iterator[Problem]:
+    """Return a problem of each of the `wanted` (photos,) with plates, whose name stands for `{}` of the message."""
+    rows, names = _first_plates(draft, wanted), draft.names("photos", "plates")
+    return draft.problems("plates", rows, message, names, path="plates.photo", severity=severity)
+
+
+def _cameras_of_plates(draft: Draft) -> IntArray:
+    """Return the cameras of the photos that have plates."""
+    cameras = np.unique(_camera_of_plates(draft)[draft.photo["plates"] >= 0])
+    return cameras[cameras >= 0]
+
+
+def _measured(draft: Draft, what: str) -> BoolArray:
+    """Return (photos,) True where a fiducial or a cross is measured."""
+    return _counts(draft.photo[f"{what}_measurements"], len(draft.photo_ids)) > 0
+
+
+def _counts(links: IntArray, size: int) -> IntArray:
+    return np.bincount(links[links >= 0], minlength=size)
+
+
+def _with_axes(draft: Draft) -> BoolArray:
+    """Return (cameras,) True where distances lie along both axes, or both diagonals."""
+    axis = draft.rows["mark_distances"]["mark_distances.axis"]
+    camera, cameras = draft.camera["mark_distances"], len(draft.camera_ids)
+    complete = np.zeros(cameras, dtype=bool)
+    for pair in _DIRECTIONS:
+        complete |= np.all([_counts(camera[axis == name], cameras) > 0 for name in pair], axis=0)
+    return complete
