@@ -21,7 +21,7 @@ from musatpy.compilation.sounded import Matching, Sounded, nowhere, sounded
 from musatpy.errors import CompilationError, Problem, SoundingError
 from musatpy.files import write_files
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.reports import contour_comparison
+from musatpy.reports import compilation_comparisons
 from musatpy.reports import soundings as report
 from musatpy.reports.record import dumps
 from musatpy.soundings.contour_files import read_contours
@@ -119,8 +119,8 @@ def compare_contours(
     if not compared.distances:
         why = next((row.reason for row in compared.areas), "there is no bottom")
         raise SoundingError([Problem(file=str(source), message=f"no contour has a partner: {why}")])
-    text = contour_comparison.listing_of(compared, of.title, of.caution)
-    values = dumps(contour_comparison.DOCUMENT.record(compared))
+    text = compilation_comparisons.contour_listing(compared, of.title, of.caution)
+    values = dumps(compilation_comparisons.CONTOURS.record(compared))
     write_files(dict(zip(outputs, (text.encode(), values.encode()), strict=True)))
     return compared
 

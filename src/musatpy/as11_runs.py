@@ -30,10 +30,10 @@ from musatpy.interchange.geojson import write_each
 from musatpy.interchange.layers import Lines, Points
 from musatpy.model import Verdict
 from musatpy.model.compilation import AGAIN
-from musatpy.reports import compilation, compilation_setup, run_comparison
+from musatpy.reports import compilation, compilation_comparisons, compilation_setup
 from musatpy.reports.compilation_bottom import contours_csv, grid_csv
-from musatpy.reports.compilation_profiles import profiles_csv
-from musatpy.reports.csv_files import csv_files
+from musatpy.reports.compilation_points import profiles_csv
+from musatpy.reports.pages import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
 
@@ -206,9 +206,9 @@ def compare_points(
     count = sum(len(part.rows) for part in against)
     if not count:
         raise CompilationError([Problem(file=str(deck), message="no point of it has a position in the run too")])
-    values = dumps(run_comparison.DOCUMENT.record((result, against)))
-    write_files({listing: run_comparison.listing_of(result, against).encode(), record: values.encode()})
-    return count, run_comparison.vectors(against), problems
+    values = dumps(compilation_comparisons.AGAINST_RUN.record((result, against)))
+    write_files({listing: compilation_comparisons.point_listing(result, against).encode(), record: values.encode()})
+    return count, compilation_comparisons.vectors(against), problems
 
 
 def setup_paths(deck: Path, out_dir: Path | None) -> tuple[Path, Path]:

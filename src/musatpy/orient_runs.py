@@ -17,7 +17,7 @@ from musatpy.orienting.punched import punched
 from musatpy.orienting.scene import NO_CARD
 from musatpy.orienting.strip_answer import StripAnswer, against
 from musatpy.reports import orientation, orientation_strip
-from musatpy.reports.csv_files import csv_files
+from musatpy.reports.pages import csv_files
 from musatpy.reports.record import dumps
 from musatpy.runs import ExitStatus, output_paths
 

@@ -18,8 +18,8 @@ from musatpy.model import Block, CauseSearch, Grade, RecordContent, Solution, Ve
 from musatpy.model.progress import Progress, begin
 from musatpy.pipeline import adjust
 from musatpy.point_flags import PointFlags, flags_set
-from musatpy.reports.csv_files import csv_files
 from musatpy.reports.listing import printed, sections_of
+from musatpy.reports.pages import csv_files
 from musatpy.reports.record import record_of, texts_of
 from musatpy.statistics import Statistics
 

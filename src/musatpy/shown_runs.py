@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from musatpy.errors import numerics
 from musatpy.figures import check_matplotlib
 from musatpy.files import write_files
-from musatpy.reports.encoding import number
 from musatpy.reports.record import held_tables
+from musatpy.reports.values import number
 from musatpy.runs import RunResult
 from musatpy.statistics import Statistics
 

@@ -22,7 +22,7 @@ from musatpy.compilation.joined_surfaces import BottomPoints, Surface
 from musatpy.errors import SoundingError
 from musatpy.interchange.any_file import write_layers
 from musatpy.interchange.layers import Grid
-from musatpy.reports.contour_comparison import DOCUMENT
+from musatpy.reports.compilation_comparisons import CONTOURS as DOCUMENT
 from musatpy.soundings.contour_files import ContourLines
 from musatpy.surfaces.tin import Tin
 from record_rows import read_rows, with_columns

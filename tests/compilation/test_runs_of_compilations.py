@@ -17,7 +17,7 @@ from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_block
 from musatpy.compilation.true_points import Readings, true_points
 from musatpy.model import Program, WaterLevel
-from musatpy.reports import run_comparison
+from musatpy.reports.compilation_comparisons import AGAINST_RUN
 from record_rows import read_rows, with_columns
 
 DECK = stage_readings.FIXTURES / "st_thomas/st_thomas.crd"
@@ -241,7 +241,7 @@ def test_points_are_compared_with_those_of_the_run(runs: Path, tmp_path: Path) -
     """The lengths are those of the differences; the record obeys its schema; the audit finds nothing."""
     result = musat("as11", "compare-points", runs / "st_thomas.json", stage_readings.DECK, "-o", tmp_path)
     assert result.exit_code == 0
-    record, schema = read_rows(tmp_path / "st_thomas_as11.points.json"), run_comparison.DOCUMENT.schema()
+    record, schema = read_rows(tmp_path / "st_thomas_as11.points.json"), AGAINST_RUN.schema()
     assert not list(violations(with_columns(record, schema), schema, schema))
     lengths = np.linalg.norm([row["difference"] for row in record["against_run"]], axis=1)
     told = f"vectors {lengths.min():.4f} to {lengths.max():.4f} m, mean {lengths.mean():.4f} m"

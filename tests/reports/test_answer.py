@@ -15,9 +15,10 @@ from musatpy.listings import compare_texts
 from musatpy.listings.audit import audit
 from musatpy.listings.audit import listing_of as read_text
 from musatpy.model import Action, CauseKind, Concern, Editing, Finding, Grade, Reason, SystemSpec, Verdict
-from musatpy.reports import answer, brevity
+from musatpy.reports import answer
+from musatpy.reports import listing as listing_module
 from musatpy.reports.headline import content_of, headline
-from musatpy.reports.listing import REPORTS, listing, listing_of
+from musatpy.reports.listing import listing, listing_of, uncut
 from musatpy.reports.pages import BODY_LINES, PAGE_WIDTH
 from musatpy.reports.record import dumps, record_of
 from musatpy.reports.statistical_tests import HIDDEN
@@ -267,8 +268,8 @@ def test_a_brief_listing_keeps_the_worst_rows_and_says_how_many_there_are(monkey
     solution = sample_solution()
     whole = listing(solution, brief=True)
     assert "Only the worst" not in whole and "Residuals Of Plate Measurements" not in whole
-    monkeypatch.setattr(brevity, "MOST_PAGES", 3)
-    monkeypatch.setattr(brevity, "_STEPS", ((5, 5, 5),))
+    monkeypatch.setattr(listing_module, "MOST_PAGES", 3)
+    monkeypatch.setattr(listing_module, "_STEPS", ((5, 5, 5),))
     text = listing(solution, brief=True)
     lines = section(text, "Adjusted Ground Points")
     sizes = np.linalg.norm(Statistics(solution).point_sigmas, axis=1)
@@ -287,7 +288,7 @@ def test_what_may_be_cut_are_rows_each_of_them_once(angles):
     block = dataclasses.replace(sample_solution().block, stated_in=SystemSpec(kind="GEOC", angles=angles))
     for solution in (sample_solution(), dataclasses.replace(sample_solution(), block=block)):
         statistics = Statistics(solution)
-        for table in brevity.uncut(statistics, REPORTS):
+        for table in uncut(statistics):
             assert sorted(table.worst) == list(range(len(table.worst)))
             assert len(table.worst) <= len(table.lines) and "" not in table.lines[: len(table.worst)]
 
@@ -304,7 +305,7 @@ def test_a_block_of_320_photos_is_brief_on_forty_pages(tmp_path):
     statistics = Statistics(adjust(simulate(spec).block))
     assert len(statistics.block.photos.ids) == 320 and len(statistics.block.points.ids) > 4000
     text = listing_of(statistics, brief=True)
-    assert 20 < len(pages_of(text)) <= brevity.MOST_PAGES
+    assert 20 < len(pages_of(text)) <= listing_module.MOST_PAGES
     assert "320 rows" not in text[text.index("\nAdjusted Exposure Stations: P") :]  # stations are all there
     found = read_text(text, "x")
     assert found.unreadable == () and audit(found) == []

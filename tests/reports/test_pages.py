@@ -13,12 +13,10 @@ from hypothesis import strategies as st
 from musatpy.fortran import FieldError, parse_edit, write_number
 from musatpy.model import CoordinateSystem, Refraction
 from musatpy.reports import table
-from musatpy.reports.characters import strings
-from musatpy.reports.csv_files import csv_files
-from musatpy.reports.editing import MANY, characters, edited, field_width
+from musatpy.reports.editing import MANY, characters, edited, field_width, strings
 from musatpy.reports.fields import unrecorded
 from musatpy.reports.listing import sections_of
-from musatpy.reports.pages import PAGE_LINES, Section, paginate, print_pages
+from musatpy.reports.pages import PAGE_LINES, Section, csv_files, paginate, print_pages
 from musatpy.reports.record import record_of
 from musatpy.runs import run_deck
 from musatpy.statistics import Statistics

@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from altered import altered
 from json_schema import MANUAL, SCHEMA, load_schema, violations, with_table
 from musatpy.model import CoordinateSystem, RecordContent, Refraction
-from musatpy.reports import record_text
-from musatpy.reports.encoding import rounded
+from musatpy.reports import record as record_module
 from musatpy.reports.fields import Field, Rows
-from musatpy.reports.lazy_columns import LazyColumn
 from musatpy.reports.record import dumps, held_tables, record, record_of, schema_text, texts_of
+from musatpy.reports.values import LazyColumn, rounded
 from musatpy.statistics import Statistics
 from sample_solutions import sample_solution
 
@@ -61,14 +60,14 @@ def test_only_what_is_named_is_made():
 
 def test_the_text_of_odd_values_is_that_of_the_table(monkeypatch):
     """Quotes, percent signs and what is no number; more rows than are made at a time; a table without rows."""
-    monkeypatch.setattr(record_text, "_ROWS", 2)
+    monkeypatch.setattr(record_module, "_ROWS", 2)
     names = ['a "quoted" 100% one', "", "\u00fc\\", "b", "b"]
     values = np.array([1.0, np.nan, np.inf, -0.0, 1e-300])
     table = Rows(
         "t %s",
         "",
-        lambda s: s,
-        (
+        of=lambda s: s,
+        fields=(
             Field("name", "string", "", lambda s: names),
             Field("%d", "number?", "", lambda s: values),
             Field("pair", "2x2 number?", "", lambda s: np.arange(20.0).reshape(5, 2, 2)),
@@ -79,8 +78,8 @@ def test_the_text_of_odd_values_is_that_of_the_table(monkeypatch):
             Field("mixed", "string?", "", lambda s: [None, "a", None, "b", "c"]),
         ),
     )
-    empty = Rows("empty", "", lambda s: None, table.fields)
-    text = "".join(record_text.record_texts([table, empty], 1))
+    empty = Rows("empty", "", of=lambda s: None, fields=table.fields)
+    text = "".join(record_module.record_texts([table, empty], 1))
     found = json.loads(text)
     assert found == json.loads(dumps({node.name: node.json(1) for node in (table, empty)}))
     assert found["t %s"]["%d"] == [1.0, None, None, 0.0, 1e-300] and found["t %s"]["name"] == names
@@ -96,8 +95,8 @@ def test_coordinates_angles_and_covariances_are_whole_and_the_rest_has_twelve_di
     ragged = Field("some", "* number?", "", lambda s: [[1.0 / 3.0, None], []][:1], "m")
     texts = Field("text", "string", "", lambda s: ["a"])
     assert exact.digits is None and texts.digits is None and ragged.digits == 12
-    table = Rows("t", "", lambda s: s, (*fields, exact, ragged, texts))
-    found = json.loads("".join(record_text.record_texts([table], 1)))["t"]
+    table = Rows("t", "", of=lambda s: s, fields=(*fields, exact, ragged, texts))
+    found = json.loads("".join(record_module.record_texts([table], 1)))["t"]
     for field in fields:
         assert found[field.name] == [1.0 / 3.0 if field.digits is None else 0.333333333333]
     assert found["place"] == [[1.0 / 3.0, None]] and found["some"] == [[0.333333333333, None]]
@@ -125,9 +124,9 @@ def test_columns_are_rounded_to_their_digits(values, digits):
 def test_with_and_without_a_package_the_numbers_are_the_same(monkeypatch, package):
     """To the last bit, whichever way their exponents are written."""
     if package:
-        monkeypatch.setattr(record_text, "_MANY", 0)
+        monkeypatch.setattr(record_module, "_MANY", 0)
     else:
-        monkeypatch.setattr(record_text, "quick_json", lambda: None)
+        monkeypatch.setattr(record_module, "quick_json", lambda: None)
     for system, refraction in CASES[::3]:
         statistics = Statistics(sample_solution(system, refraction))
         text = "".join(texts_of(statistics))

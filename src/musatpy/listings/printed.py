@@ -28,11 +28,9 @@ from musatpy.listings.rules import Rules
 from musatpy.listings.sections import Row, Section, numbered, sections_of, squeezed
 from musatpy.listings.tokens import Placed, tokens_of
 from musatpy.reports.editing import edited
-from musatpy.reports.encoding import plain
 from musatpy.reports.fields import Field
-from musatpy.reports.labels import Labels, Texts
-from musatpy.reports.table import Report, Table
-from musatpy.reports.values import Values, at
+from musatpy.reports.table import Labels, Report, Table, Texts
+from musatpy.reports.values import Values, at, plain
 
 _MORE = re.compile(r"and \d+ more\b")  # texts that are not printed
 _SPOILT = (LookupError, TypeError, ValueError, ArithmeticError, AttributeError)  # of what no record of ours has
@@ -85,7 +83,7 @@ def _record_of(text: str, name: str) -> Record:
 @cache
 def stated_sections() -> tuple[Any, ...]:
     """Return what the reports state of all sections with numbers of the record."""
-    from musatpy.reports.statements import statements  # two listings need them not
+    from musatpy.reports.listing import statements  # two listings need them not
 
     return tuple(one for one in statements() if not isinstance(one, Report) or one.place)
 

@@ -69,7 +69,7 @@ def _of_object(nodes: Iterable[Node[Any]], path: str, item: Any) -> Iterator[Rec
         if isinstance(node, Group):
             yield from _of_object(node.fields, name, None if item is None else node.of(item))
         elif isinstance(node, Rows):
-            values = ((field, []) for field in node.fields) if item is None else node.columns(item)
+            values = ((field, []) for field in node.recorded) if item is None else node.columns(item)
             columns = chain.from_iterable(_columns(*entry) for entry in values)
             yield RecordTable(name=name, columns=tuple(columns), is_object=False)
         elif isinstance(node, Each):
@@ -81,7 +81,7 @@ def _of_each(node: Each[Any, Any], name: str, items: list[Any]) -> Iterator[Reco
 
     In front of the columns of the latter stands what the thing is called: its first field.
     """
-    plain = [field for field in node.fields if isinstance(field, Field)]
+    plain = [field for field in node.fields if isinstance(field, Field) and field.kind]
     columns = chain.from_iterable(_columns(field, [field.of(item) for item in items]) for field in plain)
     yield RecordTable(name=name, columns=tuple(columns), is_object=False)
     for inner in node.fields:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from musatpy.fortran import parse_edit
-from musatpy.reports.headings import SEXAGESIMAL
+from musatpy.reports.editing import SEXAGESIMAL
 from musatpy.units import dms_from_radians
 
 # Units as a page writes them.

@@ -18,9 +18,8 @@ from musatpy.plots.tables import Tables, flags, numbers, part, texts
 from musatpy.reports import (
     compilation,
     compilation_bottom,
+    compilation_comparisons,
     compilation_points,
-    compilation_profiles,
-    run_comparison,
 )
 from musatpy.reports.answer import USE
 from musatpy.reports.table import Report
@@ -38,14 +37,14 @@ _MODELS = (
     *map(_open, (compilation.MODEL_TABLE, compilation.RECOVERED_TABLE)),
     PageReport(compilation.SHORE_TABLE),
 )
-_BOTTOM = tuple(map(_open, (*compilation_profiles.STATED, *compilation_bottom.STATED)))
+_BOTTOM = tuple(map(_open, (*compilation_points.OF_PROFILES, *compilation_bottom.STATED)))
 _OF_POINTS = tuple(
     PageReport(report, _POINTS)
     for report in (
         compilation_points.POINT_TABLE,
         compilation_points.RAY_TABLE,
         compilation_points.APPARENT_TABLE,
-        run_comparison.RUN_TABLE,
+        compilation_comparisons.RUN_TABLE,
     )
 )
 

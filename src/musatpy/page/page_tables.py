@@ -11,7 +11,7 @@ import numpy as np
 from musatpy.page.cells import UNITS, cell_text
 from musatpy.page.rendering import Chapter, Head, PagePicture, PageReason, PageTable, Part, Sentences
 from musatpy.plots.tables import Tables
-from musatpy.reports.headings import named
+from musatpy.reports.editing import named
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import at
 

@@ -38,7 +38,6 @@ from musatpy.reports import (
     solution_summary,
     statistical_tests,
     titles,
-    waves_page,
 )
 from musatpy.reports.fields import Field, same
 from musatpy.reports.table import Report
@@ -93,7 +92,7 @@ _WATER = (
     _open(bathymetric.FLAG_TABLE),
     _of_photos(adjusted_water.CORRECTIONS),
     _open(adjusted_water.CONSIDERED),
-    PageReport(waves_page.SEA),
+    PageReport(echo.SEA),
     _open(adjusted_water.WAVES),
     PageReport(adjusted_water.PARAMETERS_OF_WAVES),
     PageReport(adjusted_water.CORRELATIONS, _FEW),

@@ -15,11 +15,9 @@ from musatpy.model import (
 )
 from musatpy.model.solution import WAVE_VALUES
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Field, Group, Rows, same
-from musatpy.reports.labels import Content, Labels, numbers_at
-from musatpy.reports.pages import Section
-from musatpy.reports.table import Report
-from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.fields import Field, Group, Rows
+from musatpy.reports.pages import Section, labelled, wrapped
+from musatpy.reports.table import Content, Labels, Report, numbers_at
 from musatpy.reports.values import Values, at
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import exact_water
@@ -38,7 +36,6 @@ def _water(statistics: Statistics) -> AdjustedWater:
 _WAVES = Rows[AdjustedWaves, AdjustedWaves](
     "waves",
     "the waves as adjusted",
-    same,
     (
         Field("wave", "string", "wave id; of waves without one, their number", lambda w: w.ids, heading="Wave",
               edit="A4", is_id=True),
@@ -69,7 +66,6 @@ def _in_printed_units(t: Values, name: str) -> FloatArray:
 _PARAMETERS = Rows[AdjustedWaves, AdjustedWaves](
     "parameters",
     "one row per parameter of a wave, known or not",
-    same,
     (
         Field("wave", "string", "wave id", lambda w: np.repeat(w.ids, len(WAVE_VALUES)), heading="Wave", edit="A4",
               is_id=True),
@@ -82,6 +78,8 @@ _PARAMETERS = Rows[AdjustedWaves, AdjustedWaves](
               _OF_WAVE, heading="Sigma", edit="F9.4", shown=lambda t: _in_printed_units(t, "given_sigma")),
         Field("adjusted", "number", "adjusted", lambda w: w.value.ravel(), _OF_WAVE, heading="Adjusted",
               edit="F10.4", shown=lambda t: _in_printed_units(t, "adjusted")),
+        Field("change", heading="Adjusted\n- given", edit="F10.4",
+              shown=lambda t: _in_printed_units(t, "adjusted") - _in_printed_units(t, "given")),
         Field("sigma", "number?", "a posteriori; null where it was known", lambda w: w.sigma.ravel(), _OF_WAVE,
               heading="Sigma", edit="F9.4", shown=lambda t: _in_printed_units(t, "sigma")),
         Field("kept", "number?",
@@ -97,7 +95,6 @@ _CORRELATIONS_OF_WAVES = Rows[AdjustedWaves, AdjustedWaves](
     "correlations",
     "of the unknown parameters with one another, with the other unknowns of the water, and with the station height "
     "most correlated",
-    same,
     (
         Field("first", "string", "a parameter of a wave", heading="Unknown", edit="A18", is_id=True),
         Field("second", "string", "the other unknown", heading="With", edit="A26", is_id=True),
@@ -114,8 +111,8 @@ def _considered_sigmas(water: ConsideredWater) -> FloatArray:
 _CORRECTIONS = Rows[Statistics, AdjustedWater](
     "corrections",
     "corrections of tides",
-    _water,
-    (
+    of=_water,
+    fields=(
         Field("group", "string", "photo, group or day; empty for all photos", lambda w: w.correction_ids,
               heading="Photo or group", edit="A14", words={"": "all photos"}, is_id=True),
         Field("correction", "number?", "to be added to the given tides; null: not determined", unit="m",
@@ -126,8 +123,8 @@ _CORRECTIONS = Rows[Statistics, AdjustedWater](
 _CONSIDERED = Rows[Statistics, ConsideredWater](
     "considered",
     "water that was known with a sigma and not adjusted; its errors are in all sigmas",
-    lambda s: s.solution.considered,
-    (
+    of=lambda s: s.solution.considered,
+    fields=(
         Field("quantity", "string",
               "the level of a tide group, day or photo; the tilt; the index; a parameter of a wave",
               lambda c: c.names, heading="Quantity", edit="A36", is_id=True),
@@ -139,8 +136,8 @@ _CONSIDERED = Rows[Statistics, ConsideredWater](
 ADJUSTED_WATER = Group[Statistics, Statistics](
     "adjusted_water",
     "the water after the adjustment; null without a water card",
-    lambda s: None if s.solution.water is None else s,
-    (
+    of=lambda s: None if s.solution.water is None else s,
+    fields=(
         Field("tide", "* number?", "height of the water at each photo", lambda s: _water(s).tide, "m"),
         _CORRECTIONS,
         Field("tilt", "* number", "slopes towards east and north", lambda s: _water(s).tilt, "rad"),
@@ -150,8 +147,8 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
         Group[Statistics, AdjustedWaves](
             "waves",
             "waves whose parameters were unknown; null without such",
-            lambda s: _water(s).waves,
-            (_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES),
+            of=lambda s: _water(s).waves,
+            fields=(_WAVES, _PARAMETERS, _CORRELATIONS_OF_WAVES),
             optional=True,
         ),
         _CONSIDERED,
@@ -167,8 +164,8 @@ ADJUSTED_WATER = Group[Statistics, Statistics](
 WATER_PRECISION = Rows[Statistics, WaterPrecision](
     "water_precision",
     "one row per quantity of the water that is adjusted or considered, but unknown levels of single photos",
-    lambda s: s.solution.water_precision,
-    (
+    of=lambda s: s.solution.water_precision,
+    fields=(
         Field("quantity", "string", "level, tilt, index or parameter of a wave", lambda w: w.names),
         Field("covariance", "* number?", "a posteriori, with all of them in this order", unit="m, rad"),
         Field("stations", "* number?",
@@ -225,42 +222,23 @@ PARAMETERS_OF_WAVES: Report[AdjustedWaves] = Report(
     title="Water: How Well The Waves Are Known",
     table=_PARAMETERS,
     path="adjusted_water.waves.parameters",
-    columns=(
-        "wave",
-        "parameter",
-        "given",
-        "given_sigma",
-        "adjusted",
-        Field(
-            "change",
-            heading="Adjusted\n- given",
-            edit="F10.4",
-            shown=lambda t: _in_printed_units(t, "adjusted") - _in_printed_units(t, "given"),
-        ),
-        "sigma",
-        "inflation",
-        "verdict",
-    ),
 )
 CORRELATIONS: Report[AdjustedWaves] = Report(
     title="Water: Correlations Of The Waves",
     table=_CORRELATIONS_OF_WAVES,
     path="adjusted_water.waves.correlations",
     worst=lambda t: np.abs(t["correlation"]),
-    columns=("first", "second", "correlation"),
 )
 CONSIDERED: Report[Statistics] = Report(
     title="Water: Known With An Error",
     table=_CONSIDERED,
     path="adjusted_water.considered",
-    columns=("quantity", "sigma", "unit"),
 )
 CORRECTIONS: Report[Statistics] = Report(
     title="Water: Corrections Of The Tides",
     table=_CORRECTIONS,
     path="adjusted_water.corrections",
     worst=lambda t: np.abs(t["correction"]),
-    columns=("group", "correction", "correction_sigma"),
 )
 
 

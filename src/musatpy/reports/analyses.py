@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.model import Block, Refraction
 from musatpy.reports.editing import edited, prints_as_zero
-from musatpy.reports.fields import Each, Field, Group, Rows, same
+from musatpy.reports.fields import Each, Field, Group, Rows
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -51,7 +51,7 @@ def _analysis(name: str, text: str, of: Callable[[Statistics], Analysis]) -> Eac
         analysis = of(statistics)
         return list(zip(analysis.components, analysis.units, analysis.statistics, strict=True))
 
-    return Each(name, text, components, _DIFFERENCES, shared="analysis", length=3)
+    return Each(name, text, of=components, fields=_DIFFERENCES, shared="analysis", length=3)
 
 
 _ANALYSES = (
@@ -64,9 +64,7 @@ _ANALYSES = (
     _analysis("check_point", "adjusted minus given positions of check points", lambda s: s.check_points),
 )  # fmt: skip
 ANALYSIS = _ANALYSES[0]
-ANALYSES = Group[Statistics, Statistics](
-    "analyses", "the standard analyses, one row per component", same, _ANALYSES
-)
+ANALYSES = Group[Statistics, Statistics]("analyses", "the standard analyses, one row per component", _ANALYSES)
 
 
 def _report(table: Each[Statistics, Component], title: str, row: str) -> Report[Statistics]:
@@ -99,7 +97,6 @@ CHECK_POINTS = _report(_ANALYSES[3], "Check Point Analysis", "Point")
 FRAMES = Rows[Statistics, Statistics](
     "frames",
     "one row per photo",
-    same,
     (
         Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
         Field("count", "3 integer", "points of each kind", lambda s: s.plates.count),
@@ -116,7 +113,6 @@ def _largest(statistics: Statistics) -> list[str | None]:
 PLATE_STATISTICS = Group[Statistics, Statistics](
     "plate_statistics",
     "RMS plate residuals",
-    same,
     (
         Field("kinds", "3 string", "order of the kinds in count, rms, largest and the totals",
               lambda s: PLATE_KINDS, heading="Points", edit="A16", is_id=True),

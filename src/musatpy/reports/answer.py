@@ -12,10 +12,8 @@ import musatpy
 from musatpy.model import Grade
 from musatpy.reports import blunders, pages, residuals
 from musatpy.reports.headline import content_of, headline
-from musatpy.reports.labels import Content, Labels, Texts, count_at, sentences_at
-from musatpy.reports.pages import Section
-from musatpy.reports.table import Report
-from musatpy.reports.text import by_kind, labelled, wrapped
+from musatpy.reports.pages import Section, by_kind, labelled, wrapped
+from musatpy.reports.table import Content, Labels, Report, Texts, count_at, sentences_at
 from musatpy.reports.titles import REFRACTION, SYSTEMS
 from musatpy.reports.values import at
 from musatpy.statistics import Statistics

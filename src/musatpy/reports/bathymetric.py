@@ -9,10 +9,9 @@ import numpy as np
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Field, Rows, same
-from musatpy.reports.pages import Section
+from musatpy.reports.fields import Field, Rows
+from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.text import wrapped
 from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import NOT_GIVEN
@@ -31,7 +30,6 @@ def _given_heights(statistics: Statistics) -> list[str | None]:
 BATHYMETRIC = Rows[Statistics, Statistics](
     "bathymetric_points",
     "one row per submerged point; X, Y, Z are geocentric, or the job's own in LOCL jobs",
-    same,
     (
         Field("point", "string", "point id", lambda s: s.block.points.ids[s.solution.bathymetric.point],
               heading="Point", edit="A8", is_id=True),
@@ -114,7 +112,6 @@ def _rows(statistics: Statistics) -> IntArray:
 FLAGS = Rows[Statistics, Statistics](
     "flags_against_heights",
     "one row per point whose height contradicts its flag, the worst first; with the other flag for all too",
-    same,
     (
         Field("point", "string", "point id", lambda s: s.block.points.ids[s.flags.point[_rows(s)]], heading="Point",
               edit="A8", is_id=True),
@@ -135,7 +132,6 @@ FLAGS = Rows[Statistics, Statistics](
 FLAG_TABLE: Report[Statistics] = Report(
     title=TITLE,
     table=FLAGS,
-    columns=("point", "bathymetric", "height", "water", "sigma", "sigmas", "other_height"),
 )
 
 

@@ -14,18 +14,17 @@ from musatpy.model import (
     Finding,
     Solution,
 )
+from musatpy.reports.editing import printed_unit
 from musatpy.reports.fields import Each, Field
-from musatpy.reports.headings import printed_unit
-from musatpy.reports.pages import Section
+from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 
 FINDINGS = Each[Statistics, Finding](
     "findings",
     "one row per finding of the search for blunders",
-    lambda s: s.solution.findings,
-    (
+    of=lambda s: s.solution.findings,
+    fields=(
         Field("blunder", "string", "what is wrong", heading="Blunder", edit="A21", is_id=True),
         Field("photo", "string?", "photo id; of tides also a group, a day, or all", lambda f: f.photo or None,
               heading="Photo", edit="A17", is_id=True),
@@ -41,8 +40,8 @@ FINDINGS = Each[Statistics, Finding](
 CAUSES = Each[Statistics, Cause](
     "causes",
     "ranked causes of what does not fit: of a search that was asked for, and of runs that failed or are doubtful",
-    lambda s: s.solution.causes,
-    (
+    of=lambda s: s.solution.causes,
+    fields=(
         Field("group", "integer", "causes of one group explain the same misfit", heading="Group", edit="I5"),
         Field("rank", "integer",
               "in the group; causes of one rank explain it equally well, the cheaper to check first",

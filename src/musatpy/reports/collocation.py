@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from musatpy.reports.fields import unrecorded
+from musatpy.reports.pages import text_of
 from musatpy.reports.table import Table
-from musatpy.reports.text import text_of
 from musatpy.sea.interpolation.correlation import Family
 from musatpy.sea.interpolation.interpolate import Candidate, Interpolation, Verdict
 from musatpy.sea.interpolation.prediction import Trend

@@ -10,9 +10,8 @@ from musatpy.arrays import FloatArray, IntArray
 from musatpy.probability import FAMILY_RISK
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Field, Group, Rows
-from musatpy.reports.pages import Section
+from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.statistics.quality import BETA, CommonErrors
 from musatpy.statistics.verdict import COMMON_ERRORS
@@ -59,7 +58,6 @@ def _moves(kind: int) -> tuple[Field[Statistics], ...]:
 PARAMETERS = Rows[Statistics, Statistics](
     "parameters",
     "one row per parameter that is held",
-    lambda s: s,
     (
         Field("parameter", "string", "name", lambda s: _errors(s).held.names, heading="Parameter", edit="A29",
               is_id=True),
@@ -82,8 +80,8 @@ PARAMETERS = Rows[Statistics, Statistics](
 _ERRORS = Group[Statistics, Statistics](
     "common_errors",
     "parameters that are held and common to many observations; null where the run did not converge",
-    lambda s: None if s.common_errors is None else s,
-    (
+    of=lambda s: None if s.common_errors is None else s,
+    fields=(
         Field("limit", "number", "of the test values", lambda s: _errors(s).limit),
         Field("adjusted", "integer", "left out as they are adjusted", lambda s: _errors(s).held.adjusted),
         Field(

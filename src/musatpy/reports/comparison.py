@@ -8,9 +8,9 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.comparison import Comparison, Differences
-from musatpy.reports.encoding import Json, plain, rows
 from musatpy.reports.fields import Field, unrecorded
 from musatpy.reports.table import Table
+from musatpy.reports.values import Json, plain, rows
 
 _LISTED = 20
 _AXES = ("East", "North", "Up")

@@ -12,20 +12,17 @@ from musatpy.arrays import FloatArray
 from musatpy.model import Verdict
 from musatpy.reports import (
     compilation_bottom,
+    compilation_comparisons,
     compilation_points,
-    compilation_profiles,
     iterations,
     job_record,
-    run_comparison,
 )
 from musatpy.reports.answer import MARKS, USE
-from musatpy.reports.encoding import Json
+from musatpy.reports.editing import position
 from musatpy.reports.fields import POSITION_UNIT, Document, Each, Field, Group, same
-from musatpy.reports.headings import position
-from musatpy.reports.labels import Texts, sentences_at
-from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
-from musatpy.reports.table import Report
-from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, laid_out, print_pages, wrapped
+from musatpy.reports.table import Report, Texts, sentences_at
+from musatpy.reports.values import Json
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
@@ -43,7 +40,6 @@ _ABOUT = (
 JOB: Group[Compiled, Compiled] = Group(
     "job",
     "what was compiled",
-    same,
     (
         Field("titles", "* string", "titles of the deck", lambda c: c.deck.titles),
         Field("system", "string", "coordinate system of the run", lambda c: c.run.block.options.system),
@@ -56,12 +52,12 @@ JOB: Group[Compiled, Compiled] = Group(
         Field("datum_sigma", "number", "of that", lambda c: c.datum.sigma, "m"),
     ),
 )
-VERDICT: Group[Verdict, Verdict] = Group("verdict", "what it is worth", same, iterations.VERDICT.fields)
+VERDICT: Group[Verdict, Verdict] = Group("verdict", "what it is worth", iterations.VERDICT.fields)
 MODELS: Each[Compiled, CompiledModel] = Each(
     "models",
     "one row per stereomodel",
-    lambda c: c.models,
-    (
+    of=lambda c: c.models,
+    fields=(
         Field("model", "string", "model id", lambda m: m.name, heading="Model", edit="A8", is_id=True),
         Field("photos", "2 string", "left and right", lambda m: _ids(m), heading=("Left", "Right"), edit="A8"),
         Field("mode", "string", "IMAGE or PRINTED", lambda m: m.mode, heading="Mode", edit="A7"),
@@ -98,8 +94,8 @@ MODELS: Each[Compiled, CompiledModel] = Each(
 SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
     "shoreline",
     "one row per model with points of the shoreline: their heights over the mean tide",
-    lambda c: _shorelines(c),
-    (
+    of=lambda c: _shorelines(c),
+    fields=(
         Field("model", "string", "model id", lambda s: s[0], heading="Model", edit="A8", is_id=True),
         Field("points", "integer", "on the shoreline", lambda s: len(s[1]), heading="Points", edit="I6"),
         Field("mean", "number", "of the heights", lambda s: s[1].mean(), "m", heading="Mean\nm", edit="F8.3"),
@@ -111,8 +107,8 @@ SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
 RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
     "recovered",
     "one row per model: readings of class R less what the points of the run predict",
-    lambda s: s[1],
-    (
+    of=lambda s: s[1],
+    fields=(
         Field("model", "string", "model id", lambda a: a.model.name, heading="Model", edit="A8", is_id=True),
         Field("points", "integer", "read again", lambda a: int(a.again.sum()), heading="Points", edit="I6"),
         Field("rms", "2x2 number?", "left and right, x and y", lambda a: a.rms, "mm"),
@@ -131,9 +127,9 @@ DOCUMENT: Document[Compiled] = Document(
     title="musatpy compilation",
     about=_ABOUT,
     nodes=(
-        *(VERDICT, JOB, MODELS, *compilation_points.RECORD, SHORELINES, RECOVERED),
-        *run_comparison.RECORD,
-        *compilation_profiles.RECORD,
+        *(VERDICT, JOB, MODELS, compilation_points.POINTS, compilation_points.ANSWER, SHORELINES, RECOVERED),
+        *compilation_comparisons.RECORD,
+        *(compilation_points.PROFILES, compilation_points.SCANS),
         *compilation_bottom.RECORD,
         Field("warnings", "* string", "what is odd about the readings", same),
     ),
@@ -251,10 +247,9 @@ RECOVERED_TABLE: Report[Any] = Report(
 SHORE_TABLE: Report[Any] = Report(
     title="Shoreline: Heights Over The Tide",
     table=SHORELINES,
-    columns=("model", "points", "mean", "rms", "largest"),
 )
 WARNINGS = Texts("Warnings Of Run And Readings", lambda r: sentences_at(r, "warnings"), "warnings")
-STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, *run_comparison.STATED)
+STATED = (WARNINGS, MODEL_TABLE, SHORE_TABLE, RECOVERED_TABLE, compilation_comparisons.RUN_TABLE)
 
 
 def sections_of(
@@ -274,11 +269,11 @@ def sections_of(
         Section(title="Verdict", lines=[f"{verdict.grade}: {USE[verdict.grade]}", *against_it]),
         *model_sections(compiled, against, warnings),
         *([Section(title="Points Without Coordinates", lines=wrapped(reasons))] if reasons else []),
-        *compilation_points.sections_of(compiled),
+        *compilation_points.point_sections(compiled),
         *([SHORE_TABLE.section(compiled)] if _shorelines(compiled) else []),
-        *compilation_profiles.sections_of(profiles, scans),
+        *compilation_points.profile_sections(profiles, scans),
         *compilation_bottom.sections_of(bottoms),
-        *run_comparison.sections_of(compiled, against),
+        *compilation_comparisons.sections_of(compiled, against),
     ]
 
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.reports.fields import Each, Field
-from musatpy.reports.pages import Section
+from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.text import wrapped
 from musatpy.surfaces.contours import bounds
 
 if TYPE_CHECKING:
@@ -27,8 +26,8 @@ Level = tuple[str, float, bool, int, float, float]
 SURFACES: Each[Bottoms, tuple[str, Surface, Bottom]] = Each(
     "surfaces",
     "one row per surface of models that overlap, where depths or heights were asked for",
-    lambda bottoms: _numbered(bottoms),
-    (
+    of=lambda bottoms: _numbered(bottoms),
+    fields=(
         Field("surface", "string", "number, behind an H of heights", lambda s: s[0], heading="Surface", edit="A7",
               is_id=True),
         Field("of", "enum", "what it has at its points", lambda s: s[2].of, choices=("depth", "height"),
@@ -55,8 +54,8 @@ SURFACES: Each[Bottoms, tuple[str, Surface, Bottom]] = Each(
 EDGES: Each[Bottoms, tuple[Bottom, EdgeMatch]] = Each(
     "edge_match",
     "one row per pair of models that overlap: values of the first less those of the second",
-    lambda bottoms: _edges(bottoms),
-    (
+    of=lambda bottoms: _edges(bottoms),
+    fields=(
         Field("models", "2 string", "model ids", lambda e: e[1].models, heading=("First", "Second"), edit="A8",
               is_id=True),
         Field("of", "enum", "what is compared", lambda e: e[0].of, choices=("depth", "height"), heading="Of",
@@ -77,8 +76,8 @@ EDGES: Each[Bottoms, tuple[Bottom, EdgeMatch]] = Each(
 GRIDS: Each[Bottoms, PostGrid] = Each(
     "grids",
     "one row per grid of posts",
-    lambda bottoms: _grids(bottoms),
-    (
+    of=lambda bottoms: _grids(bottoms),
+    fields=(
         Field("grid", "string", "name", lambda g: g.name, heading="Grid", edit="A8", is_id=True),
         Field("spacing", "number", "of the posts", unit="m", heading="Spacing\nm", edit="F9.2"),
         Field("posts", "2 integer", "rows and columns", lambda g: g.depth.shape, heading=("Rows", "Columns"),
@@ -109,8 +108,8 @@ _DRAWN: tuple[Field[Level], ...] = (
 CONTOURS: Each[Bottoms, Level] = Each(
     "contours",
     "one row per depth of a surface or grid",
-    lambda bottoms: _levels(bottoms, "depth"),
-    (
+    of=lambda bottoms: _levels(bottoms, "depth"),
+    fields=(
         Field("contour", "string", "surface or grid, and depth", lambda c: f"{c[0]}:{c[1]:.3f}", heading="Contour",
               edit="A18", is_id=True),
         Field("surface", "string", "number, or name of a grid", lambda c: c[0]),
@@ -123,8 +122,8 @@ CONTOURS: Each[Bottoms, Level] = Each(
 HEIGHT_CONTOURS: Each[Bottoms, Level] = Each(
     "height_contours",
     "one row per height of a surface",
-    lambda bottoms: _levels(bottoms, "height"),
-    (
+    of=lambda bottoms: _levels(bottoms, "height"),
+    fields=(
         Field("contour", "string", "surface and height", lambda c: f"{c[0]}:{c[1]:.3f}", heading="Contour",
               edit="A18", is_id=True),
         Field("surface", "string", "number", lambda c: c[0]),
@@ -170,7 +169,6 @@ def _levels(bottoms: Bottoms, of: str) -> list[Level]:
 SURFACE_TABLE: Report[Any] = Report(
     title="Surfaces",
     table=SURFACES,
-    columns=("surface", "of", "points", "merged", "left_out", "area", "least", "greatest", "dropped", "reason"),
 )
 GRID_TABLE: Report[Any] = Report(
     title="Grids Of Posts",
@@ -186,22 +184,14 @@ COLLOCATED_TABLE: Report[Any] = Report(
 EDGE_TABLE: Report[Any] = Report(
     title="Edge Match: The First Model Less The Second",
     table=EDGES,
-    columns=("models", "of", "points", "mean", "rms", "expected", "largest", "point"),
 )
 CONTOUR_TABLE: Report[Any] = Report(
     title="Contours",
     table=CONTOURS,
-    columns=(
-        "contour",
-        "depth",
-        "drying",
-        *(field.name for field in _DRAWN),
-    ),
 )
 HEIGHT_TABLE: Report[Any] = Report(
     title="Contours Of Height",
     table=HEIGHT_CONTOURS,
-    columns=("contour", "height", *(field.name for field in _DRAWN)),
 )
 STATED = (SURFACE_TABLE, EDGE_TABLE, CONTOUR_TABLE, HEIGHT_TABLE, GRID_TABLE, COLLOCATED_TABLE)
 

@@ -38,7 +38,6 @@ class SetUps:
 RUN_POINTS: Rows[SetUps, SetUps] = Rows(
     "points",
     "one row per point of the run that both photos of a model show",
-    same,
     (
         Field("model", "string", "model id", lambda s: _model_ids(s), heading="Model", edit="A8", is_id=True),
         Field("point", "string", "point id", lambda s: _point_ids(s), heading="Point", edit="A8", is_id=True),
@@ -58,7 +57,6 @@ RUN_POINTS: Rows[SetUps, SetUps] = Rows(
 EXPECTED: Rows[SetUps, SetUps] = Rows(
     "expected",
     "standard errors to expect of points at places of a model",
-    same,
     (
         Field("model", "string", "model id", lambda s: _expected_ids(s), heading="Model", edit="A8", is_id=True),
         Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m", exact=True,
@@ -146,12 +144,10 @@ GEOMETRY_TABLE: Report[Any] = Report(
 POINT_TABLE: Report[Any] = Report(
     title="Points Of The Run In The Model",
     table=RUN_POINTS,
-    columns=("model", "point", "submerged", "predicted", "difference", "y_parallax", "straight_y_parallax"),
 )
 EXPECTED_TABLE: Report[Any] = Report(
     title="Standard Errors To Expect",
     table=EXPECTED,
-    columns=("model", "place", "depth", "sigma", "depth_sigma", "pointing_sigma", "run_sigma"),
 )
 STATED = (GEOMETRY_TABLE, AXES_TABLE, POINT_TABLE, EXPECTED_TABLE)
 

@@ -10,12 +10,11 @@ from musatpy.model import (
     ObservationKind,
 )
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
-from musatpy.reports.encoding import names, plain
-from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, same
-from musatpy.reports.headings import along_axes
-from musatpy.reports.pages import Section
+from musatpy.reports.editing import along_axes
+from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows
+from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, worst_first
-from musatpy.reports.text import wrapped
+from musatpy.reports.values import names, plain
 from musatpy.statistics import Statistics
 from musatpy.statistics.quality import TEST_LIMIT
 
@@ -23,7 +22,6 @@ Table = Rows[Statistics, Statistics]
 CONTROL = Table(
     "control",
     "one row per control card",
-    same,
     (
         Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point], heading="Point",
               edit="A8", is_id=True),
@@ -89,7 +87,6 @@ def _level_differences(statistics: Statistics) -> list[list[float | None]]:
 EQUAL_ELEVATIONS = Table(
     "equal_elevations",
     "one row per group",
-    same,
     (
         Field("group", "string", "group id", lambda s: s.block.equal_elevations.ids, heading="Group", edit="A8",
               is_id=True),
@@ -117,7 +114,6 @@ def _between(name: str, text: str, ends: str, what: str, kind: ObservationKind) 
     return Table(
         name,
         text,
-        same,
         (
             Field(ends, "2 string", f"{end} ids", ids, heading=(end.capitalize(),) * 2, edit="A8", is_id=True),
             Field(f"given_{what}", "number", "of the deck", lambda s: getattr(getattr(s.block, name), what), "m",

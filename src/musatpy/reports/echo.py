@@ -13,18 +13,94 @@ import numpy as np
 from musatpy.formats import assembly, mapping
 from musatpy.formats.cards.spec import STATED_UNIT, CardSpec
 from musatpy.formats.musat import card_family
+from musatpy.model import Waves
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Table, columns
-from musatpy.reports import brevity, job_record, residuals, waves_page
-from musatpy.reports.editing import field_width
+from musatpy.reports import job_record, residuals
+from musatpy.reports.editing import SEXAGESIMAL, field_width
 from musatpy.reports.fields import Field, Group, Rows, same
-from musatpy.reports.headings import SEXAGESIMAL
-from musatpy.reports.pages import Section
+from musatpy.reports.pages import MOST_PAGES, Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
 from musatpy.reports.wording import of_job
 from musatpy.statistics import Statistics
 from musatpy.units import AngleUnit
+
+
+def _trains(statistics: Statistics) -> tuple[Waves, Any] | None:
+    """Return the waves as given, and what linear theory makes of them; None in a job without."""
+    waves = statistics.block.waves
+    if not len(waves.ids):
+        return None
+    from musatpy.sea.deck_waves import wave_trains
+
+    return waves, wave_trains(waves)
+
+
+def _shapes(trains: tuple[Waves, Any]) -> list[str]:
+    from musatpy.sea.deck_waves import SHAPES
+
+    return [str(SHAPES[shape]) for shape in trains[0].shape.tolist()]
+
+
+WAVES: Rows[Statistics, tuple[Waves, Any]] = Rows(
+    "waves",
+    "one row per wave on the water; empty where it is level",
+    of=_trains,
+    fields=(
+        Field("wave", "string", "wave id", lambda w: w[0].ids, heading="Wave", edit="A4", is_id=True),
+        Field("shape", "string", "of the wave", _shapes, choices=("sinusoidal", "stokes", "trochoidal"),
+              heading="Shape", edit="A10"),
+        Field("depth", "number?", "of the water, for the theory of the wave; null is deep", lambda w: w[0].depth,
+              "m", heading="Depth\nm", edit="F8.2"),
+        Field("period", "number", "as given, or found by linear theory", lambda w: w[1].period, "s",
+              heading="Period\ns", edit="F8.3"),
+        Field("length", "number", "as given, or found by linear theory", lambda w: w[1].length, "m",
+              heading="Length\nm", edit="F9.3"),
+        Field("speed", "number", "of the crests: length over period", lambda w: w[1].speed, "m/s",
+              heading="Speed\nm/s", edit="F8.3"),
+        Field("group_speed", "number", "of groups of such waves, by linear theory", lambda w: w[1].group_speed,
+              "m/s", heading="Group\nm/s", edit="F8.3"),
+        Field("height", "number", "from trough to crest", lambda w: w[0].height, "m", heading="Height\nm",
+              edit="F8.3"),
+        Field("breaking_height", "number", "that the wave cannot exceed, by linear theory",
+              lambda w: w[1].breaking_height, "m", heading="Breaks at\nm", edit="F9.2"),
+        Field("azimuth", "number", "direction it runs to, clockwise from true north (+Y in LOCL jobs)",
+              lambda w: w[0].azimuth, "rad", heading="Towards\ndegrees", edit="F9.3"),
+        Field("crest", "number", "distance from the origin, in that direction, of a crest at time 0",
+              lambda w: w[0].crest, "m", heading="Crest\nm", edit="F10.3"),
+        Field("given_period", "number?", "on its card", lambda w: w[0].period, "s"),
+        Field("given_length", "number?", "on its card", lambda w: w[0].length, "m"),
+        Field("given_speed", "number?", "on its card", lambda w: w[0].speed, "m/s"),
+        Field("height_sigma", "number?", "a priori; null where it is known", lambda w: w[0].height_sigma, "m"),
+        Field("length_sigma", "number?", "a priori; null where it is known", lambda w: w[0].length_sigma, "m"),
+        Field("azimuth_sigma", "number?", "a priori; null where it is known", lambda w: w[0].azimuth_sigma, "rad"),
+        Field("crest_sigma", "number?", "a priori; null where it is known", lambda w: w[0].crest_sigma, "m"),
+    ),
+)  # fmt: skip
+WAVE_ORIGIN = Field[Statistics](
+    "wave_origin", "3 number or null", "place from which crests count; null without waves",
+    lambda s: None if s.block.wave_origin is None else s.block.wave_origin.position, "rad, rad, m (GEOG) or m",
+)  # fmt: skip
+SEA: Report[Statistics] = Report(
+    title="Waves On The Water",
+    table=WAVES,
+)
+
+
+def _waves(statistics: Statistics) -> list[Section]:
+    """Return the waves through which a job was adjusted, nothing where its water was level."""
+    if not len(statistics.block.waves.ids):
+        return []
+    notes = [
+        "",
+        "Heights are from trough to crest, directions clockwise from true north. A crest stands so far from the "
+        "origin of",
+        "the waves, in the direction they run to, at time 0 of the exposures. A wave without depth is one of deep "
+        "water.",
+    ]
+    return [SEA.section(statistics, notes, together=True)]
+
 
 # What headings call a unit, where not as the card does; angles of a stated deck are in that of its SYS card.
 _UNITS = {"arcsec": "arc sec", "deg": "degrees", "sec": "s"}
@@ -48,7 +124,16 @@ REFINED: Report[Statistics] = Report(
         of_job("Trig", "A4", lambda s: np.where(s.block.plates.triangulated, "", "N")),
     ),
 )
-brief = brevity.note
+_BRIEF = (
+    "Without the echo of the input, the residuals of plate measurements, and the coordinates of bathymetric points "
+    f"beside their depths; tables are cut to their worst rows where there would be more than {MOST_PAGES} pages. "
+    "The record has everything."
+)
+
+
+def brief(statistics: Statistics) -> list[Section]:
+    """Return what a brief listing has not, and the waves."""
+    return [Section(title="Brief Listing", lines=wrapped([_BRIEF])), *_waves(statistics)]
 
 
 def sections(statistics: Statistics) -> list[Section]:
@@ -61,7 +146,7 @@ def sections(statistics: Statistics) -> list[Section]:
         is_stated = given_in is not None and _table(spec) in _STATED
         title = f"{report.title}, As Stated" if is_stated else report.title
         echoed += [report.section(_said(spec, values, angle), title=title, new_page=not echoed)]
-    return [*echoed, REFINED.section(statistics)] if raw else echoed
+    return [*echoed, *([REFINED.section(statistics)] if raw else []), *_waves(statistics)]
 
 
 def _cards(statistics: Statistics) -> dict[CardSpec, tuple[mapping.Values, float]]:
@@ -117,7 +202,7 @@ def _record_of(table: str) -> Rows[Any, Any] | Group[Any, Any] | None:
     """Return what the record has of a table of the model, None where that is something else."""
     home = job_record.called(f"{table}.")[0]
     if table == "wave_origin":
-        return Group(table, "", same, (waves_page.ORIGIN,))
+        return Group(table, "", (WAVE_ORIGIN,))
     if table == "water_conditions":
         return job_record.part(table, home, same)
     kind = parts_of_block().get(table)
@@ -181,4 +266,4 @@ def _all_reports() -> tuple[Report[Any], ...]:
     return (*map(report_of, cards), *readings, REFINED)
 
 
-STATED = _all_reports()
+STATED = (*_all_reports(), SEA)

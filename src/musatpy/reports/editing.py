@@ -13,16 +13,87 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from musatpy.arrays import BoolArray, FloatArray
+from musatpy.arrays import BoolArray, FloatArray, TextArray
 from musatpy.fortran import Edit, parse_edit, write_number
-from musatpy.reports.characters import Characters, blank, fixed, of_texts, strings, whole_numbers
-from musatpy.units import ARC_SECOND, dms_from_radians
+from musatpy.model import CoordinateSystem
+from musatpy.units import ARC_SECOND, DEGREE, GON, HECTOPASCAL, MICROMETRE, dms_from_radians
+
+# What headings call a unit -> that unit in units of the record, which has mm on the plate and rad.
+PRINTED = {"um": MICROMETRE, "arc sec": ARC_SECOND, "degrees": DEGREE, "gon": GON, "hPa": HECTOPASCAL}
+SEXAGESIMAL = "D  M  S"  # how headings of degrees, minutes and seconds begin
+_RECORDED = {"um": "mm", "arc sec": "rad", "degrees": "rad", "gon": "rad", "hPa": "Pa"}
+_UNITS = frozenset({*_RECORDED.values(), "m", "s", "m/s", "unit", "mm/unit", "deg", "sigmas"})
+_METRIC = (CoordinateSystem.LOCAL, CoordinateSystem.GEOCENTRIC, "MODEL")
+
+
+def printed_unit(heading: str) -> float:
+    """Return what one of the unit that a heading ends with is in units of the record."""
+    last = heading.split("\n")[-1]
+    return PRINTED.get(last) or PRINTED.get(last.rpartition(" ")[2], 1.0)
+
+
+def named(heading: str) -> tuple[str, str]:
+    """Return a heading in one line, and the unit that its numbers are printed in: `East`, `m`; empty: none."""
+    *words, last = heading.split("\n")
+    name, _, inside = last.rpartition(" ")
+    if words and last.startswith(SEXAGESIMAL):
+        return " ".join(words).strip(), SEXAGESIMAL
+    if words and _RECORDED.get(last, last) in _UNITS:
+        return " ".join(words).strip(), last
+    if inside in _RECORDED:  # `RMS x um`
+        return " ".join([*words, name]).strip(), inside
+    return " ".join((*words, last)).strip(), ""
+
+
+def with_unit(heading: str) -> str:
+    """Return a heading in one line, with the unit of the record in brackets: `East (m)`."""
+    words, unit = named(heading)
+    unit = "rad" if unit == SEXAGESIMAL else _RECORDED.get(unit, unit)
+    return f"{words} ({unit})" if unit else words
+
+
+@dataclass(frozen=True)
+class Headings:
+    """Headings and edit descriptors of the components of a vector, and those in some coordinate systems."""
+
+    usual: Sequence[str]
+    edits: Sequence[str]
+    other: Sequence[str]
+    other_edits: Sequence[str]
+    systems: tuple[str, ...]  # in which the others stand
+
+    def of(self, system: str) -> tuple[Sequence[str], Sequence[str]]:
+        """Return headings and edit descriptors in a job of a system."""
+        return (self.other, self.other_edits) if system in self.systems else (self.usual, self.edits)
+
+
+def position(decimals: int) -> Headings:
+    """Return the headings of positions (n, 3) in the system of the job, metres with `decimals`."""
+    return Headings(
+        ("Latitude\nD  M  S    ", "Longitude\nD  M  S    ", "Elevation\nm"),
+        ("S16.5", "S16.5", f"F11.{decimals}"),
+        ("X\nm", "Y\nm", "Z\nm"),
+        (f"F15.{decimals}",) * 3,
+        _METRIC,
+    )
+
+
+def along_axes(label: str = "", edit: str = "F9.3", unit: str = "\nm") -> Headings:
+    """Return the headings, behind a label, of what is along east, north, up; X, Y, Z in local jobs."""
+    enu, xyz = ([f"{label}{name}{unit}" for name in names] for names in (("East", "North", "Up"), "XYZ"))
+    return Headings(enu, (edit,) * 3, xyz, (edit,) * 3, (CoordinateSystem.LOCAL,))
+
+
+ATTITUDES_AS_ANGLES = [f"{name}\nD  M  S   " for name in ("X-Tilt", "Y-Tilt", "Heading")]
+ATTITUDE_SIGMAS = [f"Sigma {name}\narc sec" for name in ("X-T", "Y-T", "Hdg")]
+
 
 MANY = 40  # values of a column, from which on they are edited at once
 _LEADING_ZERO = re.compile(r"(?<!\d)0(?=\.\d)")
@@ -150,3 +221,90 @@ def _angles(angles: FloatArray, width: int, decimals: int) -> tuple[Characters, 
     first, fits = whole_numbers(degrees, negative, width - decimals - 7)
     middle, _ = whole_numbers(minutes, np.zeros(len(angles), dtype=bool), 3)
     return np.concatenate([first, middle, last], axis=1), finite & done & fits
+
+
+Characters = NDArray[np.uint32]  # (n, width)
+# Columns of print as characters, whole columns at once. `fortran.write_number` edits what does not fit, and what is
+# so near a tie that the product with a power of ten does not tell which way it is rounded.
+_BLANK, _MINUS, _POINT, _ZERO = map(ord, " -.0")
+_EXACT = 1e15  # whole numbers below it are exact, and so are their halves
+_SPACING = 2.0**-52
+
+
+def blank(rows: int, width: int) -> Characters:
+    """Return a column of blanks."""
+    return np.full((width, rows), _BLANK, dtype=np.uint32).T  # filled character by character
+
+
+def of_texts(texts: Sequence[str] | TextArray, width: int) -> Characters:
+    """Return texts (n,), each cut or filled with blanks behind it."""
+    table: Any = np.array(texts, dtype=f"U{width}").reshape(-1, 1).view(np.uint32)
+    return np.where(table == 0, np.uint32(_BLANK), table)
+
+
+def strings(table: Characters) -> list[str]:
+    """Return the rows of characters as texts."""
+    whole: Any = np.ascontiguousarray(table).view(f"U{table.shape[1]}")
+    return list(whole.ravel().tolist())
+
+
+def fixed(values: FloatArray, width: int, decimals: int) -> tuple[Characters, BoolArray]:
+    """Return numbers (n,) with decimals, none of them wider than leaves a blank, and which (n,) are done.
+
+    There is no zero before the point, no sign of what rounds to zero, and nothing but blanks of NaN.
+    """
+    room = width - decimals
+    limit = 10.0 ** (room - 2) - 1.0 if decimals and room > 3 else 0.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.abs(values)
+        scaled = size * 10.0**decimals
+        nearest = np.rint(scaled)
+        done = (size < limit) & (scaled < _EXACT) & (np.abs(np.abs(scaled - nearest) - 0.5) > _SPACING * scaled)
+    table, number = blank(len(values), width), _whole(nearest, done)
+    left = _digits(table, number, width, decimals)
+    point = width - decimals - 1
+    table[:, point] = _POINT
+    _signed(table, left, (values < 0.0) & (number > 0), point, least=0)
+    nothing = np.isnan(values)
+    table[nothing] = _BLANK
+    return table, done | nothing
+
+
+def whole_numbers(values: NDArray[Any], negative: BoolArray, width: int) -> tuple[Characters, BoolArray]:
+    """Return whole numbers (n,), none wider than leaves a blank, with signs where told, and which (n,) are done."""
+    with np.errstate(invalid="ignore"):
+        size = np.abs(values)
+        done = size < min(10.0 ** (width - 1), _EXACT) if width > 1 else np.zeros(len(values), dtype=bool)
+    table = blank(len(values), width)
+    _signed(table, _whole(size, done), negative & done, width, least=1)
+    return table, done
+
+
+def _whole(size: NDArray[Any], done: BoolArray) -> NDArray[Any]:
+    """Return whole numbers, zero where they are not done; short ones are divided in half the time."""
+    number = np.where(done, size, 0).astype(np.int64)
+    return number.astype(np.uint32) if number.max(initial=0) < 2**32 else number
+
+
+def _digits(table: Characters, number: NDArray[Any], end: int, count: int) -> NDArray[Any]:
+    """Write the last `count` digits of numbers before the column `end`; return what is left of the numbers."""
+    for column in range(end - 1, end - 1 - count, -1):
+        left = number // 10
+        table[:, column] = number - 10 * left + _ZERO
+        number = left
+    return number
+
+
+def _signed(table: Characters, number: NDArray[Any], negative: BoolArray, end: int, *, least: int) -> None:
+    """Write whole numbers before the column `end`, of `least` digits, and the signs before them."""
+    first = np.full(len(number), end)
+    for column in range(end - 1, -1, -1):
+        shown = number > 0 if column < end - least else np.ones(len(number), dtype=bool)
+        if not shown.any():
+            break
+        left = number // 10
+        table[:, column] = np.where(shown, number - 10 * left + _ZERO, _BLANK)
+        first -= shown
+        number = left
+    rows = np.flatnonzero(negative)
+    table[rows, first[rows] - 1] = _MINUS

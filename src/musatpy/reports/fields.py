@@ -20,11 +20,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from musatpy.reports.editing import field_width, with_decimals
-from musatpy.reports.encoding import Json, number, plain, rounded
-from musatpy.reports.headings import Headings, printed_unit
-from musatpy.reports.lazy_columns import LazyColumn
-from musatpy.reports.values import Values, unnested
+from musatpy.reports.editing import Headings, field_width, printed_unit, with_decimals
+from musatpy.reports.values import Json, LazyColumn, Values, number, plain, rounded, unnested
 
 Schema = dict[str, Any]
 Source = TypeVar("Source")
@@ -38,6 +35,11 @@ ENU = "east north up"  # axes of sigmas and differences
 _NULL = " or null"
 _STEP = re.compile(r"\[(\d+)\]")
 _EXACT_UNIT = re.compile(r"rad|m2")
+
+
+def same(source: Any) -> Any:
+    """Return the source itself: of a table, or of an object, with the fields of what it stands in."""
+    return source
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +156,11 @@ class Tabled(Node[Source], Generic[Source, Item]):
 
     fields: Sequence[Node[Item]]
 
+    @property
+    def printed(self) -> list[Field[Item]]:
+        """The fields that are printed where nothing else is said."""
+        return [field for field in self.fields if isinstance(field, Field) and (field.heading or field.edit)]
+
     def column(self, path: str, heading: Any = "", edit: Any = "", **changes: Any) -> Field[Any]:
         """Return a column, or a component of one (`xy[1]`), as it is said once, or printed in another way."""
         said, steps = _field(self.fields, path), len(_STEP.findall(path))
@@ -172,7 +179,7 @@ class Tabled(Node[Source], Generic[Source, Item]):
     def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
         """Return its columns by name, one entry per row, those of a `nested` table too."""
         items = list(self.items(source))
-        fields = [field for field in self.fields if isinstance(field, Field)]
+        fields = [field for field in self.fields if isinstance(field, Field) and field.kind]
         outer = {field.name: [field.of(item) for item in items] for field in fields}
         if not nested:
             return outer
@@ -185,8 +192,8 @@ class Group(Tabled[Source, Item]):
     """An object with fields; null, where it may be, as its source is None."""
 
     text: str
-    of: Callable[[Source], Item | None]
     fields: Sequence[Node[Item]]
+    of: Callable[[Source], Item | None] = same
     optional: bool = False
     shared: str = ""  # name of its definition in the schema, where several are alike
 
@@ -218,13 +225,13 @@ class Rows(Tabled[Source, Item]):
     """A table of columns, each a list with one entry per row; without rows as its source is None."""
 
     text: str
-    of: Callable[[Source], Item | None]
     fields: Sequence[Field[Item]]
+    of: Callable[[Source], Item | None] = same
     of_images: bool = False  # rows are images, or one of their coordinates: may be left out of a record
 
     def schema(self) -> Schema:
         fields = properties_of(self.fields)
-        for field in self.fields:
+        for field in self.recorded:
             items = fields["properties"][field.name]
             about = {key: items.pop(key) for key in ("unit", "description") if key in items}
             digits = {} if field.digits is None else {"digits": field.digits}
@@ -239,7 +246,7 @@ class Rows(Tabled[Source, Item]):
         item = self.of(source)
         if item is None:
             return self.json(source)
-        return {field.name: LazyColumn(partial(field.of, item), field.digits) for field in self.fields}
+        return {field.name: LazyColumn(partial(field.of, item), field.digits) for field in self.recorded}
 
     def raw(self, source: Source, nested: str = "") -> Mapping[str, Any]:
         return {field.name: values for field, values in self.columns(source)}
@@ -247,8 +254,13 @@ class Rows(Tabled[Source, Item]):
     def columns(self, source: Source) -> Iterator[tuple[Field[Item], Any]]:
         """Yield the fields with their values, one per row, as arrays or lists."""
         item = self.of(source)
-        for field in self.fields:
+        for field in self.recorded:
             yield field, [] if item is None else field.of(item)
+
+    @property
+    def recorded(self) -> list[Field[Item]]:
+        """The fields that stand in the record."""
+        return [field for field in self.fields if field.kind]
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,8 +268,8 @@ class Each(Tabled[Source, Item]):
     """A table with a row for each of some things, which have the values of the fields."""
 
     text: str
-    of: Callable[[Source], Iterable[Item]]
     fields: Sequence[Node[Item]]
+    of: Callable[[Source], Iterable[Item]] = same
     shared: str = ""
     length: int | None = None  # the number of rows, where it is always the same
 
@@ -275,7 +287,7 @@ class Each(Tabled[Source, Item]):
         return {**limits, "items": {"type": "object", **properties_of(self.fields)}}
 
     def json(self, source: Source) -> Json:
-        return [{field.name: field.json(item) for field in self.fields} for item in self.of(source)]
+        return [{field.name: field.json(item) for field in recorded(self.fields)} for item in self.of(source)]
 
     def items(self, source: Source) -> Iterable[Item]:
         return self.of(source)
@@ -289,11 +301,6 @@ def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
 def unrecorded(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:
     """Return a column of what no record has: `values` of the source of the table, in units that records have."""
     return Field(heading, heading=heading, edit=edit, shown=values)
-
-
-def same(source: Part) -> Part:
-    """Return the source itself: of an object with the fields of what it stands in."""
-    return source
 
 
 def without_images(nodes: Iterable[Node[Part]]) -> Iterator[Node[Part]]:
@@ -314,9 +321,14 @@ def is_seldom(node: Node[Any]) -> bool:
     return isinstance(node, Field) and node.seldom
 
 
+def recorded(nodes: Iterable[Node[Part]]) -> list[Node[Part]]:
+    """Return what stands in the record: not what is printed only."""
+    return [node for node in nodes if not isinstance(node, Field) or node.kind]
+
+
 def properties_of(fields: Iterable[Node[Any]]) -> Schema:
     """Return what the schema says of an object with these fields, and of these alone."""
-    fields = list(fields)
+    fields = recorded(fields)
     properties = {field.name: field.schema() for field in fields}
     required = [field.name for field in fields if not (_is_of_images(field) or is_seldom(field))]
     return {"additionalProperties": False, "required": required, "properties": properties}

@@ -28,7 +28,7 @@ from musatpy.reports import (
 )
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import Node
-from musatpy.reports.labels import Content
+from musatpy.reports.table import Content
 from musatpy.reports.values import array_of, at
 from musatpy.statistics import Statistics
 from musatpy.statistics.differences import DifferenceStatistics, axes_of, difference_statistics

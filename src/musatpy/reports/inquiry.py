@@ -11,8 +11,8 @@ from musatpy.arrays import FloatArray, IntArray, TextArray
 from musatpy.inquiry import About, Images, Others
 from musatpy.reports.editing import edited, number_text
 from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.pages import text_of, wrapped
 from musatpy.reports.table import Table
-from musatpy.reports.text import text_of, wrapped
 from musatpy.units import ARC_SECOND, DEGREE
 
 _IMAGES, _NEIGHBOURS, _CAUSES, _ALONE = 12, 6, 3, 12  # of each that are shown

@@ -10,9 +10,8 @@ from musatpy.model import (
 )
 from musatpy.model.findings import Reason
 from musatpy.reports.fields import Each, Field, Group
-from musatpy.reports.pages import Section
+from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, unless_zero
-from musatpy.reports.text import wrapped
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND
 
@@ -20,15 +19,15 @@ _GRADES = ("DOUBTFUL", "REJECTED", "FAILED")
 VERDICT = Group[Statistics, Verdict](
     "verdict",
     "what the run is worth",
-    lambda s: s.verdict,
-    (
+    of=lambda s: s.verdict,
+    fields=(
         Field("grade", "string", "that of the worst reason; FAILED has not converged",
               choices=("ACCEPTED", *_GRADES)),
         Each[Verdict, Reason](
             "reasons",
             "one row per reason against the answer, the worst first",
-            lambda v: v.reasons,
-            (
+            of=lambda v: v.reasons,
+            fields=(
                 Field("grade", "string", "that the reason alone would give", choices=_GRADES),
                 Field("concern", "string", "what it is about: convergence, sigma0, control, ..."),
                 Field("text", "string", "the reason"),
@@ -47,8 +46,8 @@ def _solution(statistics: Statistics) -> Solution:
 SOLUTION = Group[Statistics, Solution](
     "solution",
     "the result in short",
-    _solution,
-    (
+    of=_solution,
+    fields=(
         Field("converged", "boolean", "whether the limits were reached"),
         Field("reason", "string", "why not converged; empty when converged"),
         Field("warnings", "* string", "ill-determined unknowns and the like"),
@@ -76,8 +75,8 @@ def _iterations(statistics: Statistics) -> list[tuple[Iteration, str, str]]:
 ITERATIONS = Each[Statistics, tuple[Iteration, str, str]](
     "iterations",
     "one row per iteration",
-    _iterations,
-    (
+    of=_iterations,
+    fields=(
         Field("pass", "integer", "0 the first triangulation, 1.. the passes with refraction",
               lambda i: i[0].outer_pass, heading="Pass", edit="I4", is_id=True),
         Field("number", "integer", "iteration within the pass", lambda i: i[0].number, heading="Iteration",
@@ -106,8 +105,8 @@ def _passes(statistics: Statistics) -> list[tuple[WaterPass, str]]:
 PASSES = Each[Statistics, tuple[WaterPass, str]](
     "water_passes",
     "one row per pass of the water point correction",
-    _passes,
-    (
+    of=_passes,
+    fields=(
         Field("number", "integer", "pass", lambda p: p[0].number, heading="Pass", edit="I4", is_id=True),
         Field("movement", "number?", "largest movement of a submerged point since the pass before",
               lambda p: p[0].movement, "m", heading="Largest movement\nm", edit="F14.5"),
@@ -126,16 +125,11 @@ PASSES = Each[Statistics, tuple[WaterPass, str]](
 ITERATION_TABLE: Report[Statistics] = Report(
     title="Iterations",
     table=ITERATIONS,
-    columns=(
-        *("pass", "number", "rotation", "rotation_photo"),
-        *("translation", "translation_photo", "sum_of_squares", "damping"),
-    ),
 )
 PASS_TABLE: Report[Statistics] = Report(
     title="Passes Of The Water Point Correction: ",
     pattern=r"Passes Of The Water Point Correction: \d+",
     table=PASSES,
-    columns=("number", "movement", "point", "rms_movement", "rms_residual"),
 )
 STATED = (ITERATION_TABLE, PASS_TABLE)
 

@@ -9,12 +9,11 @@ import numpy as np
 from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
 from musatpy.model import Block, ControlKind, Plates
-from musatpy.reports.encoding import Json, plain, rows
 from musatpy.reports.fields import Field, unrecorded
 from musatpy.reports.jobs import listed
-from musatpy.reports.pages import PAGE_WIDTH, Section, paginate, print_pages
+from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, paginate, print_pages
 from musatpy.reports.table import Table
-from musatpy.reports.text import labelled
+from musatpy.reports.values import Json, plain, rows
 from musatpy.units import ARC_SECOND, MICROMETRE
 
 _NUMBER, _ID, _CELL = 3, 8, 5  # widths of a row number, a photo, and a number of points, in the matrix

@@ -21,8 +21,8 @@ from musatpy.formats.musat import card_family
 from musatpy.model import Block
 from musatpy.model.block import parts_of_block
 from musatpy.model.tables import Table, columns, types_of
-from musatpy.reports.encoding import names
 from musatpy.reports.fields import Field, Group, Node, Rows, same
+from musatpy.reports.values import names
 from musatpy.statistics import Statistics
 
 Source = TypeVar("Source")
@@ -102,8 +102,8 @@ def table(name: str, called: str, block: Callable[[Source], Block]) -> Rows[Sour
     return Rows(
         called,
         _text(parts_of_block()[name]),
-        block,
-        tuple(_fields(name, lambda b: getattr(b, name), same)),
+        of=block,
+        fields=tuple(_fields(name, lambda b: getattr(b, name), same)),
         of_images=of_images,
     )
 
@@ -119,7 +119,7 @@ def part(name: str, called: str, of: Callable[[Source], Any]) -> Group[Source, A
             nodes.append(part(within, one.name, lambda item, at=one.name: getattr(item, at)))  # type: ignore[misc]
         elif (field := _single(name, one.name, hints[one.name], one.default)) is not None:
             nodes.append(field)
-    return Group(called, _text(kind), of, tuple(nodes), optional=name != "options")
+    return Group(called, _text(kind), of=of, fields=tuple(nodes), optional=name != "options")
 
 
 def with_cards(node: Node[Statistics]) -> Node[Statistics]:

@@ -8,8 +8,7 @@ from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import Extract
 from musatpy.jobs.merge import Merged
 from musatpy.jobs.naming import Kind, Names
-from musatpy.reports.pages import PAGE_WIDTH
-from musatpy.reports.text import wrapped
+from musatpy.reports.pages import PAGE_WIDTH, wrapped
 
 _INDENT = "    "
 

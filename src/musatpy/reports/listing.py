@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
 
 from musatpy.model import Solution
 from musatpy.reports import (
@@ -12,7 +15,6 @@ from musatpy.reports import (
     answer,
     bathymetric,
     blunders,
-    brevity,
     common_errors,
     control,
     echo,
@@ -23,15 +25,14 @@ from musatpy.reports import (
     solution_summary,
     statistical_tests,
     titles,
-    waves_page,
 )
-from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, page_texts
+from musatpy.reports.pages import MOST_PAGES, PAGE_WIDTH, Section, laid_out, page_texts, paginate
+from musatpy.reports.table import Labels, Report, Texts
 from musatpy.statistics import Statistics
 
 REPORTS = (
     titles,
     echo,
-    waves_page,
     reduction,
     iterations,
     solution_summary,
@@ -45,6 +46,52 @@ REPORTS = (
     control,
     residuals,
 )
+
+
+_FRONT_PAGES = 2
+_ALL = 10**9
+# Rows of tables that have to be cut: first those of statistics, then those of points, stations last.
+_STEPS = (
+    *((40, _ALL, rows) for rows in (_ALL, 400, 300, 200, 150, 100)),
+    *((20, rows, rows) for rows in (300, 200, 100, 70, 50, 35, 20)),
+)
+_STATISTICS, _STATIONS = ("Statistics: ", "Plate Residuals By Photo"), "Adjusted Exposure Stations"
+
+
+def uncut(statistics: Statistics) -> list[Section]:
+    """Return the sections of a brief listing with all of their rows: `brief` of pages that have it, else all.
+
+    Where `brief` is None, the page is left out.
+    """
+    pages = [getattr(page, "brief", page.sections) for page in REPORTS]
+    return [section for page in pages if page for section in page(statistics)]
+
+
+def brief_sections(statistics: Statistics) -> list[Section]:
+    """Return the sections of the brief listing."""
+    whole = shortened = uncut(statistics)
+    for limits in _STEPS:
+        if len(paginate(shortened)) <= MOST_PAGES - _FRONT_PAGES:
+            break
+        shortened = [_cut(section, limits[_kind(section.title)]) for section in whole]
+    return shortened
+
+
+def _kind(title: str) -> int:
+    """Return which of the limits of a step a table has."""
+    return 0 if title.startswith(_STATISTICS) else 1 if title.startswith(_STATIONS) else 2
+
+
+def _cut(section: Section, rows: int) -> Section:
+    """Return a table with no more than so many of its rows, the worst, in the order that they had."""
+    count = len(section.worst)
+    if count <= rows:
+        return section
+    left_out = set(section.worst[rows:])
+    lines = [line for number, line in enumerate(section.lines) if number not in left_out]
+    return replace(section, lines=[*lines, "", f"Only the worst {rows} of {count} rows are listed here."], worst=())
+
+
 _TITLE_WIDTH = 68
 
 
@@ -84,7 +131,7 @@ def sections_of(
     if brief:
         if on_report:
             on_report("listing: report", 1, 1)
-        return brevity.sections(statistics, REPORTS)
+        return brief_sections(statistics)
     sections: list[Section] = []
     for number, report in enumerate(REPORTS, 1):
         if on_report:
@@ -134,3 +181,29 @@ def _front(statistics: Statistics, names: Sequence[str], starts: Sequence[int]) 
     if len(pages) == len(laid_out(first)[0]):
         return pages
     return laid_out([*first, answer.index(names, starts, new_page=True)])[0]
+
+
+@cache
+def statements() -> tuple[Report[Any] | Labels | Texts, ...]:
+    """Return the tables of all pages of all listings, and what else has numbers of the record, the answer first."""
+    from musatpy.reports import (  # those of other programs
+        compilation,
+        compilation_bottom,
+        compilation_comparisons,
+        compilation_points,
+        compilation_setup,
+        orientation,
+        orientation_strip,
+        soundings,
+    )
+
+    compilations = (
+        compilation,
+        compilation_bottom,
+        compilation_comparisons,
+        compilation_points,
+        compilation_setup,
+        soundings,
+    )
+    pages = (answer, *REPORTS, orientation, orientation_strip, *compilations)
+    return tuple(table for page in pages for table in getattr(page, "STATED", ()))

@@ -12,12 +12,10 @@ from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, USE
-from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Document, Field, Group, Node, Rows, same
-from musatpy.reports.headings import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, position
-from musatpy.reports.pages import PAGE_WIDTH, Section, laid_out, print_pages
+from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, number_text, position
+from musatpy.reports.fields import Document, Field, Group, Node, Rows
+from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, laid_out, print_pages, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.text import labelled, wrapped
 from musatpy.reports.wording import of_job
 from musatpy.units import ARC_SECOND, DEGREE
 
@@ -37,7 +35,6 @@ _SIGMAS = [f"Sigma {axis}\nm" for axis in "XYZ"]
 JOB: Group[Answer, Answer] = Group(
     "job",
     "what was asked for",
-    same,
     (
         Field("titles", "* string", "titles of the deck", lambda a: a.block.titles),
         Field("method", "string", "of orientation", lambda a: a.scene.spec.method),
@@ -50,7 +47,6 @@ JOB: Group[Answer, Answer] = Group(
 VERDICT: Group[Answer, Answer] = Group(
     "verdict",
     "what the answer is worth",
-    same,
     (
         Field("grade", "string", "ACCEPTED, DOUBTFUL or REJECTED", lambda a: a.verdict.grade),
         Field("reasons", "* string", "against it", lambda a: [reason.text for reason in a.verdict.reasons]),
@@ -59,7 +55,6 @@ VERDICT: Group[Answer, Answer] = Group(
 FIT: Group[Answer, Answer] = Group(
     "fit",
     "how the conditions fit",
-    same,
     (
         Field("sigma0", "number?", "standard deviation of unit weight", lambda a: a.oriented.sigma0),
         Field("redundancy", "integer", "conditions and priors less unknowns", lambda a: a.oriented.redundancy),
@@ -70,8 +65,8 @@ FIT: Group[Answer, Answer] = Group(
 PLANE: Group[Answer, Answer] = Group(
     "plane",
     "the plane of water Z = level + slope . (X, Y), about the middle of the axes; null where no point is under it",
-    lambda a: None if a.scene.dry else a,
-    (
+    of=lambda a: None if a.scene.dry else a,
+    fields=(
         Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
         Field(
             "share",
@@ -94,7 +89,6 @@ PLANE: Group[Answer, Answer] = Group(
 STATIONS: Rows[Answer, Answer] = Rows(
     "stations",
     "the photos, in the order of the method",
-    same,
     (
         Field("photo", "string", "photo id", lambda a: a.photos, heading="Photo", edit="A8", is_id=True),
         Field("position", "3 number", "in the system of the job, or the model", exact=True, heading=position(4)),
@@ -111,7 +105,6 @@ STATIONS: Rows[Answer, Answer] = Rows(
 ROOTS: Rows[Answer, Answer] = Rows(
     "other_roots",
     "photos of the other exact solutions of a minimum set",
-    same,
     (
         Field("root", "integer", "number of the solution, from 1", lambda a: a.root_photos[0], heading="Root",
               edit="I4", is_id=True),
@@ -128,7 +121,6 @@ ROOTS: Rows[Answer, Answer] = Rows(
 POINTS: Rows[Answer, Answer] = Rows(
     "points",
     "the points that conditions use",
-    same,
     (
         Field("point", "string", "point id", lambda a: a.scene.sights.points, heading="Point", edit="A8",
               is_id=True),
@@ -149,7 +141,6 @@ POINTS: Rows[Answer, Answer] = Rows(
 LEFT_OUT: Rows[Answer, Answer] = Rows(
     "left_out",
     "points that no condition can use",
-    same,
     (
         Field("point", "string", "point id", lambda a: [point for point, _ in a.scene.left_out], heading="Point",
               edit="A8", is_id=True),
@@ -160,7 +151,6 @@ LEFT_OUT: Rows[Answer, Answer] = Rows(
 IMAGES: Rows[Answer, Answer] = Rows(
     "images",
     "the images that took part",
-    same,
     (
         Field("photo", "string", "photo id", lambda a: a.photos[a.oriented.sights.photo], heading="Photo",
               edit="A8", is_id=True),
@@ -177,7 +167,6 @@ IMAGES: Rows[Answer, Answer] = Rows(
 CORRELATIONS: Group[Answer, Answer] = Group(
     "correlations",
     "of all unknowns",
-    same,
     (
         Field("unknowns", "* string", "names", lambda a: a.names),
         Field("matrix", "*x* number", "row by row", lambda a: a.correlations),
@@ -222,17 +211,14 @@ POINT_TABLE: Report[Any] = Report(
 IMAGE_TABLE: Report[Any] = Report(
     title="Images: Residuals And Tests",
     table=IMAGES,
-    columns=("photo", "point", "residual", "redundancy", "test"),
 )
 ROOT_TABLE: Report[Any] = Report(
     title="Other Exact Solutions",
     table=ROOTS,
-    columns=("root", "photo", "position", "slope", "level"),
 )
 LEFT_OUT_TABLE: Report[Any] = Report(
     title="Points That No Condition Can Use",
     table=LEFT_OUT,
-    columns=("point", "reason"),
 )
 PAPER_TABLE: Report[Any] = Report(
     title="In The Axes Of Okamoto And Mori: X, -Y And -Z, About The Middle Of The Axes",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.reports.fields import Document, Field, Group, Node, Rows, same
+from musatpy.reports.fields import Document, Field, Group, Node, Rows
 from musatpy.reports.orientation import (
     ATTITUDE_TABLE,
     JOB,
@@ -22,9 +22,8 @@ from musatpy.reports.orientation import (
     task_of,
     verdict_section,
 )
-from musatpy.reports.pages import Section
+from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.text import labelled, wrapped
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.orienting.strip_answer import StripAnswer
@@ -42,7 +41,6 @@ _NOTE = (
 FIT: Group[StripAnswer, StripAnswer] = Group(
     "fit",
     "how the conditions of all triplets fit",
-    same,
     (
         Field("sigma0", "number", "standard deviation of unit weight"),
         Field("redundancy", "integer", "of all triplets", lambda a: a.strip.redundancy),
@@ -54,7 +52,6 @@ FIT: Group[StripAnswer, StripAnswer] = Group(
 PLANE: Group[StripAnswer, StripAnswer] = Group(
     "plane",
     "the plane of water, by the triplet that determines it least",
-    same,
     (
         Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
         Field("share", "number?", "sigma of the level over mean depth; null without limit", lambda a: a.plane[1]),
@@ -66,7 +63,6 @@ PLANE: Group[StripAnswer, StripAnswer] = Group(
 TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
     "triplets",
     "three photos on end each",
-    same,
     (
         Field("photo", "string", "the first of them", lambda a: a.photos[:-2], heading="First\nphoto", edit="A8",
               is_id=True),
@@ -91,7 +87,6 @@ TRIPLETS: Rows[StripAnswer, StripAnswer] = Rows(
 JOINS: Rows[StripAnswer, StripAnswer] = Rows(
     "joins",
     "of a triplet to the one before it",
-    same,
     (
         Field("photo", "string", "first photo of the triplet before", lambda a: a.photos[:-3],
               heading="From\nphoto", edit="A8", is_id=True),
@@ -119,7 +114,6 @@ JOINS: Rows[StripAnswer, StripAnswer] = Rows(
 CONTROL: Rows[StripAnswer, StripAnswer] = Rows(
     "control",
     "what holds the strip on the ground",
-    same,
     (
         Field("point", "string", "point id", lambda a: a.control_ids, heading="Point", edit="A8", is_id=True),
         Field("residual", "3 number?", "known less oriented", lambda a: a.control_residual, unit="m",
@@ -131,8 +125,8 @@ CONTROL: Rows[StripAnswer, StripAnswer] = Rows(
 AGAINST: Rows[StripAnswer, StripAnswer] = Rows(
     "against_iiia",
     "the strip less the solution of IIIA that starts from it, a model after a similarity",
-    lambda a: None if a.against is None else a,
-    (
+    of=lambda a: None if a.against is None else a,
+    fields=(
         Field("photo", "string", "photo id", lambda a: a.photos, heading="Photo", edit="A8", is_id=True),
         Field("position", "3 number", "", lambda a: _against(a).position, unit="m",
               heading=("X\nm", "Y\nm", "Z\nm"), edit="F12.5"),
@@ -171,25 +165,18 @@ DOCUMENT: Document[StripAnswer] = Document(
 TRIPLET_TABLE: Report[Any] = Report(
     title="Triplets And Their Planes Of Water",
     table=TRIPLETS,
-    columns=("photo", "points", "redundancy", "sigma0", "slope", "slope_sigma", "level", "level_sigma", "share"),
 )
 JOIN_TABLE: Report[Any] = Report(
     title="Joins Of The Triplets",
     table=JOINS,
-    columns=(
-        *("photo", "last", "points", "left_out", "scale", "turn"),
-        *("residual", "sigma0", "slope", "level", "probability"),
-    ),
 )
 CONTROL_TABLE: Report[Any] = Report(
     title="Control Of The Strip",
     table=CONTROL,
-    columns=("point", "residual", "test"),
 )
 AGAINST_TABLE: Report[Any] = Report(
     title="The Strip Less IIIA",
     table=AGAINST,
-    columns=("photo", "position", "sigmas", "attitude"),
 )
 STATED = (TRIPLET_TABLE, JOIN_TABLE, CONTROL_TABLE, AGAINST_TABLE)
 

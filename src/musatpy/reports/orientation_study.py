@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from musatpy.arrays import FloatArray
 from musatpy.reports.editing import number_text
 from musatpy.reports.fields import unrecorded
+from musatpy.reports.pages import text_of
 from musatpy.reports.table import Table
-from musatpy.reports.text import text_of
 from musatpy.units import DEGREE
 
 if TYPE_CHECKING:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import csv
+import io
+import math
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from musatpy.errors import printable
+from musatpy.errors import printable, without_names
 
 PAGE_WIDTH = 132
 PAGE_LINES = 60
@@ -14,6 +20,7 @@ PAGE_LINES = 60
 _HEADER_LINES = 2  # the header and a blank line
 BODY_LINES = PAGE_LINES - _HEADER_LINES
 GAP = 2  # blank lines between two sections of a page
+MOST_PAGES = 40  # of a brief listing, those of the answer and the index included
 _FEWEST_ROWS = 4  # rows that a page break leaves together with their heading
 
 
@@ -119,3 +126,81 @@ def _with_control(page: Sequence[str]) -> Iterator[str]:
             continue
         yield " 0-"[skipped] + line
         skipped = 0
+
+
+_LABEL_WIDTH = 50
+
+
+def text_of(lines: Iterable[str]) -> str:
+    """Return the text of lines, safe for a terminal."""
+    return printable("".join(f"{line}\n" for line in lines))
+
+
+def labelled(values: Mapping[str, str]) -> list[str]:
+    """Return one line per entry, the label led to its value by dots."""
+    return [f"{label + ' ':.<{_LABEL_WIDTH}} {value}" for label, value in values.items()]
+
+
+def wrapped(sentences: Iterable[str], *, lead: str = "") -> list[str]:
+    """Return the sentences broken to the width of the paper, each behind `lead` and indented below it."""
+    lines: list[str] = []
+    for sentence in sentences:
+        lines += textwrap.wrap(
+            sentence, width=PAGE_WIDTH, initial_indent=lead, subsequent_indent=" " * len(lead)
+        ) or [lead.rstrip()]
+    return lines
+
+
+def by_kind(texts: Sequence[str], *, shown: int) -> list[list[str]]:
+    """Return the lines of texts by kind: texts that differ in names and numbers only.
+
+    Of each kind `shown` texts, and how many more there are.
+    """
+    kinds: dict[str, list[str]] = {}
+    for text in texts:
+        kinds.setdefault(without_names(text), []).append(text)
+    return [
+        wrapped(alike[:shown], lead="- ") + ([f"and {len(alike) - shown} more of this kind"] * (len(alike) > shown))
+        for alike in kinds.values()
+    ]
+
+
+_FORMULA = re.compile(r"\s*[=+\-@]")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def csv_files(sections: Iterable[Section], listing: Path) -> dict[Path, bytes]:
+    """Return the files in a folder beside a `listing`: tables by their titles, `Air Bases` in `air_bases.csv`."""
+    folder = listing.with_name(f"{listing.stem}_tables")
+    tables = ((section.title, section.values) for section in sections if section.values is not None)
+    return {folder / f"{_name(title)}.csv": _text(values()).encode() for title, values in tables}
+
+
+def _name(title: str) -> str:
+    text = re.sub(r": \d+$", "", title.split("\n")[0])  # how many rows there are
+    return "_".join(re.findall(r"[a-z0-9.]+", text.lower()))
+
+
+def _text(rows: Cells) -> str:
+    """Return the rows of a table below its heads; a second head of a name is numbered."""
+    file = io.StringIO()
+    heads, *values = rows
+    counts = [heads[:number].count(head) + 1 for number, head in enumerate(heads)]
+    names = [f"{head} {count}" if count > 1 else head for head, count in zip(heads, counts, strict=True)]
+    csv.writer(file, lineterminator="\n").writerows([names, *([_cell(value) for value in row] for row in values)])
+    return file.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    """Return what stands in a cell: nothing for a number that does not exist, and a text that stays one."""
+    if isinstance(value, str):
+        return as_text(value)
+    return "" if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
+
+
+def as_text(text: str) -> str:
+    """Return a text as spreadsheets take it for one: a blank stands before what they would compute.
+
+    No id begins with a blank, and who strips them, as every reader of this program does, has the text again.
+    """
+    return f" {text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text

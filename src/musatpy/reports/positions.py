@@ -13,19 +13,17 @@ from musatpy.model import (
     StationPairs,
 )
 from musatpy.reports import stated
-from musatpy.reports.encoding import names
-from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, same
-from musatpy.reports.headings import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, along_axes, position
-from musatpy.reports.pages import Section
+from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, along_axes, position
+from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows
+from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.text import wrapped
+from musatpy.reports.values import names
 from musatpy.reports.wording import place_columns, place_sigma_columns
 from musatpy.statistics import Statistics, Words
 
 STATIONS = Rows[Statistics, Statistics](
     "stations",
     "one row per photo",
-    same,
     (
         Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
         Field("camera", "string", "camera id", lambda s: s.block.cameras.ids[s.block.photos.camera],
@@ -65,8 +63,8 @@ def _pairs(statistics: Statistics) -> tuple[TextArray, StationPairs] | None:
 PAIRS = Rows[Statistics, tuple[TextArray, StationPairs]](
     "station_pairs",
     "one row per pair of photos that share a point",
-    _pairs,
-    (
+    of=_pairs,
+    fields=(
         Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
         Field(
             "covariance",
@@ -88,8 +86,8 @@ LEVEL_PAIRS = Rows[Statistics, tuple[TextArray, LevelPairs]](
     "level_pairs",
     "levels that photos have of their own as unknowns: one row per pair of photos that share a point, and of each "
     "alone; empty where there are none",
-    _level_pairs,
-    (
+    of=_level_pairs,
+    fields=(
         Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
         Field("of_first", "6 number?",
               "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with the level of the second",
@@ -123,7 +121,6 @@ def _reasons(statistics: Statistics) -> list[str | None]:
 POINTS = Rows[Statistics, Statistics](
     "points",
     "one row per ground point",
-    same,
     (
         Field("point", "string", "point id", lambda s: s.block.points.ids, heading="Point", edit="A8", is_id=True),
         Field("bathymetric", "boolean", "submerged", lambda s: s.block.points.bathymetric, heading="Bath",

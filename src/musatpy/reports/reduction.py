@@ -19,13 +19,11 @@ from musatpy.model import (
     Transformation,
 )
 from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced
-from musatpy.reports import brevity, job_record
+from musatpy.reports import job_record
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Each, Field, Group, Rows, same
-from musatpy.reports.labels import Content, Labels, numbers_at
-from musatpy.reports.pages import Section
-from musatpy.reports.table import Report
-from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.fields import Each, Field, Group, Rows
+from musatpy.reports.pages import Section, labelled, wrapped
+from musatpy.reports.table import Content, Labels, Report, numbers_at
 from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
@@ -59,7 +57,6 @@ REFUSED = {Refused.STOP: "the run", Refused.GO_ON: "on without the photo"}
 READINGS: Rows[Reduced, Reduced] = Rows(
     "readings",
     "one row per reading of a point",
-    same,
     (
         Field("photo", "string", "photo id", lambda r: r.given.photos.ids[r.given.plates.photo]),
         Field("point", "string", "point id", lambda r: r.given.points.ids[r.given.plates.point]),
@@ -71,7 +68,6 @@ READINGS: Rows[Reduced, Reduced] = Rows(
 _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
     "marks",
     "one row per measured mark",
-    same,
     (
         Field("mark", "string", "mark id", lambda p: p.marks, heading="Mark", edit="A4", is_id=True),
         Field(
@@ -95,7 +91,6 @@ _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
 _DISTANCES: Rows[ReducedPlate, ReducedPlate] = Rows(
     "distances",
     "one row per distance, where the transformation goes by distances",
-    same,
     (
         Field("marks", "2 string", "mark ids", lambda p: p.ends, heading=("Mark", "Mark"), edit="A4", is_id=True),
         Field(
@@ -112,8 +107,8 @@ _DISTANCES: Rows[ReducedPlate, ReducedPlate] = Rows(
 _PARAMETERS: Each[ReductionStep, Quantity] = Each(
     "parameters",
     "one row per parameter",
-    lambda step: step.parameters,
-    (
+    of=lambda step: step.parameters,
+    fields=(
         Field("parameter", "string", "name; of the lens those of the distortion", lambda q: q.name),
         Field("value", "number?", "in its unit"),
         Field("sigma", "number?", "standard deviation, null where given"),
@@ -123,8 +118,8 @@ _PARAMETERS: Each[ReductionStep, Quantity] = Each(
 _STEPS: Each[ReducedPlate, ReductionStep] = Each(
     "steps",
     "one row per step taken, in their order",
-    lambda p: p.steps,
-    (
+    of=lambda p: p.steps,
+    fields=(
         Field("step", "string", "name of the step", lambda step: step.name,
               choices=("comparator", "fiducials", "reseau", "lens", "refraction", "curvature")),
         Field("largest", "number?", "largest displacement, null of a step that changes the system", unit="mm"),
@@ -134,8 +129,8 @@ _STEPS: Each[ReducedPlate, ReductionStep] = Each(
 _SPREADS: Each[ReducedPlate, Spread] = Each(
     "spreads",
     "one row per kind of repeated readings",
-    lambda p: p.spreads,
-    (
+    of=lambda p: p.spreads,
+    fields=(
         Field(
             "of",
             "string",
@@ -186,8 +181,8 @@ _SPREADS: Each[ReducedPlate, Spread] = Each(
 REDUCED_PLATES: Each[Reduced, ReducedPlate] = Each(
     "plates",
     "one row per raw plate, as the program reduced it",
-    lambda r: r.plates,
-    (
+    of=lambda r: r.plates,
+    fields=(
         Field("photo", "string", "photo id", heading="Photo", edit="A8", is_id=True),
         Field("refusal", "string?", "why the plate is refused and the photo left out; null: it is not",
               lambda p: p.refusal or None),
@@ -214,8 +209,8 @@ REDUCTION: Group[Statistics, Reduced] = Group(
     "reduction",
     "what the reduction of raw plates did, null where plates came refined; `plates` above has the refined "
     "coordinates",
-    lambda s: s.solution.reduced,
-    (
+    of=lambda s: s.solution.reduced,
+    fields=(
         job_record.part("reduction", "options", lambda r: r.given.reduction or ReductionOptions()),
         READINGS,
         REDUCED_PLATES,
@@ -252,7 +247,7 @@ def sections(statistics: Statistics) -> list[Section]:
     return [] if reduced is None else reduction_sections(reduced)
 
 
-brief = brevity.nothing
+brief = None  # left out
 
 
 def reduction_sections(reduced: Reduced) -> list[Section]:

@@ -12,19 +12,16 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import (
     ObservationKind,
 )
-from musatpy.reports import brevity
-from musatpy.reports.encoding import Json, names
-from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, same
+from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
-from musatpy.reports.values import Values
+from musatpy.reports.values import Json, Values, names
 from musatpy.reports.wording import of_job
 from musatpy.statistics import LARGE_RESIDUAL, Statistics
 
 PLATES = Rows[Statistics, Statistics](
     "plates",
     "one row per plate measurement",
-    same,
     (
         Field("photo", "string", "photo id", lambda s: s.block.photos.ids[s.block.plates.photo], heading="Photo",
               edit="A8", is_id=True),
@@ -121,8 +118,8 @@ OBSERVATIONS = Rows[Statistics, _Observed](
     "observations",
     "one row per scalar observation of the solution; residuals and errors in the unit of what was observed: plate "
     "mm, length m, angle rad",
-    _observed,
-    (
+    of=_observed,
+    fields=(
         Field("kind", "string",
               "plate, control, station_position, station_attitude, equal_elevation, air_base, water_level, "
               "water_tilt, water_index, distance or height_difference", _kinds, heading="Kind", edit="A8",
@@ -223,7 +220,7 @@ def _large(t: Values) -> BoolArray:
 
 
 STATED = (RESIDUALS,)
-brief = brevity.nothing
+brief = None  # left out
 
 
 def sections(statistics: Statistics) -> list[Section]:

@@ -7,8 +7,8 @@ import numpy as np
 from musatpy.arrays import FloatArray
 from musatpy.model.tables import falling
 from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.pages import text_of
 from musatpy.reports.table import Table
-from musatpy.reports.text import text_of
 from musatpy.sea.stereo.corrected_points import REASONS, Corrected, Fault
 from musatpy.sea.stereo.estimate import SurfaceFit
 from musatpy.sea.stereo.fitted import height_sigma

@@ -6,10 +6,8 @@ from collections.abc import Sequence
 
 from musatpy.reports import analyses, answer, iterations
 from musatpy.reports.editing import number_text
-from musatpy.reports.labels import Content, Labels, Texts, numbers_at, sentences_at
-from musatpy.reports.pages import Section
-from musatpy.reports.table import Report
-from musatpy.reports.text import by_kind, labelled, wrapped
+from musatpy.reports.pages import Section, by_kind, labelled, wrapped
+from musatpy.reports.table import Content, Labels, Report, Texts, numbers_at, sentences_at
 from musatpy.reports.values import at
 from musatpy.statistics import Statistics
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.compilation.point_orders import order_names, orders_of_points
-from musatpy.reports.fields import Document, Each, Field, Group, Node, Rows, same
-from musatpy.reports.pages import Section, print_titled
+from musatpy.reports.fields import Document, Each, Field, Group, Node, Rows
+from musatpy.reports.pages import Section, labelled, print_titled, wrapped
 from musatpy.reports.table import Report
-from musatpy.reports.text import labelled, wrapped
 from musatpy.soundings.differences import (
     OrderShare,
     Regression,
@@ -45,8 +44,8 @@ def _first_day(how: Matching) -> str | None:
 MATCHING: Group[Sounded, Matching] = Group(
     "matching",
     "how the soundings are held against the bottom",
-    lambda s: s.how,
-    (
+    of=lambda s: s.how,
+    fields=(
         Field("radius", "number?", "of points whose plane is the bottom; null: triangles", _radius, "m"),
         Field("datum", "number", "of the soundings below that of the bottom", unit="m"),
         Field("datum_sigma", "number", "of that", unit="m"),
@@ -59,8 +58,8 @@ MATCHING: Group[Sounded, Matching] = Group(
 SAMPLES: Each[Sounded, Sample] = Each(
     "samples",
     "compiled less sounded depths, in numbers",
-    lambda s: samples(s.differences),
-    (
+    of=lambda s: samples(s.differences),
+    fields=(
         Field("sample", "string", "which soundings, by sounded depth", lambda p: p.what, heading="Sample",
               edit="A16", is_id=True),
         Field("size", "integer", "sample size N", lambda p: p.statistics.size, heading="Size", edit="I7"),
@@ -83,8 +82,8 @@ SAMPLES: Each[Sounded, Sample] = Each(
 REGRESSION: Group[Sounded, Regression] = Group(
     "regression",
     "difference = a + b depth without blunders; null for fewer than three depths",
-    lambda s: regression(s.differences),
-    (
+    of=lambda s: regression(s.differences),
+    fields=(
         Field("a", "number", "tells of tide or datum", unit="m"),
         Field("a_sigma", "number", "of a", unit="m"),
         Field("b", "number", "tells of refraction"),
@@ -97,8 +96,8 @@ REGRESSION: Group[Sounded, Regression] = Group(
 SHARES: Each[Sounded, OrderShare] = Each(
     "orders",
     "differences within the vertical uncertainty of the orders of S-44",
-    lambda s: order_shares(s.differences),
-    (
+    of=lambda s: order_shares(s.differences),
+    fields=(
         Field("order", "string", "of the survey", lambda o: o.name, heading="Order", edit="A10", is_id=True),
         Field("share", "number", "of the differences", lambda o: o.share, heading="Within", edit="F7.3"),
         Field("met", "boolean", "95 % are within", heading="95 %", edit="A4", words={True: "met", False: "NO"}),
@@ -107,7 +106,6 @@ SHARES: Each[Sounded, OrderShare] = Each(
 DIFFERENCES: Rows[Sounded, Sounded] = Rows(
     "differences",
     "one row per sounding that meets the bottom",
-    same,
     (
         Field("sounding", "string", "its name, or line", lambda s: s.differences.names, heading="Sounding",
               edit="A16", is_id=True),
@@ -127,7 +125,6 @@ DIFFERENCES: Rows[Sounded, Sounded] = Rows(
 LEFT_OUT: Rows[Sounded, Sounded] = Rows(
     "left_out",
     "soundings that do not meet the bottom",
-    same,
     (
         Field("sounding", "string", "its name, or line", lambda s: s.soundings.names[list(s.reasons)],
               heading="Sounding", edit="A16", is_id=True),
@@ -148,7 +145,6 @@ SAMPLE_TABLE: Report[Any] = Report(
 SHARE_TABLE: Report[Any] = Report(
     title="Orders Of S-44 Met By The Differences",
     table=SHARES,
-    columns=("order", "share", "met"),
 )
 STATED = (SAMPLE_TABLE, SHARE_TABLE)
 DOCUMENT: Document[Sounded] = Document(

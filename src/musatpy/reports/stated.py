@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from musatpy.arrays import FloatArray
-from musatpy.reports.pages import Section
+from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Report, worst_first
-from musatpy.reports.text import labelled, wrapped
 from musatpy.reports.wording import Columns, map_columns, of_job, place_columns, place_sigma_columns, turn_columns
 from musatpy.statistics import Statistics, Words
 from musatpy.units import AngleUnit

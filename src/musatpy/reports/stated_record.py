@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from musatpy.reports.encoding import Json, plain
 from musatpy.reports.fields import Field, Group, Rows
+from musatpy.reports.values import Json, plain
 from musatpy.statistics import Statistics, Words
 
 Answer = tuple[Statistics, Any]  # and what the systems make of its solution
@@ -51,8 +51,8 @@ def _scales(answer: Any) -> list[Json]:
 STATIONS: Rows[Statistics, Answer] = Rows(
     "stations",
     "one row per photo; null where the system does not reach",
-    lambda s: None if s.answer is None else (s, s.answer),
-    (
+    of=lambda s: None if s.answer is None else (s, s.answer),
+    fields=(
         Field("photo", "string", "photo id", lambda a: a[0].block.photos.ids),
         Field("position", "3 number?", "adjusted", lambda a: a[1].position, _COORDINATES, exact=True),
         Field("angles", "3 number?", "adjusted, in the order of the form; null where attitudes are matrices",
@@ -77,8 +77,8 @@ STATIONS: Rows[Statistics, Answer] = Rows(
 POINTS: Rows[Statistics, Answer] = Rows(
     "points",
     "one row per ground point; null where not determined or not reached",
-    lambda s: None if s.answer is None else (s, s.answer),
-    (
+    of=lambda s: None if s.answer is None else (s, s.answer),
+    fields=(
         Field("point", "string", "point id", lambda a: a[0].block.points.ids),
         Field("position", "3 number?", "adjusted", lambda a: a[1].points, _COORDINATES, exact=True),
         Field("covariance", "3x3 number?", "a posteriori", lambda a: a[1].point_covariance,
@@ -88,16 +88,16 @@ POINTS: Rows[Statistics, Answer] = Rows(
 STATED = Group[Statistics, Statistics](
     "stated",
     "the answer in the words of SYS cards; null in a job without any",
-    lambda s: None if s.answer_words is None else s,
-    (
+    of=lambda s: None if s.answer_words is None else s,
+    fields=(
         Group[Statistics, Words](
             "input",
             "how the deck is stated; null: in the system of the options",
-            lambda s: s.given_words,
-            WORDS,
+            of=lambda s: s.given_words,
+            fields=WORDS,
             optional=True,
         ),
-        Group[Statistics, Words]("answer", "how the answer is stated", lambda s: s.answer_words, WORDS),
+        Group[Statistics, Words]("answer", "how the answer is stated", of=lambda s: s.answer_words, fields=WORDS),
         STATIONS,
         POINTS,
     ),

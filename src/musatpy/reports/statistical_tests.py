@@ -16,10 +16,9 @@ from musatpy.model import (
 from musatpy.model.kinds import ANGLES, ENU
 from musatpy.reports import positions, residuals
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Each, Field, Group, Rows, same
-from musatpy.reports.pages import Section
+from musatpy.reports.fields import Each, Field, Group, Rows
+from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, worst_first
-from musatpy.reports.text import wrapped
 from musatpy.reports.values import Values
 from musatpy.statistics import Statistics
 from musatpy.statistics.analyses import Ellipses, ellipses
@@ -41,13 +40,13 @@ FACTOR: tuple[Field[ChiSquare], ...] = (
     Field("accepted", "boolean", "the factor lies within the limits"),
 )
 FACTOR_DEFINITION = Group[ChiSquare, ChiSquare](
-    "factor", "a variance factor with its two-sided test at 95 %", same, FACTOR, optional=True
+    "factor", "a variance factor with its two-sided test at 95 %", FACTOR, optional=True
 )
 _COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
     "variance_components",
     "variance components",
-    lambda s: list(s.components.items()),
-    (
+    of=lambda s: list(s.components.items()),
+    fields=(
         Field("group", "string", "group of observations", lambda g: g[0], heading="Group", edit="A28", is_id=True),
         Field("redundancy", "number", "sum of the redundancy numbers", lambda g: g[1].redundancy,
               heading="Redundancy", edit="F11.2"),
@@ -56,12 +55,12 @@ _COMPONENTS = Each[Statistics, tuple[str, ChiSquare]](
         Field("low", "number?", "lower limit of the test", lambda g: g[1].low, heading="Lower\nlimit", edit="F8.3"),
         Field("high", "number?", "upper limit", lambda g: g[1].high, heading="Upper\nlimit", edit="F8.3"),
         Field("accepted", "boolean", "the factor agrees with 1", lambda g: g[1].accepted),
+        Field("verdict", heading="Test", edit="A8", shown=lambda t: _verdicts(t)),
     ),
 )  # fmt: skip
 _CHECK_POINTS = Rows[Statistics, Statistics](
     "check_points",
     "one row per check point",
-    same,
     (
         Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point[s.check_test.row]],
               heading="Point", edit="A8", is_id=True),
@@ -83,7 +82,6 @@ def _moved(statistics: Statistics) -> IntArray:
 _HIDDEN_ERRORS = Rows[Statistics, Statistics](
     "hidden_errors",
     "one row per point that an error may move which its test does not find",
-    same,
     (
         Field("point", "string", "point id", lambda s: s.block.points.ids[_moved(s)], heading="Point",
               edit="A8", is_id=True),
@@ -105,13 +103,13 @@ _HIDDEN_ERRORS = Rows[Statistics, Statistics](
 TESTS = Group[Statistics, Statistics](
     "tests",
     "tests of the solution",
-    lambda s: None if s.solution.observed is None else s,
-    (
-        Group[Statistics, ChiSquare]("sigma0", "", lambda s: s.sigma0, FACTOR, shared="factor"),
+    of=lambda s: None if s.solution.observed is None else s,
+    fields=(
+        Group[Statistics, ChiSquare]("sigma0", "", of=lambda s: s.sigma0, fields=FACTOR, shared="factor"),
         _COMPONENTS,
         _CHECK_POINTS,
         Group[Statistics, ChiSquare](
-            "check_points_total", "", lambda s: s.check_test.total, FACTOR, shared="factor"
+            "check_points_total", "", of=lambda s: s.check_test.total, fields=FACTOR, shared="factor"
         ),
         _HIDDEN_ERRORS,
     ),
@@ -120,7 +118,6 @@ TESTS = Group[Statistics, Statistics](
 _STATION_INFLATION = Rows[Statistics, Statistics](
     "stations",
     "one row per photo",
-    same,
     (
         Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
         Field("inflation", "6 number?", "variance inflation factors: east, north, up, X-tilt, Y-tilt, heading",
@@ -145,8 +142,8 @@ def _global_sigmas(t: Values) -> FloatArray:
 _GLOBALS = Rows[Statistics, Dependence](
     "globals",
     "levels, water, and points with distances or height differences",
-    _dependence,
-    (
+    of=_dependence,
+    fields=(
         Field("unknown", "string", "name", lambda d: d.names, heading="Unknown", edit="A32", is_id=True),
         Field("sigma", "number?", "a posteriori; null: nothing observes it", heading="Sigma\nm, arc sec, 1",
               edit="F12.6", shown=_global_sigmas),
@@ -156,8 +153,8 @@ _GLOBALS = Rows[Statistics, Dependence](
 _CORRELATIONS = Rows[Statistics, Dependence](
     "correlations",
     "correlations of 0.95 and more, the strongest first",
-    _dependence,
-    (
+    of=_dependence,
+    fields=(
         Field("first", "string", "unknown", heading="Unknown", edit="A32", is_id=True),
         Field("second", "string", "unknown", heading="With", edit="A32", is_id=True),
         Field("correlation", "number", "coefficient", heading="Correlation", edit="F9.4"),
@@ -166,8 +163,8 @@ _CORRELATIONS = Rows[Statistics, Dependence](
 DEPENDENCE = Group[Statistics, Statistics](
     "dependence",
     "how the unknowns depend on one another",
-    lambda s: None if s.solution.dependence is None else s,
-    (_STATION_INFLATION, _GLOBALS, _CORRELATIONS),
+    of=lambda s: None if s.solution.dependence is None else s,
+    fields=(_STATION_INFLATION, _GLOBALS, _CORRELATIONS),
     optional=True,
 )
 
@@ -191,14 +188,6 @@ COMPONENTS: Report[Statistics] = Report(
     title="Statistics: Sigma0 And Variance Components",
     table=_COMPONENTS,
     path="tests.variance_components",
-    columns=(
-        "group",
-        "redundancy",
-        "factor",
-        "low",
-        "high",
-        Field("verdict", heading="Test", edit="A8", shown=lambda t: _verdicts(t)),
-    ),
 )
 OBSERVATIONS: Report[Statistics] = Report(
     title="Statistics: Observations, The Worst First",
@@ -227,7 +216,6 @@ HIDDEN_ERRORS: Report[Statistics] = Report(
     which=lambda t: _listed_points(t),
     worst=lambda t: np.where(np.isnan(t["sigmas"]), np.inf, t["sigmas"]),
     some=True,
-    columns=("point", "rays", "shift", "sigmas", "unlimited"),
 )
 WATER: Report[Statistics] = Report(
     title="Statistics: Global Unknowns",
@@ -235,7 +223,6 @@ WATER: Report[Statistics] = Report(
     path="dependence.globals",
     which=lambda t: worst_first(t["inflation"], _INFLATION),
     worst=lambda t: t["inflation"],
-    columns=("unknown", "sigma", "inflation"),
 )
 CORRELATIONS: Report[Statistics] = Report(
     title="Statistics: Correlations Of 0.95 And More",
@@ -244,7 +231,6 @@ CORRELATIONS: Report[Statistics] = Report(
     which=lambda t: np.arange(t.count)[:_LISTED_CORRELATIONS],
     worst=lambda t: np.abs(t["correlation"]),
     some=True,
-    columns=("first", "second", "correlation"),
 )
 STATION_INFLATION: Report[Statistics] = Report(
     title="Statistics: Variance Inflation Of Stations",
@@ -252,7 +238,6 @@ STATION_INFLATION: Report[Statistics] = Report(
     path="dependence.stations",
     which=lambda t: worst_first(_most_inflated(t), _INFLATION),
     worst=lambda t: _most_inflated(t),
-    columns=("photo", "inflation"),
 )
 
 

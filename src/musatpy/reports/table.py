@@ -11,10 +11,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model.tables import falling
-from musatpy.reports.characters import blank, strings
-from musatpy.reports.editing import MANY, characters, edited, field_width, prints_as_zero
+from musatpy.reports.editing import MANY, blank, characters, edited, field_width, prints_as_zero, strings, with_unit
 from musatpy.reports.fields import Each, Field, Group, Rows
-from musatpy.reports.headings import with_unit
 from musatpy.reports.pages import PAGE_WIDTH, Cells, Section
 from musatpy.reports.values import Values, array_of, at, in_rows, nothing, unnested
 
@@ -75,7 +73,7 @@ class Report(Generic[Source]):
     """A printed table, and the table of the record that it shows."""
 
     title: str
-    columns: Sequence[Any]  # a name of the table, or a field
+    columns: Sequence[Any] = ()  # a name of the table, or a field; empty: all fields of the table that are printed
     table: Rows[Source, Any] | Each[Source, Any] | Group[Source, Any] | None = None
     path: str = ""  # of the table in the record, where that is not its name
     pattern: str = ""  # a regular expression for the title where that is not always the same
@@ -135,9 +133,8 @@ class Report(Generic[Source]):
 
     def stated(self, values: Values | None = None) -> list[Field[Any]]:
         """Return its columns, those that a table has where its values are given, and all that there may be."""
-        found: list[Field[Any]] = []
-        for part in self.columns:
-            found.append(self.column(part) if isinstance(part, str) else part)
+        printed = self.table.printed if self.table and not self.columns else ()
+        found = [self.column(part) if isinstance(part, str) else part for part in self.columns or printed]
         is_read = values is None or values.source is None
         found = [column for column in found if not (is_read and column.of_run)]
         return [column for column in found if values is None or column.when is None or column.when(values)]
@@ -236,3 +233,53 @@ def worst_first(badness: FloatArray, decimals: int | None = None, *, lines: int 
     Each row may have several `lines`.
     """
     return (falling(badness, decimals)[:, None] * lines + np.arange(lines)).reshape(-1)
+
+
+Content = Mapping[str, Any]  # of a record
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Lines of a label and one or more numbers."""
+
+    title: str
+    numbers: Callable[
+        [Content], Mapping[str, Sequence[float | None]]
+    ]  # in printed units; None: the record has none
+
+
+@dataclass(frozen=True)
+class Texts:
+    """Sentences, however their lines are broken."""
+
+    title: str
+    texts: Callable[[Content], Iterable[str]]
+    table: str  # without which a record has none of them
+
+
+def numbers_at(content: Content, *paths: str, unit: float = 1.0) -> list[float | None]:
+    """Return the numbers at some paths of a record, in units of one that is `unit` in units of the record."""
+    values = [at(content, path) for path in paths]
+    is_number = [isinstance(value, int | float) and not isinstance(value, bool) for value in values]
+    return [value / unit if known else None for value, known in zip(values, is_number, strict=True)]
+
+
+def count_at(content: Content, path: str, flag: str = "") -> int:
+    """Return how many rows a table of a record has, or a list entries; with a flag those of which it is true."""
+    table = at(content, path)
+    if isinstance(table, list) and flag:
+        return sum(bool(row.get(flag)) for row in table if isinstance(row, Mapping))
+    if isinstance(table, Mapping):
+        column = table.get(flag) if flag else next(iter(table.values()), ())
+        return sum(map(bool, column or ())) if flag else len(column or ())
+    return len(table) if isinstance(table, list) else 0
+
+
+def sentences_at(content: Content, *paths: str) -> Iterable[str]:
+    """Yield the texts of lists of a record, or what `text` is in each row of a table."""
+    for path in paths:
+        entries = at(content, path)
+        if isinstance(entries, Mapping):
+            entries = entries.get("text")
+        for entry in entries if isinstance(entries, list) else ():
+            yield str(entry.get("text", "") if isinstance(entry, Mapping) else entry)

@@ -17,9 +17,8 @@ from musatpy.model import (
 )
 from musatpy.reports import stated
 from musatpy.reports.editing import number_text
-from musatpy.reports.labels import Content, Labels, count_at, numbers_at
-from musatpy.reports.pages import Section
-from musatpy.reports.text import labelled, wrapped
+from musatpy.reports.pages import Section, labelled, wrapped
+from musatpy.reports.table import Content, Labels, count_at, numbers_at
 from musatpy.statistics import Statistics
 from musatpy.units import ARC_SECOND, MICROMETRE
 

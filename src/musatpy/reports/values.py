@@ -1,16 +1,84 @@
-"""The columns of one table, computed from a solution or read from a record, as a printed table takes them."""
+"""The columns of one table, computed from a solution or read from a record, and what JSON holds of them."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property, lru_cache
 from itertools import chain
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from musatpy.arrays import IntArray
+from musatpy.arrays import FloatArray, IntArray
+
+Json = Any
+_FACTORS = np.array([float(10**power) for power in range(23)])  # all powers of ten that a double holds exactly
+_LOWEST = -11  # exponent of the smallest numbers of twelve digits that these bring to whole ones
+_POWERS = np.array([float(f"1e{exponent}") for exponent in range(_LOWEST, 16)])
+
+
+def plain(values: NDArray[Any]) -> list[Json]:
+    """Return an array as nested lists, numbers that do not exist as None."""
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        kept = values.astype(object)
+        kept[~np.isfinite(values)] = None
+        return list(kept.tolist())
+    return list(values.tolist())
+
+
+def rounded(values: Any, digits: int | None) -> Any:
+    """Return a column, an array or lists, with its numbers at so many significant digits; None: as they are."""
+    if digits is None:
+        return values
+    if isinstance(values, np.ndarray):
+        return _to_digits(values, digits) if values.dtype.kind == "f" else values
+    return [_rounded(value, digits) for value in values]
+
+
+def _to_digits(values: FloatArray, digits: int) -> FloatArray:
+    """Return the doubles that are nearest to numbers of so many significant digits.
+
+    Those of usual size by a power of ten that a double holds exactly, so that the quotient is rounded but once; a
+    number within a unit of the sixteenth digit of a tie may go either way.
+    """
+    size = np.abs(values)
+    usual = (size >= _POWERS[0]) & (size < 10.0**digits)
+    numbers = np.where(usual, values, 1.0)
+    first = np.searchsorted(_POWERS, np.abs(numbers), side="right") - 1 + _LOWEST  # exponents of the first digits
+    factor = _FACTORS[digits - 1 - first]
+    found = np.where(usual, np.rint(numbers * factor) / factor, values)
+    for place in zip(*np.nonzero(~usual & np.isfinite(values) & (values != 0.0)), strict=True):
+        found[place] = float(f"{values[place]:.{digits}g}")
+    return found
+
+
+def _rounded(value: Json, digits: int) -> Json:
+    if isinstance(value, list):
+        return [_rounded(entry, digits) for entry in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
+
+
+def number(value: float) -> float | None:
+    """Return a number, None where it does not exist."""
+    return float(value) if math.isfinite(value) else None
+
+
+def rows(**columns: NDArray[Any] | Sequence[Json]) -> list[dict[str, Json]]:
+    """Return a table of columns as one dictionary per row."""
+    columned = [plain(column) if isinstance(column, np.ndarray) else column for column in columns.values()]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columned, strict=True)]
+
+
+def names(kind: type[IntEnum], values: Iterable[int]) -> list[str]:
+    """Return the names of the members of an enumeration, in small letters."""
+    members = {int(member): member.name.lower() for member in kind}
+    return [members[value] for value in np.asarray(values).tolist()]
+
 
 _PART = re.compile(r"\[(\d+)\]|\.?([^.\[\]]+)")
 _STEP = re.compile(r"\[(\d+)\]")
@@ -135,3 +203,34 @@ def unnested(table: Columns, inside: Sequence[Columns], name: str) -> Columns:
     outer = {field: [column[row] for row in repeated] for field, column in table.items() if field != name}
     fields = dict.fromkeys(chain.from_iterable(inside))
     return outer | {field: list(chain.from_iterable(inner.get(field, ()) for inner in inside)) for field in fields}
+
+
+@dataclass(frozen=True, eq=False)
+class LazyColumn(Sequence[Json]):
+    """A column of a table, whose entries are those of the record."""
+
+    of: Callable[[], Any]  # its values, an array or a list
+    digits: int | None  # significant ones, as of `rounded`
+
+    @cached_property
+    def _values(self) -> Any:
+        values = rounded(self.of(), self.digits)
+        return values if isinstance(values, np.ndarray) else list(values)
+
+    @property
+    def array(self) -> NDArray[Any] | None:
+        """The column as an array, whose numbers that do not exist are not finite; None where it is a list."""
+        return self._values if isinstance(self._values, np.ndarray) else None
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __iter__(self) -> Iterator[Json]:
+        return iter(self[:])
+
+    def __getitem__(self, rows: Any) -> Any:
+        found = self._values[rows]
+        if isinstance(found, np.ndarray):
+            return plain(found)
+        entry = found.item() if isinstance(found, np.generic) else found
+        return None if isinstance(entry, float) and not math.isfinite(entry) else entry

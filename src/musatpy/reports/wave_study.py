@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.pages import text_of
 from musatpy.reports.table import Table
-from musatpy.reports.text import text_of
 from musatpy.sea.study import WIDE, Trials, WaveStudy, flying_height
 from musatpy.units import DEGREE
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.model import CoordinateSystem
+from musatpy.reports.editing import printed_unit
 from musatpy.reports.fields import Field
-from musatpy.reports.headings import printed_unit
 from musatpy.statistics import Statistics, Words
 from musatpy.units import ARC_SECOND, DEGREE, GON, AngleUnit
 

@@ -7,22 +7,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import analyses
-from musatpy.reports.fields import Document, Each, Field, Rows, same
-from musatpy.reports.pages import Section, print_titled
+from musatpy.reports.fields import Document, Each, Field, Rows
+from musatpy.reports.pages import Section, labelled, print_titled
 from musatpy.reports.table import Report
-from musatpy.reports.text import labelled
 from musatpy.statistics.differences import DifferenceStatistics, analysis_of
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
     from musatpy.compilation.against_run import AgainstRun
     from musatpy.compilation.compiled import Compiled
+from typing import TYPE_CHECKING
 
-_VERSION = "2.0"
+if TYPE_CHECKING:
+    from musatpy.compilation.contoured import ContourArea, ContourDistance, Contoured
+
 
 RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[AgainstRun]]] = Rows(
     "against_run",
     "one row per point that the run has too",
-    same,
     (
         Field("model", "string", "model id", lambda s: _models_of(s), heading="Model", edit="A8", is_id=True),
         Field("point", "string", "point id", lambda s: _points_of(s), heading="Point", edit="A8", is_id=True),
@@ -42,8 +43,8 @@ RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[Against
 ANALYSIS: Each[tuple[Compiled, list[AgainstRun]], tuple[str, DifferenceStatistics]] = Each(
     "analysis",
     "differences of compiled points from the run in numbers, east, north, up",
-    lambda s: _statistics(s[1]),
-    (
+    of=lambda s: _statistics(s[1]),
+    fields=(
         Field("component", "string", "East, North, Up", lambda d: d[0]),
         Field("size", "integer", "sample size N", lambda d: d[1].size),
         Field("sum", "number", "of the differences", lambda d: d[1].sum, "m"),
@@ -62,24 +63,22 @@ RUN_TABLE: Report[Any] = Report(
     title="Comparison With The Run",
     table=RUN_POINTS,
     worst=lambda t: t["length"],
-    columns=("model", "point", "shared", "difference", "length", "sigma", "test", "stages"),
 )
-STATED = (RUN_TABLE,)
 _ANALYSIS_TABLE: Report[Any] = Report(
     title="Ground Point Analysis",
     table=ANALYSIS,
     columns=(*("component", "size"), ANALYSIS.column("maximum_id", "Point with Max. Difference", "A8")),
 )
-DOCUMENT: Document[tuple[Compiled, list[AgainstRun]]] = Document(
+AGAINST_RUN: Document[tuple[Compiled, list[AgainstRun]]] = Document(
     name="point_comparison_version",
-    version=_VERSION,
+    version="2.0",
     title="musatpy comparison of compiled points",
     about="Compiled points beside those of the run, in metres and millimetres of the stages.",
     nodes=(CAUTION, *RECORD),
 )
 
 
-def listing_of(compiled: Compiled, against: list[AgainstRun]) -> str:
+def point_listing(compiled: Compiled, against: list[AgainstRun]) -> str:
     """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
     title = compiled.deck.titles[0] if compiled.deck.titles else ""
     heading = f"MUSATPY  COMPARISON OF POINTS  {title:<60.60}"
@@ -141,3 +140,60 @@ def _points_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
 def _models_of(source: tuple[Compiled, list[AgainstRun]]) -> Any:
     compiled, against = source
     return np.repeat([model.name for model in compiled.models], [len(part.rows) for part in against])
+
+
+DISTANCES: Each[Contoured, ContourDistance] = Each(
+    "distances",
+    "one row per depth of a surface and source: its contours, sampled every metre, from those of the other",
+    of=lambda c: c.distances,
+    fields=(
+        Field("surface", "integer", "number, as in the record of a compilation", heading="Surface", edit="I7",
+              is_id=True),
+        Field("depth", "number", "below the datum", unit="m", heading="Depth\nm", edit="F8.3", is_id=True),
+        Field("of", "string", "source whose contours are sampled", heading="From", edit="A8", is_id=True),
+        Field("length", "number", "of the contours", unit="m", heading="Length\nm", edit="F10.1"),
+        Field("beyond", "number", "length past open ends of the other or too far, left out", unit="m",
+              heading="Left out\nm", edit="F10.1"),
+        Field("mean", "number", "of the distances", unit="m", heading="Mean\nm", edit="F8.2"),
+        Field("rms", "number", "of the distances", unit="m", heading="RMS\nm", edit="F8.2"),
+        Field("most", "number", "distance that 95 % do not exceed", unit="m", heading="95 %\nm", edit="F8.2"),
+        Field("mean_depth", "number?", "compiled less the other, by the slope", unit="m", heading="Mean depth\nm",
+              edit="F10.3"),
+        Field("rms_depth", "number?", "of these", unit="m", heading="RMS depth\nm", edit="F10.3"),
+        Field("most_depth", "number?", "magnitude that 95 % of these do not exceed", unit="m",
+              heading="95 % depth\nm", edit="F10.3"),
+    ),
+)  # fmt: skip
+AREAS: Each[Contoured, ContourArea] = Each(
+    "areas",
+    "one row per depth of a surface",
+    of=lambda c: c.areas,
+    fields=(
+        Field("surface", "integer", "number, as in the record of a compilation", heading="Surface", edit="I7",
+              is_id=True),
+        Field("depth", "number", "below the datum", unit="m", heading="Depth\nm", edit="F8.3", is_id=True),
+        Field("area", "number?", "between the contours", unit="m2", heading="Area\nm2", edit="F14.1"),
+        Field("width", "number?", "of that, by the mean of both lengths", unit="m", heading="Mean width\nm",
+              edit="F10.2"),
+        Field("reason", "string", "why there is none; empty where there is", heading="Without, because",
+              edit="A60"),
+    ),
+)  # fmt: skip
+STATED: tuple[Report[Any], ...] = (
+    Report(title="Comparison Of Contours: Distances And Depths By The Slope", table=DISTANCES),
+    Report(title="Areas Between Contours", table=AREAS),
+)
+CONTOURS: Document[Contoured] = Document(
+    name="contour_comparison_version",
+    version="1.0",
+    title="musatpy contour comparison",
+    about="Compiled contours beside those of another source, metres. What does not exist is null",
+    nodes=(DISTANCES, AREAS),
+)
+
+
+def contour_listing(compared: Contoured, title: str, caution: str = "") -> str:
+    """Return the listing of a comparison, on pages of 60 lines of 132 columns."""
+    return print_titled(
+        f"MUSATPY  CONTOURS  {title:<60.60}", [table.section(compared) for table in STATED], caution
+    )
