@@ -40,7 +40,7 @@ def command(ctx: click.Context, listing: Path, against: Path | None, as_json: bo
     the listing, cannot be read, or the results not be written.
     """
     from musatpy.listings.audit.against import side_by_side, side_record, side_text
-    from musatpy.listings.audit.listing import audit, audit_record, audit_text, read_listing
+    from musatpy.listings.audit.reading import audit, audit_record, audit_text, read_listing
 
     try:
         with cycles_left_alone():

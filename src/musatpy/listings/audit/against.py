@@ -16,9 +16,9 @@ from typing import Any
 from musatpy.errors import MusatError
 from musatpy.json_files import read_record
 from musatpy.listings.audit.analyses import MAXIMUM_ID, SIZE, STATISTICS
-from musatpy.listings.audit.listing import Listing, read_listing
 from musatpy.listings.audit.plates import AXES, GROUPS, STAR
 from musatpy.listings.audit.plates import NAME as PLATES
+from musatpy.listings.audit.reading import Listing, read_listing
 from musatpy.listings.audit.report import Printed, printed_id, run_name, text_like
 from musatpy.listings.audit.submerged import COLUMNS
 from musatpy.listings.audit.submerged import NAME as SUBMERGED

@@ -50,7 +50,7 @@ def read_analysis(excerpt: Excerpt, notes: Notes) -> Report | None:
     None where no row of one is there, or neither the title nor the headings tell the names of its columns.
     """
     rows = rows_of(excerpt, LABELS, notes)
-    columns = _components(excerpt, notes)
+    columns = _components(excerpt)
     if not rows or columns is None:
         if rows:
             wanted = "Latitude, Longitude, Elevation or X, Y, Z or East, North, Up (M)"
@@ -80,11 +80,11 @@ def read_analysis(excerpt: Excerpt, notes: Notes) -> Report | None:
     )
 
 
-def _components(excerpt: Excerpt, notes: Notes) -> Sequence[tuple[str, str]] | None:
+def _components(excerpt: Excerpt) -> Sequence[tuple[str, str]] | None:
     """Return name and unit of each column; None where neither the title nor the headings tell."""
     if excerpt.kind == "station attitude":
         return _ATTITUDE
-    if says(excerpt, "Degrees Minutes", notes):
+    if says(excerpt, "Degrees Minutes"):
         return _GEOGRAPHIC
     for line in excerpt.lines:
         if {"latitude", "longitude"} <= set(re.findall(r"[a-z]+", line.text.lower())):

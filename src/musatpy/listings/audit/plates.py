@@ -15,7 +15,7 @@ from itertools import product
 from musatpy.listings.audit.analyses import Interval
 from musatpy.listings.audit.cells import RepairKind
 from musatpy.listings.audit.report import Misprint, Printed, Report, Suspect, pages_joined, printed, printed_id
-from musatpy.listings.audit.scan import Excerpt, Line, Notes, canonical, found, rows_of
+from musatpy.listings.audit.scan import Excerpt, Line, Notes, found, rows_of
 
 _POINTS = {
     "trig": ("Trig Points", "Trig Pts"),
@@ -37,6 +37,7 @@ _STAR_LABELS = {
 _NAMES = {"trig": "RMS of triangulated", "nontrig": "RMS of not triangulated", "all": "RMS of all"}
 _PLACES = 3  # decimals, mm
 _STAR = "****"  # exactly four: longer runs are rulings
+_ALIKE = str.maketrans("lI|!oO", "111100")  # in ids
 _PUNCTUATION = ",;:.'\"`_-"
 _REACH = 4  # columns of print that a star may stand beside its frame: half a column of the table
 _SLACK = 1e-9  # mm^2 relative: a number exactly between two prints may have gone either way
@@ -80,7 +81,7 @@ def _read(excerpt: Excerpt, notes: Notes) -> Report | None:
 def _is_heading(line: Line) -> bool:
     """Tell whether a line has the frames; `Frame With Max. RMS` has stars."""
     match = found("Frame", line)
-    return bool(match and re.search(r"\w", match["rest"]) and not canonical(match["rest"]).startswith("w1th"))
+    return bool(match and re.search(r"\w", match["rest"]) and not match["rest"].strip().lower().startswith("with"))
 
 
 def _starred(line: Line, text: str, heading: Line, frames: tuple[str, ...], notes: Notes) -> list[str] | None:
@@ -121,8 +122,8 @@ def _frame_places(heading: Line, frames: tuple[str, ...], grid: bool) -> Iterato
     waiting, text = list(frames), ""
     for where, words in _placed(heading, grid):
         for word in words.split():
-            text += canonical(word)
-            if waiting and text.endswith(canonical(waiting[0])):
+            text += re.sub(r"\W", "", word.translate(_ALIKE))
+            if waiting and text.endswith(re.sub(r"\W", "", waiting[0].translate(_ALIKE))):
                 yield waiting.pop(0), where
                 text = ""
 

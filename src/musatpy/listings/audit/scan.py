@@ -1,7 +1,7 @@
-"""Text -> lines, titles and labels under the noise of a scan, the standard reports; what their readers note.
+"""Text -> lines, titles and labels of the standard reports; what their readers note.
 
-Titles and labels are known beforehand, phrases of one reading or of several (`this one|that one`). Noise in them is
-what `cells` repairs in numbers: 1 and 0 as letters or letters as these, stray characters, broken words.
+Titles and labels are known beforehand, phrases of one reading or of several (`this one|that one`), in any case and
+with any blanks, points, commas and hyphens between their words. Noise of a scan is repaired in cells alone.
 """
 
 from __future__ import annotations
@@ -26,16 +26,13 @@ _TITLES = (
     ("ground point", "Ground Point Analysis", ""),
     ("check point", "Check Point Analysis", ""),
     ("plates", "Plate Residuals", r"(?=\W*$|\s+(?:Standard|Modified))"),
-    ("submerged", "Comparison of Computed", r"(?=.*[CG]\W?[oO0]\W?[oO0]\W?rd)"),
+    ("submerged", "Comparison of Computed", r"(?=.*[CG]oord)"),
 )
 _RUNS = ((False, ("No Refraction Correction", "Standard")), (True, ("Refraction Correction Applied", "Modified")))
 _NEAR = 6  # lines below a title that still belong to it
-_LEAST = 4  # letters that tell whether it is worth while to look for all of a phrase
 _OFTEN = 3  # a word that stands in as many places is not made by noise
 _NOISE = r"[^A-HJKM-Za-hjkm-z]*"  # what may stand left of a label: no word; l and I may be a border
 _CELLS = r"\.?(?=\s|$)"  # what stands right of it
-_SAME = bytes.maketrans(b"li|!o", b"11110")
-_NO_LETTERS = bytes(n for n in range(128) if not chr(n).isalnum() and chr(n) not in "|!")
 
 Name = TypeVar("Name")  # of a row
 
@@ -45,7 +42,6 @@ class Line(NamedTuple):
 
     number: int
     text: str
-    canonical: str = ""  # nothing where all letters may be noise
 
 
 @dataclass(frozen=True)
@@ -57,60 +53,15 @@ class Excerpt:
     lines: tuple[Line, ...]
 
 
-def canonical(text: str) -> str:
-    """Return a text without what noise or case can change: letters and digits that look alike are one."""
-    return text.lower().encode("ascii", "ignore").translate(_SAME, _NO_LETTERS).decode()
-
-
-@lru_cache(maxsize=256)
-def _required(phrase: str) -> str:
-    """Return letters, in their canonical form, that a text must have to be the phrase under any noise."""
-    common = set.intersection(*(set(words.split()) for words in phrase.split("|")))
-    return canonical(max(sorted(common), key=len)[:_LEAST])
-
-
-@lru_cache(maxsize=256)
-def _plain(phrase: str) -> re.Pattern[str]:
-    """Return the pattern of a phrase with any blanks, points, commas and hyphens between its words."""
-    return re.compile(r"[\s.,\-]*".join(phrase.split()).replace("|", r"\.?|") + r"\.?", re.I)
-
-
-@lru_cache(maxsize=256)
-def _noisy(phrase: str, before: str, after: str) -> re.Pattern[str]:
-    """Return the pattern of a phrase under the noise of a scan, and what stands before and behind it."""
-    likes = {
-        " ": r"[\W_]*",
-        "|": "|",
-        "-": "",
-        **dict.fromkeys("liI1", "[liI1|!]"),
-        **dict.fromkeys("oO0", "[oO0]"),
-    }
-    # Behind each letter, one stray character or a break.
-    noisy = "".join(likes.get(letter, letter) + r"[\W_]?" * letter.isalnum() for letter in phrase)
-    return re.compile(f"(?P<before>{before})(?P<phrase>{noisy}){after}(?P<rest>.*)$", re.I)
-
-
 def found(phrase: str, line: Line, before: str = _NOISE, after: str = _CELLS) -> re.Match[str] | None:
-    """Return the match of a phrase at the head of a line, however noisy: groups before, phrase, rest."""
-    return _noisy(phrase, before, after).match(line.text) if _required(phrase) in line.canonical else None
+    """Return the match of a phrase at the head of a line: groups before, rest."""
+    return _pattern(phrase, before, after).match(line.text)
 
 
-def _respelt(line: int, printed: str, phrase: str) -> Iterator[Repair]:
-    """Yield the repairs that make a text a phrase, one of each kind; upper case is no noise."""
-    printed, read = printed.strip(), phrase.split("|")[0]
-    if _plain(phrase).fullmatch(printed):
-        return
-    bare, goal = (re.sub(r"[\W_]", "", text.replace("|", "1").replace("!", "1")) for text in (printed, read))
-    changed = [{a, b} for a, b in zip(bare, goal, strict=False) if a.casefold() != b.casefold()]
-    if any(pair & set("0oO") for pair in changed):
-        yield Repair(line, RepairKind.ZERO, printed, read)
-    if any(pair & set("1lIi") for pair in changed) or {"|", "!"} & set(printed):
-        yield Repair(line, RepairKind.ONE, printed, read)
-    marks, wanted = (re.findall(r"[^\w\s|!]|_", text) for text in (printed, read))
-    if len(marks) > len(wanted):
-        yield Repair(line, RepairKind.STRAY, printed, read)
-    elif not changed and not ({"|", "!"} & set(printed)):
-        yield Repair(line, RepairKind.SPLIT, printed, read)
+@lru_cache(maxsize=256)
+def _pattern(phrase: str, before: str, after: str) -> re.Pattern[str]:
+    words = r"[\s.,\-]*".join(phrase.split()).replace("|", r"\.?|")
+    return re.compile(rf"(?P<before>{before})(?:{words})\.?{after}(?P<rest>.*)$", re.I)
 
 
 @dataclass(frozen=True)
@@ -150,16 +101,9 @@ class Notes:
     def _frequency(self) -> Counter[str]:
         return Counter(self.text.split())
 
-    def found(self, phrase: str, line: Line, before: str = _NOISE, after: str = _CELLS) -> re.Match[str] | None:
-        """Return the match of a phrase in a line (see `found`), noise in it noted."""
-        match = found(phrase, line, before, after)
-        if match is not None:
-            self.repairs.extend(_respelt(line.number, match["phrase"], phrase))
-        return match
-
     def after(self, label: str, line: Line) -> str | None:
-        """Return what stands right of a label, noise in it and left of it noted; None where the row has another."""
-        match = self.found(label, line)
+        """Return what stands right of a label, noise left of it noted; None where the row has another."""
+        match = found(label, line)
         if match and (noise := match["before"].strip()):
             self.repair(line, RepairKind.BORDER, noise)
         return match["rest"] if match else None
@@ -188,28 +132,27 @@ def lines_of(text: str, notes: Notes) -> list[Line]:
         if len(row) > WIDEST:
             notes.lost(Line(number, row[:WIDEST]), f"a row of {len(row)} characters: no listing has any")
         is_blank = len(row) > WIDEST or ("PAGE" in row and _PAGE_HEADER.search(row))
-        bare = "" if is_blank else canonical(row)
-        lines.append(Line(number, "" if is_blank else row, "" if bare.isdecimal() else bare))
+        lines.append(Line(number, "" if is_blank else row))
     return lines
 
 
-def excerpts_of(lines: Sequence[Line], notes: Notes) -> Iterator[Excerpt]:
+def excerpts_of(lines: Sequence[Line]) -> Iterator[Excerpt]:
     """Yield the standard reports in their order; a title without a report below it makes an empty one."""
     starts = [
         (at, kind)
         for at, line in enumerate(lines)
         for kind, title, after in _TITLES
-        if notes.found(title, line, r"\W*", after)
+        if found(title, line, r"\W*", after)
     ]
     for (at, kind), (end, _) in pairwise([*starts, (len(lines), "")]):
         excerpt = Excerpt(kind, None, tuple(lines[at:end]))
-        run = next((run for run, phrases in _RUNS if any(says(excerpt, one, notes) for one in phrases)), None)
+        run = next((run for run, phrases in _RUNS if any(says(excerpt, one) for one in phrases)), None)
         yield replace(excerpt, refracted=run)
 
 
-def says(excerpt: Excerpt, phrase: str, notes: Notes) -> bool:
+def says(excerpt: Excerpt, phrase: str) -> bool:
     """Tell whether one of the lines of a title has a phrase."""
-    return any(notes.found(phrase, line, r".*?\b", r"\b") for line in excerpt.lines[:_NEAR])
+    return any(found(phrase, line, r".*?\b", r"\b") for line in excerpt.lines[:_NEAR])
 
 
 def rows_of(excerpt: Excerpt, labels: Mapping[Name, str], notes: Notes) -> dict[Name, tuple[Line, str]]:

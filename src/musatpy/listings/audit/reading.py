@@ -57,7 +57,7 @@ def listing_of(text: str, name: str) -> Listing:
     """Return what the text of a listing says; raises `MusatError` where it has none of the standard reports."""
     notes = Notes(name, text)
     lines = lines_of(text, notes)
-    excerpts = list(excerpts_of(lines, notes))
+    excerpts = list(excerpts_of(lines))
     analyses = [read_analysis(one, notes) for one in excerpts if one.kind not in ("plates", "submerged")]
     plates = tuple(read_plates(excerpts, notes))
     submerged = tuple(read_submerged(excerpts, notes))
@@ -88,7 +88,7 @@ def _note_untitled(lines: Sequence[Line], notes: Notes) -> None:
 def _is_row(line: Line) -> bool:
     if _COORDINATES.match(line.text):
         return True
-    matches = (found(label, line) for label in (_LABELS if line.canonical else ()))
+    matches = (found(label, line) for label in _LABELS)
     return any(match is not None and re.match(_TWO_CELLS, match["rest"].strip()) for match in matches)
 
 
