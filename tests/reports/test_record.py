@@ -44,14 +44,6 @@ def test_the_record_obeys_its_schema_and_is_the_same_however_it_is_made(system, 
     assert json.dumps(plain_again(held_tables(statistics, set(whole)))) == json.dumps(whole)
 
 
-def test_a_column_is_worked_out_once_and_only_when_it_is_looked_at():
-    asked = []
-    column = LazyColumn(lambda: asked.append(1) or np.array([1.0, np.nan, np.inf, 1.0 / 3.0]), 4)
-    assert asked == []
-    assert column[0] == 1.0 and column[1] is None and column[-1] == 0.3333 and len(column) == 4
-    assert list(column) == [1.0, None, None, 0.3333] and asked == [1]
-
-
 def test_only_what_is_named_is_made():
     statistics = Statistics(sample_solution())
     whole = record_of(statistics)
@@ -84,25 +76,6 @@ def test_the_text_of_odd_values_is_that_of_the_table(monkeypatch):
     assert found == json.loads(dumps({node.name: node.json(1) for node in (table, empty)}))
     assert found["t %s"]["%d"] == [1.0, None, None, 0.0, 1e-300] and found["t %s"]["name"] == names
     assert found["empty"] == {field.name: [] for field in table.fields}
-
-
-def test_coordinates_angles_and_covariances_are_whole_and_the_rest_has_twelve_digits():
-    value = np.array([1.0 / 3.0])
-    units = {"rad": None, "m2": None, "rad, rad, m (GEOG) or m": None, "m rad": None, "m": 12, "mm": 12, "": 12}
-    fields = [Field(f"in {unit}", "number", "", lambda s: value, unit) for unit in units]
-    assert [field.digits for field in fields] == list(units.values())
-    exact = Field("place", "2 number?", "", lambda s: np.array([[1.0 / 3.0, np.nan]]), "m", exact=True)
-    ragged = Field("some", "* number?", "", lambda s: [[1.0 / 3.0, None], []][:1], "m")
-    texts = Field("text", "string", "", lambda s: ["a"])
-    assert exact.digits is None and texts.digits is None and ragged.digits == 12
-    table = Rows("t", "", of=lambda s: s, fields=(*fields, exact, ragged, texts))
-    found = json.loads("".join(record_module.record_texts([table], 1)))["t"]
-    for field in fields:
-        assert found[field.name] == [1.0 / 3.0 if field.digits is None else 0.333333333333]
-    assert found["place"] == [[1.0 / 3.0, None]] and found["some"] == [[0.333333333333, None]]
-    assert found == table.json(1)
-    columns = table.schema()["properties"]
-    assert columns["in m"]["digits"] == 12 and "digits" not in columns["in rad"]
 
 
 @given(
@@ -236,13 +209,6 @@ def test_what_does_not_exist_is_null():
 def test_infinity_is_null_too():
     solution = dataclasses.replace(sample_solution(), sigma0=float("inf"))
     assert read_back(solution)["solution"]["sigma0"] is None
-
-
-def test_columns_stand_on_lines_of_their_own():
-    for text in (dumps(record(sample_solution())), "".join(texts_of(Statistics(sample_solution())))):
-        assert text.endswith("\n  }\n}\n") or text.endswith("null\n}\n")
-        lines = [line for line in text.splitlines() if line.startswith('    "photo": ["837"')]
-        assert len(lines) >= 2
 
 
 def test_the_shipped_schema_is_that_of_the_tables():
