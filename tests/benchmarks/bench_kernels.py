@@ -40,7 +40,7 @@ def scene(photos: int) -> tuple[Network, State, Options]:
     job, state = prepared(block, None)
     network = job.network
     network = network.with_plates(network.xy, np.asarray(job.bathymetric[network.point]))
-    return network, Triangulation(network=network, options=block.options).settled(state), block.options
+    return network, ground.settle(network, state), block.options
 
 
 def work(network: Network, state: State, options: Options) -> Work:
@@ -63,7 +63,7 @@ def work(network: Network, state: State, options: Options) -> Work:
         "points after a step of the stations": follow,
         "weighted squares of the images": lambda: simultaneous.with_squares(state),
         "conditions of IIA into the normal equations": lambda: triangulation.linearise(state),
-        "points of IIA to their best": lambda: triangulation.settled(state),
+        "points of IIA to their best": lambda: ground.settle(network, state),
         "normal matrix factorised": lambda: factorised(matrix),
         "its selected inverse": factor.cofactors,
         "its solution": lambda: factor.solve(line.rhs),

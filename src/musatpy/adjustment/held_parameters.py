@@ -27,7 +27,7 @@ from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import direct_rows, state_after
 from musatpy.adjustment.kinds.kind import Rows
 from musatpy.adjustment.network import RAYS, Network, Participation, kept_axes, parts_of, together
-from musatpy.adjustment.precision import Precision, left_out
+from musatpy.adjustment.precision import Precision
 from musatpy.adjustment.propagation import PointRows, point_rows
 from musatpy.adjustment.sightings import residuals
 from musatpy.arrays import BoolArray, FloatArray
@@ -113,15 +113,15 @@ class _AtRest:
         wet, point = (state.tide != before.tide) | (state.index != before.index), state.ground != before.ground
         return photo[old.photo] | (old.refracted & wet[old.photo]) | point.any(axis=1)[old.point]
 
-    def solved(self, lines: FloatArray, direct: Sequence[tuple[Rows, FloatArray]]) -> FloatArray:
-        """Return the steps (u, P) of stations and globals by errors of the observations."""
+    def solved(self, weighted: Sequence[FloatArray], direct: Sequence[tuple[Rows, FloatArray]]) -> FloatArray:
+        """Return the steps (u, P) of stations and globals by errors, those of the lines of `rows` weighted."""
         network, scale = self.network, self.known.full.scale[:, None]
-        rhs = np.zeros((len(scale), lines.shape[2]))
-        for rows in self.rows:
-            rows.add_rhs(network, rows.left(rows.weighted(lines))[0], rhs)
+        rhs = np.zeros((len(scale), weighted[0].shape[2]))
+        for rows, errors in zip(self.rows, weighted, strict=True):
+            rows.add_rhs(network, rows.left(errors)[0], rhs)
         for others, errors in direct:
-            weighted = others.partials * others.weight[:, None]
-            np.add.at(rhs, others.index, -weighted[:, :, None] * errors[:, None])
+            partials = others.partials * others.weight[:, None]
+            np.add.at(rhs, others.index, -partials[:, :, None] * errors[:, None])
         rhs[self.free.held] = 0.0
         return self.known.full.solve_scaled(rhs * scale) * scale
 
@@ -160,22 +160,24 @@ class _AtRest:
         """The axes of these: (n, 3, 3), (p, 3, 3), (1, 1, 1)."""
         return self.network.axes, self.network.frame.axes(self.state.ground), np.ones((1, 1, 1))
 
-    def most_moved(self, before: Places, after: Places, parameter: Parameter) -> list[tuple[int, float, float]]:
-        """Return the station, the point, the depth that an error of a parameter moves most in its own sigmas.
+    def most_moved(self, before: Places, after: Sequence[Places], held: Sequence[Parameter]) -> FloatArray:
+        """Return (P, 3, 3): the station, the point, the depth that an error of each moves most in its own sigmas.
 
         With its movement (m, and sigmas) by an error of one unit; ordered as those of the reference error print.
         Sigmas of what is held are zero: it moves with its card.
         """
+        reference, size = (np.array([getattr(of, name) for of in held]) for name in ("reference", "size"))
         found = []
-        for old, new, along, sigma in zip(before, after, self._axes, self._sigmas, strict=True):
-            move = (along @ ((new - old) / parameter.size)[..., None])[..., 0]
-            relative = np.full(sigma.shape, np.nan)
-            np.divide(np.abs(move), sigma, out=relative, where=sigma > 0.0)
+        for old, new, along, sigma in zip(before, zip(*after, strict=True), self._axes, self._sigmas, strict=True):
+            move = along @ ((np.stack(new, axis=-1) - old[..., None]) / size)
+            relative = np.full(move.shape, np.nan)
+            np.divide(np.abs(move), sigma[..., None], out=relative, where=sigma[..., None] > 0.0)
             most = np.fmax.reduce(relative, axis=1)
-            row = int(np.argmax(np.round(np.nan_to_num(most, nan=-np.inf) * parameter.reference, _DECIMALS)))
-            known = np.isfinite(most[row])
-            found.append((row, float(np.linalg.norm(move[row])), float(most[row])) if known else _NOTHING)
-        return found
+            row = np.argmax(np.round(np.nan_to_num(most, nan=-np.inf) * reference, _DECIMALS), axis=0)
+            parameter = np.arange(len(held))
+            shift, sigmas = np.linalg.norm(move[row, :, parameter], axis=1), most[row, parameter]
+            found.append(np.where(np.isfinite(sigmas)[:, None], np.column_stack([row, shift, sigmas]), _NOTHING))
+        return np.stack(found, axis=1)
 
 
 def _residuals(network: Network, state: State, images: BoolArray, lines: FloatArray) -> list[FloatArray]:
@@ -205,11 +207,11 @@ def held_parameters(
     cards = [rest.altered(parameter) for parameter in held]
     lines, *of_direct = rest.errors(held, cards)
     direct = list(zip((rows for _, rows in direct_rows(network, state)), of_direct, strict=True))
-    step, split = rest.solved(lines, direct), network.pattern.order
+    weighted = [rows.weighted(lines) for rows in rest.rows]
+    step, split = rest.solved(weighted, direct), network.pattern.order
     whole, left = np.zeros((2, lines.shape[2], lines.shape[2]))
     moves = np.zeros((*state.ground.shape, lines.shape[2]))
-    for rows in rest.rows:
-        errors = rows.weighted(lines)
+    for rows, errors in zip(rest.rows, weighted, strict=True):
         remaining, of_points = rows.left(errors + rows.by_unknowns(network, step))
         moves[rows.point] = np.swapaxes(rows.axes, 1, 2) @ of_points
         whole, left = whole + _squares(errors), left + _squares(remaining)
@@ -219,19 +221,19 @@ def held_parameters(
     kept = network.border.kept
     axes = np.swapaxes(kept_axes(network, state.ground[kept]), 1, 2)
     moves[kept] = axes @ step[split + network.border.kept_columns(kept)]
-    for group in left_out(network, part):
+    for group in network.left_out:
         rows = point_rows(network, state, group)
         _, of_points = rows.left(rows.weighted(lines) + rows.by_unknowns(network, step))
         moves[rows.point] = np.swapaxes(rows.axes, 1, 2) @ of_points
-    before, none, worst, considered = rest.places(state), rest.of_considered(state), [], []
+    none, after, considered = rest.of_considered(state), [], []
     for row, (parameter, (_, moved)) in enumerate(zip(held, cards, strict=True), start=1):
         ground = moved.ground + parameter.size * moves[..., row]
         moved = replace(state_after(network, moved, parameter.size * step[:, row]), ground=ground)
         considered.append((rest.of_considered(moved, parameter) - none) / parameter.size)
         if len(rest.free.held):
             moved, _ = moved_to(network, moved, rest.free, state.ground)
-        worst.append(rest.most_moved(before, rest.places(moved), parameter))
-    most = np.array(worst).reshape(-1, 3, 3)
+        after.append(rest.places(moved))
+    most = rest.most_moved(rest.places(state), after, held)
     return HeldParameters(
         names=np.array([parameter.name for parameter in held], dtype=np.str_),
         units=np.array([parameter.unit for parameter in held], dtype=np.str_),

@@ -42,7 +42,6 @@ from musatpy.adjustment.network import (
     participation,
 )
 from musatpy.adjustment.normals import SINGULAR
-from musatpy.adjustment.precision import left_out
 from musatpy.adjustment.sparse import Pattern
 from musatpy.adjustment.wavy_water import Sea, WorkingSea, sea_of
 from musatpy.arrays import BoolArray, FloatArray
@@ -206,13 +205,11 @@ class Job:
         return *solved, *self._submerged_left_out()
 
     def _submerged_left_out(self) -> list[PointGroup]:
-        groups = left_out(self.network, self.part)
-        return [part for group in groups for part in group.some(self.bathymetric[group.point])]
+        return [part for group in self.network.left_out for part in group.some(self.bathymetric[group.point])]
 
     def with_left_out(self, network: Network, state: State) -> State:
         """Return the state with the points that took no part intersected as well."""
-        groups = left_out(network, self.part)
-        return ground_points.intersect_freely(network, state, groups) if groups else state
+        return ground_points.intersect_freely(network, state, network.left_out) if network.left_out else state
 
     def with_submerged_left_out(self, network: Network, state: State) -> State:
         """Return the state with only those of them that are submerged, as near as sides of the water ask for."""
@@ -378,10 +375,10 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         for chosen in (eliminated & ~by_collinearity, eliminated & by_collinearity, enters & ~eliminated)
     )
     control_groups = tuple(replace(group, known=True) for group in control_groups)
-    besides = group_points(
+    left_out = group_points(
         plates.photo, plates.point, np.ones_like(part.used), part.status == PointStatus.INTERSECTED
     )
-    together = [plates.photo[group.rays] for group in (*pass_groups, *control_groups, *besides)]
+    together = [plates.photo[group.rays] for group in (*pass_groups, *control_groups, *left_out)]
     water = water_knowledge(block)
     return Network(
         frame=frame,
@@ -405,6 +402,7 @@ def build_network(block: Block, frame: Frame, part: Participation, sea: Sea | No
         pass_groups=pass_groups,
         control_groups=control_groups,
         kept_groups=tuple(replace(group, kept=True, known=True) for group in kept_groups),
+        left_out=left_out,
         measured=measured,
         pattern=Pattern.of(
             len(photos.ids),

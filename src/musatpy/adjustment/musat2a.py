@@ -129,7 +129,7 @@ class _Run:
 
         Raises `AdjustmentError` naming what is free.
         """
-        state = ground_points.settle(network, state)
+        state = settle(network, state)
         return self.job.iterate(self.problem(network, state), network, state, outer_pass)
 
     def triangulate_refracted(self, outcome: Outcome) -> tuple[Network, Outcome]:
@@ -138,12 +138,12 @@ class _Run:
         Points on a water line are held there while it lasts; in the network they are as free as all others.
         """
         measured = self.job.network
-        state = self.job.with_left_out(measured, outcome.state)
+        state = self.job.with_submerged_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
 
         def adjusted(network: Network, state: State, number: int) -> Outcome:
             outcome = self.triangulate(network, state, number)
-            return replace(outcome, state=self.job.with_left_out(network, outcome.state))
+            return replace(outcome, state=self.job.with_submerged_left_out(network, outcome.state))
 
         network, _, outcome = at_rest_in_water(
             measured, line, state, self.job.bathymetric, adjusted, itertools.count(1)
@@ -155,7 +155,7 @@ class _Run:
     ) -> tuple[Network, Network, Outcome, tuple[WaterPass, ...]]:
         """Return WATPT iterated with the triangulation: network, network of the refracted rays, outcome, passes."""
         measured, passes, outcome = self.job.network, [], straight
-        state = self.job.with_left_out(measured, outcome.state)
+        state = self.job.with_submerged_left_out(measured, outcome.state)
         line = water_line(measured, state, self.job.bathymetric)
         network = straightened = measured
         groups = self.job.water_groups()
@@ -166,7 +166,7 @@ class _Run:
             network = measured.with_plates(xy, measured.refracted)
             straightened = measured.with_plates(measured.xy, line.wet)
             outcome = self.triangulate(network, state, number)
-            state = self.job.with_left_out(network, outcome.state)
+            state = self.job.with_submerged_left_out(network, outcome.state)
             if not outcome.lost:
                 line = best_line(measured, line, state, self.job.bathymetric, held=False)
                 xy = corrected_plates(measured, state, groups, line.wet, legacy)
@@ -272,11 +272,7 @@ class Triangulation:
 
     def apply(self, state: State, step: FloatArray, context: Scale) -> State:
         """Return the state after a step of stations and levels, its points settled again."""
-        return self.settled(state_after(self.network, state, step))
-
-    def settled(self, state: State) -> State:
-        """Return the state with its points at their optimum."""
-        return settle(self.network, state)
+        return settle(self.network, state_after(self.network, state, step))
 
     def converged(self, step: FloatArray) -> bool:
         """Return whether the largest differential rotation and translation are below their limits."""

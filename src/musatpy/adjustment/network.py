@@ -159,6 +159,7 @@ class Network:
     ]  # points of which nothing is known; in IIA by coplanarity and scale restraint
     control_groups: tuple[PointGroup, ...]  # points with control, or of a group; enter by collinearity
     kept_groups: tuple[PointGroup, ...]  # the points of `border.kept`, which are not eliminated (IIIA)
+    left_out: tuple[PointGroup, ...]  # points that took no part and have a position, with all their rays
     measured: Mapping[ObservationKind, Measured]
     pattern: Pattern  # which photos meet in the normal equations, or in a point to be intersected
     turned: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))  # (n,) or (0,): see `iteration`
@@ -229,6 +230,7 @@ class Network:
             pass_groups=tuple(group for group in every if not group.known),
             control_groups=tuple(group for group in every if group.known),
             kept_groups=(),
+            left_out=(),
             gathered={},
         )
         return alone, every

@@ -18,7 +18,7 @@ from musatpy.adjustment.collinear import eliminate
 from musatpy.adjustment.iteration import LEVEL, State, is_considered, stated
 from musatpy.adjustment.kernels import loops_of
 from musatpy.adjustment.kinds import WATER
-from musatpy.adjustment.network import Network, Participation, PointGroup, group_points
+from musatpy.adjustment.network import Network, Participation, PointGroup
 from musatpy.adjustment.normals import SINGULAR, Cofactors, Factor, NormalMatrix, factorised
 from musatpy.adjustment.propagation import Diagonal, depth_cofactors, pieces, point_covariances
 from musatpy.arrays import BoolArray, FloatArray, IntArray
@@ -29,7 +29,6 @@ from musatpy.model import (
     Dependence,
     LevelPairs,
     Observations,
-    PointStatus,
     Program,
     StationPairs,
     Treatment,
@@ -93,7 +92,6 @@ def precision(
     block: Block,
     network: Network,
     state: State,
-    part: Participation,
     factor: Factor,
     free: Freedom | None,
     residual: FloatArray,
@@ -122,7 +120,7 @@ def precision(
     left = squares - (considered.parameters.explained if considered else 0.0)
     unit_sigma = float(np.sqrt(max(left, 0.0) / dof)) if dof > 0 else 1.0
     estimates = Errors(network=network, state=state, cofactors=held, inner=inner)
-    spread, of_depths = _spread(estimates, block, part, residual)
+    spread, of_depths = _spread(estimates, block, residual)
     points, depths = spread.points * unit_sigma**2, of_depths * unit_sigma**2
     unknowns = estimated = cofactors.times(unit_sigma**2)
     if full is not factor:
@@ -136,7 +134,7 @@ def precision(
             cofactors=considered.cofactors,
             of_parameters=True,
         )
-        other, of_depths = _spread(errors, block, part, residual)
+        other, of_depths = _spread(errors, block, residual)
         points, depths = points + other.points, depths + of_depths
         unknowns = considered.with_covariances(unknowns)
         observed = replace(observed, considered=propagation.variances(other.parts))
@@ -243,17 +241,17 @@ def spread_to_observations(errors: Errors, block: Block, residual: FloatArray) -
     return Spread(points=points, parts=parts, diagonal=diagonal)
 
 
-def _spread(errors: Errors, block: Block, part: Participation, residual: FloatArray) -> tuple[Spread, FloatArray]:
+def _spread(errors: Errors, block: Block, residual: FloatArray) -> tuple[Spread, FloatArray]:
     """Return the same with the points that took no part and have a position, and the cofactors (p,) of depths."""
     spread = spread_to_observations(errors, block, residual)
-    for group in left_out(errors.network, part):
+    for group in errors.network.left_out:
         for rows, piece in _pieces(errors, group):
             covariance = point_covariances(errors.network, piece, errors.cofactors, errors.inner)
             spread.points[group.point[rows]] = covariance
-    return spread, _depths(errors, block, part, spread.points)
+    return spread, _depths(errors, block, spread.points)
 
 
-def _depths(errors: Errors, block: Block, taken: Participation, points: FloatArray) -> FloatArray:
+def _depths(errors: Errors, block: Block, points: FloatArray) -> FloatArray:
     """Return the cofactors (p,) of depths, NaN for points on land; `points` (p, 3, 3) are those of positions."""
     network, state, submerged = errors.network, errors.state, block.points.bathymetric
     depths = np.full(network.points, np.nan)
@@ -262,7 +260,7 @@ def _depths(errors: Errors, block: Block, taken: Participation, points: FloatArr
         by_point = network.frame.axes(state.ground[wet]) @ network.slope(state.tilt) - np.array([0.0, 0.0, 1.0])
         depths[wet] = np.einsum("ki,kij,kj->k", by_point, points[wet], by_point)
         return depths
-    for group in (*network.groups, *left_out(network, taken)):
+    for group in (*network.groups, *network.left_out):
         part = group.part(submerged[group.point])
         for rows, piece in _pieces(errors, part):
             depths[part.point[rows]] = depth_cofactors(network, state, piece, errors.cofactors, errors.inner)
@@ -274,12 +272,6 @@ def _pieces(errors: Errors, group: PointGroup) -> Iterator[tuple[slice, propagat
         if errors.of_parameters:
             piece = replace(piece, E=replace(piece.E, inverse=np.zeros_like(piece.E.inverse)))
         yield rows, piece
-
-
-def left_out(network: Network, part: Participation) -> tuple[PointGroup, ...]:
-    """Return the points that took no part and have a position all the same, with all their rays."""
-    every_ray = np.ones(len(network.photo), dtype=bool)
-    return group_points(network.photo, network.point, every_ray, part.status == PointStatus.INTERSECTED)
 
 
 def _held(
@@ -367,9 +359,7 @@ def reach_of(network: Network, state: State, part: Participation) -> Reach:
     return Reach(nearest=nearest, height=float(np.median(rays)) if len(rays) else np.inf)
 
 
-def undetermined_points(
-    network: Network, state: State, reach: Reach, covariance: FloatArray, kept_out: tuple[PointGroup, ...]
-) -> dict[int, str]:
+def undetermined_points(network: Network, state: State, reach: Reach, covariance: FloatArray) -> dict[int, str]:
     """Return the points that their rays do not determine, with the reason: points with `covariance` (p, 3, 3) m2.
 
     The largest axis of their ellipsoid is above a tenth of the flying height, and that of the one by their rays
@@ -378,7 +368,7 @@ def undetermined_points(
     limit = PART_OF_HEIGHT * reach.height
     wide = np.einsum("kii->k", covariance) > limit**2  # the sum of squares of the axes; NaN is not
     reasons = {}
-    for group, taken in (*((group, True) for group in network.groups), *((group, False) for group in kept_out)):
+    for number, group in enumerate((*network.groups, *network.left_out)):
         rows = wide[group.point]
         if not rows.any():
             continue
@@ -387,6 +377,7 @@ def undetermined_points(
             by_rays = eliminate(network, state, inside).free_inverse
         for point, cofactor in zip(inside.point.tolist(), by_rays, strict=True):
             sizes = [_largest_axis(of) for of in (covariance[point], cofactor)]
+            taken = number < len(network.groups)
             if min(sizes) > limit and not (taken and reach.nearest[point] > FARTHEST * reach.height):
                 reasons[point] = f"its rays do not determine it: its ellipsoid is {sizes[0]:.0f} m long"
     return reasons

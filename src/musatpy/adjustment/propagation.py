@@ -19,7 +19,6 @@ from musatpy.adjustment.iteration import LEVEL, State
 from musatpy.adjustment.kinds import PRIORS, WATER, direct_rows
 from musatpy.adjustment.network import Network, PointGroup, first_rows
 from musatpy.adjustment.normals import Cofactors
-from musatpy.adjustment.sparse import SumsByRow
 from musatpy.arrays import FloatArray, IntArray
 from musatpy.model import Block, ObservationKind, Observations
 
@@ -329,8 +328,9 @@ class PointRows:
         """Add the right sides by errors (k, 2l, P) that the points leave to those of all unknowns, (u, P)."""
         split, (k, m), P = network.pattern.order, self.photo.shape, rhs.shape[1]
         of_images = np.swapaxes(self.A, 2, 3) @ errors[:, : 2 * m].reshape(k, m, 2, P)
-        sums, stations = SumsByRow.of(self.photo.reshape(-1)), rhs[:split].reshape(network.photos, -1)
-        stations[sums.rows] -= sums.sums(of_images.reshape(k * m, -1))
+        photo, stations = self.photo.reshape(-1), rhs[:split].reshape(network.photos, -1)
+        for column, values in enumerate(of_images.reshape(k * m, -1).T):
+            stations[:, column] -= np.bincount(photo, values, network.photos)
         np.add.at(rhs[split:], self.index, -np.swapaxes(self.extra, 1, 2) @ errors)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,6 @@ from musatpy.adjustment.precision import (
     Reach,
     dependence,
     factor_of,
-    left_out,
     limits_of_water,
     precision,
     reach_of,
@@ -86,16 +85,16 @@ def solution(
     block, part, measured = job.block, job.part, job.network
     line = problem(network, state).linearise(state)
     bent = line if refracted is network else problem(refracted, state).linearise(state)
-    factor, idle, kept_out = factor_of(bent.matrix), _idle_photos(network, part), left_out(network, part)
+    factor, idle, every = factor_of(bent.matrix), _idle_photos(network, part), measured.groups + measured.left_out
     dof = (counts := count(network, len(idle), free.count if free else 0)).degrees_of_freedom
     sigma0 = float(np.sqrt(line.objective / dof)) if dof > 0 else 1.0
-    part, state = _without_unmet(network, part, state, kept_out, sigma0)
+    part, state = _without_unmet(network, part, state, sigma0)
     if factor.is_weak(ILL_DETERMINED):
         weak = describe_weakness(network, state, bent.matrix, 10.0 * ILL_DETERMINED, block)
         warnings += tuple(f"ill-determined: {sentence}" for sentence in weak)
     warnings += _what_is_odd(block.photos.ids[idle], free, dof)
     plates = _plate_residuals(network, measured, state, part)
-    known = precision(block, refracted, state, part, factor, free, plates.residual, line.objective, dof)
+    known = precision(block, refracted, state, factor, free, plates.residual, line.objective, dof)
     reach = reach_of(network, state, part)
     stated, points = _points(block, refracted, state, part, known, reach)
     name = unknown_name(refracted, block)
@@ -116,7 +115,7 @@ def solution(
         stations=_stations(block, network, state, known, idle),
         points=points,
         plates=plates,
-        bathymetric=bathymetric_points(block, measured, stated, measured.groups + kept_out, np.sqrt(known.depths)),
+        bathymetric=bathymetric_points(block, measured, stated, every, np.sqrt(known.depths)),
         levels=state.levels,
         level_sigmas=np.where(np.isnan(state.levels), np.nan, level_sigmas),
         measured=measured_values(block, network, state),
@@ -130,18 +129,18 @@ def solution(
         dependence=dependence(refracted, known.diagonal, known.cofactors, known.unknowns, name),
         held=None if reason else held_parameters(block, refracted, state, part, known, free),
     )
-    return found if refracted is network else with_departure(found, refracted, bent, factor, state, kept_out)
+    return found if refracted is network else with_departure(found, refracted, bent, factor, state)
 
 
 def _without_unmet(
-    network: Network, part: Participation, state: State, kept_out: Iterable[PointGroup], sigma0: float
+    network: Network, part: Participation, state: State, sigma0: float
 ) -> tuple[Participation, State]:
     """Return participation and state without points that were kept out and whose rays miss each other.
 
     Nothing says where they are.
     """
     unmet: dict[int, str] = {}
-    for group in kept_out:
+    for group in network.left_out:
         squares = point_squares(network, state, group, state.ground[group.point])
         known = finite_rows(state.ground[group.point])
         apart = known & ~(squares <= np.square(_APART * max(sigma0, 1.0)))
@@ -149,8 +148,10 @@ def _without_unmet(
     return replace(part, reasons=part.reasons | unmet), _without(state, unmet)
 
 
-def _without(state: State, points: Iterable[int]) -> State:
-    """Return the state without positions of points."""
+def _without(state: State, points: Collection[int]) -> State:
+    """Return the state without positions of points; without any, what was computed at it is still so."""
+    if not points:
+        return state
     ground = state.ground.copy()
     ground[list(points)] = np.nan
     return replace(state, ground=ground)
@@ -264,10 +265,9 @@ def _points(
     reach: Reach,
 ) -> tuple[State, GroundPoints]:
     """Return the state without points that have no number, and the points with the water over them."""
-    kept_out = left_out(network, part)
-    unstated = undetermined_points(network, state, reach, known.points, kept_out)
+    unstated = undetermined_points(network, state, reach, known.points)
     state, rays = _without(state, unstated), np.zeros(network.points, dtype=int)
-    for group in (*network.groups, *kept_out):
+    for group in (*network.groups, *network.left_out):
         rays[group.point] = group.rays.shape[1]
     status, reasons = part.status.copy(), part.reasons | unstated
     lost = ~finite_rows(state.ground) & (status == PointStatus.INTERSECTED)

@@ -51,7 +51,7 @@ class SumsByRow:
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Return the sums of values (k, ...) by row."""
-        return np.add.reduceat(values[self.order], self.start, axis=0)
+        return np.add.reduceat(values.take(self.order, axis=0), self.start, axis=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -140,7 +140,6 @@ def with_departure(
     line: Linearisation,
     factor: Factor,
     state: State,
-    kept_out: tuple[PointGroup, ...],
 ) -> Solution:
     """Return a result of WATPT that says how far it is from that of RIGOROUS, with a warning beyond `FAR`.
 
@@ -154,7 +153,7 @@ def with_departure(
     block, step = solution.block, factor.solve(line.rhs)
     of_stations = step[: refracted.pattern.order].reshape(refracted.photos, -1)[:, :6]
     of_points = np.zeros((refracted.points, 3))
-    for group in (*refracted.groups, *kept_out):
+    for group in (*refracted.groups, *refracted.left_out):
         follow = eliminate(refracted, state, group).follow(group)
         axes, local = refracted.frame.axes(state.ground[group.point]), follow.step(refracted, step)
         of_points[group.point] = np.einsum("kij,klj,kl->ki", axes, follow.axes, local)

@@ -19,7 +19,7 @@ from musatpy.adjustment.kinds import WATER
 from musatpy.adjustment.network import Network, PointGroup
 from musatpy.adjustment.normals import Cofactors, NormalEquations
 from musatpy.adjustment.propagation import Diagonal, Part, PointRows
-from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.arrays import FloatArray, IntArray
 from musatpy.geometry.geodesy import surface
 from musatpy.model import ObservationKind
 from musatpy.model.tables import order_of
@@ -262,10 +262,6 @@ class CompiledLoops(Loops):
         squares[self.sequence.point[self.rows]] = points.squares[self.rows]
         return self.others
 
-    def _rays_of(self, rows: IntArray) -> BoolArray:
-        """Return which rays (r,) are those of points."""
-        return np.repeat(np.isin(np.arange(len(self.sequence.point)), rows), np.diff(self.sequence.start))
-
     def spread(
         self, state: State, cofactors: Cofactors, residual: FloatArray, points: FloatArray, diagonal: Diagonal
     ) -> tuple[Groups, list[Part]]:
@@ -273,8 +269,9 @@ class CompiledLoops(Loops):
         rows = np.setdiff1d(self.rows, self.known_rows, assume_unique=True)
         of_points, cofactor, covariance = self._errors(state, cofactors.blocks)
         points[sequence.point[rows]] = of_points[rows]
-        taken = self._rays_of(rows)
-        images, squares = sequence.rays[taken], np.sum(np.square(self.points(state)[0].A[taken]), axis=1)
+        taken = np.repeat(np.isin(np.arange(len(of_points)), rows), np.diff(sequence.start))
+        A, images = self.points(state)[0].A, sequence.rays[taken]
+        squares = np.einsum("rci,rci->ri", A, A)[taken]
         for unknown, of_stations in enumerate(diagonal.stations.T):
             of_stations += np.bincount(sequence.photo[taken], squares[:, unknown], network.photos)
         part = Part(
@@ -316,23 +313,12 @@ class CompiledLoops(Loops):
         Q_xx = N_pp^-1 + F Q_ss F', and `reliability.images`: with partials A by the stations, B by the point and
         F = Y'A, (A - B F) Q_ss (A - B F)' + B N_pp^-1 B' = C - 2 D B' + B Q_xx B', where C = A Q_ss A', D = C Y.
         """
-        (points, _), sequence, root = self.points(state), self.sequence, self._root[..., None]
-        of_ray = np.repeat(np.arange(len(sequence.point)), np.diff(sequence.start))
-        Y = np.einsum("rci,rij->rcj", points.B, points.inverse.take(of_ray, axis=0))
-        C, D = np.zeros((len(of_ray), 2)), np.zeros((len(of_ray), 2, 3))
-        self.of_parts(
-            lambda rows: compiled.spread(rows, sequence.start, points.A, Y, sequence.pairs, self.unknowns, Q, C, D),
-            self.rows,
-        )
-        Qxx = points.inverse + np.add.reduceat(np.einsum("rci,rcj->rij", D, Y), sequence.start[:-1])
-        BQ = np.einsum("rci,rij->rcj", points.B, Qxx.take(of_ray, axis=0))
-        axes = self.network.frame.axes(state.ground[sequence.point])
-        image = (C + np.einsum("rci,rci->rc", points.B, BQ - 2.0 * D)) / np.square(self._root)
-        return (
-            axes @ Qxx @ np.swapaxes(axes, 1, 2),
-            image,
-            np.einsum("rci,rji->rcj", (BQ - D) / root, axes.take(of_ray, axis=0)),
-        )
+        (points, _), sequence = self.points(state), self.sequence
+        axes, k, r = self.network.frame.axes(state.ground[sequence.point]), len(sequence.point), len(sequence.rays)
+        given = (sequence.start, points, self._root, _plain(axes), sequence.pairs, self.unknowns, Q)
+        out = of_points, images, both = np.zeros((k, 3, 3)), np.zeros((r, 2)), np.zeros((r, 2, 3))
+        self.of_parts(lambda rows: compiled.spread(rows, *given, *out), self.rows)
+        return axes @ of_points @ np.swapaxes(axes, 1, 2), images, both
 
 
 def _plain(array: FloatArray) -> FloatArray:

@@ -359,13 +359,14 @@ def add(
 
 @compiled
 def spread(
-    rows: IntArray, start: IntArray, A: FloatArray, Y: FloatArray, pairs: Pairs, unknowns: tuple[int, ...],
-    Q: FloatArray, C: FloatArray, D: FloatArray,
+    rows: IntArray, start: IntArray, points: Points, root: FloatArray, axes: FloatArray, pairs: Pairs,
+    unknowns: tuple[int, ...], Q: FloatArray, of_points: FloatArray, images: FloatArray, both: FloatArray,
 ) -> None:  # fmt: skip
-    """Set the cofactors C (r, 2) of weighted images by the errors of their stations, and D (r, 2, 3) = A Q A' Y.
+    """Set the cofactors of points (k, 3, 3), of images (r, 2), and of both along `axes` (k, 3, 3): (r, 2, 3).
 
-    Q (e, q, q) is of the stations, Y (r, 2, 3) = B N_pp^-1, D zero before: their cofactors with the points.
+    All are zero before; Q (e, q, q) is of the stations. What `CompiledLoops._errors` says, by C = A Q A' and D.
     """
+    A, B, N, D = points.A, points.B, points.inverse, both
     for p in rows:
         pair = pairs.start[p]
         for k in range(start[p], start[p + 1]):
@@ -380,14 +381,35 @@ def spread(
                         y += A[k, 1, a] * Q[e, a, b]
                     c00, c01 = c00 + x * A[other, 0, b], c01 + x * A[other, 1, b]
                     c10, c11 = c10 + y * A[other, 0, b], c11 + y * A[other, 1, b]
-                for i in range(3):
-                    D[k, 0, i] += c00 * Y[other, 0, i] + c01 * Y[other, 1, i]
-                    D[k, 1, i] += c10 * Y[other, 0, i] + c11 * Y[other, 1, i]
+                for i in range(3):  # D = C B N_pp^-1, yet without the last factor
+                    D[k, 0, i] += c00 * B[other, 0, i] + c01 * B[other, 1, i]
+                    D[k, 1, i] += c10 * B[other, 0, i] + c11 * B[other, 1, i]
                     if other != k:
-                        D[other, 0, i] += c00 * Y[k, 0, i] + c10 * Y[k, 1, i]
-                        D[other, 1, i] += c01 * Y[k, 0, i] + c11 * Y[k, 1, i]
+                        D[other, 0, i] += c00 * B[k, 0, i] + c10 * B[k, 1, i]
+                        D[other, 1, i] += c01 * B[k, 0, i] + c11 * B[k, 1, i]
                 if other == k:
-                    C[k, 0], C[k, 1] = c00, c11
+                    images[k, 0], images[k, 1] = c00, c11
+        for k in range(start[p], start[p + 1]):
+            for c in range(2):
+                x, y, z = D[k, c, 0], D[k, c, 1], D[k, c, 2]
+                for i in range(3):
+                    D[k, c, i] = x * N[p, 0, i] + y * N[p, 1, i] + z * N[p, 2, i]
+                    for j in range(3):
+                        of_points[p, j, i] += B[k, c, j] * D[k, c, i]
+        for i in range(3):  # Q_xx = N_pp^-1 + N_pp^-1 B' D
+            x, y, z = of_points[p, 0, i], of_points[p, 1, i], of_points[p, 2, i]
+            for j in range(3):
+                of_points[p, j, i] = N[p, j, i] + N[p, j, 0] * x + N[p, j, 1] * y + N[p, j, 2] * z
+        for k in range(start[p], start[p + 1]):
+            for c in range(2):
+                b0, b1, b2 = B[k, c, 0], B[k, c, 1], B[k, c, 2]
+                x = b0 * of_points[p, 0, 0] + b1 * of_points[p, 1, 0] + b2 * of_points[p, 2, 0] - D[k, c, 0]
+                y = b0 * of_points[p, 0, 1] + b1 * of_points[p, 1, 1] + b2 * of_points[p, 2, 1] - D[k, c, 1]
+                z = b0 * of_points[p, 0, 2] + b1 * of_points[p, 1, 2] + b2 * of_points[p, 2, 2] - D[k, c, 2]
+                images[k, c] += b0 * (x - D[k, c, 0]) + b1 * (y - D[k, c, 1]) + b2 * (z - D[k, c, 2])
+                images[k, c] /= root[k, c] * root[k, c]
+                for i in range(3):
+                    both[k, c, i] = (axes[p, i, 0] * x + axes[p, i, 1] * y + axes[p, i, 2] * z) / root[k, c]
 
 
 @compiled
