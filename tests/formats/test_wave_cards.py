@@ -23,7 +23,7 @@ from musatpy.jobs.summary import summary
 from musatpy.model import ControlKind, Waves
 from musatpy.model.tables import empty
 from musatpy.pipeline import adjust
-from musatpy.reports.job_list import list_text
+from musatpy.reports.jobs import list_text
 from musatpy.reports.listing import listing
 from musatpy.runs import run_deck
 from musatpy.sea.deck_waves import wave_trains

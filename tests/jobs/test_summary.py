@@ -26,7 +26,7 @@ from musatpy.jobs.plan_positions import Area
 from musatpy.jobs.punch import Content, Punch, punched
 from musatpy.jobs.summary import rays_histogram, summary
 from musatpy.model import Block, CoordinateSystem, SystemSpec
-from musatpy.reports.job_list import list_record, list_text
+from musatpy.reports.jobs import list_record, list_text
 from raw_plates import crosses, distances, raw_block, refined_block, reseau
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from musatpy.errors import SpecError
-from musatpy.reports.wave_study import points_csv, waves_text
+from musatpy.reports.sea import points_csv, waves_text
 from musatpy.sea.experiment import run
 from musatpy.sea.experiment_spec import WaveSpec, load_spec
 from musatpy.sea.study import experiment, flying_height, lengths_and_speeds, study, surface_of, theory_of

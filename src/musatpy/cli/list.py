@@ -28,7 +28,7 @@ def command(decks: tuple[Path, ...], as_json: bool, few: int, formats_dir: Path 
 
     from musatpy.formats.musat import card_family
     from musatpy.jobs.summary import summary
-    from musatpy.reports.job_list import list_record, list_text
+    from musatpy.reports.jobs import list_record, list_text
 
     jobs = [summary(block, few) for block in read_for_editing(decks, card_family(formats_dir))]
     names = [name_of(deck) for deck in decks]

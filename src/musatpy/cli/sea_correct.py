@@ -32,7 +32,7 @@ def command(points: Path, out: Path, surface: Path, stations: Path, quiet: bool,
     """
     from musatpy.errors import Problem, SeaError
     from musatpy.files import write_files
-    from musatpy.reports.sea_surface import corrected_csv
+    from musatpy.reports.sea import corrected_csv
     from musatpy.sea.stereo.corrected_points import correct
     from musatpy.sea.stereo.point_records import read_points
     from musatpy.sea.stereo.surface_file import load_map, load_surface

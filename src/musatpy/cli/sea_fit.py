@@ -42,7 +42,7 @@ def command(
     surface to NAME.surface.json, which 'musat sea correct' reads.
     """
     from musatpy.files import write_files
-    from musatpy.reports.sea_surface import surface_text
+    from musatpy.reports.sea import surface_text
     from musatpy.sea.stereo.point_records import read_points
     from musatpy.sea.stereo.surface_file import dumps
 

@@ -68,7 +68,7 @@ def command(points: Path, control: Path, out: Path, quiet: bool, **given: Any) -
     where the interpolation does not help; the files are written all the same.
     """
     from musatpy.files import write_files
-    from musatpy.reports.collocation import collocation_text, verdict_line
+    from musatpy.reports.sea import collocation_text, verdict_line
     from musatpy.sea.interpolation.control_tables import on_plan
     from musatpy.sea.interpolation.interpolate import Verdict, interpolate
     from musatpy.sea.interpolation.mapped_points import corrected_record

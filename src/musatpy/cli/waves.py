@@ -24,7 +24,7 @@ def _spec() -> type[object]:
 def command(spec: Path, plots: bool, out_dir: Path | None) -> None:
     """Run the wave experiment of SPEC: its report goes to NAME.waves.txt, every point to NAME.waves.csv."""
     from musatpy.files import write_files
-    from musatpy.reports.wave_study import points_csv, waves_text
+    from musatpy.reports.sea import points_csv, waves_text
     from musatpy.sea.experiment_spec import load_spec
     from musatpy.sea.study import study
 

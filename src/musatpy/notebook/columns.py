@@ -54,7 +54,7 @@ class RecordTable:
 
 def tables_of(statistics: Statistics) -> Iterator[RecordTable]:
     """Yield the tables of the record of a solution, those without rows too."""
-    yield from _of_object(record.read_tables(), "", statistics)
+    yield from _of_object(record.document(as_read=True).whole, "", statistics)
 
 
 def _of_object(nodes: Iterable[Node[Any]], path: str, item: Any) -> Iterator[RecordTable]:

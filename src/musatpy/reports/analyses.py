@@ -9,7 +9,7 @@ import numpy as np
 
 from musatpy.model import Block, Refraction
 from musatpy.reports.editing import edited, prints_as_zero
-from musatpy.reports.fields import Each, Field, Group, Rows
+from musatpy.reports.fields import Each, Field, Group, Rows, identity
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -98,7 +98,7 @@ FRAMES = Rows[Statistics, Statistics](
     "frames",
     "one row per photo",
     (
-        Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
+        identity("photo", lambda s: s.block.photos.ids),
         Field("count", "3 integer", "points of each kind", lambda s: s.plates.count),
         Field("rms", "3x2 number?", "x and y of each kind", lambda s: s.plates.rms, "mm"),
     ),

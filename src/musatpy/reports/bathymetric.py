@@ -9,7 +9,7 @@ import numpy as np
 from musatpy.arrays import BoolArray, IntArray
 from musatpy.model import ControlKind, CoordinateSystem, PointStatus, Refraction
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Field, Rows
+from musatpy.reports.fields import Field, Rows, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import Values
@@ -31,8 +31,7 @@ BATHYMETRIC = Rows[Statistics, Statistics](
     "bathymetric_points",
     "one row per submerged point; X, Y, Z are geocentric, or the job's own in LOCL jobs",
     (
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.solution.bathymetric.point],
-              heading="Point", edit="A8", is_id=True),
+        identity("point", lambda s: s.block.points.ids[s.solution.bathymetric.point]),
         Field("no_refraction", "3 number?",
               "X, Y, Z where straight rays of the adjusted stations meet; null where two rays that are not "
               "parallel do not give it", lambda s: s.bathymetric_xyz[:, 0], "m", exact=True, heading=_HEADINGS[0],
@@ -113,8 +112,7 @@ FLAGS = Rows[Statistics, Statistics](
     "flags_against_heights",
     "one row per point whose height contradicts its flag, the worst first; with the other flag for all too",
     (
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.flags.point[_rows(s)]], heading="Point",
-              edit="A8", is_id=True),
+        identity("point", lambda s: s.block.points.ids[s.flags.point[_rows(s)]]),
         Field("bathymetric", "boolean", "flagged as submerged", lambda s: s.flags.flagged[_rows(s)], heading="Flag",
               edit="A4", words={True: "B", False: ""}),
         Field("height", "number", "adjusted", lambda s: s.flags.height[_rows(s)], "m", heading="Height\nm",

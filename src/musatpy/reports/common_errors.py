@@ -84,13 +84,12 @@ _ERRORS = Group[Statistics, Statistics](
     fields=(
         Field("limit", "number", "of the test values", lambda s: _errors(s).limit),
         Field("adjusted", "integer", "left out as they are adjusted", lambda s: _errors(s).held.adjusted),
-        Field(
-            "considered", "integer", "left out as they are considered", lambda s: _errors(s).held.known_with_sigma
-        ),
+        Field("considered", "integer", "left out as they are considered",
+              lambda s: _errors(s).held.known_with_sigma),
         PARAMETERS,
     ),
     optional=True,
-)
+)  # fmt: skip
 
 
 TESTS: Report[Statistics] = Report(

@@ -19,7 +19,7 @@ from musatpy.reports import (
 )
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.editing import position
-from musatpy.reports.fields import POSITION_UNIT, Document, Each, Field, Group, same
+from musatpy.reports.fields import POSITION_UNIT, Document, Each, Field, Group, identity, same
 from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, laid_out, print_pages, wrapped
 from musatpy.reports.table import Report, Texts, sentences_at
 from musatpy.reports.values import Json
@@ -58,7 +58,7 @@ MODELS: Each[Compiled, CompiledModel] = Each(
     "one row per stereomodel",
     of=lambda c: c.models,
     fields=(
-        Field("model", "string", "model id", lambda m: m.name, heading="Model", edit="A8", is_id=True),
+        identity("model", lambda m: m.name),
         Field("photos", "2 string", "left and right", lambda m: _ids(m), heading=("Left", "Right"), edit="A8"),
         Field("mode", "string", "IMAGE or PRINTED", lambda m: m.mode, heading="Mode", edit="A7"),
         Field("vertical", "string", "POINT or MODEL", lambda m: "MODEL" if m.printed.model_vertical else "POINT",
@@ -96,7 +96,7 @@ SHORELINES: Each[Compiled, tuple[str, FloatArray]] = Each(
     "one row per model with points of the shoreline: their heights over the mean tide",
     of=lambda c: _shorelines(c),
     fields=(
-        Field("model", "string", "model id", lambda s: s[0], heading="Model", edit="A8", is_id=True),
+        identity("model", lambda s: s[0]),
         Field("points", "integer", "on the shoreline", lambda s: len(s[1]), heading="Points", edit="I6"),
         Field("mean", "number", "of the heights", lambda s: s[1].mean(), "m", heading="Mean\nm", edit="F8.3"),
         Field("rms", "number", "root mean square", lambda s: _rms(s[1]), "m", heading="RMS\nm", edit="F8.3"),
@@ -109,7 +109,7 @@ RECOVERED: Each[tuple[Compiled, list[AgainstRun]], AgainstRun] = Each(
     "one row per model: readings of class R less what the points of the run predict",
     of=lambda s: s[1],
     fields=(
-        Field("model", "string", "model id", lambda a: a.model.name, heading="Model", edit="A8", is_id=True),
+        identity("model", lambda a: a.model.name),
         Field("points", "integer", "read again", lambda a: int(a.again.sum()), heading="Points", edit="I6"),
         Field("rms", "2x2 number?", "left and right, x and y", lambda a: a.rms, "mm"),
         Field("largest", "number?", "of a coordinate", lambda a: a.largest[0], "mm", heading="Largest\num",

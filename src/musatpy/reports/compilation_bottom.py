@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.arrays import FloatArray, IntArray
-from musatpy.reports.fields import Each, Field
+from musatpy.reports.fields import Each, Field, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.surfaces.contours import bounds
@@ -78,7 +78,7 @@ GRIDS: Each[Bottoms, PostGrid] = Each(
     "one row per grid of posts",
     of=lambda bottoms: _grids(bottoms),
     fields=(
-        Field("grid", "string", "name", lambda g: g.name, heading="Grid", edit="A8", is_id=True),
+        identity("grid", lambda g: g.name, text="name"),
         Field("spacing", "number", "of the posts", unit="m", heading="Spacing\nm", edit="F9.2"),
         Field("posts", "2 integer", "rows and columns", lambda g: g.depth.shape, heading=("Rows", "Columns"),
               edit="I7"),

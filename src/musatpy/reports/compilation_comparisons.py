@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from musatpy.reports import analyses
-from musatpy.reports.fields import Document, Each, Field, Rows
+from musatpy.reports.fields import Document, Each, Field, Rows, identity
 from musatpy.reports.pages import Section, labelled, print_titled
 from musatpy.reports.table import Report
 from musatpy.statistics.differences import DifferenceStatistics, analysis_of
@@ -25,8 +25,8 @@ RUN_POINTS: Rows[tuple[Compiled, list[AgainstRun]], tuple[Compiled, list[Against
     "against_run",
     "one row per point that the run has too",
     (
-        Field("model", "string", "model id", lambda s: _models_of(s), heading="Model", edit="A8", is_id=True),
-        Field("point", "string", "point id", lambda s: _points_of(s), heading="Point", edit="A8", is_id=True),
+        identity("model", lambda s: _models_of(s)),
+        identity("point", lambda s: _points_of(s)),
         Field("shared", "boolean", "its readings are those of the run", lambda s: _of(s, "shared"), heading="Same",
               edit="A4", words={True: "S", False: ""}),
         Field("difference", "3 number", "compiled minus run, east, north, up", lambda s: _of(s, "difference"), "m",

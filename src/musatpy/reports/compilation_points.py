@@ -10,7 +10,7 @@ import numpy as np
 
 from musatpy.arrays import FloatArray
 from musatpy.reports.editing import position
-from musatpy.reports.fields import POSITION_UNIT, Field, Group, Rows
+from musatpy.reports.fields import POSITION_UNIT, Field, Group, Rows, identity
 from musatpy.reports.pages import Section
 from musatpy.reports.stated_record import WORDS
 from musatpy.reports.table import Report
@@ -35,9 +35,8 @@ POINTS: Rows[Compiled, Compiled] = Rows(
     "points",
     "one row per reading",
     (
-        Field("model", "string", "model id", lambda c: c.model_ids, heading="Model", edit="A8", is_id=True),
-        Field("point", "string", "point or feature", lambda c: c.deck.stages.ids[c.rows], heading="Point",
-              edit="A8", is_id=True),
+        identity("model", lambda c: c.model_ids),
+        identity("point", lambda c: c.deck.stages.ids[c.rows], text="point or feature"),
         Field("class", "string", "G, P, S, R", lambda c: c.deck.stages.kind[c.rows], heading="Class", edit="A5"),
         Field("submerged", "boolean", "flagged so", lambda c: c.submerged, heading="Bath", edit="A4",
               words={True: "B", False: ""}),
@@ -141,8 +140,8 @@ PROFILES: Each[list[CompiledProfile], CompiledProfile] = Each(
     "one row per profile, of scans per line",
     of=lambda profiles: profiles,
     fields=(
-        Field("model", "string", "model id", lambda p: p.model, heading="Model", edit="A8", is_id=True),
-        Field("profile", "string", "profile id", lambda p: p.name, heading="Profile", edit="A8", is_id=True),
+        identity("model", lambda p: p.model),
+        identity("profile", lambda p: p.name),
         Field("line", "integer", "number in a scan, 1 of a single one, 0 of what is on none", lambda p: p.line,
               heading="Line", edit="I4", is_id=True),
         Field("readings", "integer", "with a position", lambda p: len(p.rows), heading="Readings", edit="I8"),
@@ -174,8 +173,8 @@ SCANS: Each[list[ProfileScan], ProfileScan] = Each(
     "one row per profile of several lines",
     of=lambda scans: scans,
     fields=(
-        Field("model", "string", "model id", lambda s: s.model, heading="Model", edit="A8", is_id=True),
-        Field("profile", "string", "profile id", lambda s: s.name, heading="Profile", edit="A8", is_id=True),
+        identity("model", lambda s: s.model),
+        identity("profile", lambda s: s.name),
         Field("along", "string", "axis of the model", lambda s: s.scan, heading="Along", edit="A5"),
         Field("lines", "integer", "number", lambda s: len(s.lines), heading="Lines", edit="I5"),
         Field("spacing", "number", "of the lines", lambda s: s.spacing, "m", heading="Spacing\nm", edit="F8.1"),

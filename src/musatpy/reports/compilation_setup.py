@@ -11,7 +11,7 @@ import numpy as np
 
 from musatpy.reports import compilation
 from musatpy.reports.compilation import JOB, MODELS, RECOVERED
-from musatpy.reports.fields import Document, Field, Rows, same
+from musatpy.reports.fields import Document, Field, Rows, identity, same
 from musatpy.reports.table import Report
 
 if TYPE_CHECKING:  # a reader of listings knows the tables by their statements alone
@@ -39,8 +39,8 @@ RUN_POINTS: Rows[SetUps, SetUps] = Rows(
     "points",
     "one row per point of the run that both photos of a model show",
     (
-        Field("model", "string", "model id", lambda s: _model_ids(s), heading="Model", edit="A8", is_id=True),
-        Field("point", "string", "point id", lambda s: _point_ids(s), heading="Point", edit="A8", is_id=True),
+        identity("model", lambda s: _model_ids(s)),
+        identity("point", lambda s: _point_ids(s)),
         Field("submerged", "boolean", "flagged so", lambda s: _submerged(s), heading="Bath", edit="A4",
               words={True: "B", False: ""}),
         Field("position", "3 number", "in the model", lambda s: _in_model(s), "m", exact=True),
@@ -58,7 +58,7 @@ EXPECTED: Rows[SetUps, SetUps] = Rows(
     "expected",
     "standard errors to expect of points at places of a model",
     (
-        Field("model", "string", "model id", lambda s: _expected_ids(s), heading="Model", edit="A8", is_id=True),
+        identity("model", lambda s: _expected_ids(s)),
         Field("place", "3 number", "in the model", lambda s: _expected(s, "place"), "m", exact=True,
               heading=("X\nm", "Y\nm", "Z\nm"), edit="F10.2"),
         Field("depth", "number", "below the water; 0: dry, at its height", lambda s: _expected(s, "depth"), "m",

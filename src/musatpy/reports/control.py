@@ -11,7 +11,7 @@ from musatpy.model import (
 )
 from musatpy.reports.analyses import CHECK_POINTS, analysis_section
 from musatpy.reports.editing import along_axes
-from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows
+from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import names, plain
@@ -23,8 +23,7 @@ CONTROL = Table(
     "control",
     "one row per control card",
     (
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point], heading="Point",
-              edit="A8", is_id=True),
+        identity("point", lambda s: s.block.points.ids[s.block.control.point]),
         Field("kind", "string", "components that are known", lambda s: names(ControlKind, s.block.control.kind),
               choices=("full", "horizontal", "vertical", "check"), heading="Kind", edit="A10", is_id=True),
         Field("fixed", "boolean", "held without error", lambda s: s.block.control.fixed, heading="Fixed", edit="A5",
@@ -88,8 +87,7 @@ EQUAL_ELEVATIONS = Table(
     "equal_elevations",
     "one row per group",
     (
-        Field("group", "string", "group id", lambda s: s.block.equal_elevations.ids, heading="Group", edit="A8",
-              is_id=True),
+        identity("group", lambda s: s.block.equal_elevations.ids),
         Field("given_sigma", "number", "of a point about the level", lambda s: s.block.equal_elevations.sigma, "m",
               heading="Sigma given\nm", edit="F9.4"),
         Field("level", "number?", "adjusted", lambda s: s.solution.levels, "m", heading="Level\nm", edit="F11.4"),

@@ -298,6 +298,12 @@ def _field(fields: Iterable[Node[Item]], path: str) -> Field[Item]:
     return {field.name: field for field in fields if isinstance(field, Field)}[path.partition("[")[0]]
 
 
+def identity(name: str, values: Callable[[Any], Any] | None = None, text: str = "") -> Field[Any]:
+    """Return the field of the ids of a row: of photos, points, models."""
+    text = text or f"{name} id"
+    return Field(name, "string", text, values, heading=name.capitalize(), edit="A8", is_id=True)
+
+
 def unrecorded(heading: str, edit: str, values: Callable[[Any], Any]) -> Field[Any]:
     """Return a column of what no record has: `values` of the source of the table, in units that records have."""
     return Field(heading, heading=heading, edit=edit, shown=values)
@@ -343,27 +349,36 @@ class Document(Generic[Source]):
     title: str
     about: str
     nodes: Sequence[Node[Any]]
+    about_version: str = "of this schema"
+    definitions: Sequence[Any] = ()  # of nodes that are `shared`
+
+    @property
+    def whole(self) -> tuple[Node[Any], ...]:
+        """The version, and all fields and tables."""
+        version: Field[Any] = Field(
+            self.name, "const", self.about_version, lambda _: self.version, choices=(self.version,)
+        )
+        return (version, *self.nodes)
+
+    def present(self, source: Source) -> list[Node[Any]]:
+        """Return what stands in the record: without fields that are seldom there and have nothing to say."""
+        return [node for node in self.whole if not is_seldom(node) or node.json(source)]
 
     def record(self, source: Source, **others: Any) -> dict[str, Json]:
         """Return the record of a source; `others` are those of the nodes by name that have their own."""
-        nodes = {node.name: node.json(others.get(node.name, source)) for node in self.nodes}
-        return {self.name: self.version, **nodes}
+        return {node.name: node.json(others.get(node.name, source)) for node in self.present(source)}
 
     def schema(self) -> Schema:
         """Return the JSON Schema of the record."""
-        version: Field[Any] = Field(self.name, "const", "of this schema", choices=(self.version,))
-        return document_schema(self.title, self.about, (version, *self.nodes))
-
-
-def document_schema(title: str, about: str, nodes: Iterable[Node[Any]]) -> Schema:
-    """Return the JSON Schema of a record of these fields and tables."""
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": title,
-        "description": about,
-        "type": "object",
-        **properties_of(nodes),
-    }
+        definitions = {node.shared or node.name: node.definition() for node in self.definitions}
+        return {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": self.title,
+            "description": self.about,
+            "type": "object",
+            **properties_of(self.whole),
+            **({"$defs": definitions} if definitions else {}),
+        }
 
 
 def _schema(kind: str, choices: Iterable[Any]) -> Schema:

@@ -1,14 +1,369 @@
-"""What was merged and extracted, as text."""
+"""What is in a job, for who is to run it, as pages of tables or JSON; what was merged and extracted, as text."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from operator import attrgetter
+from typing import Any
 
+import numpy as np
+
+from musatpy.arrays import BoolArray, FloatArray, IntArray
 from musatpy.jobs.agreement import Part
 from musatpy.jobs.extract import Extract
 from musatpy.jobs.merge import Merged
 from musatpy.jobs.naming import Kind, Names
-from musatpy.reports.pages import PAGE_WIDTH, wrapped
+from musatpy.jobs.summary import NO_CONTROL, Summary, rays_histogram
+from musatpy.model import Block, ControlKind, Plates
+from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, paginate, print_pages, text_of, wrapped
+from musatpy.reports.table import Table
+from musatpy.reports.values import Json, plain, rows
+from musatpy.units import ARC_SECOND, MICROMETRE
+
+_NUMBER, _ID, _CELL = 3, 8, 5  # widths of a row number, a photo, and a number of points, in the matrix
+_MATRIX = (PAGE_WIDTH - _NUMBER - 1 - _ID) // _CELL  # photos for which there is room
+_KINDS = {kind: kind.name.lower() for kind in ControlKind}
+
+
+def list_text(job: Summary, deck: str) -> str:
+    """Return what is in a job as pages of 132 columns."""
+    pages = paginate(sections(job))
+    header = f"MUSAT  {deck}"[: PAGE_WIDTH - 10]
+
+    def head(page: int) -> str:
+        return header.ljust(PAGE_WIDTH - 10) + f"PAGE{page:6d}"
+
+    return print_pages(pages, head, carriage_control=False)
+
+
+def sections(job: Summary) -> list[Section]:
+    """Return the tables of a job: what it is, photos, rays, ties, control, points on one photo, flags."""
+    optional = {
+        "Control": _CONTROL,
+        "Equal Elevation Groups": _GROUPS,
+        "Stations And Tides That Are Observed": _OBSERVED,
+    }
+    return [
+        Section(title="Job", lines=_job(job), together=True),
+        _table("Photos: Rays On Each, And Points In Common With The Next", _PHOTOS, job),
+        _table("Rays Per Point", _RAYS, job, together=True),
+        Section(title="Points In Common, By Measurements Not Flagged N", lines=_ties(job)),
+        Section(title="Parts Of The Job", lines=_parts(job)),
+        *(section for title, table in optional.items() if (section := _table(title, table, job)).lines),
+        *_names("Points On One Photo Only, With Nothing Known Of Them", _alone(job)),
+        *_names("Measurements Flagged N: Point On Photo", _flagged(job)),
+        *_names("Control Measured On No Photo", _unmeasured(job)),
+    ]
+
+
+def _table(title: str, table: Table[Summary], job: Summary, together: bool = False) -> Section:
+    return Section(title=title, head=table.head(), lines=table.lines(job), together=together)
+
+
+def _names(title: str, names: list[str]) -> list[Section]:
+    return [Section(title=f"{title}: {len(names)}", lines=listed(names))] if names else []
+
+
+# --- the job ---
+
+
+def _job(job: Summary) -> list[str]:
+    block = job.block
+    options, wet, plates = block.options, block.points.bathymetric, block.plates
+    sigmas = ", ".join(
+        f"{sigma / MICROMETRE:g} um ({count})"
+        for sigma, count in zip(job.plate_sigma.tolist(), job.plate_sigma_count.tolist(), strict=True)
+    )
+    kinds = np.bincount(block.control.kind, minlength=len(ControlKind)).tolist()
+    control = ", ".join(f"{count} {_KINDS[ControlKind(kind)]}" for kind, count in enumerate(kinds) if count)
+    between = {
+        "air bases": len(block.air_bases.length),
+        "distances": len(block.distances.length),
+        "height differences": len(block.height_differences.difference),
+    }
+    facts = {
+        "program, system, refraction": f"{options.program}, {options.system}, {options.refraction}",
+        **_stated(block),
+        "photos, cameras": f"{len(block.photos.ids)}, {len(block.cameras.ids)}",
+        "points on land, submerged": f"{np.count_nonzero(~wet)}, {np.count_nonzero(wet)}",
+        "plate measurements, flagged N": f"{len(plates.photo)}, {np.count_nonzero(~plates.triangulated)}",
+        "sigmas of plate coordinates (how many)": sigmas or "none",
+        "control points": control or "none",
+        **_waves(block),
+        **{what: str(count) for what, count in between.items() if count},
+    }
+    return [*block.titles, "", *labelled(facts)] if block.titles else labelled(facts)
+
+
+def _waves(block: Block) -> dict[str, str]:
+    """Return the names of the waves, and which of them have sigmas."""
+    names = zip(block.waves.ids, block.waves.unknown, strict=True)
+    waves = ", ".join(f"{name} (to be found)" if unknown else str(name) for name, unknown in names)
+    return {"waves on the water": waves} if waves else {}
+
+
+def _stated(block: Block) -> dict[str, str]:
+    """Return the words of the cards by which a deck is stated in another system, or holds readings."""
+    job = {}
+    for what, spec in (("deck stated in", block.given_in), ("answer stated in", block.stated_in)):
+        if spec is not None:
+            geoid = f"above {spec.geoid}" if spec.geoid else ""
+            job[what] = " ".join(word for word in (spec.kind, spec.definition, geoid) if word)
+    if block.reduction is not None and block.reduction.plates is Plates.RAW:
+        job["plate measurements are"] = "comparator readings"
+    return job
+
+
+# --- photos ---
+
+
+def _component(
+    heading: str, edit: str, path: str, component: int, rows: Callable[[Summary], Any] = lambda _: slice(None)
+) -> Field[Summary]:
+    """Return the column of a component of some rows of an attribute of a job."""
+    return unrecorded(heading, edit, lambda job: attrgetter(path)(job)[rows(job), component])
+
+
+def _with_next(job: Summary) -> FloatArray:
+    """Return the points in common with the next photo, which the last one has not."""
+    count = np.array(job.photos.with_next, dtype=float)
+    count[-1:] = np.nan
+    return count
+
+
+_PHOTOS: Table[Summary] = Table(
+    (
+        unrecorded("Photo", "A8", lambda job: job.block.photos.ids),
+        unrecorded("Camera", "A6", lambda job: job.block.cameras.ids[job.block.photos.camera]),
+        unrecorded("Rays", "I6", lambda job: job.photos.rays),
+        unrecorded("Land", "I6", lambda job: job.photos.land),
+        unrecorded("Subm", "I6", lambda job: job.photos.submerged),
+        unrecorded("Flag N", "I6", lambda job: job.photos.kept_out),
+        *(_component(f"Control\n{name}", "I7", "photos.control", kind) for kind, name in _KINDS.items()),
+        unrecorded("Here\nonly", "I6", lambda job: job.photos.single),
+        unrecorded("With\nnext", "I6", _with_next),
+        unrecorded("Ties to\nphotos", "I6", lambda job: job.photos.neighbours),
+        unrecorded("Tide\nm", "F10.4", lambda job: job.block.photos.tide),
+    )
+)
+
+
+# --- rays ---
+
+
+_RAYS: Table[Summary] = Table(
+    (
+        unrecorded("Rays", "I4", lambda job: range(len(rays_histogram(job)["points"]))),
+        unrecorded("Points", "I9", lambda job: rays_histogram(job)["points"]),
+        unrecorded("Land", "I9", lambda job: rays_histogram(job)["land"]),
+        unrecorded("Submerged", "I9", lambda job: rays_histogram(job)["submerged"]),
+        unrecorded("Control", "I9", lambda job: rays_histogram(job)["control"]),
+    )
+)
+
+
+# --- ties ---
+
+
+def _ties(job: Summary) -> list[str]:
+    return _matrix(job) if len(job.block.photos.ids) <= _MATRIX else _neighbours(job)
+
+
+def _matrix(job: Summary) -> list[str]:
+    """Return the numbers of points that each two photos have in common; columns are headed by row numbers."""
+    ids, pairs = job.block.photos.ids.tolist(), job.pairs
+    cells = [["." for _ in ids] for _ in ids]
+    for i, j, points in zip(pairs.first.tolist(), pairs.second.tolist(), pairs.points.tolist(), strict=True):
+        cells[i][j] = cells[j][i] = str(points)
+    for i in range(len(ids)):
+        cells[i][i] = "-"
+    heads = [str(number) for number in range(1, len(ids) + 1)]
+    return [
+        f"{'':{_NUMBER + 1 + _ID}}" + "".join(f"{head:>{_CELL}}" for head in heads),
+        *(
+            f"{number:>{_NUMBER}} {name:<{_ID}}" + "".join(f"{cell:>{_CELL}}" for cell in row)
+            for number, name, row in zip(heads, ids, cells, strict=True)
+        ),
+    ]
+
+
+def _neighbours(job: Summary) -> list[str]:
+    """Return the photos that each photo has points in common with, and how many."""
+    ids, pairs = job.block.photos.ids.tolist(), job.pairs
+    near: list[list[tuple[int, int]]] = [[] for _ in ids]
+    for i, j, points in zip(pairs.first.tolist(), pairs.second.tolist(), pairs.points.tolist(), strict=True):
+        near[i].append((j, points))
+        near[j].append((i, points))
+    lines = []
+    for name, others in zip(ids, near, strict=True):
+        texts = [f"{ids[other]} ({points})" for other, points in sorted(others)]
+        lines += [name, *listed(texts)] if texts else [f"{name}  tied to none"]
+    return lines
+
+
+def _parts(job: Summary) -> list[str]:
+    block, ids = job.block, job.block.photos.ids
+    lines = []
+    for members, least in ((job.parts, 1), (job.strong_parts, job.few)):
+        how = "a point in common" if least == 1 else f"{least} points in common"
+        if len(members) == 1:
+            lines += [f"All photos hang together by {how} or more."]
+        else:
+            lines += [f"{len(members)} parts that hang together by {how} or more:"]
+            for number, names in enumerate(members, start=1):
+                lines += [f"  part {number}: {len(names)} photos", *listed(names.tolist())]
+    gaps = [f"{ids[i]}-{ids[i + 1]} ({job.photos.with_next[i]})" for i in job.gaps.tolist() if i + 1 < len(ids)]
+    if gaps:
+        lines += [
+            f"Photos with fewer than {job.few} points in common with the next one of the deck:",
+            *listed(gaps),
+        ]
+    if len(block.air_bases.photo):
+        lines += ["Air bases:", *listed([f"{a}-{b}" for a, b in ids[block.air_bases.photo].tolist()])]
+    return lines
+
+
+# --- control ---
+
+
+def _links(job: Summary) -> IntArray:
+    return job.block.control.point
+
+
+def _yes(values: Callable[[Summary], BoolArray]) -> Callable[[Summary], list[str]]:
+    return lambda job: ["yes" if value else "" for value in values(job).tolist()]
+
+
+_CONTROL: Table[Summary] = Table(
+    (
+        unrecorded("Point", "A8", lambda job: job.block.points.ids[_links(job)]),
+        unrecorded("Kind", "A10", lambda job: [_KINDS[ControlKind(kind)] for kind in job.block.control.kind]),
+        unrecorded("Fixed", "A5", _yes(lambda job: job.block.control.fixed)),
+        unrecorded("Submerged", "A9", _yes(lambda job: job.block.points.bathymetric[_links(job)])),
+        unrecorded("Rays", "I4", lambda job: job.points.rays[_links(job)]),
+        unrecorded("Not\nflagged N", "I9", lambda job: job.points.used[_links(job)]),
+        *(
+            _component(f"Sigma {name}\nm", "F11.3", "block.control.sigma", i)
+            for i, name in enumerate(("east", "north", "up"))
+        ),
+    )
+)
+
+
+def _group_sizes(job: Summary, measured: bool) -> IntArray:
+    groups = job.block.equal_elevations
+    counted = groups.group[job.points.rays[groups.point] > 0] if measured else groups.group
+    return np.bincount(counted, minlength=len(groups.ids))
+
+
+_GROUPS: Table[Summary] = Table(
+    (
+        unrecorded("Group", "A8", lambda job: job.block.equal_elevations.ids),
+        unrecorded("Sigma\nm", "F9.4", lambda job: job.block.equal_elevations.sigma),
+        unrecorded("Points", "I6", lambda job: _group_sizes(job, False)),
+        unrecorded("Measured", "I8", lambda job: _group_sizes(job, True)),
+    )
+)
+
+
+def _observed(job: Summary) -> IntArray:
+    """Return the photos with a sigma on station, attitude or tide."""
+    photos = job.block.photos
+    sigmas = np.column_stack([photos.position_sigma, photos.attitude_sigma, photos.tide_sigma])
+    return np.flatnonzero(np.isfinite(sigmas).any(axis=1))
+
+
+_OBSERVED: Table[Summary] = Table(
+    (
+        unrecorded("Photo", "A8", lambda job: job.block.photos.ids[_observed(job)]),
+        *(
+            _component(f"{name}\nm", "F9.3", "block.photos.position_sigma", i, _observed)
+            for i, name in enumerate(("East", "North", "Up"))
+        ),
+        *(
+            _component(f"{name}\narc sec", "F9.1", "block.photos.attitude_sigma", i, _observed)
+            for i, name in enumerate(("X-Tilt", "Y-Tilt", "Heading"))
+        ),
+        unrecorded("Tide\nm", "F9.4", lambda job: job.block.photos.tide_sigma[_observed(job)]),
+        unrecorded("Group", "A8", lambda job: job.block.photos.tide_group[_observed(job)]),
+        unrecorded("Day", "A8", lambda job: job.block.photos.tide_day[_observed(job)]),
+    )
+)
+
+
+# --- names ---
+
+
+def _alone(job: Summary) -> list[str]:
+    """Return the points with one ray and nothing known of them, each with its photo."""
+    points, block = job.points, job.block
+    unknown = (points.kind == NO_CONTROL) | (points.kind == ControlKind.CHECK)
+    alone = np.flatnonzero((points.rays == 1) & unknown & ~points.grouped)
+    return [f"{block.points.ids[i]} on {block.photos.ids[points.only_photo[i]]}" for i in alone.tolist()]
+
+
+def _flagged(job: Summary) -> list[str]:
+    plates, block = job.block.plates, job.block
+    rays = np.flatnonzero(~plates.triangulated)
+    return [f"{block.points.ids[plates.point[i]]} on {block.photos.ids[plates.photo[i]]}" for i in rays.tolist()]
+
+
+def _unmeasured(job: Summary) -> list[str]:
+    links = _links(job)
+    return [str(name) for name in job.block.points.ids[links[job.points.rays[links] == 0]]]
+
+
+# --- JSON ---
+
+
+def list_record(job: Summary, deck: str) -> dict[str, Json]:
+    """Return what is in a job as dictionaries, lists, texts and numbers: metres, millimetres, arc seconds."""
+    block, photos, points, pairs = job.block, job.photos, job.points, job.pairs
+    ids = block.photos.ids
+    kind = ["" if number == NO_CONTROL else _KINDS[ControlKind(number)] for number in points.kind.tolist()]
+    return {
+        "deck": deck,
+        "titles": list(block.titles),
+        "options": {name: str(getattr(block.options, name)) for name in ("program", "system", "refraction")},
+        "stated": {**_stated(block)},
+        "waves": block.waves.ids.tolist(),
+        "plate_sigmas": rows(sigma=job.plate_sigma, coordinates=job.plate_sigma_count),
+        "photos": rows(
+            photo=ids,
+            camera=block.cameras.ids[block.photos.camera],
+            rays=photos.rays,
+            land=photos.land,
+            submerged=photos.submerged,
+            flagged_n=photos.kept_out,
+            **{f"control_{name}": photos.control[:, one] for one, name in _KINDS.items()},
+            single=photos.single,
+            with_next=photos.with_next,
+            neighbours=photos.neighbours,
+            tide=block.photos.tide,
+            time=block.photos.time,
+            position_sigma=block.photos.position_sigma,
+            attitude_sigma=block.photos.attitude_sigma / ARC_SECOND,
+            tide_sigma=block.photos.tide_sigma,
+        ),
+        "rays": {name: plain(count) for name, count in rays_histogram(job).items()},
+        "overlaps": rows(first=ids[pairs.first], second=ids[pairs.second], points=pairs.points),
+        "few": job.few,
+        "parts": [plain(names) for names in job.parts],
+        "strong_parts": [plain(names) for names in job.strong_parts],
+        "points": rows(
+            point=block.points.ids,
+            submerged=block.points.bathymetric,
+            dry=block.points.dry,
+            rays=points.rays,
+            not_flagged_n=points.used,
+            control=kind,
+            grouped=points.grouped,
+        ),
+        "air_bases": [plain(pair) for pair in ids[block.air_bases.photo]],
+        "groups": rows(group=block.equal_elevations.ids, points=_group_sizes(job, False)),
+    }
+
 
 _INDENT = "    "
 
@@ -33,7 +388,7 @@ def merge_text(parts: Sequence[Part], names: Sequence[Names], merged: Merged) ->
         lines.append(f"given alike in several decks, and kept once: {what}: {count}")
     if merged.believed:
         lines += named("given differently, and held as the preferred deck says", merged.believed)
-    return _text([*lines, *wrapped(merged.notes, lead="note: ")])
+    return text_of([*lines, *wrapped(merged.notes, lead="note: ")])
 
 
 def extract_text(extract: Extract) -> str:
@@ -45,7 +400,7 @@ def extract_text(extract: Extract) -> str:
         lines += named("points left with one ray, and nothing known of them", extract.single)
     if extract.dropped:
         lines += named("points dropped with their only ray", extract.dropped)
-    return _text([*lines, *wrapped(extract.notes, lead="note: ")])
+    return text_of([*lines, *wrapped(extract.notes, lead="note: ")])
 
 
 def named(label: str, names: Sequence[str]) -> list[str]:
@@ -63,7 +418,3 @@ def listed(names: Iterable[str]) -> list[str]:
             line = ""
         line += f"  {name}" if line else name
     return [*lines, _INDENT + line] if line else lines
-
-
-def _text(lines: Iterable[str]) -> str:
-    return "".join(f"{line}\n" for line in lines)

@@ -13,7 +13,7 @@ from musatpy.model import CoordinateSystem, PlaneTreatment, Weights
 from musatpy.orientation.twomedia.axes import PLANE_SYMBOLS, SYMBOLS
 from musatpy.reports.answer import MARKS, USE
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, number_text, position
-from musatpy.reports.fields import Document, Field, Group, Node, Rows
+from musatpy.reports.fields import Document, Field, Group, Node, Rows, identity
 from musatpy.reports.pages import PAGE_WIDTH, Section, labelled, laid_out, print_pages, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.wording import of_job
@@ -68,12 +68,8 @@ PLANE: Group[Answer, Answer] = Group(
     of=lambda a: None if a.scene.dry else a,
     fields=(
         Field("verdict", "string", "whether the photos determine it", lambda a: a.plane[0]),
-        Field(
-            "share",
-            "number?",
-            "sigma of the level over the points, of the mean depth; null without limit",
-            lambda a: a.plane[1],
-        ),
+        Field("share", "number?", "sigma of the level over the points, of the mean depth; null without limit",
+              lambda a: a.plane[1]),
         Field("limit", "number", "of that share", lambda a: a.scene.spec.limit),
         Field("slope", "2 number", "towards X and Y", lambda a: a.water[:2], unit="rad"),
         Field("slope_sigma", "2 number?", "", lambda a: a.water_sigma[:2], unit="rad"),
@@ -85,12 +81,12 @@ PLANE: Group[Answer, Answer] = Group(
         Field("paper_sigma", "4 number?", "", lambda a: a.paper_sigma[-4:]),
     ),
     optional=True,
-)
+)  # fmt: skip
 STATIONS: Rows[Answer, Answer] = Rows(
     "stations",
     "the photos, in the order of the method",
     (
-        Field("photo", "string", "photo id", lambda a: a.photos, heading="Photo", edit="A8", is_id=True),
+        identity("photo", lambda a: a.photos),
         Field("position", "3 number", "in the system of the job, or the model", exact=True, heading=position(4)),
         Field("position_sigma", "3 number?", "east, north, up, or X, Y, Z", unit="m", heading=_SIGMAS,
               edit="F10.5"),
@@ -108,8 +104,7 @@ ROOTS: Rows[Answer, Answer] = Rows(
     (
         Field("root", "integer", "number of the solution, from 1", lambda a: a.root_photos[0], heading="Root",
               edit="I4", is_id=True),
-        Field("photo", "string", "photo id", lambda a: a.photos[a.root_photos[1]], heading="Photo", edit="A8",
-              is_id=True),
+        identity("photo", lambda a: a.photos[a.root_photos[1]]),
         Field("position", "3 number", "as that of the stations", lambda a: a.root_stations, exact=True,
               heading=position(4)),
         Field("slope", "2 number", "of the water", lambda a: a.roots.slope[a.root_photos[0] - 1], unit="rad",
@@ -122,8 +117,7 @@ POINTS: Rows[Answer, Answer] = Rows(
     "points",
     "the points that conditions use",
     (
-        Field("point", "string", "point id", lambda a: a.scene.sights.points, heading="Point", edit="A8",
-              is_id=True),
+        identity("point", lambda a: a.scene.sights.points),
         Field("submerged", "boolean", "flagged so", lambda a: a.scene.sights.wet, heading="Bath", edit="A4",
               words={True: "B", False: ""}),
         Field("control", "string", "known components", lambda a: a.control, heading="Known", edit="A5"),
@@ -142,8 +136,7 @@ LEFT_OUT: Rows[Answer, Answer] = Rows(
     "left_out",
     "points that no condition can use",
     (
-        Field("point", "string", "point id", lambda a: [point for point, _ in a.scene.left_out], heading="Point",
-              edit="A8", is_id=True),
+        identity("point", lambda a: [point for point, _ in a.scene.left_out]),
         Field("reason", "string", "why", lambda a: [reason for _, reason in a.scene.left_out], heading="Reason",
               edit="A80"),
     ),
@@ -152,10 +145,8 @@ IMAGES: Rows[Answer, Answer] = Rows(
     "images",
     "the images that took part",
     (
-        Field("photo", "string", "photo id", lambda a: a.photos[a.oriented.sights.photo], heading="Photo",
-              edit="A8", is_id=True),
-        Field("point", "string", "point id", lambda a: a.scene.sights.points[a.oriented.sights.point],
-              heading="Point", edit="A8", is_id=True),
+        identity("photo", lambda a: a.photos[a.oriented.sights.photo]),
+        identity("point", lambda a: a.scene.sights.points[a.oriented.sights.point]),
         Field("residual", "2 number", "x and y, adjusted minus measured", lambda a: a.residuals, unit="mm",
               heading=("x\num", "y\num"), edit="F9.2"),
         Field("redundancy", "2 number", "redundancy numbers", lambda a: a.oriented.image_redundancy,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from musatpy.reports.fields import Document, Field, Group, Node, Rows
+from musatpy.reports.fields import Document, Field, Group, Node, Rows, identity
 from musatpy.reports.orientation import (
     ATTITUDE_TABLE,
     JOB,
@@ -115,7 +115,7 @@ CONTROL: Rows[StripAnswer, StripAnswer] = Rows(
     "control",
     "what holds the strip on the ground",
     (
-        Field("point", "string", "point id", lambda a: a.control_ids, heading="Point", edit="A8", is_id=True),
+        identity("point", lambda a: a.control_ids),
         Field("residual", "3 number?", "known less oriented", lambda a: a.control_residual, unit="m",
               heading=("Residual X\nm", "Residual Y\nm", "Residual Z\nm"), edit="F12.5"),
         Field("test", "number", "of all components, in sigmas", lambda a: a.control_test, heading="Test",
@@ -127,7 +127,7 @@ AGAINST: Rows[StripAnswer, StripAnswer] = Rows(
     "the strip less the solution of IIIA that starts from it, a model after a similarity",
     of=lambda a: None if a.against is None else a,
     fields=(
-        Field("photo", "string", "photo id", lambda a: a.photos, heading="Photo", edit="A8", is_id=True),
+        identity("photo", lambda a: a.photos),
         Field("position", "3 number", "", lambda a: _against(a).position, unit="m",
               heading=("X\nm", "Y\nm", "Z\nm"), edit="F12.5"),
         Field("sigmas", "3 number?", "in those of the strip", lambda a: _in_sigmas(a),

@@ -14,7 +14,7 @@ from musatpy.model import (
 )
 from musatpy.reports import stated
 from musatpy.reports.editing import ATTITUDE_SIGMAS, ATTITUDES_AS_ANGLES, along_axes, position
-from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows
+from musatpy.reports.fields import ENU, POSITION_UNIT, Field, Rows, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report
 from musatpy.reports.values import names
@@ -25,7 +25,7 @@ STATIONS = Rows[Statistics, Statistics](
     "stations",
     "one row per photo",
     (
-        Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
+        identity("photo", lambda s: s.block.photos.ids),
         Field("camera", "string", "camera id", lambda s: s.block.cameras.ids[s.block.photos.camera],
               heading="Camera", edit="A6"),
         Field("position", "3 number", "adjusted", lambda s: s.solution.stations.position, POSITION_UNIT,
@@ -66,15 +66,11 @@ PAIRS = Rows[Statistics, tuple[TextArray, StationPairs]](
     of=_pairs,
     fields=(
         Field("photos", "2 string", "photo ids", lambda p: p[0][p[1].photo]),
-        Field(
-            "covariance",
-            "6x6 number?",
-            "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with those of the second",
-            lambda p: p[1].covariance,
-            "m2, m rad, rad2",
-        ),
+        Field("covariance", "6x6 number?",
+              "a posteriori, of east, north, up, X-tilt, Y-tilt, heading of the first with those of the second",
+              lambda p: p[1].covariance, "m2, m rad, rad2"),
     ),
-)
+)  # fmt: skip
 
 
 def _level_pairs(statistics: Statistics) -> tuple[TextArray, LevelPairs] | None:
@@ -122,7 +118,7 @@ POINTS = Rows[Statistics, Statistics](
     "points",
     "one row per ground point",
     (
-        Field("point", "string", "point id", lambda s: s.block.points.ids, heading="Point", edit="A8", is_id=True),
+        identity("point", lambda s: s.block.points.ids),
         Field("bathymetric", "boolean", "submerged", lambda s: s.block.points.bathymetric, heading="Bath",
               edit="A4", words={True: "B", False: ""}),
         Field("dry", "boolean", "flagged as dry for certain", lambda s: s.block.points.dry, heading="Dry",

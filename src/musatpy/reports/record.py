@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Container, Iterator, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,13 +33,12 @@ from musatpy.reports import (
     statistical_tests,
 )
 from musatpy.reports.fields import (
+    Document,
     Field,
     Group,
     Node,
     Rows,
     Schema,
-    document_schema,
-    is_seldom,
     without_images,
 )
 from musatpy.reports.values import Json, plain, rounded
@@ -110,50 +110,42 @@ _RESULTS: tuple[Node[Statistics], ...] = (
 )  # fmt: skip
 
 
+# What readers have: all observations in one table, those of images too.
+_AS_READ: dict[Node[Statistics], Node[Statistics]] = {
+    residuals.BESIDES_IMAGES: residuals.OBSERVATIONS,
+    residuals.TESTED_PLATES: residuals.PLATES,
+}
+
+
+@cache
+def document(content: RecordContent = RecordContent.FULL, *, as_read: bool = False) -> Document[Statistics]:
+    """Return the record as it is written, or as it is read: what the cards say alone, results, tables of pages."""
+    results = [*_RESULTS, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
+    nodes = [*_HEAD, *job_record.input_tables([node.name for node in results]), *results]
+    contents = Field[Statistics](
+        "content", "string", "full, or tables: those of images are left out", lambda _: content,
+        choices=(RecordContent.FULL, RecordContent.TABLES),
+    )  # fmt: skip
+    nodes = [contents, *(job_record.with_cards(_AS_READ.get(node, node) if as_read else node) for node in nodes)]
+    return Document(
+        name="schema_version",
+        version=SCHEMA_VERSION,
+        about_version="version of this schema; the first number changes when a field changes its meaning or goes",
+        title="musatpy record",
+        about=_ABOUT,
+        nodes=nodes if content is RecordContent.FULL else list(without_images(nodes)),
+        definitions=(statistical_tests.FACTOR_DEFINITION, analyses.ANALYSIS),
+    )
+
+
 def tables(content: RecordContent = RecordContent.FULL) -> Sequence[Node[Statistics]]:
     """Return all that stands in the record, in its order; last the tables of pages that have their own."""
-    nodes = [*_version(content), *map(job_record.with_cards, _nodes())]
-    return nodes if content is RecordContent.FULL else list(without_images(nodes))
-
-
-def _version(content: RecordContent) -> tuple[Node[Statistics], ...]:
-    return (
-        Field(
-            "schema_version", "const",
-            "version of this schema; the first number changes when a field changes its meaning or goes",
-            lambda s: SCHEMA_VERSION, choices=(SCHEMA_VERSION,),
-        ),
-        Field(
-            "content", "string", "full, or tables: those of images are left out", lambda s: content,
-            choices=(RecordContent.FULL, RecordContent.TABLES),
-        ),
-    )  # fmt: skip
-
-
-def _nodes() -> list[Node[Statistics]]:
-    """Return the tables of the record: what the cards say alone, results, and the tables of pages of their own."""
-    results = [*_RESULTS, *(node for page in listing.REPORTS for node in getattr(page, "RECORD", ()))]
-    return [*_HEAD, *job_record.input_tables([node.name for node in results]), *results]
-
-
-def read_tables() -> Sequence[Node[Statistics]]:
-    """Return what readers of a record have: all observations in one table, those of images too."""
-    read: dict[Node[Statistics], Node[Statistics]] = {
-        residuals.BESIDES_IMAGES: residuals.OBSERVATIONS,
-        residuals.TESTED_PLATES: residuals.PLATES,
-    }
-    return [*_version(RecordContent.FULL), *(job_record.with_cards(read.get(node, node)) for node in _nodes())]
-
-
-def _present(nodes: Sequence[Node[Statistics]], statistics: Statistics) -> list[Node[Statistics]]:
-    """Return what stands in the record: without fields that are seldom there and have nothing to say."""
-    return [node for node in nodes if not is_seldom(node) or node.json(statistics)]
+    return document(content).whole
 
 
 def record(solution: Solution) -> dict[str, Json]:
     """Return the record of a solution as it is written: dictionaries, lists, texts and numbers."""
-    statistics = Statistics(solution)
-    return {table.name: table.json(statistics) for table in _present(tables(), statistics)}
+    return document().record(Statistics(solution))
 
 
 def record_of(statistics: Statistics, names: Container[str] | None = None) -> dict[str, Json]:
@@ -161,24 +153,19 @@ def record_of(statistics: Statistics, names: Container[str] | None = None) -> di
 
     It has the shape of `musatpy.json_files.read_record`.
     """
-    present = _present(read_tables(), statistics)
+    present = document(as_read=True).present(statistics)
     return {table.name: table.json(statistics) for table in present if names is None or table.name in names}
 
 
 def held_tables(statistics: Statistics, names: Container[str]) -> dict[str, Json]:
     """Return what is named of `record_of`; the columns of its tables are worked out where they are looked at."""
-    return {node.name: node.held(statistics) for node in _present(read_tables(), statistics) if node.name in names}
+    present = document(as_read=True).present(statistics)
+    return {node.name: node.held(statistics) for node in present if node.name in names}
 
 
 def schema() -> Schema:
     """Return the JSON Schema of the record."""
-    return {
-        **document_schema("musatpy record", _ABOUT, tables()),
-        "$defs": {
-            "factor": statistical_tests.FACTOR_DEFINITION.definition(),
-            "analysis": analyses.ANALYSIS.definition(),
-        },
-    }
+    return document().schema()
 
 
 def schema_text() -> str:
@@ -202,7 +189,7 @@ def dumps(record: dict[str, Json]) -> str:
 
 def texts_of(statistics: Statistics, content: RecordContent = RecordContent.FULL) -> Iterator[str]:
     """Yield the text of `record` piece by piece."""
-    yield from record_texts(_present(tables(content), statistics), statistics)
+    yield from record_texts(document(content).present(statistics), statistics)
 
 
 _ROWS = 20_000  # at a time

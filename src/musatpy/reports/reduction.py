@@ -21,7 +21,7 @@ from musatpy.model import (
 from musatpy.model.reduction import SPREAD_LEVEL, Quantity, Reduced
 from musatpy.reports import job_record
 from musatpy.reports.editing import edited, number_text
-from musatpy.reports.fields import Each, Field, Group, Rows
+from musatpy.reports.fields import Each, Field, Group, Rows, identity
 from musatpy.reports.pages import Section, labelled, wrapped
 from musatpy.reports.table import Content, Labels, Report, numbers_at
 from musatpy.reports.values import Values
@@ -70,40 +70,21 @@ _MARKS: Rows[ReducedPlate, ReducedPlate] = Rows(
     "one row per measured mark",
     (
         Field("mark", "string", "mark id", lambda p: p.marks, heading="Mark", edit="A4", is_id=True),
-        Field(
-            "residual",
-            "2 number?",
-            "transformed minus calibrated",
-            lambda p: p.residuals,
-            "mm",
-            heading=("Resid. x\num", "Resid. y\num"),
-            edit="F10.2",
-        ),
-        Field(
-            "normalized",
-            "2 number?",
-            "residual over its own sigma",
-            edit="F9.2",
-            heading=("Over own\nsigma x", "\nsigma y"),
-        ),
+        Field("residual", "2 number?", "transformed minus calibrated", lambda p: p.residuals, "mm",
+              heading=("Resid. x\num", "Resid. y\num"), edit="F10.2"),
+        Field("normalized", "2 number?", "residual over its own sigma", edit="F9.2",
+              heading=("Over own\nsigma x", "\nsigma y")),
     ),
-)
+)  # fmt: skip
 _DISTANCES: Rows[ReducedPlate, ReducedPlate] = Rows(
     "distances",
     "one row per distance, where the transformation goes by distances",
     (
         Field("marks", "2 string", "mark ids", lambda p: p.ends, heading=("Mark", "Mark"), edit="A4", is_id=True),
-        Field(
-            "residual",
-            "number?",
-            "scaled minus calibrated",
-            lambda p: p.distance_residuals,
-            "mm",
-            heading="Residual\num",
-            edit="F10.2",
-        ),
+        Field("residual", "number?", "scaled minus calibrated", lambda p: p.distance_residuals, "mm",
+              heading="Residual\num", edit="F10.2"),
     ),
-)
+)  # fmt: skip
 _PARAMETERS: Each[ReductionStep, Quantity] = Each(
     "parameters",
     "one row per parameter",
@@ -131,59 +112,26 @@ _SPREADS: Each[ReducedPlate, Spread] = Each(
     "one row per kind of repeated readings",
     of=lambda p: p.spreads,
     fields=(
-        Field(
-            "of",
-            "string",
-            "what was read",
-            lambda s: s.what,
-            choices=("marks", "points", "crosses"),
-            heading="Of",
-            edit="A7",
-            is_id=True,
-        ),
+        Field("of", "string", "what was read", lambda s: s.what, choices=("marks", "points", "crosses"),
+              heading="Of", edit="A7", is_id=True),
         Field("freedom", "integer", "readings less targets", heading="Freedom", edit="I7"),
-        Field(
-            "sigma",
-            "2 number?",
-            "of one reading, by coordinate",
-            lambda s: np.array(s.pooled),
-            "unit",
-            heading=("Sigma u\nunit", "Sigma v\nunit"),
-            edit="F9.5",
-        ),
-        Field(
-            "probability",
-            "2 number?",
-            "of so large a spread by chance",
-            lambda s: np.array(s.probability),
-            heading=("Probability\nu", "Probability\nv"),
-            edit="F11.4",
-        ),
-        Field(
-            "unlikely",
-            "boolean",
-            "a probability is below 0.05",
-            heading="Test",
-            edit="A4",
-            words={True: "*", False: ""},
-        ),
-        Field(
-            "largest",
-            "number?",
-            "deviation from a mean",
-            unit="unit",
-            heading="Largest\ndeviation",
-            edit="F9.5",
-        ),
+        Field("sigma", "2 number?", "of one reading, by coordinate", lambda s: np.array(s.pooled), "unit",
+              heading=("Sigma u\nunit", "Sigma v\nunit"), edit="F9.5"),
+        Field("probability", "2 number?", "of so large a spread by chance", lambda s: np.array(s.probability),
+              heading=("Probability\nu", "Probability\nv"), edit="F11.4"),
+        Field("unlikely", "boolean", "a probability is below 0.05", heading="Test", edit="A4",
+              words={True: "*", False: ""}),
+        Field("largest", "number?", "deviation from a mean", unit="unit", heading="Largest\ndeviation",
+              edit="F9.5"),
         Field("beyond", "* string", "targets with readings beyond the limit"),
     ),
-)
+)  # fmt: skip
 REDUCED_PLATES: Each[Reduced, ReducedPlate] = Each(
     "plates",
     "one row per raw plate, as the program reduced it",
     of=lambda r: r.plates,
     fields=(
-        Field("photo", "string", "photo id", heading="Photo", edit="A8", is_id=True),
+        identity("photo"),
         Field("refusal", "string?", "why the plate is refused and the photo left out; null: it is not",
               lambda p: p.refusal or None),
         Field("reason", "string?",

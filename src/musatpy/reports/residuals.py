@@ -12,7 +12,7 @@ from musatpy.arrays import BoolArray, FloatArray, IntArray, TextArray
 from musatpy.model import (
     ObservationKind,
 )
-from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows
+from musatpy.reports.fields import IMAGE_DIGITS, Field, Rows, identity
 from musatpy.reports.pages import Section
 from musatpy.reports.table import Report
 from musatpy.reports.values import Json, Values, names
@@ -23,10 +23,8 @@ PLATES = Rows[Statistics, Statistics](
     "plates",
     "one row per plate measurement",
     (
-        Field("photo", "string", "photo id", lambda s: s.block.photos.ids[s.block.plates.photo], heading="Photo",
-              edit="A8", is_id=True),
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.plates.point], heading="Point",
-              edit="A8", is_id=True),
+        identity("photo", lambda s: s.block.photos.ids[s.block.plates.photo]),
+        identity("point", lambda s: s.block.points.ids[s.block.plates.point]),
         Field("xy", "2 number", "measured", lambda s: s.block.plates.xy, "mm", exact=True,
               heading=("x\nmm", "y\nmm"), edit="F10.4"),
         Field("sigma", "2 number", "a priori", lambda s: s.block.plate_sigmas, "mm",

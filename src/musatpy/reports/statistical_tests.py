@@ -16,7 +16,7 @@ from musatpy.model import (
 from musatpy.model.kinds import ANGLES, ENU
 from musatpy.reports import positions, residuals
 from musatpy.reports.editing import number_text
-from musatpy.reports.fields import Each, Field, Group, Rows
+from musatpy.reports.fields import Each, Field, Group, Rows, identity
 from musatpy.reports.pages import Section, wrapped
 from musatpy.reports.table import Report, worst_first
 from musatpy.reports.values import Values
@@ -62,8 +62,7 @@ _CHECK_POINTS = Rows[Statistics, Statistics](
     "check_points",
     "one row per check point",
     (
-        Field("point", "string", "point id", lambda s: s.block.points.ids[s.block.control.point[s.check_test.row]],
-              heading="Point", edit="A8", is_id=True),
+        identity("point", lambda s: s.block.points.ids[s.block.control.point[s.check_test.row]]),
         Field("chi_square", "number", "difference against its covariance", lambda s: s.check_test.squares,
               heading="Chi-square", edit="F10.3"),
         Field("components", "integer", "given components", lambda s: s.check_test.components, heading="Components",
@@ -83,8 +82,7 @@ _HIDDEN_ERRORS = Rows[Statistics, Statistics](
     "hidden_errors",
     "one row per point that an error may move which its test does not find",
     (
-        Field("point", "string", "point id", lambda s: s.block.points.ids[_moved(s)], heading="Point",
-              edit="A8", is_id=True),
+        identity("point", lambda s: s.block.points.ids[_moved(s)]),
         Field("rays", "integer", "plate measurements of the position",
               lambda s: s.solution.points.rays[_moved(s)], heading="Rays", edit="I4"),
         Field("shift", "number?",
@@ -119,7 +117,7 @@ _STATION_INFLATION = Rows[Statistics, Statistics](
     "stations",
     "one row per photo",
     (
-        Field("photo", "string", "photo id", lambda s: s.block.photos.ids, heading="Photo", edit="A8", is_id=True),
+        identity("photo", lambda s: s.block.photos.ids),
         Field("inflation", "6 number?", "variance inflation factors: east, north, up, X-tilt, Y-tilt, heading",
               lambda s: s.dependence.station_inflation, heading=(*ENU, *ANGLES), edit="F10.1"),
     ),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import musatpy
 from musatpy.model import (
@@ -57,21 +59,47 @@ WEIGHTS = {
 }
 
 
+@dataclass(frozen=True)
+class _Number:
+    """How an option is printed that is a number."""
+
+    edit: str
+    unit: float = 1.0  # of print, in units of the record
+    name: str = ""  # of that unit
+
+
+# Options by their names in the block and the record, with their labels, and what is said of them.
+_OPTIONS: dict[str, tuple[str, Mapping[Any, str] | _Number | str]] = {
+    "initial": ("Initial values", INITIAL),
+    "refraction": ("Refraction", REFRACTION),
+    "weights": ("Weights of conditions", WEIGHTS),
+    "max_iterations": ("Iterations, at most", _Number("I9")),
+    "max_passes": ("Passes of the water point correction, at most", _Number("I9")),
+    "rotation_limit": ("Rotation limit", _Number("F12.4", ARC_SECOND, "arc seconds")),
+    "translation_limit": ("Translation limit", _Number("F12.5", name="m")),
+    "water_limit": ("Limit of movement of submerged points", _Number("F12.5", name="m")),
+    "plate_sigma": ("Sigma of plate coordinates", _Number("F12.2", MICROMETRE, "um")),
+}
+_OFF_DEFAULT: dict[str, tuple[str, Mapping[Any, str] | _Number | str]] = {  # most jobs leave these as they are
+    "submerged_factor": ("Factor on it for submerged points", _Number("F8.2")),
+    "water_level": ("Unknown corrections of the tides", WATER_LEVEL),
+    "water_tilt": ("Tilt of the water surface", "an unknown of the adjustment"),
+    "water_index": ("Refractive index", "an unknown of the adjustment"),
+    "datum": ("Datum", "inner constraints over the points where nothing holds the block"),
+    "editing": ("Blunders", EDITING),
+    "order": ("Order of rows", "by the identifiers of photos and points"),
+    "plate_sigma_is": ("Plate sigmas", "estimated by their variance component"),
+    "sigma0_limit": ("Sigma0 from which a run is rejected", _Number("F8.2")),
+    "station_limit": ("Flying heights from given stations, doubtful from", _Number("F8.2")),
+}
+
+
 def _limits(content: Content) -> dict[str, Sequence[float | None]]:
     """Return the numbers of the options by their labels, as a record has them."""
-    paths = {
-        "Iterations, at most": ("max_iterations", 1.0),
-        "Passes of the water point correction, at most": ("max_passes", 1.0),
-        "Rotation limit": ("rotation_limit", ARC_SECOND),
-        "Translation limit": ("translation_limit", 1.0),
-        "Limit of movement of submerged points": ("water_limit", 1.0),
-        "Sigma of plate coordinates": ("plate_sigma", MICROMETRE),
-        "Factor on it for submerged points": ("submerged_factor", 1.0),
-        "Sigma0 from which a run is rejected": ("sigma0_limit", 1.0),
-        "Flying heights from given stations, doubtful from": ("station_limit", 1.0),
-    }
     labels: dict[str, Sequence[float | None]] = {
-        label: numbers_at(content, f"options.{name}", unit=unit) for label, (name, unit) in paths.items()
+        label: numbers_at(content, f"options.{name}", unit=said.unit)
+        for name, (label, said) in (_OPTIONS | _OFF_DEFAULT).items()
+        if isinstance(said, _Number)
     }
     return labels | {"Refractive index of water": numbers_at(content, "water.index", "water.sigma")}
 
@@ -119,21 +147,13 @@ def sections(statistics: Statistics) -> list[Section]:
 
 
 def _options(block: Block) -> dict[str, str]:
-    options = block.options
+    options, default = block.options, Options()
     system = "Coordinate system" if block.answer_in is None else "Coordinate system of the adjustment"
     return {
         "Program": f"MUSAT-{options.program}",
         system: f"{options.system}  {SYSTEMS[options.system]}",
-        "Initial values": f"{options.initial}  {INITIAL[options.initial]}",
-        "Refraction": f"{options.refraction}  {REFRACTION[options.refraction]}",
-        "Weights of conditions": f"{options.weights}  {WEIGHTS[options.weights]}",
-        "Iterations, at most": str(options.max_iterations),
-        "Passes of the water point correction, at most": str(options.max_passes),
-        "Rotation limit": f"{number_text('F12.4', options.rotation_limit / ARC_SECOND)} arc seconds",
-        "Translation limit": f"{number_text('F12.5', options.translation_limit)} m",
-        "Limit of movement of submerged points": f"{number_text('F12.5', options.water_limit)} m",
-        "Sigma of plate coordinates": f"{number_text('F12.2', options.plate_sigma / MICROMETRE)} um",
-        **_off_default(options),
+        **dict(_line(options, name) for name in _OPTIONS),
+        **dict(_line(options, name) for name in _OFF_DEFAULT if getattr(options, name) != getattr(default, name)),
         "Ellipsoid": _ellipsoid(block),
         "Refractive index of water": _index(block),
         **_conditions(block),
@@ -148,31 +168,12 @@ def _settings(block: Block) -> list[str]:
     return wrapped([", ".join(block.settings)], lead=lead) if block.settings else []
 
 
-def _off_default(options: Options) -> dict[str, str]:
-    """Return the lines of options that most jobs leave as they are."""
-    default = Options()
-    lines = {
-        "submerged_factor": ("Factor on it for submerged points", number_text("F8.2", options.submerged_factor)),
-        "water_level": (
-            "Unknown corrections of the tides",
-            f"{options.water_level}  {WATER_LEVEL[options.water_level]}",
-        ),
-        "water_tilt": ("Tilt of the water surface", f"{options.water_tilt}  an unknown of the adjustment"),
-        "water_index": ("Refractive index", f"{options.water_index}  an unknown of the adjustment"),
-        "datum": ("Datum", f"{options.datum}  inner constraints over the points where nothing holds the block"),
-        "editing": ("Blunders", f"{options.editing}  {EDITING[options.editing]}"),
-        "order": ("Order of rows", f"{options.order}  by the identifiers of photos and points"),
-        "plate_sigma_is": (
-            "Plate sigmas",
-            f"{options.plate_sigma_is}  estimated by their variance component",
-        ),
-        "sigma0_limit": ("Sigma0 from which a run is rejected", number_text("F8.2", options.sigma0_limit)),
-        "station_limit": (
-            "Flying heights from given stations, doubtful from",
-            number_text("F8.2", options.station_limit),
-        ),
-    }
-    return dict(line for name, line in lines.items() if getattr(options, name) != getattr(default, name))
+def _line(options: Options, name: str) -> tuple[str, str]:
+    """Return the label of an option, and what it is."""
+    (label, said), value = (_OPTIONS | _OFF_DEFAULT)[name], getattr(options, name)
+    if isinstance(said, _Number):
+        return label, f"{number_text(said.edit, value / said.unit)} {said.name}".rstrip()
+    return label, f"{value}  {said if isinstance(said, str) else said[value]}"
 
 
 def _ellipsoid(block: Block) -> str:

@@ -1,0 +1,418 @@
+"""The reports of surfaces of water from points on them, of errors in height interpolated, of waves over a map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import partial
+
+import numpy as np
+
+from musatpy.arrays import FloatArray
+from musatpy.model.tables import falling
+from musatpy.reports.fields import Field, unrecorded
+from musatpy.reports.pages import text_of
+from musatpy.reports.table import Table
+from musatpy.sea.interpolation.correlation import Family
+from musatpy.sea.interpolation.interpolate import Candidate, Interpolation, Verdict
+from musatpy.sea.interpolation.prediction import Trend
+from musatpy.sea.stereo.corrected_points import REASONS, Corrected, Fault
+from musatpy.sea.stereo.estimate import SurfaceFit
+from musatpy.sea.stereo.fitted import height_sigma
+from musatpy.sea.stereo.fourier import FourierSurface, Step
+from musatpy.sea.stereo.grid import GridSurface, Mesh, cell_counts
+from musatpy.sea.stereo.point_records import ReadPoints
+from musatpy.sea.study import WIDE, Trials, WaveStudy, flying_height
+from musatpy.units import DEGREE
+
+CORRECTED = (
+    "id,x,y,z,true_x,true_y,true_z,sigma_x,sigma_y,sigma_z,surface_sigma_z,parallax,reason"  # columns of the table
+)
+_CORRELATED = 0.5  # correlations below are not listed
+
+STEPS: Table[tuple[Step, ...]] = Table(
+    (
+        unrecorded("Try", "I3", lambda steps: range(1, len(steps) + 1)),
+        unrecorded("Length\nm", "F9.2", lambda steps: [step.length for step in steps]),
+        unrecorded("Azimuth\ndeg", "F7.1", lambda steps: [step.azimuth / DEGREE for step in steps]),
+        unrecorded("Power", "F6.3", lambda steps: [step.power for step in steps]),
+        unrecorded("F", "F10.2", lambda steps: [step.ratio if step.is_tested else np.nan for step in steps]),
+        unrecorded("Limit", "F6.2", lambda steps: [step.critical if step.is_tested else np.nan for step in steps]),
+        unrecorded("Verdict", "A54", lambda steps: [step.reason or "taken" for step in steps]),
+    )
+)
+
+
+def _described(heading: str, column: int, decimals: int, unit: float = 1.0) -> tuple[Field[FourierSurface], ...]:
+    """Return a number that describes each wave, and its sigma."""
+    return (
+        unrecorded(heading, f"F9.{decimals}", lambda s: s.described[0][:, column] / unit),
+        unrecorded("Sigma\n", f"F7.{decimals}", lambda s: s.described[1][:, column] / unit),
+    )
+
+
+WAVES: Table[FourierSurface] = Table(
+    (
+        unrecorded("Wave", "I4", lambda s: range(1, s.count + 1)),
+        *_described("Amplitude\nm", 0, 4),
+        *_described("Length\nm", 1, 3),
+        *_described("Azimuth\ndeg", 2, 2, DEGREE),
+        *_described("Phase\ndeg", 3, 2, DEGREE),
+    )
+)
+
+
+def surface_text(fit: SurfaceFit, title: str, left: tuple[str, ...] = ()) -> str:
+    """Return the report; `left` are lines about points that were not used from the start."""
+    kind = "level and waves" if isinstance(fit.fitted, FourierSurface) else "heights on a grid"
+    x, y = fit.fitted.origin
+    count = len(fit.points.ids) + len(fit.impossible)
+    lines = [
+        title,
+        "",
+        f"Surface of the water as {kind}, from {count} points, {len(fit.rejected)} rejected",
+        f"Axes about X {x:.0f}, Y {y:.0f} m; one point to {fit.spacing:.1f} m",
+        "",
+    ]
+    lines += _fourier(fit, fit.fitted) if isinstance(fit.fitted, FourierSurface) else _grid(fit, fit.fitted)
+    lines += ["", *_residuals(fit), "", *_rejected(fit), *(f"left out: {line}" for line in left)]
+    lines += [f"note: {note}" for note in fit.notes]
+    return text_of(lines)
+
+
+def _fourier(fit: SurfaceFit, fitted: FourierSurface) -> list[str]:
+    assert fit.waves is not None
+    level, sigma = fitted.parameters[0], np.sqrt(fitted.covariance[0, 0])
+    lines = [
+        f"Search among waves of {fit.waves.shortest:.1f} to {fit.waves.longest:.1f} m, "
+        f"{fit.waves.trials} that can be told apart",
+        "Peaks of the spectrum of what is left; F: what the fit gains by the wave",
+        "",
+        *STEPS.text(fit.steps),
+        "",
+        f"Level {level:.4f} m, sigma {sigma:.4f}",
+    ]
+    if fitted.count:
+        lines += ["", *WAVES.text(fitted), "", *_correlations(fitted)]
+    return lines
+
+
+def _correlations(fitted: FourierSurface) -> list[str]:
+    names = ["level"]
+    for wave in range(1, fitted.count + 1):
+        names += [f"{name} {wave}" for name in ("cosine", "sine", "kx", "ky")]
+    size = np.sqrt(np.diag(fitted.covariance))
+    correlation = fitted.covariance / size[:, None] / size
+    i, j = np.triu_indices(len(size), 1)
+    large = np.flatnonzero(np.abs(correlation[i, j]) >= _CORRELATED)
+    order = large[falling(np.abs(correlation[i, j][large]), 2)]  # as they are printed
+    worst = float(np.abs(correlation[i, j]).max())
+    lines = [f"Correlations of parameters: {worst:.2f} at most; of {_CORRELATED} and more:"]
+    pairs = [f"    {names[i[at]]}, {names[j[at]]}: {correlation[i[at], j[at]]:.2f}" for at in order]
+    return lines + (pairs or ["    none"])
+
+
+def _grid(fit: SurfaceFit, fitted: GridSurface) -> list[str]:
+    nodes = np.stack(np.meshgrid(fitted.x, fitted.y, indexing="ij"), axis=-1)
+    inner = (nodes[:-1, :-1] + nodes[1:, 1:]) / 2.0
+    sigma = height_sigma(fitted, inner)[fitted.known]
+    gap = fitted.x[1] - fitted.x[0]
+    cells, known = fitted.known.size, int(fitted.known.sum())
+    kept = fit.points.position[fit.kept, :2] - fitted.origin
+    filled = int((cell_counts(Mesh(x=fitted.x, y=fitted.y), kept) > 0).sum())
+    return [
+        f"{len(fitted.x)} by {len(fitted.y)} nodes {gap:.2f} m apart, bicubic between; "
+        f"{fit.kept.sum() / cells:.2f} points to a cell",
+        f"Cells: {cells}, of which {filled} have points; known {known}, those among such without any included",
+        f"Curvature 0 with a sigma of {fitted.curvature:.5f} 1/m",
+        f"Heights {fitted.surface.height.min():.3f} to {fitted.surface.height.max():.3f} m",
+        f"Sigma of the height in the middle of known cells: {np.median(sigma):.4f} m by the median, "
+        f"{sigma.max():.4f} at most",
+    ]
+
+
+def _residuals(fit: SurfaceFit) -> list[str]:
+    residual = fit.misfits.residual[fit.kept]
+    return [
+        f"Residuals of {len(residual)} points: {fit.rms:.4f} m RMS, {np.abs(residual).max():.4f} at most, "
+        f"mean {round(float(residual.mean()), 4) + 0.0:.4f}",
+        f"Degrees of freedom {fit.freedom:.1f}, sigma0 {fit.sigma0:.4f}; sigmas of the surface are those of the "
+        f"points times {fit.factor:.4f}",
+        f"Least redundancy of a point {fit.misfits.redundancy[fit.kept].min():.3f}; "
+        f"standardised residuals are divided by {fit.scale:.3f}",
+    ]
+
+
+def _rejected(fit: SurfaceFit) -> list[str]:
+    if not fit.rejected:
+        return ["No point rejected"]
+    return ["Rejected", *(f"    {name}: {reason}" for name, reason in fit.rejected)]
+
+
+def corrected_csv(read: ReadPoints, corrected: Corrected) -> str:
+    """Return apparent and true points as their file has them, with sigmas (m), or the reason why there is none."""
+    good = corrected.fault == Fault.NONE
+    true = np.full(corrected.position.shape, np.nan)
+    true[good] = read.coordinates(corrected.position[good])
+    given, decimals = read.coordinates(read.points.position), read.decimals
+    lines = [CORRECTED]
+    for row, name in enumerate(read.points.ids):
+        sigmas = [*corrected.sigma[row], corrected.surface_sigma[row], corrected.parallax[row]]
+        texts = [*_decimal(true[row], decimals), *(f"{value:.4f}" for value in sigmas)]
+        texts = texts if good[row] else [""] * len(texts)
+        reason = REASONS[Fault(corrected.fault[row])]
+        lines.append(",".join([name, *_decimal(given[row], decimals), *texts, reason]))
+    return "\n".join(lines) + "\n"
+
+
+def _decimal(place: FloatArray, decimals: tuple[int, int, int]) -> list[str]:
+    return [f"{value:.{number}f}" for value, number in zip(place.tolist(), decimals, strict=True)]
+
+
+FAMILIES: Table[tuple[Candidate, ...]] = Table(
+    (
+        unrecorded("Function", "A11", lambda c: [candidate.family for candidate in c]),
+        unrecorded("Signal\nm", "F7.3", lambda c: [candidate.estimate.covariance.signal**0.5 for candidate in c]),
+        unrecorded("Noise\nm", "F7.3", lambda c: [candidate.estimate.covariance.noise**0.5 for candidate in c]),
+        unrecorded("Criterion", "F9.1", lambda c: [candidate.estimate.criterion for candidate in c]),
+        unrecorded("Left one out\nm", "F12.3", lambda c: [candidate.validation.rms for candidate in c]),
+        unrecorded("Over sigma", "F10.2", lambda c: [candidate.validation.standardised_rms for candidate in c]),
+        unrecorded(
+            "Parameters", "A50", lambda c: [candidate.estimate.covariance.correlation.in_words() for candidate in c]
+        ),
+    )
+)
+COVARIANCES: Table[Interpolation] = Table(
+    (
+        unrecorded("Distance\nm", "F9.1", lambda f: f.empirical.distance),
+        unrecorded("Pairs", "I8", lambda f: f.empirical.pairs),
+        unrecorded("Covariance\nm2", "F10.4", lambda f: f.empirical.covariance),
+        unrecorded("Fitted\nm2", "F10.4", lambda f: fitted(f)),
+    )
+)
+_SAYS = {
+    Verdict.HELPS: "the interpolation helps",
+    Verdict.LITTLE: "the interpolation helps little",
+    Verdict.NOT: "the interpolation does not help: leave the heights as they are",
+}
+
+
+def fitted(result: Interpolation) -> list[float]:
+    """Return the covariance function used, m2, at the distances of the empirical one, mean of all directions."""
+    covariance, table = result.best.estimate.covariance, result.empirical
+    return [
+        covariance_at(result, float(distance)) + (covariance.noise if row == 0 else 0.0)
+        for row, distance in enumerate(table.distance)
+    ]
+
+
+def covariance_at(result: Interpolation, distance: float) -> float:
+    """Return the mean over all directions of the covariance of the signal, m2, at a distance (m)."""
+    covariance = result.best.estimate.covariance
+    azimuth = np.arange(180) * np.pi / 180.0
+    lag = distance * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    return float(covariance.signal * covariance.correlation(lag).mean())
+
+
+def collocation_text(result: Interpolation, ids: Sequence[str], sources: tuple[str, str]) -> str:
+    """Return the report of an interpolation; `ids` are those of the control points, sources the two files."""
+    trend = "a plane" if result.options.trend == Trend.PLANE else "a constant"
+    used = int(result.used.sum())
+    lines = [
+        "ERRORS IN HEIGHT INTERPOLATED BETWEEN CONTROL POINTS",
+        "",
+        f"Points {sources[0]}, control {sources[1]}",
+        f"{len(ids)} control points, {used} used, {result.spacing:.1f} m apart (median); the trend is {trend}",
+        "",
+        "Covariance functions, best first, by Akaike's criterion of the restricted likelihood",
+        "",
+        *FAMILIES.text(result.candidates),
+        "",
+        f"Empirical covariances without trend, and the function used ({result.best.family}), "
+        "mean of all directions",
+        "",
+        *COVARIANCES.text(result),
+        "",
+        *_validation(result),
+        "",
+        *_outliers(result, ids),
+        "",
+        f"Corrected is what lies within {result.reach:.1f} m of a control point used",
+        *_cautions(result),
+        verdict_line(result),
+    ]
+    return text_of(lines)
+
+
+def verdict_line(result: Interpolation) -> str:
+    """Return the verdict in a line."""
+    change = f"RMS {result.before:.3f} m before, {result.grouped.rms:.3f} m at points left out"
+    return f"Verdict: {_SAYS[result.verdict]} ({change})"
+
+
+def _validation(result: Interpolation) -> list[str]:
+    single, grouped = result.best.validation, result.grouped
+    return [
+        "Cross-validation (given minus predicted, noise of the control included)",
+        "",
+        f"Before any correction                                  {result.before:8.3f} m RMS",
+        f"Each point left out, the covariance held               {single.rms:8.3f} m RMS, "
+        f"{single.standardised_rms:.2f} over sigma",
+        f"Groups left out, the covariance estimated without them {grouped.rms:8.3f} m RMS, "
+        f"{grouped.standardised_rms:.2f} over sigma",
+        f"Sigmas of corrected heights are those of prediction and noise times {result.factor:.2f}",
+    ]
+
+
+def _outliers(result: Interpolation, ids: Sequence[str]) -> list[str]:
+    if not result.outliers:
+        return [f"No outliers among the control points (beyond {result.critical:.2f} sigma)"]
+    return [
+        "Outliers among the control points, not used",
+        *(
+            f"    {ids[outlier.row]}: {outlier.error:.3f} m from what the others predict, "
+            f"{abs(outlier.error / outlier.sigma):.1f} sigma where {result.critical:.2f} are allowed"
+            for outlier in result.outliers
+        ),
+    ]
+
+
+def _cautions(result: Interpolation) -> list[str]:
+    lines = []
+    wave = result.best.estimate.covariance.correlation.wave_length
+    if result.best.family == Family.NONE:
+        lines.append("note: no function of distance explains the errors: the trend alone is taken off")
+    if wave is not None and result.spacing > wave / 2.0:
+        lines.append(
+            f"note: control {result.spacing:.1f} m apart is wider than half the wave of {wave:.1f} m: "
+            "on a regular grid another wave would fit as well"
+        )
+    return lines
+
+
+_COORDINATES = ("X", "Y", "Z")
+_BAR = 50  # characters of the longest bar of a histogram
+STUDIED: Table[WaveStudy] = Table(
+    (
+        unrecorded("Wave", "I4", lambda s: range(1, len(s.spec.wave) + 1)),
+        unrecorded("Shape", "A10", lambda s: [wave.shape for wave in s.spec.wave]),
+        unrecorded("Period\ns", "F6.1", lambda s: s.theory.period),
+        unrecorded("Length\nm", "F7.1", lambda s: s.length),
+        unrecorded("Speed\nm/s", "F6.2", lambda s: s.speed),
+        unrecorded("Group\nm/s", "F6.2", lambda s: s.theory.group_speed),
+        unrecorded("Height\nm", "F6.2", lambda s: s.theory.height),
+        unrecorded("Breaks at\nm", "F9.2", lambda s: s.theory.breaking_height),
+        unrecorded("Towards\ndeg", "F7.1", lambda s: [wave.azimuth for wave in s.spec.wave]),
+        unrecorded("Crest\nm", "F7.1", lambda s: [wave.crest for wave in s.spec.wave]),
+    )
+)
+ERRORS: Table[WaveStudy] = Table(
+    (
+        unrecorded("Coordinate", "A10", lambda s: _COORDINATES),
+        unrecorded("Maximum\nm", "F8.3", lambda s: s.spread.largest),
+        unrecorded("at No.", "I6", lambda s: s.spread.point + 1),
+        unrecorded("Mean\nm", "F8.3", lambda s: s.spread.mean),
+        unrecorded("Sigma\nm", "F8.3", lambda s: s.spread.sigma),
+        unrecorded("Allowed\nm", "F8.3", lambda s: s.verdict.allowed),
+        unrecorded("Verdict", "A8", lambda s: _words(s.verdict.kept)),
+    )
+)
+POINTS = ("no", "x", "y", "z", "dx", "dy", "dz", "y_parallax", "refraction_points_left", "refraction_points_right")
+
+
+def waves_text(study: WaveStudy) -> str:
+    """Return the report of a wave experiment."""
+    spec = study.spec
+    left, right = (", ".join(f"{value:.1f}" for value in camera) for camera in spec.stereo.cameras)
+    height = flying_height(spec)
+    lines = [
+        spec.title,
+        "",
+        f"Cameras at ({left}) and ({right}) m, {spec.stereo.interval:g} s apart, {height:.1f} m above the bottom",
+        f"Water {spec.water.depth:g} m deep, index {spec.water.index:g}; {len(study.errors.points)} check points",
+        "",
+        *STUDIED.text(study),
+        *(
+            f"note: wave {i + 1} is higher than a wave of its length can stand there"
+            for i in np.flatnonzero(study.theory.breaks)
+        ),
+        "",
+        "Errors of taking the water for level, mapped minus true",
+        "",
+        *ERRORS.text(study),
+        "",
+        f"Allowed are 1/{spec.accuracy.plan:g} of the flying height in plan, 1/{spec.accuracy.height:g} in height",
+        *_rays(study),
+        *_histograms(study),
+    ]
+    for trials in study.studies:
+        lines += ["", *_trials(trials)]
+    return text_of(lines)
+
+
+def points_csv(study: WaveStudy) -> str:
+    """Return true places and errors (m) of every check point, comma separated: a map of the errors in numbers."""
+    errors = study.errors
+    numbers = np.column_stack([errors.points, errors.error, errors.parallax])
+    rows = [
+        ",".join([str(no), *(f"{value:.4f}" for value in row + 0.0), *map(str, count)])
+        for no, (row, count) in enumerate(zip(numbers, errors.number, strict=True), start=1)
+    ]
+    return "\n".join([",".join(POINTS), *rows]) + "\n"
+
+
+def _rays(study: WaveStudy) -> list[str]:
+    number, parallax = study.errors.number, study.errors.parallax
+    several = int((number > 1).sum())
+    lines = [
+        f"Y-parallax of the mapped points: {np.sqrt(np.mean(parallax**2)):.3f} m RMS, "
+        f"{np.abs(parallax).max():.3f} m at most",
+        f"Rays with several refraction points: {several} of {number.size}",
+    ]
+    if several:
+        lines.append(f"    at most {number.max()} points; the one of the least optical path counts")
+    if study.wide:
+        lines.append(
+            f"note: {study.wide} rays are more than {WIDE / DEGREE:.0f} degrees from the vertical: "
+            "points that are not in the overlap of two photographs"
+        )
+    missing = int((~study.errors.complete).sum())
+    if missing:
+        lines.append(f"note: of {missing} rays the search may have missed refraction points")
+    return lines
+
+
+def _histograms(study: WaveStudy) -> list[str]:
+    lines = []
+    for name, edges, count in zip(_COORDINATES, study.histogram.edges, study.histogram.count, strict=True):
+        lines += ["", f"Histogram of the errors in {name}: m, points", ""]
+        middle = (edges[:-1] + edges[1:]) / 2.0
+        for at, points in zip(middle, count, strict=True):
+            bar = "*" * int(np.ceil(_BAR * points / count.max()))
+            lines.append(f"{0.0 if abs(at) < 0.0005 else at:8.3f}  {points:5d}  {bar}".rstrip())
+    return lines
+
+
+def _trials(trials: Trials) -> list[str]:
+    done = [(trial.value, trial.spread, trial.verdict) for trial in trials.trials if trial.spread and trial.verdict]
+    largest = np.array([spread.largest for _, spread, _ in done]).reshape(-1, 3)
+    sigma = np.array([spread.sigma for _, spread, _ in done]).reshape(-1, 3)
+    table: Table[Trials] = Table(
+        (
+            unrecorded(f"{trials.name}\n{trials.unit}", "F8.2", lambda t: [value for value, _, _ in done]),
+            *(unrecorded(f"Max {name}\nm", "F8.3", partial(_column, largest, n)) for n, name in enumerate("XYZ")),
+            *(unrecorded(f"Sigma {name}\nm", "F8.3", partial(_column, sigma, n)) for n, name in enumerate("XYZ")),
+            unrecorded("Verdict", "A8", lambda t: _words(verdict.kept.all() for _, _, verdict in done)),
+        )
+    )
+    failed = [
+        f"note: {trials.name.lower()} {t.value:g} {trials.unit}: {t.reason}" for t in trials.trials if t.reason
+    ]
+    return [f"{trials.name} varied", "", *table.text(trials), *failed]
+
+
+def _column(values: FloatArray, column: int, source: object) -> FloatArray:
+    return values[:, column]
+
+
+def _words(kept: Iterable[object]) -> list[str]:
+    return ["kept" if is_kept else "exceeded" for is_kept in kept]
