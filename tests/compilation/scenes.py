@@ -3,9 +3,12 @@
 import numpy as np
 
 from musatpy import model
-from musatpy.arrays import FloatArray
+from musatpy.arrays import BoolArray, FloatArray, IntArray
+from musatpy.compilation.compiled import Compiled, compiled
 from musatpy.compilation.stereomodels import Stereomodel
-from musatpy.compilation.triangulation import Triangulation
+from musatpy.compilation.triangulation import Triangulation, of_solution
+from musatpy.compilation.true_points import Readings
+from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.model.tables import empty
 from musatpy.refraction.flat import air_tangent
 from musatpy.simulation.raytrace import trace
@@ -100,3 +103,34 @@ def curved_images(stereo: Stereomodel, places: FloatArray, depth: float) -> tupl
         target = stereo.model(incidence)
         xy[:, photo] = stereo.images(np.stack([target, target], axis=1))[:, photo]
     return frame.working(level), xy
+
+
+def readings_at(xy: FloatArray, submerged: bool = True, sigma: float = 0.005) -> Readings:
+    """Return the readings of points (k, 2, 2), all of one kind."""
+    number = len(xy)
+    return Readings(
+        ids=np.arange(number).astype(np.str_),
+        submerged=np.full(number, submerged),
+        xy=xy,
+        sigma=np.full(xy.shape, sigma),
+    )
+
+
+def compiled_again(
+    solution: model.Solution, xy: FloatArray, pointing: float, chosen: BoolArray | None = None
+) -> tuple[Compiled, IntArray]:
+    """Return points that photos 21 and 22 both show, read as xy (m, 2), and the rows of their left images."""
+    block, rows = solution.block, [np.flatnonzero(solution.block.plates.photo == photo) for photo in (0, 1)]
+    common, left, right = np.intersect1d(*(block.plates.point[of] for of in rows), return_indices=True)
+    taken = np.ones(len(common), dtype=bool) if chosen is None else chosen[common]
+    common, left, right = common[taken], rows[0][left[taken]], rows[1][right[taken]]
+    deck = Compilation(
+        titles=(),
+        models=StereomodelSpecs(ids=["M"], left=["21"], right=["22"], pointing=[pointing]),
+        stages=StageReadings(
+            model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
+            kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common],
+            xy=np.stack([xy[left], xy[right]], axis=1),
+        ),
+    )  # fmt: skip
+    return compiled(of_solution(solution), deck), left

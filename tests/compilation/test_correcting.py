@@ -11,7 +11,7 @@ from click.testing import Result
 from scipy.interpolate import LinearNDInterpolator
 
 from cli.commands import musat
-from compilation.scenes import at_depth, flat_images, grid, pair
+from compilation.scenes import at_depth, flat_images, grid, pair, readings_at
 from musatpy.arrays import FloatArray
 from musatpy.compilation.compiled import OFF_PLATE
 from musatpy.compilation.correcting import REASONS, Correction
@@ -23,7 +23,7 @@ from musatpy.compilation.misplaced_points import require_model
 from musatpy.compilation.run_records import of_record
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation
-from musatpy.compilation.true_points import Readings, true_points
+from musatpy.compilation.true_points import true_points
 from musatpy.errors import CompilationError
 from musatpy.geometry.crs import LongitudeLatitude, system_of
 from musatpy.geometry.systems import Geocentric, Geographic, LocalRectangular, System
@@ -74,9 +74,7 @@ def test_a_point_is_the_same_by_compile_and_correct(height: float, sphere: bool)
     corrected = correction(run, system)
     marks = at_depth(grid((-0.25 * height, 0.25 * height), 0.5 * height, 7), 13.0)  # in the model
     xy = Loop(stereo=corrected.stereo).stages(marks).xy
-    sigma = np.full((len(xy), 2, 2), _POINTING)
-    readings = Readings(ids=np.arange(len(xy)).astype(str), submerged=np.ones(len(xy), bool), xy=xy, sigma=sigma)
-    points = true_points(run, (0, 1), readings)
+    points = true_points(run, (0, 1), readings_at(xy, sigma=_POINTING))
     done = corrected(points.apparent)
     apart = run.frame.working(done.xyz) - run.frame.working(points.position)
     rounding = 5e-9 if sphere else 1e-9  # five ulps of 6.4e6 m
@@ -90,10 +88,7 @@ def test_sigmas_are_those_of_the_images(tmp_path: Path) -> None:
     run = pair(3000.0, 1810.0)
     corrected, true = correction(run), at_depth(grid(_X, _Y, 5), 12.0)
     xy = flat_images(run, true)
-    readings = Readings(
-        ids=np.arange(25).astype(str), submerged=np.ones(25, bool), xy=xy, sigma=np.full((25, 2, 2), _POINTING)
-    )
-    points = true_points(run, (0, 1), readings)
+    points = true_points(run, (0, 1), readings_at(xy, sigma=_POINTING))
     done = corrected(run.frame.system(apparent_of(corrected.stereo, xy)))
     expected = np.sqrt(np.diagonal(points.covariance, axis1=1, axis2=2))
     np.testing.assert_allclose(done.sigma, expected, rtol=1e-6)

@@ -8,12 +8,12 @@ from typing import cast
 import numpy as np
 import pytest
 
-from compilation.scenes import INDEX, at_depth, flat_images, grid, pair
+from compilation.scenes import INDEX, at_depth, compiled_again, flat_images, grid, pair, readings_at
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.arrays import BoolArray, FloatArray
 from musatpy.compilation import true_points as rays
-from musatpy.compilation.compiled import Compiled, CompiledModel, compiled
+from musatpy.compilation.compiled import Compiled, CompiledModel
 from musatpy.compilation.errors_of_pairs import joint_covariances
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.pair_errors import PairErrors
@@ -24,7 +24,6 @@ from musatpy.compilation.stereomodels import set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
 from musatpy.compilation.true_points import Readings, TruePoints, network_of, true_points
 from musatpy.geometry.collinearity import attitude_matrix
-from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.probability import student_as_normal
 from musatpy.refraction.flat import air_tangent
 from musatpy.simulation import simulate
@@ -140,29 +139,21 @@ def test_what_is_not_clear_is_left_to_its_rays() -> None:
     xy = Loop(stereo=stereo).stages(stereo.model(run.frame.working(np.concatenate([clear, special])))).xy
     parallel, crossed = np.array([[[0.0, 0.0], [5e-4, 0.0]]]), np.array([[[-80.0, 0.0], [80.0, 0.0]]])
     xy = np.concatenate([xy, parallel, crossed])
-    readings = Readings(
-        ids=np.arange(len(xy)).astype(np.str_),
-        submerged=np.ones(len(xy), dtype=bool),
-        xy=xy + np.array([[0.0, 0.0], [0.0, 0.002]]),  # a y-parallax: the height stays
-        sigma=np.full(xy.shape, 0.005),
-    )
-    out, left = clear_points(run, (0, 1), readings)
+    every = readings_at(xy + np.array([[0.0, 0.0], [0.0, 0.002]]))  # a y-parallax: the height stays
+    out, left = clear_points(run, (0, 1), every)
     assert left.tolist() == [False] * 16 + [True] * 4
     assert np.isfinite(out.position[:16]).all() and np.isnan(out.position[16:]).all()
-    hold(true_points(run, (0, 1), readings), rays.from_rays(run, (0, 1), readings), 1e-9, 1e-7)
+    hold(true_points(run, (0, 1), every), rays.from_rays(run, (0, 1), every), 1e-9, 1e-7)
 
 
 def test_points_are_the_same_whatever_the_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     run = pair(3000.0, 1810.0, (0.4, -0.3))
     places = at_depth(grid((200.0, 1600.0), 1700.0, 5), 5.0)
-    xy = flat_images(run, places)
-    readings = Readings(
-        ids=np.arange(25).astype(np.str_), submerged=np.ones(25, dtype=bool), xy=xy, sigma=np.full(xy.shape, 0.005)
-    )
-    whole = true_points(run, (0, 1), readings)
+    every = readings_at(flat_images(run, places))
+    whole = true_points(run, (0, 1), every)
     monkeypatch.setattr("musatpy.compilation.pair_images.CHUNK", 7)
     assert [(part.start, part.stop) for part in chunks(25)] == [(0, 7), (7, 14), (14, 21), (21, 25)]
-    parts = true_points(run, (0, 1), readings)
+    parts = true_points(run, (0, 1), every)
     np.testing.assert_allclose(parts.position, whole.position, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(whole.position, places, rtol=0.0, atol=1e-9)
     assert CHUNK > 25 and np.isfinite(whole.covariance).all()
@@ -229,14 +220,8 @@ def test_the_test_value_has_the_variance_one(submerged: bool) -> None:
     errors = COMMON * draws.normal(size=(number, 1, 6)) + OWN * draws.normal(size=(number, 2, 6))
     index = INDEX + INDEX_SIGMA * draws.normal(size=number)
     xy = images(run, points, errors, index if submerged else np.ones(number)).reshape(-1, 2, 2)
-    sigma = np.full(xy.shape, POINTING)
-    readings = Readings(
-        ids=np.arange(len(xy)).astype(np.str_),
-        submerged=np.full(len(xy), submerged),
-        xy=xy + sigma * draws.normal(size=xy.shape),
-        sigma=sigma,
-    )
-    found = true_points(run, (0, 1), readings)
+    xy = xy + POINTING * draws.normal(size=xy.shape)
+    found = true_points(run, (0, 1), readings_at(xy, submerged, POINTING))
     test = (found.y_parallax / found.y_parallax_sigma).reshape(number, 4)
     assert np.mean(found.pointing_share) < 0.7  # or the stations would not be tested
     np.testing.assert_allclose(np.mean(np.square(test), axis=0), 1.0, atol=3.0 * np.sqrt(2.0 / number))
@@ -282,20 +267,8 @@ def again(solution: model.Solution, pointing: float, shift: float = 0.0) -> tupl
     """
     block = solution.block
     rays = np.bincount(block.plates.point, minlength=len(block.points.ids))
-    rows = [np.flatnonzero(block.plates.photo == photo) for photo in (0, 1)]
-    common, left, right = np.intersect1d(*(block.plates.point[of] for of in rows), return_indices=True)
-    two = ((rays == 2) & ~of_solution(solution).control)[common]
-    common, left, right = common[two], rows[0][left[two]], rows[1][right[two]]
-    deck = Compilation(
-        titles=(),
-        models=StereomodelSpecs(ids=["M"], left=["21"], right=["22"], pointing=[pointing]),
-        stages=StageReadings(
-            model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
-            kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common],
-            xy=np.stack([block.plates.xy[left], block.plates.xy[right]], axis=1) + shift,
-        ),
-    )  # fmt: skip
-    return compiled(of_solution(solution), deck), left
+    two = (rays == 2) & ~of_solution(solution).control
+    return compiled_again(solution, block.plates.xy + shift, pointing, two)
 
 
 @pytest.mark.parametrize("pointing", [np.nan, 0.003])

@@ -17,7 +17,6 @@ from musatpy.formats.compilation_deck import compilation_bytes, read_compilation
 from musatpy.reports.compilation import DOCUMENT
 from stage_readings import compilation
 
-_SLOPE = 0.03
 _RATE = 2.0  # s between readings
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import stage_readings
 from cli.commands import musat
+from compilation.scenes import readings_at
 from json_schema import violations
 from musatpy import read_deck
 from musatpy.as11_runs import run_of
@@ -125,13 +126,7 @@ def test_sigmas_from_a_punched_deck_are_those_of_the_pointing(runs: Path, tmp_pa
     steps = 0.01 * np.eye(3)
     B = np.stack([(loop.stages(mark + s).xy - loop.stages(mark - s).xy).ravel() / 0.02 for s in steps], axis=1)
     expected = np.sqrt(np.diagonal(np.linalg.inv(B.T @ B))) * 0.005
-    readings = Readings(
-        ids=np.array(["A"]),
-        submerged=np.array([True]),
-        xy=loop.stages(mark).xy,
-        sigma=np.full((1, 2, 2), 0.005),
-    )
-    covariance = true_points(run, stereo.photos, readings).covariance[0]
+    covariance = true_points(run, stereo.photos, readings_at(loop.stages(mark).xy)).covariance[0]
     turned = stereo.axes @ run.frame.axes(stereo.working(mark))[0].T
     assert np.allclose(np.sqrt(np.diagonal(turned @ covariance @ turned.T)), expected, rtol=1e-5)
 
@@ -147,7 +142,7 @@ def test_sigmas_on_the_water_cards_of_a_punched_deck_are_in_those_of_points(leve
         water=replace(block.water, sigma=0.01),
         options=replace(block.options, program=Program.IIIA, water_level=level),
     )
-    run, readings = of_block(block), one_reading(of_block(block))
+    run, reading = of_block(block), one_reading(of_block(block))
 
     def at(tides: list[float], index: float) -> np.ndarray:
         moved = replace(
@@ -155,7 +150,7 @@ def test_sigmas_on_the_water_cards_of_a_punched_deck_are_in_those_of_points(leve
             photos=replace(run.block.photos, tide=run.block.photos.tide + np.array([*tides, 0.0])),
             water=replace(run.block.water, index=1.34 + index),
         )
-        points = true_points(replace(run, block=moved), (0, 1), readings)
+        points = true_points(replace(run, block=moved), (0, 1), reading)
         return run.frame.working(points.position)[0]
 
     def by(tides: list[float], index: float) -> np.ndarray:
@@ -165,7 +160,7 @@ def test_sigmas_on_the_water_cards_of_a_punched_deck_are_in_those_of_points(leve
     steps = [([0.2, 0.2], 0.0)] if together else [([0.2, 0.0], 0.0), ([0.0, 0.2], 0.0)]
     errors = np.stack([by(*step) for step in (*steps, ([0.0, 0.0], 0.01))])
     axes = run.frame.axes(at([0.0, 0.0], 0.0))
-    found, exact = (true_points(of, (0, 1), readings).covariance[0] for of in (run, replace(run, water=None)))
+    found, exact = (true_points(of, (0, 1), reading).covariance[0] for of in (run, replace(run, water=None)))
     np.testing.assert_allclose(found - exact, axes @ errors.T @ errors @ axes.T, rtol=1e-3, atol=1e-6)
     assert found[2, 2] > 1.1 * exact[2, 2]
 
@@ -173,7 +168,7 @@ def test_sigmas_on_the_water_cards_of_a_punched_deck_are_in_those_of_points(leve
 def one_reading(run: Triangulation) -> Readings:
     """Return the reading of a submerged point on the first two photos."""
     xy = Loop(stereo=set_up(run, *run.block.photos.ids[:2].tolist())).stages(np.array([[300.0, -900.0, -12.0]])).xy
-    return Readings(ids=np.array(["A"]), submerged=np.array([True]), xy=xy, sigma=np.full((1, 2, 2), 0.005))
+    return readings_at(xy)
 
 
 def test_a_deck_that_cannot_be_a_run_is_refused_with_its_reasons(runs: Path, tmp_path: Path) -> None:

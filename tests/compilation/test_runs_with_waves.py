@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cli.commands import musat
-from compilation.scenes import at_depth, grid, pair
+from compilation.scenes import at_depth, grid, pair, readings_at
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
 from musatpy.adjustment.wavy_water import CREST, Sea, sea_of
@@ -19,7 +19,7 @@ from musatpy.compilation.correction_fields import smooth
 from musatpy.compilation.loop import Drive, Loop
 from musatpy.compilation.stereomodels import Stereomodel, set_up
 from musatpy.compilation.triangulation import Triangulation, of_solution
-from musatpy.compilation.true_points import NOT_FOLLOWED, Readings, true_points
+from musatpy.compilation.true_points import NOT_FOLLOWED, true_points
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import compilation_bytes
 from musatpy.geometry.systems import LocalRectangular
@@ -45,15 +45,6 @@ def wavy(sea: Sea) -> Triangulation:
     return replace(pair(1500.0, 900.0, (0.4, -0.3)), sea=sea)
 
 
-def on_both(run: Triangulation, xy: FloatArray, submerged: bool = True) -> Readings:
-    return Readings(
-        ids=np.arange(len(xy)).astype(np.str_),
-        submerged=np.full(len(xy), submerged),
-        xy=xy,
-        sigma=np.full(xy.shape, 0.005),
-    )
-
-
 def in_model(stereo: Stereomodel, ground: FloatArray) -> FloatArray:
     return stereo.model(stereo.run.frame.working(ground))
 
@@ -70,7 +61,7 @@ def test_errors_of_a_wave_are_in_the_sigmas() -> None:
     )  # fmt: skip
     stereo = set_up(run, "1", "2")
     xy = Loop(stereo=stereo).stages(in_model(stereo, at_depth(PLACES, 9.0))).xy
-    readings = on_both(run, xy)
+    readings = readings_at(xy)
     assert run.sea is not None
     values = run.sea.trains.values
     values = np.stack([values, values])
@@ -192,7 +183,7 @@ def test_readings_off_the_known_water_are_the_only_ones_lost() -> None:
     run = wavy(replace(swell(), surface=measured))
     whole, places = set_up(wavy(swell()), "1", "2"), PLACES[::4]
     xy = Loop(stereo=whole).stages(in_model(whole, at_depth(places, 5.0))).xy
-    points = true_points(run, (0, 1), on_both(run, xy))
+    points = true_points(run, (0, 1), readings_at(xy))
     lost = places[:, 0] > 405.0
     assert points.reasons == dict.fromkeys(np.flatnonzero(lost).tolist(), NOT_FOLLOWED)
     assert np.isfinite(points.position[~lost]).all() and np.isnan(points.position[lost]).all()

@@ -9,7 +9,7 @@ import pyproj
 import pytest
 
 from cli.commands import musat
-from compilation.scenes import at_depth, flat_images, pair
+from compilation.scenes import at_depth, compiled_again, flat_images, pair, readings_at
 from json_schema import violations
 from musatpy import model, read_deck
 from musatpy.adjustment.job import adjust
@@ -22,7 +22,6 @@ from musatpy.compilation.true_points import BEHIND, PARALLEL_RAYS, Readings, Tru
 from musatpy.errors import CompilationError
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.geometry.geodesy import Ellipsoid
-from musatpy.model.compilation import Compilation, StageReadings, StereomodelSpecs
 from musatpy.reports.compilation import DOCUMENT
 from musatpy.reports.record import dumps, record
 from record_rows import read_rows, with_columns
@@ -118,10 +117,7 @@ def strip() -> Triangulation:
 
 
 def one(strip: Triangulation, xy: list[list[float]]) -> TruePoints:
-    readings = Readings(
-        ids=np.array(["P"]), submerged=np.array([True]), xy=np.array([xy]), sigma=np.full((1, 2, 2), 0.005)
-    )
-    return true_points(strip, (0, 1), readings)
+    return true_points(strip, (0, 1), readings_at(np.array([xy])))
 
 
 def test_rays_that_give_no_point_are_told(strip: Triangulation) -> None:
@@ -152,10 +148,7 @@ def test_the_sigma_of_a_y_parallax_is_that_of_both_pointings() -> None:
     """Vertical photos from one height: y right less y left, whose sigma is that of a coordinate times root 2."""
     run = pair(3000.0, 1810.0)
     xy = np.array([[[46.0, 20.0], [-46.0, 20.007]]])
-    readings = Readings(
-        ids=np.array(["A"]), submerged=np.zeros(1, dtype=bool), xy=xy, sigma=np.full((1, 2, 2), 0.005)
-    )
-    points = true_points(run, (0, 1), readings)
+    points = true_points(run, (0, 1), readings_at(xy, submerged=False))
     assert points.y_parallax[0] == pytest.approx(0.007, rel=1e-9)
     assert points.y_parallax_sigma[0] == pytest.approx(0.005 * np.sqrt(2.0), rel=1e-9)
 
@@ -168,20 +161,8 @@ def start() -> model.Block:
 
 def against(solution: model.Solution, xy: np.ndarray, sigma: float) -> AgainstRun:
     """Return the points on photos 21 and 22, of plate coordinates xy (m, 2), beside those of the run."""
-    block = solution.block
-    rows = [np.flatnonzero(block.plates.photo == photo) for photo in (0, 1)]
-    common, left, right = np.intersect1d(*(block.plates.point[of] for of in rows), return_indices=True)
-    read = np.stack([xy[rows[0][left]], xy[rows[1][right]]], axis=1)
-    deck = Compilation(
-        titles=(),
-        models=StereomodelSpecs(ids=["M"], left=["21"], right=["22"], pointing=[sigma]),
-        stages=StageReadings(
-            model=np.zeros(len(common), dtype=int), ids=block.points.ids[common],
-            kind=np.full(len(common), "R"), submerged=block.points.bathymetric[common], xy=read,
-        ),
-    )  # fmt: skip
-    result = compiled(of_solution(solution), deck)
-    return against_run(result.models[0], np.ones(len(common), dtype=bool))
+    result, rows = compiled_again(solution, xy, sigma)
+    return against_run(result.models[0], np.ones(len(rows), dtype=bool))
 
 
 @pytest.fixture(scope="module")
