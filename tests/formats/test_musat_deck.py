@@ -254,8 +254,8 @@ def test_carried_cards_are_written_again() -> None:
 
 def test_a_deck_is_replaced_whole_or_not_at_all(tmp_path) -> None:
     path = tmp_path / "strip.crd"
-    block = musat.load_one(write(tmp_path / "good.crd", deck()))
-    musat.dump_one(block, path)
+    block = musat.read_deck(write(tmp_path / "good.crd", deck()))
+    musat.write_deck(block, path)
     assert path.read_bytes() == deck()
     ids = np.array(["THIS IS NO PHOTO ID", *block.photos.ids[1:]])
     with pytest.raises(DeckError, match="THIS IS NO PHOTO ID"):

@@ -9,7 +9,7 @@ import pytest
 from formats.deck_edits import deck, drop
 from musatpy.errors import nearest, nearest_or_all
 from musatpy.formats import musat
-from musatpy.formats.card_texts import card_of, card_text, list_of_cards
+from musatpy.formats.cards.manual import card_of, card_text, list_of_cards
 from musatpy.formats.cards.settings import SettingError, deck_with, setting_of, settings_of
 from musatpy.formats.cards.spec import load_family
 from musatpy.model import Program, ReductionOptions, WaterLevel

@@ -47,7 +47,7 @@ def command(ctx: click.Context, name: str | None, values: tuple[str, ...], forma
 
     What is wrong with the values of the card itself stands on stderr. Exit status: 0, or 1 where a value is wrong.
     """
-    from musatpy.formats.card_texts import card_of, card_text, list_of_cards
+    from musatpy.formats.cards.manual import card_of, card_text, list_of_cards
     from musatpy.formats.cards.settings import SettingError, card_named, setting_of
 
     families = _families(formats_dir)

@@ -12,7 +12,7 @@ from musatpy import model
 from musatpy.arrays import IntArray
 from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.spec import CardSpec, Family
-from musatpy.formats.draft import Draft, single
+from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import ROLES, Table, Tables, roles_of, size, table_of
 from musatpy.formats.statements import in_words
 from musatpy.model import tables
@@ -35,10 +35,6 @@ def _part(draft: Draft, name: str, kind: type[Any]) -> Any:
             return draft.options
         case "reduction":
             return draft.reduction
-        case "comparator":
-            return single(draft.rows["comparator"], model.ComparatorSpec())
-        case "orientation":
-            return single(draft.rows["orientation"], model.OrientationSpec())
         case "ellipsoid" if draft.system is model.CoordinateSystem.LOCAL:
             return None
         case "water":
@@ -51,9 +47,9 @@ def _part(draft: Draft, name: str, kind: type[Any]) -> Any:
             return _equal_elevations(draft)
         case "waves":
             return waves_of(draft)
-    return (
-        _rows(draft, name) if issubclass(kind, tables.Table) else mapping.single_of(name, draft.rows[name].values)
-    )
+    if issubclass(kind, tables.Table):
+        return _rows(draft, name)
+    return mapping.single_of(name, draft.rows[name].values)
 
 
 def _rows(draft: Draft, table: str) -> Any:

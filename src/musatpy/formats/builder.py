@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from musatpy.errors import DeckError, Problem, nearest_or_all
 from musatpy.formats import assembly, mapping, system_rows
-from musatpy.formats.cards.deck import CardDeck, CardTable
-from musatpy.formats.cards.images import card_images
+from musatpy.formats.cards.deck import CardDeck, CardTable, card_images
 from musatpy.formats.cards.spec import CardSpec
 from musatpy.formats.checks import cross_check
 from musatpy.formats.draft import Draft, draft_of_rows

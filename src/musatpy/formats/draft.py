@@ -7,10 +7,9 @@ each value. Its photos, cameras and points are all that any card names, the prop
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from enum import StrEnum
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,6 @@ from musatpy.formats import mapping, system_rows
 from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import CardSpec, Family
 from musatpy.formats.job_tables import ROLES, Flags, Rows, naming, nothing, roles_of, with_flags
-
-Single = TypeVar("Single", model.ReductionOptions, model.ComparatorSpec, model.OrientationSpec)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -225,7 +222,7 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck, call: Callable[[int], s
     camera_ids, camera = _link(naming("cameras"), rows)
     photo_ids, photo = _link(naming("photos"), rows)
     point_ids, point = _link(naming("points"), rows)
-    options = model.Options(**_given(model.Options(), "options", rows["options"], rows["more_options"]))
+    options = model.Options(**mapping.said_of("options", rows["options"].values | rows["more_options"].values))
     return Draft(
         deck=deck,
         rows=rows,
@@ -236,7 +233,7 @@ def draft_of_rows(rows: dict[str, Rows], deck: CardDeck, call: Callable[[int], s
         photo=photo,
         point=point,
         options=_in_system(options, given_in),
-        reduction=single(rows["reduction"], model.ReductionOptions()),
+        reduction=mapping.single_of("reduction", rows["reduction"].values),
         given_in=given_in,
         stated_in=stated_in,
         call=call,
@@ -306,21 +303,3 @@ def _in_system(options: model.Options, given_in: model.SystemSpec | None) -> mod
         return options
     known = given_in.kind if given_in.kind in list(model.CoordinateSystem) else model.CoordinateSystem.GEOGRAPHIC
     return replace(options, system=model.CoordinateSystem(known))
-
-
-def single(rows: Rows, default: Single) -> Single | None:
-    """Return what the only card of a role says, defaults where a field is blank; None without the card."""
-    return replace(default, **_given(default, rows.role, rows)) if len(rows) else None
-
-
-def _given(default: Any, table: str, *cards: Rows) -> dict[str, Any]:
-    """Return what the first card of each kind says of the attributes of `default`, where it is not blank."""
-    given: dict[str, Any] = {}
-    values = {path: column for rows in cards for path, column in rows.values.items()}
-    for one in fields(default):
-        column = values.get(f"{table}.{one.name}")
-        if column is None or not len(column) or column[0] == "" or column[0] != column[0]:
-            continue
-        kind = type(getattr(default, one.name))
-        given[one.name] = kind(str(column[0]) if issubclass(kind, StrEnum) else column[0])
-    return given

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from enum import StrEnum
 from functools import cache, lru_cache
 from typing import Any, Protocol
 
@@ -175,13 +176,24 @@ def names_of(table: str) -> tuple[str, ...]:
 
 
 def single_of(table: str, values: Values, row: int = 0) -> Any:
-    """Return the part of the model that a card fills, None without the card; blank numbers are None."""
-    columns = {name: values[f"{table}.{name}"] for name in names_of(table)}
-    if not len(next(iter(columns.values()))):
-        return None
-    given = {name: column[row].tolist() for name, column in columns.items()}
-    said = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
-    return TABLES[table](**{name: None if value != value else value for name, value in said.items()})
+    """Return the part of the model that a card fills, defaults where it is blank; None without the card."""
+    rows = len(next(iter(values.values())))
+    return TABLES[table](**said_of(table, values, row)) if rows else None
+
+
+def said_of(table: str, values: Values, row: int = 0) -> dict[str, Any]:
+    """Return what a card, if there is one, says of a part of the model, by attribute; nothing of a blank."""
+    said: dict[str, Any] = {}
+    for attribute in fields(TABLES[table]):
+        column = values.get(f"{table}.{attribute.name}", ())
+        if not len(column):
+            continue
+        value: Any = column[row].tolist()
+        kind: Any = type(attribute.default)
+        value = tuple(value) if isinstance(value, list) else value
+        if value == value and value != "":
+            said[attribute.name] = kind(value) if issubclass(kind, StrEnum | int) else value
+    return said
 
 
 def blanks(path: str, like: Array, count: int) -> Array:

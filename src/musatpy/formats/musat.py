@@ -170,13 +170,3 @@ def write_deck(block: model.Block, path: Path | str, family: Family | None = Non
     Raises `DeckError` as `deck_bytes` does, and `OSError`.
     """
     write_files({Path(path): deck_bytes(block, family)})
-
-
-def load_one(path: Path | str) -> model.Block:
-    """Return the block in a file of this format."""
-    return read_deck(path)
-
-
-def dump_one(block: model.Block, path: Path | str) -> None:
-    """Write a block to a file of this format."""
-    write_deck(block, path)

@@ -1,18 +1,47 @@
-"""The manual of the formats, made from their TOML files: `python -m musatpy.formats.cards.manual` prints it."""
+"""The formats explained, from their TOML files: cards for a terminal, and the manual of all of them.
+
+`python -m musatpy.formats.cards.manual` prints the manual.
+"""
 
 from __future__ import annotations
 
 import sys
+import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from musatpy.formats.cards.spec import CARD_WIDTH, CardSpec, Family, FieldSpec, card_formats_folder, load_family
+from musatpy import model
+from musatpy.errors import CardFormatError, Problem
+from musatpy.formats import assembly, mapping
+from musatpy.formats.cards.deck import read_cards
+from musatpy.formats.cards.settings import Setting, blank_card, card_with
+from musatpy.formats.cards.spec import (
+    CARD_WIDTH,
+    END_MNEMONIC,
+    CardSpec,
+    Family,
+    FieldSpec,
+    card_formats_folder,
+    load_family,
+)
+from musatpy.formats.checks import check_card
+from musatpy.formats.draft import draft_of
 from musatpy.formats.families import agencies
 from musatpy.formats.records.fields import RecordField
 from musatpy.formats.records.layout import FileSpec, RecordSpec
 from musatpy.specs import is_required, keys
 
 RULER = "".join(f"----+----{tens}" for tens in range(1, CARD_WIDTH // 10 + 1))
+
+_WIDTH = 80
+_INDENT = " " * 10
+# Parts of a block that a single card fills and that have values where it is blank.
+_DEFAULTS = {
+    "options": model.Options(),
+    "reduction": model.ReductionOptions(),
+    "comparator": model.ComparatorSpec(),
+    "orientation": model.OrientationSpec(),
+}
 
 _INTRODUCTION = """\
 # Card formats
@@ -52,6 +81,74 @@ converted](../docs/formats.md) is said elsewhere.
 """
 
 
+# --- for a terminal ---
+
+
+def list_of_cards(families: Iterable[Family]) -> str:
+    """Return the cards of families, one on a line: mnemonic, title and how many of them a deck has."""
+    lines: list[str] = []
+    for family in families:
+        cards = family.cards.values()
+        width = max(len(card.title) for card in cards)
+        lines += ["", f"Cards of {family.name}", ""]
+        lines += [f"{card.mnemonic}  {card.title:<{width}}  {occurrence(card)}" for card in cards]
+    return "\n".join(lines[1:]) + "\n"
+
+
+def card_text(spec: CardSpec) -> str:
+    """Return what a card is for, its sample below a ruler, and its fields: columns, descriptor, unit, default."""
+    lines = [f"{spec.mnemonic}: {spec.title} ({occurrence(spec)} in a deck)", *textwrap.wrap(spec.doc, _WIDTH), ""]
+    lines += [RULER, spec.sample]
+    row = "{:>7}   {:<20} {:<7} {:<7} {}".format
+    if spec.fields:
+        lines += ["", row("columns", "field", "edit", "unit", "blank is")]
+    defaults = _defaults(spec)
+    for field in sorted(spec.fields, key=lambda field: field.first):
+        blank = {"error": "an error", "zero": "zero"}.get(field.blank, defaults.get(field.name) or "no value")
+        lines.append(row(_place(field), field.name, str(field.edit), field.unit, blank))
+        doc = f"{field.doc} One of {', '.join(field.allowed)}." if field.allowed else field.doc
+        lines += textwrap.wrap(doc, _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
+    return "\n".join(lines) + "\n"
+
+
+def _place(field: FieldSpec) -> str:
+    return f"{field.first}-{field.last}" if field.last > field.first else f"{field.first}"
+
+
+def _defaults(spec: CardSpec) -> dict[str, str]:
+    """Return what blank fields stand for, as they would be punched, where the model has a default for them."""
+    tables = {slot.path.partition(".")[0] for slot in _slots(spec)}
+    if len(tables) != 1 or (table := tables.pop()) not in _DEFAULTS:
+        return {}
+    values = mapping.scatter(spec, assembly.single_values(_DEFAULTS[table], table))
+    fields = {field.name: field for field in spec.fields if field.blank == "missing"}
+    return {name: field.encode(values[name][0].item()).strip() for name, field in fields.items()}
+
+
+def _slots(spec: CardSpec) -> tuple[mapping.Slot, ...]:
+    """Return the slots of a card; none of one that fills no block, as those of compilation decks."""
+    try:
+        return mapping.slots(spec)
+    except CardFormatError:
+        return ()
+
+
+def card_of(spec: CardSpec, settings: Sequence[Setting], family: Family) -> tuple[str, tuple[Problem, ...]]:
+    """Return the card with these fields, without a sequence number, and every problem of what it says itself.
+
+    What only shows beside other cards (a camera that is nowhere, say) is none of them.
+    """
+    card = card_with(blank_card(spec), settings)
+    deck = read_cards(f"{card}\n{END_MNEMONIC}\n".encode("ascii", "replace"), family, name=spec.mnemonic)
+    problems = [problem for problem in deck.problems if problem.line == 1]
+    if _slots(spec):
+        problems += check_card(draft_of(deck, family))
+    return card.rstrip(), tuple(problems)
+
+
+# --- in Markdown ---
+
+
 def card_manual(family: Family) -> str:
     """Return the manual of `family` in Markdown: the keys of its files; ruler, sample and fields of each card."""
     parts = [
@@ -68,22 +165,14 @@ def card_manual(family: Family) -> str:
 
 def card_sections(family: Family) -> list[str]:
     """Return the cards of a family in Markdown: which there are, and ruler, sample and fields of each."""
-    cards = family.cards.values()
-    return [
-        f"## The cards of `{family.name}`\n",
-        _table(["card", "", "in a deck"], ([_link(card), card.title, occurrence(card)] for card in cards)),
-        *(_card_section(card) for card in cards),
-    ]
-
-
-def _card_section(card: CardSpec) -> str:
-    sample = f"{card.doc}\n\n```text\n{RULER}\n{card.sample}\n```\n"
-    return "\n".join([f"### {card.mnemonic}: {card.title}\n", sample, *_field_table(card.fields, "columns")])
-
-
-def _link(card: CardSpec) -> str:
-    anchor = f"{card.mnemonic}-{card.title}".lower().replace(",", "").replace(" ", "-")
-    return f"[{card.mnemonic}](#{anchor})"
+    rows, sections = [], []
+    for card in family.cards.values():
+        anchor = f"{card.mnemonic}-{card.title}".lower().replace(",", "").replace(" ", "-")
+        rows.append([f"[{card.mnemonic}](#{anchor})", card.title, occurrence(card)])
+        sample = f"{card.doc}\n\n```text\n{RULER}\n{card.sample}\n```\n"
+        fields = _field_table(card.fields, "columns")
+        sections.append("\n".join([f"### {card.mnemonic}: {card.title}\n", sample, *fields]))
+    return [f"## The cards of `{family.name}`\n", _table(["card", "", "in a deck"], rows), *sections]
 
 
 def occurrence(card: CardSpec) -> str:
@@ -153,7 +242,6 @@ def _field_table(fields: Sequence[FieldSpec], place: str) -> list[str]:
 
 
 def _field_row(field: FieldSpec) -> list[str]:
-    place = f"{field.first}-{field.last}" if field.last > field.first else f"{field.first}"
     blank = f"{field.blank}, or asterisks" if field.asterisks else field.blank
     doc = field.doc
     if field.allowed:
@@ -162,7 +250,15 @@ def _field_row(field: FieldSpec) -> list[str]:
         doc += f" {', '.join(f'`{text}` is {letter}' for text, letter in field.codes)}."
     if isinstance(field, RecordField) and field.none is not None:
         doc += f" {field.none:.1f} stands for no value."
-    return [place, field.name, str(field.edit), field.unit, blank, doc, f"`{field.target}`" if field.target else ""]
+    return [
+        _place(field),
+        field.name,
+        str(field.edit),
+        field.unit,
+        blank,
+        doc,
+        f"`{field.target}`" if field.target else "",
+    ]
 
 
 def _key_table(kind: Any) -> str:

@@ -12,13 +12,12 @@ from musatpy.errors import Problem
 from musatpy.formats import mapping
 from musatpy.formats.checks.check import check
 from musatpy.formats.checks.systems import fits_system
-from musatpy.formats.draft import Draft, single
+from musatpy.formats.draft import Draft
 from musatpy.formats.job_tables import POINT_FLAGS
 from musatpy.model import (
     ControlKind,
     CoordinateSystem,
     Datum,
-    OrientationSpec,
     Program,
     Refraction,
     Treatment,
@@ -269,7 +268,7 @@ def priors_of_the_water(draft: Draft) -> Iterator[Problem]:
 @check()
 def orientation_card(draft: Draft) -> Iterator[Problem]:
     """Yield what the method of an ORI card cannot have of photos, tides and the index of the water."""
-    spec = single(draft.rows["orientation"], OrientationSpec())
+    spec = mapping.single_of("orientation", draft.rows["orientation"].values)
     if spec is None:
         return
     measured, tides = (np.unique(draft.photo[role]) for role in ("plates", "tides"))
