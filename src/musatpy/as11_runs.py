@@ -23,7 +23,7 @@ from musatpy.compilation.unadjusted_decks import unadjusted
 from musatpy.compilation.verdicts import verdict_of
 from musatpy.errors import CompilationError, DeckError, Problem, ProblemsError
 from musatpy.files import together, write_files
-from musatpy.formats.compilation_cards import place_of_model, place_of_reading, with_columns
+from musatpy.formats.compilation_cards import READINGS, place_of, with_columns
 from musatpy.formats.compilation_deck import read_compilation
 from musatpy.formats.musat import check_deck
 from musatpy.interchange.geojson import write_each
@@ -283,16 +283,16 @@ def _slips(deck: Path, result: Compiled) -> Iterator[Problem]:
     """Yield at their cards the models most of whose readings make no points."""
     assert result.deck.lines is not None  # it was read
     for row, message in result.slips():
-        place = place_of_model(str(deck), int(result.deck.lines.models[row]))
+        place = place_of(str(deck), int(result.deck.lines.models[row]), "MDL")
         yield Problem(**place, message=f"{message} (--anyway compiles it)")
 
 
 def _lost(deck: Path, result: Compiled) -> Iterator[Problem]:
     """Yield at their cards the readings that give no position, the first of many."""
     assert result.deck.lines is not None
-    on_stages, lost = ~result.deck.stages.as_points, list(result.lost())
+    as_points, lost = result.deck.stages.as_points, list(result.lost())
     for row, message in lost[:_NAMED]:
-        place = place_of_reading(str(deck), int(result.deck.lines.stages[row]), on_stages=bool(on_stages[row]))
+        place = place_of(str(deck), int(result.deck.lines.stages[row]), READINGS[int(as_points[row])])
         yield Problem(**place, message=message, severity="warning")
     if len(lost) > _NAMED:
         message = f"and {len(lost) - _NAMED} readings more without a position: the listing has them"

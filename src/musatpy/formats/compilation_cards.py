@@ -1,8 +1,7 @@
-"""The cards of compilation decks, and their fields as arrays."""
+"""The cards of compilation decks, as rows of a draft, and where what they say stands."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -11,21 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from musatpy.arrays import FloatArray, IntArray, TextArray
+from musatpy.arrays import IntArray
 from musatpy.errors import Problem
 from musatpy.formats import mapping
-from musatpy.formats.cards.deck import CardDeck, CardTable
+from musatpy.formats.cards.deck import CardDeck
 from musatpy.formats.cards.spec import Family, card_formats_folder, load_family
+from musatpy.formats.draft import Draft
+from musatpy.formats.job_tables import Rows
 from musatpy.formats.musat import card_family
+from musatpy.model import Options
 
-OF_RUN = ("ELL", "WTR")  # cards that say again what the run says, and must agree
-_SHARED = ("TTL", "END", *OF_RUN)  # cards of triangulation decks that these have too
-COORDINATES = ("x_left", "y_left", "x_right", "y_right")
-PLACE = ("x", "y", "z")
+_SHARED = ("TTL", "END", "ELL", "WTR")  # cards of triangulation decks that these have too
 READINGS = ("STG", "MPT")
-CORNERS = ("first_1", "first_2", "second_1", "second_2")
-LEVELS = tuple(f"level_{number}" for number in range(1, 9))
-TIMES = tuple(f"time_{number}" for number in range(1, 6))
 
 
 @lru_cache(maxsize=8)
@@ -41,51 +37,30 @@ def compilation_family(folder: Path | None = None) -> Family:
     return replace(family, cards=MappingProxyType({card.mnemonic: card for card in ordered}))
 
 
-def cards_of(deck: CardDeck, mnemonic: str) -> CardTable:
-    """Return the cards of a kind, none where the deck has none."""
-    return deck.table(compilation_family().cards[mnemonic])
-
-
-def text(table: CardTable, name: str) -> TextArray:
-    """Return a field as texts (k,)."""
-    return np.asarray(table.columns[name], dtype=np.str_)
-
-
-def number(table: CardTable, name: str) -> FloatArray:
-    """Return a field as numbers (k,)."""
-    return np.asarray(table.columns[name], dtype=float)
-
-
-def numbers(table: CardTable, names: Sequence[str]) -> FloatArray:
-    """Return several fields as columns (k, n), NaN of those that the cards do not have."""
-    nothing = np.full(len(table), np.nan)
-    return np.stack([number(table, name) if name in table.columns else nothing for name in names], axis=1)
-
-
-def reading_lines(deck: CardDeck) -> IntArray:
-    """Return the lines (k,) of the readings, in the order of the deck."""
-    return np.sort(np.concatenate([cards_of(deck, name).lines for name in READINGS]))
-
-
-def problem(deck: CardDeck, table: CardTable, row: int, field: str, message: str) -> Problem:
-    """Return what is wrong with a field of a card."""
-    line, spec = int(table.lines[row]), table.spec.field(field)
-    image = deck.text(line)
-    return Problem(
-        file=deck.file, line=line, columns=spec.columns, card=table.spec.mnemonic, field=field,
-        found=image[spec.first - 1 : spec.last].strip(), message=message, text=image,
+def compilation_draft(deck: CardDeck) -> Draft:
+    """Return what the cards of a compilation deck say, whatever is wrong with them; their roles are mnemonics."""
+    rows = {}
+    for name, spec in compilation_family().cards.items():
+        table, fills = deck.table(spec), {slot.path.partition(".")[0] for slot in mapping.slots(spec)}
+        values = mapping.gather(spec, table.columns)
+        rows[name] = Rows.of(fills.pop() if fills else name, (spec,), values, table.lines)
+    nobody, links = np.zeros(0, dtype=np.str_), dict[str, IntArray]()
+    return Draft(
+        deck=deck, rows=rows, options=Options(), reduction=None,
+        camera_ids=nobody, photo_ids=nobody, point_ids=nobody, camera=links, photo=links, point=links,
     )  # fmt: skip
 
 
-def place_of_model(file: str, line: int) -> dict[str, Any]:
-    """Return where the photos of a model stand, as a `Problem` has it."""
-    spec = compilation_family().cards["MDL"]
-    return {
-        "file": file,
-        "line": line,
-        "card": "MDL",
-        "columns": (spec.field("left").first, spec.field("right").last),
-    }
+def reading_lines(draft: Draft) -> IntArray:
+    """Return the lines (k,) of the readings, in the order of the deck."""
+    return np.sort(np.concatenate([draft.rows[name].lines for name in READINGS]))
+
+
+def place_of(file: str, line: int, mnemonic: str) -> dict[str, Any]:
+    """Return where the photos of a model (MDL), or the coordinates of a reading, stand, as a `Problem` has it."""
+    ends = {"MDL": ("left", "right"), "STG": ("x_left", "y_right"), "MPT": ("x", "z")}[mnemonic]
+    first, last = (compilation_family().cards[mnemonic].field(name) for name in ends)
+    return {"file": file, "line": line, "card": mnemonic, "columns": (first.first, last.last)}
 
 
 def with_columns(problem: Problem, file: str) -> Problem:
@@ -94,11 +69,3 @@ def with_columns(problem: Problem, file: str) -> Problem:
     if spec is None or problem.field is None or problem.line is None:
         return Problem(file=file, message=problem.message)
     return replace(problem, file=file, columns=spec.field(problem.field).columns)
-
-
-def place_of_reading(file: str, line: int, *, on_stages: bool) -> dict[str, Any]:
-    """Return where the coordinates of a reading stand, as a `Problem` has it."""
-    mnemonic, names = ("STG", COORDINATES) if on_stages else ("MPT", PLACE)
-    spec = compilation_family().cards[mnemonic]
-    columns = (spec.field(names[0]).first, spec.field(names[-1]).last)
-    return {"file": file, "line": line, "card": mnemonic, "columns": columns}

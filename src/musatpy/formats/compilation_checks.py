@@ -3,276 +3,224 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from musatpy.arrays import IntArray, TextArray
+from musatpy.arrays import TextArray
 from musatpy.errors import Problem, ProblemsError
 from musatpy.formats import mapping
-from musatpy.formats.cards.deck import CardDeck, CardTable
-from musatpy.formats.compilation_cards import (
-    CORNERS,
-    LEVELS,
-    READINGS,
-    TIMES,
-    cards_of,
-    number,
-    numbers,
-    problem,
-    text,
-)
+from musatpy.formats.checks import references, values
+from musatpy.formats.checks.references import repeats, unknown
+from musatpy.formats.compilation_cards import READINGS
+from musatpy.formats.draft import Draft
 from musatpy.geometry.geodesy import Ellipsoid
 from musatpy.model import Block, CoordinateSystem
 from musatpy.model.compilation import IN_PROFILE
 
 ModelFaults = Callable[[str, str], Sequence[tuple[str, str]]]
 
-_POSITIVE = {
-    "MDL": ("pointing", "limit"),
-    "STG": ("sigma",),
-    "MPT": ("sigma",),
-    "CIN": ("interval", "index", "longest_edge"),
-    "PRF": ("step", "spike", "spacing"),
-    "GRD": ("spacing",),
-    "PTM": ("first",),
-}
 _NO_FILE = re.compile(r"[/\\:*?\"<>|]|\.$")  # on any system; a name that ends with a point is no suffix
 _INDEX_DIGITS = 5e-7  # of the index on a WTR card
+_NAMED = (  # what cards name, which cards define it, and what is said where none does
+    ("PRF", "profiles.model", "MDL", "models.ids", "there is no MDL card of this model"),
+    ("STG", "stages.model", "MDL", "models.ids", "there is no MDL card of model {}"),
+    ("MPT", "stages.model", "MDL", "models.ids", "there is no MDL card of model {}"),
+    ("CIL", "contour_levels.of", "CIN", "contours.of", "there is no CIN card of this kind"),
+    ("CIN", "contours.grid", "GRD", "grids.ids", "there is no GRD card of this grid"),
+)
+_WITHOUT = (  # what cards of a kind have not
+    ("PRF", "profiles.spacing", "profiles.scan", "L", "a single line (scan L) has none"),
+    ("CIN", "contours.grid", "contours.of", "H", "contours of height have none"),
+    ("CIN", "contours.drying", "contours.of", "H", "contours of height have none"),
+)
+_OF_RUN = ("tilt_east", "tilt_north", "tilt_sigma", "sigma")  # of the water
 
 
-def cross_checks(deck: CardDeck, run: Block | None, model_faults: ModelFaults | None) -> Iterator[Problem]:
+def cross_checks(draft: Draft, run: Block | None, model_faults: ModelFaults | None) -> Iterator[Problem]:
     """Yield every problem; of what the deck says of a run, where that is known.
 
     `model_faults` says of a left and a right photo, field by field of MDL cards, why they make no model of the run.
     """
-    for mnemonic, names in _POSITIVE.items():
-        table = cards_of(deck, mnemonic)
-        for name in names:
-            for row in np.flatnonzero(number(table, name) <= 0.0).tolist():
-                yield problem(deck, table, row, name, "not greater than zero")
-    yield from _models(deck, model_faults)
-    yield from _profiles(deck)
-    yield from _ends_of_profiles(deck)
-    yield from _times(deck)
-    yield from _grids(deck)
-    yield from _contours(deck)
-    yield from _readings(deck)
-    yield from _of_run(deck, run)
-    yield from _datum(deck, run)
-    if run is not None and run.options.system is CoordinateSystem.GEOCENTRIC:
-        yield from _geocentric(deck)
+    for check in (values.bounds, references.repeated_cards):
+        yield from check(draft)
+    for role, path, other, name, message in _NAMED:
+        yield from unknown(draft, role, path, draft.rows[other][name], message)
+    for role, path, of, kind, message in _WITHOUT:
+        given = draft.rows[role][path]
+        wrong = (draft.rows[role][of] == kind) & (given == given) & (given != "")
+        yield from draft.problems(role, wrong, message, path=path)
+    for of_deck in (_profiles, _ends_of_profiles, _times, _grids, _contours, _readings):
+        yield from of_deck(draft)
+    yield from _models(draft, model_faults)
+    yield from _datum(draft, run)
+    if run is not None:
+        yield from _of_run(draft, run)
+        if run.options.system is CoordinateSystem.GEOCENTRIC:
+            yield from _geocentric(draft)
 
 
-def _models(deck: CardDeck, model_faults: ModelFaults | None) -> Iterator[Problem]:
-    table = cards_of(deck, "MDL")
-    ids, left, right = (text(table, name) for name in ("model", "left", "right"))
-    for row in repeated([ids]):
-        yield problem(deck, table, row, "model", f"model {ids[row]} is defined twice")
-    for row, photos in enumerate(zip(left.tolist(), right.tolist(), strict=True)):
+def _models(draft: Draft, model_faults: ModelFaults | None) -> Iterator[Problem]:
+    ids, left, right = (draft.rows["MDL"][f"models.{name}"].tolist() for name in ("ids", "left", "right"))
+    for row, (name, *photos) in enumerate(zip(ids, left, right, strict=True)):
+        faults: Sequence[tuple[str, str]] = ()
         if photos[0] == photos[1]:
-            yield problem(deck, table, row, "right", f"model {ids[row]} has one photo on both stages")
+            yield draft.problem("MDL", row, f"model {name} has one photo on both stages", path="models.right")
         elif model_faults is not None and all(photos):
-            for field, message in model_faults(*photos):
-                yield problem(deck, table, row, field, f"model {ids[row]}: {message}")
+            faults = model_faults(photos[0], photos[1])
+        for field, message in faults:
+            yield draft.problem("MDL", row, f"model {name}: {message}", path=f"models.{field}")
 
 
-def _profiles(deck: CardDeck) -> Iterator[Problem]:
-    """Yield profiles in no model, named twice, without both ends, or of fewer than two readings."""
-    table, models = cards_of(deck, "PRF"), text(cards_of(deck, "MDL"), "model")
-    of, ids, ends = text(table, "model"), text(table, "profile"), cards_of(deck, "PRE")
-    for row in repeated([of, ids]):
-        yield problem(deck, table, row, "profile", "a second profile of this name in the model")
-    for row in np.flatnonzero(~np.isin(of, models)).tolist():
-        yield problem(deck, table, row, "model", "there is no MDL card of this model")
-    for row in np.flatnonzero((text(table, "scan") == "L") | (text(table, "scan") == "")).tolist():
-        if np.isfinite(table.columns["spacing"][row]):
-            yield problem(deck, table, row, "spacing", "a single line (scan L) has none")
-    given = set(zip(text(ends, "model").tolist(), text(ends, "profile").tolist(), strict=True))
-    read, points, kinds = (
-        np.concatenate([text(cards_of(deck, name), field) for name in READINGS])
-        for field in ("model", "point", "class")
+def _of_readings(draft: Draft) -> tuple[TextArray, TextArray, TextArray]:
+    """Return model, name and class (k,) of the readings, those on the stages first."""
+    model, name, kind = (
+        np.concatenate([draft.rows[role][f"stages.{path}"] for role in READINGS])
+        for path in ("model", "ids", "kind")
     )
-    for row, name in enumerate(zip(of.tolist(), ids.tolist(), strict=True)):
-        here = read == of[row]
-        for field in ("start", "end"):
-            end = str(table.columns[field][row])
-            if bool(end) == (name in given):
+    return model, name, kind
+
+
+def _pairs(draft: Draft, role: str, table: str = "profiles") -> list[tuple[str, str]]:
+    """Return model and profile of each card of a role."""
+    model, name = (draft.rows[role][f"{table}.{path}"].tolist() for path in ("model", "ids"))
+    return list(zip(model, name, strict=True))
+
+
+def _profiles(draft: Draft) -> Iterator[Problem]:
+    """Yield profiles without both ends, or of fewer than two readings."""
+    rows, given = draft.rows["PRF"], set(_pairs(draft, "PRE"))
+    model, point, kind = _of_readings(draft)
+    for row, (of, name) in enumerate(_pairs(draft, "PRF")):
+        here = model == of
+        for path in ("profiles.start", "profiles.end"):
+            end = rows[path][row]
+            if bool(end) == ((of, name) in given):
                 message = "its ends stand on a PRE card too" if end else "its ends stand on no PRE card"
-                yield problem(deck, table, row, field, message)
-            elif end and here.any() and not ((points == end) & here & (kinds != IN_PROFILE)).any():
-                yield problem(deck, table, row, field, f"point {end} is not read in model {of[row]}")
-        count = int(np.count_nonzero(here & (points == ids[row]) & (kinds == IN_PROFILE)))
+                yield draft.problem("PRF", row, message, path=path)
+            elif end and here.any() and not ((point == end) & here & (kind != IN_PROFILE)).any():
+                yield draft.problem("PRF", row, f"point {end} is not read in model {of}", path=path)
+        count = int(np.count_nonzero(here & (point == name) & (kind == IN_PROFILE)))
         if here.any() and count < 2:
             readings = "1 reading" if count == 1 else f"{count} readings"
-            message = f"profile {ids[row]} has {readings} of class P in model {of[row]}, and needs two"
-            yield problem(deck, table, row, "profile", message)
+            message = f"profile {name} has {readings} of class P in model {of}, and needs two"
+            yield draft.problem("PRF", row, message, path="profiles.ids")
 
 
-def _ends_of_profiles(deck: CardDeck) -> Iterator[Problem]:
-    table, profiles = cards_of(deck, "PRE"), cards_of(deck, "PRF")
-    names = [text(table, name) for name in ("model", "profile")]
-    known = set(zip(*(text(profiles, name).tolist() for name in ("model", "profile")), strict=True))
-    for row, name in enumerate(zip(*(column.tolist() for column in names), strict=True)):
-        if name not in known:
-            yield problem(deck, table, row, "profile", "there is no PRF card of this profile")
-    for row in repeated(names):
-        yield problem(deck, table, row, "profile", "a second card of the ends of this profile")
-    places = numbers(table, CORNERS)
-    for row in np.flatnonzero((places[:, :2] == places[:, 2:]).all(axis=1)).tolist():
-        yield problem(deck, table, row, "second_1", "both ends are in one place")
+def _ends_of_profiles(draft: Draft) -> Iterator[Problem]:
+    known, places = set(_pairs(draft, "PRF")), draft.rows["PRE"]["profiles.places"]
+    nowhere = np.array([name not in known for name in _pairs(draft, "PRE")], dtype=bool)
+    yield from draft.problems("PRE", nowhere, "there is no PRF card of this profile", path="profiles.ids")
+    same = (places[:, :2] == places[:, 2:]).all(axis=1)
+    yield from draft.problems("PRE", same, "both ends are in one place", path="profiles.places", component=2)
 
 
-def _times(deck: CardDeck) -> Iterator[Problem]:
+def _times(draft: Draft) -> Iterator[Problem]:
     """Yield times of readings that are not there, or that have one."""
-    table, counts = cards_of(deck, "PTM"), dict[tuple[str, str], int]()
-    seen: set[tuple[str, str, int]] = set()
-    for mnemonic in READINGS:
-        read = cards_of(deck, mnemonic)
-        for model, name, kind in zip(*(text(read, n).tolist() for n in ("model", "point", "class")), strict=True):
-            counts[model, name] = counts.get((model, name), 0) + (kind == IN_PROFILE)
-    given = np.isfinite(numbers(table, TIMES))
-    for row, (model, name) in enumerate(zip(*(text(table, n).tolist() for n in ("model", "profile")), strict=True)):
-        first = table.columns["first"][row]
-        count = counts.get((model, name), 0)
+    rows, seen = draft.rows["PTM"], set[tuple[str, str, int]]()
+    counts = Counter(
+        (model, name) for model, name, kind in zip(*_of_readings(draft), strict=True) if kind == IN_PROFILE
+    )
+    given = np.isfinite(rows["profile_times.time"])
+    for row, (model, name) in enumerate(_pairs(draft, "PTM", "profile_times")):
+        first, path = rows["profile_times.first"][row], "profile_times.first"
         if not first > 0.0:  # said already
             continue
-        rows = [(model, name, int(first) + place) for place in np.flatnonzero(given[row]).tolist()]
-        if rows[-1][2] > count:
-            message = f"reading {rows[-1][2]} of profile {name} in model {model}, which has {count}"
-            yield problem(deck, table, row, "first", message)
-        if seen & set(rows):
-            yield problem(deck, table, row, "first", "a second time of a reading")
-        seen |= set(rows)
+        times = [(model, name, int(first) + place) for place in np.flatnonzero(given[row]).tolist()]
+        if times[-1][2] > counts[model, name]:
+            message = f"reading {times[-1][2]} of profile {name} in model {model}, which has {counts[model, name]}"
+            yield draft.problem("PTM", row, message, path=path)
+        if seen & set(times):
+            yield draft.problem("PTM", row, "a second time of a reading", path=path)
+        seen |= set(times)
 
 
-def _grids(deck: CardDeck) -> Iterator[Problem]:
-    grids = cards_of(deck, "GRD")
-    for row in repeated([text(grids, "name")]):
-        yield problem(deck, grids, row, "name", "a second grid of this name")
-    for row, name in enumerate(text(grids, "name").tolist()):
+def _grids(draft: Draft) -> Iterator[Problem]:
+    rows = draft.rows["GRD"]
+    for row, name in enumerate(rows["grids.ids"].tolist()):
         if strange := _NO_FILE.findall(name):
-            yield problem(
-                deck, grids, row, "name", f"names files of the grid, and no file has {strange[0]} in its name"
-            )
-    given = np.isfinite(numbers(grids, CORNERS))
+            message = f"names files of the grid, and no file has {strange[0]} in its name"
+            yield draft.problem("GRD", row, message, path="grids.ids")
+    given = np.isfinite(np.concatenate([rows["grids.first"], rows["grids.second"]], axis=1))
     for row in np.flatnonzero(given.any(axis=1) & ~given.all(axis=1)).tolist():
-        missing = CORNERS[int(np.argmin(given[row]))]
-        yield problem(deck, grids, row, missing, "a grid has both corners, or none")
+        corner, component = divmod(int(np.argmin(given[row])), 2)
+        path = ("grids.first", "grids.second")[corner]
+        yield draft.problem("GRD", row, "a grid has both corners, or none", path=path, component=component)
 
 
-def _contours(deck: CardDeck) -> Iterator[Problem]:
-    """Yield contours asked for twice, of nothing, or of a grid that there is not."""
-    table, listed = cards_of(deck, "CIN"), cards_of(deck, "CIL")
-    of = of_contours(table)
-    for row in repeated([of]):
-        yield problem(deck, table, row, "of", "a second card of contours of this kind")
-    for row in np.flatnonzero(np.isnan(number(table, "interval")) & ~np.isin(of, of_contours(listed))).tolist():
-        yield problem(deck, table, row, "interval", "neither an interval nor a CIL card")
-    for row in np.flatnonzero(~np.isin(of_contours(listed), of)).tolist():
-        yield problem(deck, listed, row, "of", "there is no CIN card of this kind")
-    grids = text(cards_of(deck, "GRD"), "name")
-    for row, grid in enumerate(text(table, "grid").tolist()):
-        if grid and grid not in grids:
-            yield problem(deck, table, row, "grid", "there is no GRD card of this grid")
-        for field in ("grid", "drying"):
-            if of[row] == "H" and str(table.columns[field][row]) not in ("", "nan"):
-                yield problem(deck, table, row, field, "contours of height have none")
-    for row in np.flatnonzero(_holes(listed)).tolist():
-        yield problem(deck, listed, row, LEVELS[0], "levels stand one beside the other, without a gap")
+def _contours(draft: Draft) -> Iterator[Problem]:
+    """Yield contours of nothing, and levels with gaps."""
+    rows, listed = draft.rows["CIN"], draft.rows["CIL"]
+    nothing = np.isnan(rows["contours.interval"]) & ~np.isin(rows["contours.of"], listed["contour_levels.of"])
+    yield from draft.problems("CIN", nothing, "neither an interval nor a CIL card", path="contours.interval")
+    path, message = "contour_levels.levels", "levels stand one beside the other, without a gap"
+    given = np.isfinite(listed[path]).astype(int)
+    gaps = np.flatnonzero((np.diff(given, axis=1) > 0).any(axis=1))
+    yield from draft.problems("CIL", gaps, message, path=path, component=0)
 
 
-def of_contours(table: CardTable) -> TextArray:
-    """Return of what contours are (k,), D or H."""
-    of = text(table, "of")
-    return np.where(of == "", "D", of)
+def _readings(draft: Draft) -> Iterator[Problem]:
+    """Yield points that are read twice in a model."""
+    model, point, kind = _of_readings(draft)
+    single, first = np.flatnonzero(kind != IN_PROFILE), len(draft.rows[READINGS[0]])
+    keys = (np.unique(texts[single], return_inverse=True)[1].reshape(-1) for texts in (model, point))
+    for place, _ in repeats(*keys):
+        row = int(single[place])
+        role, of_role = (READINGS[0], row) if row < first else (READINGS[1], row - first)
+        message = f"point {point[row]} is read twice in model {model[row]}"
+        yield draft.problem(role, of_role, message, path="stages.ids")
 
 
-def _holes(table: CardTable) -> IntArray:
-    given = np.isfinite(numbers(table, LEVELS))
-    return np.asarray((np.diff(given.astype(int), axis=1) > 0).any(axis=1))
-
-
-def _readings(deck: CardDeck) -> Iterator[Problem]:
-    """Yield readings in no model, and points that are read twice in one."""
-    tables, models = [cards_of(deck, name) for name in READINGS], text(cards_of(deck, "MDL"), "model")
-    of, points, kinds = (
-        np.concatenate([text(table, name) for table in tables]) for name in ("model", "point", "class")
-    )
-    faults = [
-        (row, "model", f"there is no MDL card of model {of[row]}")
-        for row in np.flatnonzero(~np.isin(of, models)).tolist()
-    ]
-    single = np.flatnonzero(kinds != IN_PROFILE)
-    faults += [
-        (row, "point", f"point {points[row]} is read twice in model {of[row]}")
-        for row in single[repeated([of[single], points[single]])].tolist()
-    ]
-    first = len(tables[0])
-    for row, field, message in faults:
-        table, place = (tables[0], row) if row < first else (tables[1], row - first)
-        yield problem(deck, table, place, field, message)
-
-
-def _of_run(deck: CardDeck, run: Block | None) -> Iterator[Problem]:
+def _of_run(draft: Draft, run: Block) -> Iterator[Problem]:
     """Yield what the deck says of water and ellipsoid, and the run otherwise."""
-    water, earth = cards_of(deck, "WTR"), cards_of(deck, "ELL")
-    if run is None:
-        return
-    for field in ("tilt_east", "tilt_north", "tilt_sigma", "sigma"):
-        for row in np.flatnonzero(np.isfinite(number(water, field))).tolist():
-            yield problem(deck, water, row, field, "the deck of the run says it: here the index is checked alone")
-    for row, index in enumerate(number(water, "index").tolist()):
-        known = None if run.water is None else run.water.index
-        if known is None or abs(index - known) > _INDEX_DIGITS:
-            water_of_run = "no water" if known is None else f"water of the index {known:.6f}"
-            yield problem(deck, water, row, "index", f"the run has {water_of_run}")
-    for row in range(len(earth)):
-        if message := _other_ellipsoid(earth, row, run):
-            yield problem(deck, earth, row, "name", message)
+    water = draft.rows["WTR"]
+    for path in (f"water.{name}" for name in _OF_RUN):
+        message = "the deck of the run says it: here the index is checked alone"
+        yield from draft.problems("WTR", np.isfinite(water[path]), message, path=path)
+    known = "no water" if run.water is None else f"water of the index {run.water.index:.6f}"
+    index = water["water.index"]
+    off = np.full(len(index), True) if run.water is None else np.abs(index - run.water.index) > _INDEX_DIGITS
+    yield from draft.problems("WTR", off, f"the run has {known}", path="water.index")
+    for row in range(len(draft.rows["ELL"])):
+        if message := _other_ellipsoid(draft, row, run):
+            yield draft.problem("ELL", row, message, path="ellipsoid.name")
 
 
-def _other_ellipsoid(table: CardTable, row: int, run: Block) -> str:
+def _other_ellipsoid(draft: Draft, row: int, run: Block) -> str:
     """Return how an ellipsoid is another one than that of the run, nothing where it is not."""
     if run.options.system is CoordinateSystem.LOCAL or run.ellipsoid is None:
         return "the run is a local job, on no ellipsoid"
     try:
-        spec = mapping.single_of("ellipsoid", mapping.gather(table.spec, table.columns), row)
+        spec = mapping.single_of("ellipsoid", draft.rows["ELL"].values, row)
         same = Ellipsoid.of(spec).has_axes(*Ellipsoid.of(run.ellipsoid).axes)
     except ValueError as error:
         return str(error)
     return "" if same else "the run is on another ellipsoid"
 
 
-def _datum(deck: CardDeck, run: Block | None) -> Iterator[Problem]:
+def _datum(draft: Draft, run: Block | None) -> Iterator[Problem]:
     """Yield the vertical grid of a sounding datum that cannot be used."""
-    table = cards_of(deck, "VDT")
-    for row, name in enumerate(text(table, "geoid").tolist()):
-        if not name:
-            continue
-        if run is not None and run.options.system is CoordinateSystem.LOCAL:
-            yield problem(deck, table, row, "geoid", "the run is a local job, and no grid of heights reaches it")
-            continue
-        from musatpy.geometry.projected import Geoid  # PROJ, for few decks
+    for row, name in enumerate(draft.rows["VDT"]["datum.geoid"].tolist()):
+        message = ""
+        if name and run is not None and run.options.system is CoordinateSystem.LOCAL:
+            message = "the run is a local job, and no grid of heights reaches it"
+        elif name:
+            from musatpy.geometry.projected import Geoid  # PROJ, for few decks
 
-        try:
-            Geoid(name)
-        except ProblemsError as error:
-            yield problem(deck, table, row, "geoid", error.problems[0].message)
+            try:
+                Geoid(name)
+            except ProblemsError as error:
+                message = error.problems[0].message
+        if message:
+            yield draft.problem("VDT", row, message, path="datum.geoid")
 
 
-def _geocentric(deck: CardDeck) -> Iterator[Problem]:
+def _geocentric(draft: Draft) -> Iterator[Problem]:
     """Yield places by two coordinates of a geocentric job, which has three."""
-    grids, ends = cards_of(deck, "GRD"), cards_of(deck, "PRE")
-    for row in np.flatnonzero(np.isfinite(numbers(grids, CORNERS)).any(axis=1)).tolist():
-        yield problem(deck, grids, row, "first_1", "X and Y of a geocentric job are no place: leave corners blank")
-    for row in np.flatnonzero(text(ends, "system") == "J").tolist():
-        yield problem(deck, ends, row, "system", "X and Y of a geocentric job are no place: give the model's")
-
-
-def repeated(columns: Sequence[TextArray]) -> list[int]:
-    """Return the rows that are like one before them."""
-    rows = np.stack(columns, axis=1) if len(columns) > 1 else columns[0][:, None]
-    _, first = np.unique(rows, axis=0, return_index=True)
-    again: IntArray = np.setdiff1d(np.arange(len(rows)), first)
-    return [int(row) for row in again]
+    what = "X and Y of a geocentric job are no place"
+    grids, ends = draft.rows["GRD"], draft.rows["PRE"]
+    given = np.isfinite(np.concatenate([grids["grids.first"], grids["grids.second"]], axis=1)).any(axis=1)
+    yield from draft.problems("GRD", given, f"{what}: leave corners blank", path="grids.first", component=0)
+    of_job = ends["profiles.system"] == "J"
+    yield from draft.problems("PRE", of_job, f"{what}: give the model's", path="profiles.system")

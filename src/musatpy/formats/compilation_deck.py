@@ -14,16 +14,10 @@ from numpy.typing import NDArray
 from musatpy.arrays import FloatArray, TextArray
 from musatpy.errors import DeckError, Problem
 from musatpy.formats import mapping
-from musatpy.formats.cards.deck import CardDeck, read_cards, write_cards
-from musatpy.formats.compilation_cards import (
-    LEVELS,
-    READINGS,
-    TIMES,
-    cards_of,
-    compilation_family,
-    reading_lines,
-)
+from musatpy.formats.cards.deck import read_cards, write_cards
+from musatpy.formats.compilation_cards import READINGS, compilation_draft, compilation_family, reading_lines
 from musatpy.formats.compilation_checks import ModelFaults, cross_checks
+from musatpy.formats.draft import Draft
 from musatpy.formats.musat import has_errors
 from musatpy.model import Block
 from musatpy.model.compilation import (
@@ -41,6 +35,7 @@ from musatpy.model.tables import Table, columns, stacked, taken
 
 Values = dict[str, NDArray[Any]]  # attribute of a table -> what its cards say
 Rows = TypeVar("Rows", bound=Table)
+_ON_A_CARD = {"PTM": 5, "CIL": 8}  # times, levels
 
 
 def read_compilation(
@@ -52,42 +47,41 @@ def read_compilation(
     `DeckError` with every problem where there is an error, and `OSError`.
     """
     deck = read_cards(source, compilation_family())
-    problems = [*deck.problems, *cross_checks(deck, run, model_faults)]
+    draft = compilation_draft(deck)
+    problems = [*deck.problems, *cross_checks(draft, run, model_faults)]
     if has_errors(problems):
         raise DeckError(sorted(problems, key=lambda problem: problem.line or 0))
-    return _contents(deck), tuple(problems)
+    return _contents(draft), tuple(problems)
 
 
-def _contents(deck: CardDeck) -> Compilation:
+def _contents(draft: Draft) -> Compilation:
     """Return what the cards say."""
-    models = StereomodelSpecs(**_values(deck, "MDL"))
+    models = StereomodelSpecs(**_values(draft, "MDL"))
     rows = {name: row for row, name in enumerate(models.ids.tolist())}
-    order = np.argsort(np.concatenate([cards_of(deck, name).lines for name in READINGS]))
-    stages = taken(stacked([_made(StageReadings, _values(deck, name), rows) for name in READINGS]), order)
-    datum = {name: column[0].item() for name, column in _values(deck, "VDT").items() if len(column)}
+    order = np.argsort(np.concatenate([draft.rows[name].lines for name in READINGS]))
+    stages = taken(stacked([_made(StageReadings, _values(draft, name), rows) for name in READINGS]), order)
+    datum = {name: column[0].item() for name, column in _values(draft, "VDT").items() if len(column)}
     return Compilation(
-        titles=tuple(_values(deck, "TTL")["titles"].tolist()),
+        titles=tuple(_values(draft, "TTL")["titles"].tolist()),
         models=models,
-        stages=_timed(stages, models.ids, _values(deck, "PTM")),
-        profiles=_profiles(_values(deck, "PRF"), _values(deck, "PRE"), rows),
-        grids=_made(GridSpecs, _values(deck, "GRD"), {}),
+        stages=_timed(stages, models.ids, _values(draft, "PTM")),
+        profiles=_profiles(_values(draft, "PRF"), _values(draft, "PRE"), rows),
+        grids=_made(GridSpecs, _values(draft, "GRD"), {}),
         datum=SoundingDatum(**datum) if datum else None,
-        contours=_contours(deck, "D"),
-        heights=_contours(deck, "H"),
+        contours=_contours(draft, "D"),
+        heights=_contours(draft, "H"),
         lines=CardLines(
-            models=cards_of(deck, "MDL").lines,
-            stages=reading_lines(deck),
-            profiles=cards_of(deck, "PRF").lines,
-            grids=cards_of(deck, "GRD").lines,
+            models=draft.rows["MDL"].lines,
+            stages=reading_lines(draft),
+            profiles=draft.rows["PRF"].lines,
+            grids=draft.rows["GRD"].lines,
         ),
     )
 
 
-def _values(deck: CardDeck, name: str) -> Values:
+def _values(draft: Draft, name: str) -> Values:
     """Return what the cards of a kind say, by the attributes of their table."""
-    table = cards_of(deck, name)
-    values = mapping.gather(table.spec, table.columns)
-    return {path.rpartition(".")[2]: column for path, column in values.items()}
+    return {path.rpartition(".")[2]: column for path, column in draft.rows[name].values.items()}
 
 
 def _made(kind: type[Rows], values: Values, models: Mapping[str, int]) -> Rows:
@@ -122,9 +116,9 @@ def _profiles(cards: Values, ends: Values, models: Mapping[str, int]) -> Profile
     return replace(profiles, places=places, system=system, spacing=spacing)
 
 
-def _contours(deck: CardDeck, kind: str) -> ContourSpec | None:
+def _contours(draft: Draft, kind: str) -> ContourSpec | None:
     """Return the contours of depth (D) or of height (H) that are asked for."""
-    cards, listed = _values(deck, "CIN"), _values(deck, "CIL")
+    cards, listed = _values(draft, "CIN"), _values(draft, "CIL")
     rows = np.flatnonzero(cards.pop("of") == kind).tolist()
     if not rows:
         return None
@@ -186,7 +180,7 @@ def _of_times(deck: Compilation) -> Iterator[tuple[str, Values]]:
     for model, name in dict.fromkeys(zip(stages.model.tolist(), stages.ids.tolist(), strict=True)):
         here = (stages.model == model) & (stages.ids == name) & (stages.kind == IN_PROFILE)
         time = np.concatenate([stages.time[here & ~stages.as_points], stages.time[here & stages.as_points]])
-        for first, piece in _pieces(time, len(TIMES)):
+        for first, piece in _pieces(time, _ON_A_CARD["PTM"]):
             if np.isfinite(piece).any():
                 rows.append((str(models[model]), name, first + 1.0, piece))
     if rows:
@@ -208,7 +202,7 @@ def _of_surface(deck: Compilation) -> Iterator[tuple[str, Values]]:
         (kind, thick, levels)
         for kind, spec in specs.items()
         for thick, listed in ((False, spec.listed), (True, spec.listed_index))
-        for _, levels in _pieces(np.array(listed), len(LEVELS))
+        for _, levels in _pieces(np.array(listed), _ON_A_CARD["CIL"])
     ]
     if levels_of:
         yield "CIL", _columns("contour_levels", ("of", "thick", "levels"), levels_of)

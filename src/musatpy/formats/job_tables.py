@@ -63,7 +63,7 @@ _FIRST = ("cameras", "stations", "attitudes", "matrices", "tides", "fiducial_mea
 
 def table_of(role: str) -> str:
     """Return the table of the model that the cards of a role fill."""
-    return ROLES[role].partition(".")[0]
+    return ROLES.get(role, role).partition(".")[0]
 
 
 @cache

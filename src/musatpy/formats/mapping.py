@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from musatpy import model, units
 from musatpy.errors import CardFormatError
-from musatpy.formats import compilation_rows, system_rows
+from musatpy.formats import system_rows
 from musatpy.formats.cards.spec import STATED_UNIT, CardSpec, Family, FieldSpec
 from musatpy.model.block import parts_of_block
+from musatpy.model.compilation import CARD_TABLES
 from musatpy.model.tables import Codes, Table, columns
 
 Array = NDArray[Any]
@@ -62,7 +63,7 @@ JOB_TABLES: Mapping[str, type[Any]] = {
     "water_conditions": model.WaterConditions,
     **system_rows.TABLES,
 }
-TABLES = {**JOB_TABLES, **compilation_rows.TABLES}
+TABLES = {**JOB_TABLES, **CARD_TABLES}
 
 # What the letters of a deck stand for: attribute -> text -> value, with the text of a blank field among them. Of
 # several texts with one value the last is written.

@@ -109,6 +109,41 @@ class GridSpecs(Table):
     second: FloatArray = per_row(2)  # (g, 2) opposite corner
 
 
+_KINDS = {"D": "D", "": "D", "H": "H"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContourCards(Table):
+    """What k CIN cards say; NaN for a blank."""
+
+    of: TextArray = per_row(codes=_KINDS)  # D of depth, H of height
+    interval: FloatArray = per_row(unit="m")
+    index: FloatArray
+    longest_edge: FloatArray = per_row(unit="m")
+    shortest: FloatArray = per_row(unit="m")
+    drying: FloatArray = per_row(unit="m")
+    grid: TextArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContourLevels(Table):
+    """What k CIL cards say: levels, NaN for a blank."""
+
+    of: TextArray = per_row(codes=_KINDS)
+    thick: BoolArray = per_row(codes={"": False, "I": True})
+    levels: FloatArray = per_row(8, unit="m")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProfileTimes(Table):
+    """What k PTM cards say: times of readings of a profile from the reading `first` on, which count from 1."""
+
+    model: TextArray
+    ids: TextArray
+    first: FloatArray
+    time: FloatArray = per_row(5, unit="s")
+
+
 @dataclass(frozen=True, kw_only=True)
 class SoundingDatum:
     """The height from which charted depths count, in heights of the job (m), and its sigma, 0 where it is exact.
@@ -164,3 +199,15 @@ class Compilation:
     contours: ContourSpec | None = None  # of depth below the datum; None: none are asked for
     heights: ContourSpec | None = None  # contours of height
     lines: CardLines | None = None  # None: of no file
+
+
+CARD_TABLES: dict[str, type] = {  # what cards fill, by the first word of their targets
+    "models": StereomodelSpecs,
+    "stages": StageReadings,
+    "profiles": ProfileSpecs,
+    "grids": GridSpecs,
+    "datum": SoundingDatum,
+    "contours": ContourCards,
+    "contour_levels": ContourLevels,
+    "profile_times": ProfileTimes,
+}

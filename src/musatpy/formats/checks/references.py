@@ -31,6 +31,12 @@ def repeats(*keys: IntArray) -> Iterator[tuple[int, int]]:
         yield int(named[place]), int(named[first[inverse[place]]])
 
 
+def unknown(draft: Draft, role: str, path: str, known: TextArray, message: str) -> Iterator[Problem]:
+    """Yield the cards of a role on which `path` names what is none of the `known`; it stands for `{}`."""
+    names = draft.rows[role][path]
+    yield from draft.problems(role, ~np.isin(names, known) & (names != ""), message, names, path=path)
+
+
 @check()
 def missing_kinds(draft: Draft) -> Iterator[Problem]:
     """Yield what no job can do without and no card gives, apart from the cards that every deck must have."""
@@ -46,7 +52,7 @@ def repeated_cards(draft: Draft) -> Iterator[Problem]:
     for role, rows in draft.rows.items():
         once = () if draft.raw and role in _READ_AGAIN else (one for spec in rows.specs for one in spec.once)
         for names, message in dict.fromkeys(once):
-            paths = [f"{table_of(role)}.{name}" for name in names.split()]
+            paths = [f"{table_of(rows.role)}.{name}" for name in names.split()]
             keys, texts = zip(*(key for path in paths for key in _keys(draft, role, path)), strict=True)
             for row, first in repeats(*keys):
                 text = message.format(*(column[row] for column in texts))

@@ -9,6 +9,7 @@ import numpy as np
 from musatpy.errors import Problem
 from musatpy.formats.assembly import waves_of
 from musatpy.formats.checks.check import check
+from musatpy.formats.checks.references import unknown
 from musatpy.formats.draft import Draft
 from musatpy.model import CoordinateSystem, Datum, Editing, Program, Refraction, Treatment, WaveShape
 from musatpy.model.water import WAVE_SIGMAS
@@ -19,9 +20,8 @@ _PERIODS = 100.0  # from time 0; a thousandth of so many is a tenth of a length
 @check()
 def sigmas_of_no_wave(draft: Draft) -> Iterator[Problem]:
     """Yield sigmas of no wave."""
-    ids, known = draft.rows["wave_sigmas"]["waves.ids"], draft.rows["waves"]["waves.ids"]
     message = f"wave {{}} has no {draft.card('waves')}"
-    yield from draft.problems("wave_sigmas", ~np.isin(ids, known) & (ids != ""), message, ids, path="waves.ids")
+    yield from unknown(draft, "wave_sigmas", "waves.ids", draft.rows["waves"]["waves.ids"], message)
 
 
 @check()
@@ -72,7 +72,7 @@ def programs(draft: Draft) -> Iterator[Problem]:
 
 
 @check()
-def unknown(draft: Draft) -> Iterator[Problem]:
+def unknown_waves(draft: Draft) -> Iterator[Problem]:
     """Yield sigmas of waves that cannot be unknown, by datum, editing, or the shape of a wave.
 
     Program IIA propagates them, which asks for waves of the same shape.
